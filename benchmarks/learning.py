@@ -1,0 +1,154 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""What the learning block gains: off-line, by trials, and in the primitives it makes.
+
+Off-line: motions of the human-like arm between random end points like the demonstrations',
+planned in one shot and then refined in the same time. Trials: the planner's model is right
+about the limits and wrong about the inertias, each mass and inertia tensor by up to 30 %; the
+cost of a trial is its effort on the true robot, and the optimum that of an off-line refinement
+with the true model. Primitives: goals around refined motions, planned with the old primitive
+and with the new one.
+
+    python benchmarks/learning.py [--problems 100] [--seeds 10] [--trials 60]
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+import xml.etree.ElementTree as ET
+
+import numpy as np
+
+from mp_pca_planner.arrays import FloatArray
+from mp_pca_planner.goal import JointGoal, JointState
+from mp_pca_planner.learning.family import family_around
+from mp_pca_planner.learning.refinement import RefinementCost, refine
+from mp_pca_planner.learning.trials import TrialLearner
+from mp_pca_planner.planning.planner import Plan, Planner
+from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
+from mp_pca_planner.recordings.synthetic import JOINT_NAMES, generate_motions
+from mp_pca_planner.resources import config_file
+from mp_pca_planner.robot import Robot
+from mp_pca_planner.validation import check_limits
+
+MODEL_ERROR = 0.3
+N_NEIGHBOURS = 5
+NEIGHBOURHOOD = 0.1
+
+
+def main() -> None:
+    """Print the three parts."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--problems", type=int, default=100)
+    parser.add_argument("--seeds", type=int, default=10)
+    parser.add_argument("--trials", type=int, default=60)
+    arguments = parser.parse_args()
+    robot = Robot.from_file(config_file("human_arm.urdf"), JOINT_NAMES)
+    motions = [motion.as_demonstration() for motion in generate_motions(40, 1)]
+    primitive = build_primitive(motions, "one_shot", PrimitiveOptions(n_components=6))
+    planner = Planner(robot, [primitive], robot.limits())
+    plans = [
+        plan
+        for m in generate_motions(arguments.problems, 2)
+        if (plan := plan_between(planner, m.positions[0], m.positions[-1])).is_executable
+    ]
+    refine_all(planner, plans)
+    learn_by_trials(planner, plans[0], arguments.seeds, arguments.trials)
+    plan_around(planner, plans[: max(arguments.problems // 5, 1)])
+
+
+def plan_between(planner: Planner, start: FloatArray, goal: FloatArray) -> Plan:
+    """A motion from rest to rest."""
+    return planner.plan(JointGoal(JointState(JOINT_NAMES, goal)), JointState(JOINT_NAMES, start))
+
+
+def refine_all(planner: Planner, plans: list[Plan]) -> None:
+    """Off-line refinement in the same time."""
+    gains, seconds = [], []
+    for plan in plans:
+        began = time.perf_counter()
+        found = refine([plan.motion], planner.robot, planner.limits)
+        seconds.append(time.perf_counter() - began)
+        gains.append(found.gain)
+        if check_limits(found.trajectory, planner.robot, planner.limits).violations:
+            raise SystemExit("a refined motion breaks limits")
+    gain = np.array(gains)
+    print(
+        f"off-line: of {len(gain)} motions, {np.mean(gain > 1e-4):.0%} cost less and "
+        f"{np.mean(gain < 0.0):.0%} more in the same time; median gain {np.median(gain):.1%} "
+        f"({gain.min():.1%} to {gain.max():.1%}), {np.median(seconds):.2f} s each"
+    )
+
+
+def learn_by_trials(planner: Planner, plan: Plan, n_seeds: int, n_trials: int) -> None:
+    """Trials on robots that are not like the model."""
+    start = refine([plan.motion], planner.robot, planner.limits).motion.parameters
+    rows = []
+    for seed in range(n_seeds):
+        robot = perturbed_robot(seed)
+        cost = RefinementCost([plan.motion], robot)
+        optimum = refine([plan.motion], robot, planner.limits).effort
+        for label, parameters in (("one shot", None), ("off-line refinement", start)):
+            learner = TrialLearner(
+                [plan.motion], planner.robot, planner.limits, start=parameters, seed=seed
+            )
+            for _ in range(n_trials):
+                proposal = learner.propose()
+                if check_limits(proposal.trajectory, planner.robot, planner.limits).violations:
+                    raise SystemExit("a trial breaks limits")
+                learner.tell(cost.effort_and_cost(proposal.motion.parameters)[0])
+            best = min(trial.cost for trial in learner.trials)
+            rows.append((label, learner.trials[0].cost / optimum - 1.0, best / optimum - 1.0))
+    for label in dict.fromkeys(row[0] for row in rows):
+        before, after = np.array([row[1:] for row in rows if row[0] == label]).T
+        print(
+            f"trials, started from the {label}: {np.median(before):.2%} above the true optimum at "
+            f"first, {np.median(after):.2%} after {n_trials} trials (medians of {n_seeds} seeds; "
+            f"worst {after.max():.2%}); no trial broke a limit"
+        )
+
+
+def perturbed_robot(seed: int) -> Robot:
+    """The arm with other masses and inertias than its model says."""
+    rng = np.random.default_rng(seed)
+    root = ET.parse(config_file("human_arm.urdf")).getroot()
+    for inertial in root.iter("inertial"):
+        factor = 1.0 + MODEL_ERROR * rng.uniform(-1.0, 1.0)
+        numbers = [(inertial.find("mass"), "value")]
+        tensor = inertial.find("inertia")
+        numbers += [(tensor, key) for key in tensor.attrib]
+        for element, key in numbers:
+            element.set(key, repr(factor * float(element.get(key))))
+    return Robot(ET.tostring(root, encoding="unicode"), JOINT_NAMES)
+
+
+def plan_around(planner: Planner, plans: list[Plan]) -> None:
+    """Goals around refined motions, with the old and the new primitive."""
+    rng = np.random.default_rng(3)
+    ratios = []
+    for plan in plans:
+        refined = refine([plan.motion], planner.robot, planner.limits).motion
+        family = family_around(planner.primitives[0], refined, "refined", {})
+        new = Planner(planner.robot, [family], planner.limits)
+        for _ in range(N_NEIGHBOURS):
+            ends = [
+                state.positions + NEIGHBOURHOOD * rng.uniform(-1.0, 1.0, state.positions.size)
+                for state in (plan.motion.start, plan.motion.goal)
+            ]
+            start, goal = (np.clip(q, planner.limits.lower, planner.limits.upper) for q in ends)
+            before = plan_between(planner, start, goal)
+            after = plan_between(new, start, goal)
+            if before.is_executable:
+                cost = after.solution.effort_cost if after.is_executable else np.inf
+                ratios.append(cost / before.solution.effort_cost)
+    ratio = np.array(ratios)
+    print(
+        f"new primitives: {len(ratio)} goals within {NEIGHBOURHOOD} rad of {len(plans)} refined "
+        f"motions, effort with the new primitive / with the old: median {np.median(ratio):.3f}, "
+        f"worst {ratio.max():.3f}, at most 1 for {np.mean(ratio <= 1.0):.0%}"
+    )
+
+
+if __name__ == "__main__":
+    main()

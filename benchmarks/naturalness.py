@@ -1,0 +1,156 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""How near planned motions come to what was demonstrated: README, "Measured".
+
+Each motion is left out in turn (with --by-activity: together with all of its label) and predicted
+from its end points and its duration by what the others teach. Prints for every method the RMS error
+in time / after the best time alignment / in path [deg]; with a robot also that of the tip's path
+[mm], and the effort as a multiple of least-effort B-splines' (median). In brackets: the 95 %
+bootstrap interval of the method's error less that of the planner's default (without a robot: of
+what the primitive expects); above 0 the default is better. ProMP and DMP are those of
+movement_primitives (extra peers): a ProMP of all others conditioned on both ends, a DMP of the one
+with the nearest ends.
+
+    python benchmarks/naturalness.py BAG... [--segments FILE.csv] [--by-label] [--by-activity]
+        [--align linear,arc_length,dtw] [--robot URDF] [--tip FRAME] [--json]
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from mp_pca_planner.cli.common import print_json, progress_bar, table
+from mp_pca_planner.exceptions import MissingDependencyError
+from mp_pca_planner.primitives.build import PrimitiveOptions
+from mp_pca_planner.primitives.differences import FINE_PHASES, MEASURES
+from mp_pca_planner.recordings.demonstration import Demonstration
+from mp_pca_planner.recordings.load import load_recordings
+from mp_pca_planner.robot import Robot
+from mp_pca_planner.studies.naturalness import BSPLINES, Comparison, Method, Prediction, compare
+
+FEWEST = 5
+_N_DMP_STEPS = 500
+
+
+def main() -> None:
+    """Print a table per set of motions and way to align."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("bags", nargs="+")
+    parser.add_argument("--topic")
+    parser.add_argument("--segments")
+    parser.add_argument("--segment", choices=("auto", "none"), default="auto")
+    parser.add_argument("--by-label", action="store_true", help="one set per label")
+    parser.add_argument("--by-activity", action="store_true", help="leave out whole labels")
+    parser.add_argument("--joints", type=lambda text: text.split(","), metavar="a,b,c")
+    parser.add_argument("--align", default="arc_length", help="separated by commas")
+    parser.add_argument("--robot", metavar="URDF", help="plan, too")
+    parser.add_argument("--tip", metavar="FRAME", help="end of the arm")
+    parser.add_argument("--json", action="store_true")
+    arguments = parser.parse_args()
+    found = load_recordings(
+        arguments.bags,
+        topic=arguments.topic,
+        joints=arguments.joints,
+        segment=arguments.segment,
+        segments_csv=arguments.segments,
+    ).demonstrations
+    robot = None
+    if arguments.robot:
+        robot = Robot.from_file(Path(arguments.robot), found[0].joint_names)
+    results = {}
+    for label in sorted({d.label for d in found}) if arguments.by_label else ["all"]:
+        motions = [d for d in found if label in ("all", d.label)]
+        if len(motions) < FEWEST:
+            continue
+        for way in arguments.align.split(","):
+            with progress_bar(f"{label}, {way}", "motion") as progress:
+                comparison = compare(
+                    motions,
+                    [d.label for d in motions] if arguments.by_activity else None,
+                    robot=robot,
+                    tip=arguments.tip,
+                    options=PrimitiveOptions(align=way),
+                    more=peers(),
+                    progress=progress,
+                )
+            results[f"{label}, {way}"] = {
+                name: {q: comparison.column(name, q) for q in MEASURES}
+                for name in comparison.results
+            }
+            if not arguments.json:
+                print(f"{label}, {len(motions)} motions, {way}\n{_text(comparison)}\n", flush=True)
+    if arguments.json:
+        print_json(results)
+
+
+def _text(comparison: Comparison) -> str:
+    rows = []
+    for name in comparison.results:
+        errors = [np.rad2deg(comparison.rms(name, q)) for q in MEASURES]
+        row = [name]
+        for q, error in zip(MEASURES, errors, strict=True):
+            low, high = np.rad2deg(comparison.interval(name, q))
+            row += [f"{error:.2f}", f"[{low:+.2f}, {high:+.2f}]"]
+        row.append(f"{1e3 * comparison.rms(name, 'tip'):.0f}")
+        row.append(f"{np.mean(comparison.column(name, 'peak')):.3f}")
+        row.append(f"{np.median(comparison.column(name, 'deviation')):.2f}")
+        ratio = ""
+        if BSPLINES in comparison.results:
+            least = comparison.column(BSPLINES, "effort")
+            ratio = f"{np.median(comparison.column(name, 'effort') / least):.2f}"
+        row.append(ratio)
+        rows.append(row)
+    columns = [x for q in MEASURES for x in (q, "difference")]
+    return table(rows, header=["", *columns, "tip [mm]", "peak", "deviation", "effort"])
+
+
+def peers() -> dict[str, Method]:
+    """ProMP and DMP."""
+    try:
+        import movement_primitives  # noqa: F401  # whether it can be imported is the question
+    except ImportError:
+        raise MissingDependencyError("movement_primitives", "peers", "the comparison") from None
+    return {"ProMP": promp, "DMP": dmp}
+
+
+def promp(motion: Demonstration, others: Sequence[Demonstration]) -> Prediction:
+    """Mean of a ProMP of all others, conditioned on both ends."""
+    from movement_primitives.promp import ProMP
+
+    phases = FINE_PHASES[::10]
+    model = ProMP(n_dims=motion.n_joints, n_weights_per_dim=10)
+    positions = np.array([d.time_normalised(phases.size) for d in others])
+    model.imitate(np.tile(phases, (len(others), 1)), positions)
+    for phase, end in ((0.0, 0), (1.0, -1)):
+        model = model.condition_position(motion.positions[end], t=phase, t_max=1.0)
+    mean = model.mean_trajectory(phases)
+    return Prediction(np.column_stack([np.interp(FINE_PHASES, phases, x) for x in mean.T]))
+
+
+def dmp(motion: Demonstration, others: Sequence[Demonstration]) -> Prediction:
+    """DMP of the motion with the nearest ends, taken to the ends asked for."""
+    from movement_primitives.dmp import DMP
+
+    ends = [d.positions[[0, -1]] for d in others]
+    wanted = motion.positions[[0, -1]]
+    nearest = others[int(np.argmin([np.sum((e - wanted) ** 2) for e in ends]))]
+    times = np.linspace(0.0, motion.duration, _N_DMP_STEPS + 1)
+    model = DMP(
+        n_dims=motion.n_joints,
+        execution_time=motion.duration,
+        dt=times[1],
+        n_weights_per_dim=25,
+    )
+    model.imitate(times, nearest.time_normalised(times.size))
+    model.configure(start_y=wanted[0], goal_y=wanted[1])
+    found, positions = model.open_loop()
+    shares = found / found[-1]
+    return Prediction(np.column_stack([np.interp(FINE_PHASES, shares, x) for x in positions.T]))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,85 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Latency of the node over real topics, and what joint states at 1 kHz cost it.
+
+The time from sending a goal to receiving its trajectory is measured; run it as
+``python benchmarks/node_latency.py``. The robot is the arm of ``config/human_arm.urdf``.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from subprocess import Popen
+
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticStatus
+from node_setup import URDF, joint_states, processor_time, running_node, use_own_domain
+from sensor_msgs.msg import JointState
+
+from mp_pca_planner.recordings.synthetic import JOINT_NAMES, SyntheticMotion, generate_motions
+from mp_pca_planner.ros.client import Answer, GoalClient
+
+RATES = (20.0, 1000.0)
+_N_ROUNDS = 4
+
+
+def main() -> None:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--goals", type=int, default=400, help="number of goals for each rate")
+    parser.add_argument("--idle", type=float, default=5.0, help="time without goals [s]")
+    arguments = parser.parse_args()
+    use_own_domain()
+    motions = generate_motions(arguments.goals // _N_ROUNDS, seed=2)
+    answers: dict[float, list[Answer]] = {rate: [] for rate in RATES}
+    shares: dict[float, list[float]] = {rate: [] for rate in RATES}
+    with running_node() as node, GoalClient() as client:
+        client.publish_description(URDF.read_text(encoding="utf-8"))
+        client.wait_for_node()
+        client.wait_for_model()
+        # In turns, so that what else the machine does meets both alike.
+        for _ in range(_N_ROUNDS):
+            for rate in RATES:
+                with joint_states(rate, motions[0].positions[0].tolist()):
+                    while plan(client, motions[0]).trajectory is None:
+                        pass  # the states have not come through yet
+                    shares[rate].append(idle_share(node, arguments.idle / _N_ROUNDS))
+                    answers[rate] += [plan(client, motion) for motion in motions]
+    for rate in RATES:
+        share = np.median(shares[rate])
+        print(f"joint states at {rate:g} Hz: {share:.1%} of one core without goals")
+        report(answers[rate])
+
+
+def idle_share(node: Popen[str], duration: float) -> float:
+    """Share of one core that the node takes without goals."""
+    before, began = processor_time(node), time.monotonic()
+    time.sleep(duration)
+    return (processor_time(node) - before) / (time.monotonic() - began)
+
+
+def plan(client: GoalClient, motion: SyntheticMotion) -> Answer:
+    """Ask for the end of a motion."""
+    return client.send(JointState(name=JOINT_NAMES, position=motion.positions[-1]))
+
+
+def report(answers: list[Answer]) -> None:
+    """Print medians and 99th percentiles [ms]."""
+    served = [a for a in answers if a.report.level != DiagnosticStatus.ERROR]
+    print(f"  {len(answers)} goals, {len(served)} motions")
+    for reason in {a.report.message for a in answers if a not in served}:
+        print(f"  refused: {reason}")
+    latencies = np.array([a.latency for a in served]) * 1e3
+    solve_times = np.array([float(a.values["solve_time_s"]) for a in served]) * 1e3
+    for name, values in (
+        ("goal to trajectory", latencies),
+        ("solve time", solve_times),
+        ("difference", latencies - solve_times),
+    ):
+        median, high = np.percentile(values, (50, 99))
+        print(f"  {name:20} median {median:6.2f} ms   99th percentile {high:6.2f} ms")
+
+
+if __name__ == "__main__":
+    main()

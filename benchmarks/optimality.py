@@ -1,0 +1,137 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""By how much another solver betters our motions, started from them.
+
+Motions are planned for least effort within all limits. SciPy's SLSQP then starts from each, on
+the same basis with the same constraints and analytic gradients, and is run until it finds
+nothing better. Only what it finds within the constraints (to 1e-6 of a limit) counts.
+
+    python benchmarks/optimality.py [--problems 25]
+"""
+
+from __future__ import annotations
+
+import argparse
+
+import numpy as np
+from scipy.optimize import minimize
+
+from mp_pca_planner.benchmarking.problems import (
+    Scene,
+    demonstrations_of,
+    held_out_problems,
+    robot_file,
+)
+from mp_pca_planner.cli.common import table
+from mp_pca_planner.goal import JointGoal, JointState
+from mp_pca_planner.planning import planner as module
+from mp_pca_planner.planning.constraints import LimitedProgram
+from mp_pca_planner.planning.planner import Planner, PlannerOptions
+from mp_pca_planner.planning.solver import Solution, solve
+from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
+from mp_pca_planner.robot import Robot
+
+ROBOTS = ("human_arm", "panda", "ur5", "kinova")
+ACTIVE = 1e-4
+FEASIBLE = 1e-6
+
+
+def main() -> None:
+    """Print a row per robot and coupling."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--problems", type=int, default=25, help="of each robot")
+    n_problems = parser.parse_args().problems
+    rows = []
+    for name in ROBOTS:
+        for coupling, n_components in (("arm", 6), ("joint", 4)):
+            solved = solved_programs(name, coupling, n_components, n_problems)
+            better = [100.0 * improvement(*pair) for pair in solved]
+            active = np.mean([is_held(*pair) for pair in solved])
+            rows.append(
+                [
+                    name,
+                    coupling,
+                    str(solved[0][1].unknowns.size),
+                    f"{len(solved)} of {n_problems}",
+                    f"{active:.0%}",
+                    f"{np.median(better):.5f}",
+                    f"{max(better):.5f}",
+                    str(sum(x > 0.1 for x in better)),
+                ]
+            )
+    header = ["robot", "coupling", "weights", "converged", "at a limit"]
+    header += ["better by [%], median", "worst", "above 0.1 %"]
+    print(table(rows, header=header))
+
+
+def solved_programs(
+    name: str, coupling: str, n_components: int, n_problems: int
+) -> list[tuple[LimitedProgram, Solution]]:
+    """The last program of every motion that was found, and its solution."""
+    _, urdf, joints = robot_file(name)
+    robot = Robot.from_file(urdf, joints)
+    limits = robot.limits()
+    scene = Scene(name, urdf, robot, limits, tuple(demonstrations_of(name, robot, limits, 30, 1)))
+    options = PrimitiveOptions(coupling, n_components)
+    primitive = build_primitive(scene.demonstrations, name, options)
+    planner = Planner(robot, [primitive], limits, PlannerOptions(naturalness=0.0))
+    last: list[tuple[LimitedProgram, Solution]] = []
+
+    def keeping(program, *rest):
+        solution = solve(program, *rest)
+        last[:] = [(program, solution)]
+        return solution
+
+    solved = []
+    module.solve = keeping
+    for problem in held_out_problems(scene, n_problems, 2):
+        goal = JointGoal(JointState(robot.joint_names, problem.goal), problem.duration)
+        plan = planner.plan(goal, JointState(robot.joint_names, problem.start))
+        if plan.status == module.SOLVED:
+            solved.append(last[0])
+    module.solve = solve
+    return solved
+
+
+def is_held(program: LimitedProgram, solution: Solution) -> bool:
+    """Whether a limit is active at a solution."""
+    values = program.evaluate(solution.unknowns).inequalities
+    return bool(np.minimum(program.upper - values, values - program.lower).min() < ACTIVE)
+
+
+def improvement(program: LimitedProgram, solution: Solution) -> float:
+    """By which share of the cost SLSQP lowers it."""
+    found = solution.unknowns
+    at = program.evaluate(found)
+    # Constraints far away would only make it slow; what it then breaks does not count.
+    room = np.minimum(program.upper - at.inequalities, at.inequalities - program.lower)
+    near = np.flatnonzero(room < 0.2)
+
+    def slack(x: np.ndarray) -> np.ndarray:
+        values = program.evaluate(x).inequalities[near]
+        return np.concatenate([program.upper[near] - values, values - program.lower[near]])
+
+    def slack_rows(x: np.ndarray) -> np.ndarray:
+        rows = program.evaluate(x).inequality_rows(near)
+        return np.concatenate([-rows, rows])
+
+    def objective(x: np.ndarray) -> tuple[float, np.ndarray]:
+        here = program.evaluate(x)
+        return here.cost / at.cost, here.gradient / at.cost
+
+    constraints = {"type": "ineq", "fun": slack, "jac": slack_rows}
+    other = minimize(
+        objective,
+        found,
+        jac=True,
+        method="SLSQP",
+        constraints=constraints if near.size else (),
+        options={"ftol": 1e-9, "maxiter": 100},
+    )
+    there = program.evaluate(other.x)
+    outside = np.maximum(there.inequalities - program.upper, program.lower - there.inequalities)
+    return 1.0 - there.cost / at.cost if outside.max() <= FEASIBLE else 0.0
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,68 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Checks and conversions shared by the value types."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .exceptions import PlannerError, quote_names
+
+FloatArray = NDArray[np.float64]
+
+
+def frozen_array(
+    values: ArrayLike,
+    shape: tuple[int | None, ...],
+    what: str,
+    error: type[PlannerError],
+) -> FloatArray:
+    """Copy values into a read-only, finite float array of a given shape.
+
+    Parameters
+    ----------
+    values :
+        What to convert.
+    shape :
+        The expected shape; ``None`` stands for any length.
+    what :
+        How the message names the array.
+    error :
+        The error to raise.
+
+    Raises
+    ------
+    PlannerError
+        (as `error`) If the values are not numbers, have another shape or are not finite.
+    """
+    try:
+        array = np.array(values, dtype=np.float64, order="C")
+    except (TypeError, ValueError):
+        raise error(f"{what} must be numbers, got {values!r:.80}") from None
+    if array.ndim != len(shape) or any(
+        want is not None and have != want for have, want in zip(array.shape, shape, strict=True)
+    ):
+        wanted = "(" + ", ".join("any" if n is None else str(n) for n in shape) + ")"
+        raise error(f"{what} must have the shape {wanted}, got {array.shape}")
+    if not np.isfinite(array).all():
+        index = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
+        where = f"[{', '.join(map(str, index))}]" if index else ""
+        raise error(f"{what}{where} is {array[index]}, but only finite numbers are accepted")
+    array.setflags(write=False)
+    return array
+
+
+def unique_names(names: Sequence[str], what: str, error: type[PlannerError]) -> tuple[str, ...]:
+    """Return the names as a tuple; refuse none at all, empty ones and repetitions."""
+    result = tuple(names)
+    if not result:
+        raise error(f"{what}: at least one is needed, none was given")
+    if any(not isinstance(name, str) or not name for name in result):
+        raise error(f"{what}: names must be non-empty strings, got {result!r:.80}")
+    repeated = sorted({name for name in result if result.count(name) > 1})
+    if repeated:
+        raise error(f"{what}: {quote_names(repeated)} given more than once")
+    return result

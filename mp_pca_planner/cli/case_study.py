@@ -1,0 +1,170 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""`case_study`: the paper's Section 4 from recordings, and how natural planned motions are."""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import io
+import json
+import tempfile
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..exceptions import PlannerError, RecordingError
+from ..files import exists_already, write_whole
+from ..recordings.bags import write_joint_states
+from ..recordings.load import RecordingSet, load_recordings
+from ..recordings.marker_joint_states import marker_source
+from ..recordings.synthetic import JOINT_NAMES, continuous_recording, generate_motions
+from ..resources import config_file
+from ..robot import Robot
+from ..studies.case_study import CaseStudy, study
+from .case_study_page import case_study_page, draw_pictures
+from .case_study_tables import facts, summary, tables
+from .common import DONE, CommandParser, plain, print_json, progress_bar, run
+from .drawing import require_matplotlib
+
+_N_GENERATED = 60
+_SEED = 11
+_RATE = 100.0
+_EPOCH_NS = 1_700_000_000_000_000_000
+_PAGE = "case_study.html"
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command; returns the exit status."""
+    return run(_parser(), _case_study, argv)
+
+
+def _parser() -> CommandParser:
+    parser = CommandParser(
+        "case_study",
+        "The case study of the paper: components of arm motions, an arm-raising motion planned "
+        "with them and with B-splines, and how near planned motions come to what people did.",
+    )
+    parser.add_argument(
+        "--recordings",
+        nargs="+",
+        metavar="BAG",
+        help="recordings of markers, folders of them (default: joint states made up for it)",
+    )
+    parser.add_argument("--markers", default="/markers", metavar="TOPIC", help="their topic")
+    parser.add_argument(
+        "--joint-states", metavar="TOPIC", help="the recordings hold joint states on this topic"
+    )
+    parser.add_argument(
+        "--robot", type=Path, metavar="URDF", help="model (default: human_arm.urdf)"
+    )
+    parser.add_argument(
+        "--marker-map", type=Path, metavar="YAML", help="default: human_arm_markers.yaml"
+    )
+    parser.add_argument("--segments", metavar="FILE.csv", help="motions cut by hand")
+    parser.add_argument("--motions", type=int, default=52, metavar="N", help="how many to study")
+    parser.add_argument(
+        "--arm",
+        default="upper_arm,lower_arm,wrist",
+        metavar="A,B,C",
+        help="frames along the arm, to draw it; the last is its tip",
+    )
+    parser.add_argument("--jobs", type=int, default=1, metavar="N", help="recordings at a time")
+    parser.add_argument("--output", type=Path, default=Path("case_study_output"), metavar="DIR")
+    parser.add_argument("--force", action="store_true", help="overwrite what is there")
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
+    return parser
+
+
+def _case_study(arguments: argparse.Namespace) -> int:
+    require_matplotlib()
+    folder: Path = arguments.output
+    if (folder / _PAGE).exists() and not arguments.force:
+        raise exists_already(folder / _PAGE)
+    urdf = arguments.robot or config_file("human_arm.urdf")
+    with progress_bar("reading", "recording") as progress:
+        recordings, source = _recordings(arguments, urdf, progress)
+    if not recordings.demonstrations:
+        reasons = "; ".join(f"{r.recording}: {r.reason}" for r in recordings.refused)
+        raise RecordingError(f"the recordings hold no motion ({reasons or 'none was refused'})")
+    motions = recordings.demonstrations
+    robot = Robot.from_file(urdf, motions[0].joint_names)
+    frames = arguments.arm.split(",")
+    robot.frame_positions(motions[0].positions[:1], frames)  # unknown ones are refused now
+    with progress_bar("planning", "motion") as progress:
+        found = study(motions, arguments.motions, robot, frames[-1], progress)
+    written = _write(folder, found, robot, frames, source)
+    if arguments.json:
+        print_json({**facts(found, source), "files": [str(path) for path in written]})
+    else:
+        print(f"{source}\n\n{summary(found)}\n\nwritten: {', '.join(map(str, written))}")
+    return DONE
+
+
+def _recordings(
+    arguments: argparse.Namespace, urdf: Path, progress: Any
+) -> tuple[RecordingSet, str]:
+    """The motions, and a sentence that says where they come from."""
+    shared = {
+        "segments_csv": arguments.segments,
+        "jobs": arguments.jobs,
+        "progress": progress,
+    }
+    if arguments.recordings is None:
+        if arguments.segments is not None:
+            raise RecordingError("--segments is for --recordings: the generated ones have no table")
+        with tempfile.TemporaryDirectory() as folder:
+            bag = Path(folder) / "generated"
+            _generate(bag)
+            found = load_recordings([bag], joints=JOINT_NAMES, jobs=1, progress=progress)
+        return found, (
+            "Generated joint states, not real motions: give --recordings for those of people."
+        )
+    names = ", ".join(map(str, arguments.recordings))
+    if arguments.joint_states is not None:
+        robot = Robot.from_file(urdf)
+        found = load_recordings(
+            arguments.recordings,
+            topic=arguments.joint_states,
+            joints=robot.joint_names,
+            **shared,
+        )
+        return found, f"Joint states recorded in {names}."
+    marker_map = arguments.marker_map or config_file("human_arm_markers.yaml")
+    markers = marker_source(arguments.markers, urdf, marker_map)
+    found = load_recordings(arguments.recordings, markers=markers, **shared)
+    return found, f"Joint angles by inverse kinematics from the markers recorded in {names}."
+
+
+def _generate(bag: Path) -> None:
+    """Record made-up arm-raising motions, there and back."""
+    recording = continuous_recording(generate_motions(_N_GENERATED, _SEED), _RATE, seed=_SEED)
+    stamps = _EPOCH_NS + np.round(recording.times * 1e9).astype(np.int64)
+    write_joint_states(bag, "mcap", recording.joint_names, stamps, recording.positions)
+
+
+def _write(
+    folder: Path, found: CaseStudy, robot: Robot, frames: Sequence[str], source: str
+) -> list[Path]:
+    """Write pictures, tables and figures, the page last."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise PlannerError(f"'{folder}' can't be a folder: {error.strerror}") from None
+    pictures = draw_pictures(found, robot, frames)
+    files = {f"{name}.png": content.getvalue() for name, content in pictures.items()}
+    for name, (header, rows) in tables(found).items():
+        files[f"{name}.csv"] = _csv(header, rows)
+    files["case_study.json"] = (json.dumps(plain(facts(found, source)), indent=1) + "\n").encode()
+    files[_PAGE] = case_study_page(found, robot, frames, source, pictures).encode()
+    for name, content in files.items():
+        write_whole(folder / name, content, overwrite=True)
+    return [folder / name for name in files]
+
+
+def _csv(header: Sequence[str], rows: Iterable[Sequence[str]]) -> bytes:
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows([header, *rows])
+    return text.getvalue().encode()

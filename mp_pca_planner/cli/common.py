@@ -1,0 +1,207 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""What the offline commands share: exit status, messages, progress, parsing of values."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import re
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any, NoReturn
+
+import numpy as np
+from tqdm import tqdm
+
+from ..arrays import FloatArray
+from ..exceptions import GoalError, PlannerError, unknown_name
+
+DONE, FAILED, REFUSED = 0, 1, 2
+
+Progress = Callable[[int, int], None]
+
+
+class CommandParser(argparse.ArgumentParser):
+    """Argument parser whose complaints are one line on stderr and exit status 2."""
+
+    def __init__(self, command: str, description: str, **options: Any) -> None:
+        super().__init__(
+            prog=f"mp_pca_planner {command}",
+            description=description,
+            allow_abbrev=False,
+            formatter_class=argparse.ArgumentDefaultsHelpFormatter,
+            **options,
+        )
+
+    def error(self, message: str) -> NoReturn:
+        """Print the complaint and exit."""
+        self.exit(REFUSED, f"{self.prog}: {message} (see --help)\n")
+
+
+def run(
+    parser: CommandParser, body: Callable[[argparse.Namespace], int], argv: Sequence[str] | None
+) -> int:
+    """Parse the arguments and run a command's body.
+
+    Returns
+    -------
+    :
+        The exit status: 0 done, 1 failed, 2 refused input or wrong usage. Refusals are one
+        line on stderr.
+    """
+    arguments = parser.parse_args(_with_negative_values(sys.argv[1:] if argv is None else argv))
+    try:
+        return body(arguments)
+    except PlannerError as error:
+        print(f"{parser.prog}: {error}", file=sys.stderr)
+        return REFUSED
+    except BrokenPipeError:
+        # Whoever read our output, `head` for example, has seen enough.
+        sys.stdout = None
+        return FAILED
+    except KeyboardInterrupt:
+        print(f"{parser.prog}: interrupted", file=sys.stderr)
+        return FAILED
+
+
+def _with_negative_values(argv: Sequence[str]) -> list[str]:
+    """Tie lists such as -0.2,0.1 to the option before them: argparse takes them for options."""
+    tied: list[str] = []
+    for word in argv:
+        before = tied[-1] if tied else ""
+        if re.match(r"-[\d.]", word) and before.startswith("--") and "=" not in before:
+            tied[-1] = f"{before}={word}"
+        else:
+            tied.append(word)
+    return tied
+
+
+def print_json(content: Any) -> None:
+    """Print one JSON object on stdout; numbers that JSON does not know become null."""
+    print(json.dumps(plain(content), allow_nan=False))
+
+
+def plain(content: Any) -> Any:
+    """What JSON knows: lists for arrays, null for numbers that are not finite."""
+    if isinstance(content, dict):
+        return {str(key): plain(value) for key, value in content.items()}
+    if isinstance(content, np.ndarray):
+        return plain(content.tolist())
+    if isinstance(content, list | tuple):
+        return [plain(value) for value in content]
+    if isinstance(content, np.generic):
+        return plain(content.item())
+    if isinstance(content, float) and not np.isfinite(content):
+        return None
+    return content
+
+
+@contextmanager
+def progress_bar(description: str, unit: str) -> Iterator[Progress]:
+    """A progress bar on stderr, if that is a terminal; called with (done, total)."""
+    with tqdm(
+        desc=description,
+        unit=unit,
+        unit_scale=unit == "B",
+        leave=False,
+        file=sys.stderr,
+        disable=None,
+    ) as bar:
+
+        def update(done: int, total: int) -> None:
+            bar.total = total
+            bar.update(done - bar.n)
+
+        yield update
+
+
+def joint_list(text: str) -> list[str]:
+    """Names separated by commas."""
+    names = [name.strip() for name in text.split(",")]
+    if not all(names):
+        raise argparse.ArgumentTypeError(f"'{text}' holds an empty name; give a,b,c")
+    return names
+
+
+def number_list(text: str, what: str) -> list[float]:
+    """Read numbers separated by spaces or commas.
+
+    Raises
+    ------
+    GoalError
+        If there is none, or one is no finite number.
+    """
+    parts = text.replace(",", " ").split()
+    if not parts:
+        raise GoalError(f"{what} '{text}' must be numbers, separated by spaces")
+    return [_finite(part, f"a number of {what}") for part in parts]
+
+
+def joint_values(
+    text: str, names: Sequence[str], what: str, kind: str = "joint"
+) -> dict[str, float]:
+    """Read ``name=value,…``, or one value per joint in joint order.
+
+    Raises
+    ------
+    GoalError
+        If a name is unknown or repeated, a value is no finite number, or the number of
+        values in a list is not that of the joints.
+    """
+    parts = [part.strip() for part in text.replace(" ", ",").split(",") if part.strip()]
+    named = ["=" in part for part in parts]
+    if not parts or any(named) != all(named):
+        raise GoalError(
+            f"{what} '{text}' must be name=value,… or {len(names)} values in {kind} order"
+        )
+    if not named[0]:
+        if len(parts) != len(names):
+            raise GoalError(
+                f"{what} has {len(parts)} values, but there are {len(names)} {kind}s: "
+                f"{', '.join(names)}"
+            )
+        parts = [f"{name}={part}" for name, part in zip(names, parts, strict=True)]
+    values: dict[str, float] = {}
+    for part in parts:
+        name, _, number = (piece.strip() for piece in part.partition("="))
+        if name not in names:
+            raise GoalError(f"{what}: {unknown_name(kind, name, names)}")
+        if name in values:
+            raise GoalError(f"{what}: {kind} '{name}' is given more than once")
+        values[name] = _finite(number, f"{what}: value of {kind} '{name}'")
+    return values
+
+
+def _finite(text: str, what: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        raise GoalError(f"{what} is '{text}', not a number") from None
+    if not np.isfinite(value):
+        raise GoalError(f"{what} is '{text}', but only finite numbers are accepted")
+    return value
+
+
+def table(rows: Sequence[Sequence[str]], *, header: Sequence[str]) -> str:
+    """Columns of text, the first aligned left and the others right."""
+    lines = [list(header), *(list(row) for row in rows)]
+    widths = [max(len(line[i]) for line in lines) for i in range(len(header))]
+    return "\n".join(
+        "  ".join(
+            cell.ljust(width) if i == 0 else cell.rjust(width)
+            for i, (cell, width) in enumerate(zip(line, widths, strict=True))
+        ).rstrip()
+        for line in lines
+    )
+
+
+def percent(share: float) -> str:
+    """A share as a percentage with two decimals, as in [P] Table 2."""
+    return f"{100.0 * share:.2f}"
+
+
+def rms(values: FloatArray) -> float:
+    """Root of the mean square."""
+    return float(np.sqrt(np.mean(np.square(values))))

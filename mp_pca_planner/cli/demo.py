@@ -1,0 +1,280 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""`demo`: the whole way, from recorded demonstrations to trajectories on a ROS 2 topic."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import signal
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import yaml
+
+from ..arrays import FloatArray
+from ..exceptions import MissingDependencyError, PlannerError
+from ..files import write_whole
+from ..goal import JointGoal, JointState
+from ..limits import JointLimits
+from ..planning.planner import Plan, Planner, PlannerOptions
+from ..primitives.file import load_primitive
+from ..primitives.primitive import MovementPrimitive
+from ..recordings.bags import write_joint_states
+from ..recordings.load import load_recordings
+from ..recordings.synthetic import JOINT_NAMES, continuous_recording, generate_motions
+from ..resources import config_file
+from ..robot import Robot
+from ..trajectory import Trajectory
+from ..validation import check_executable, check_limits
+from . import build_primitives
+from .common import DONE, FAILED, CommandParser, run, table
+from .drawing import draw_arm, draw_motion, draw_primitive, require_matplotlib
+
+if TYPE_CHECKING:
+    from ..ros.client import GoalClient
+
+_N_DEMONSTRATIONS = 30
+_N_GOALS = 6
+# Held-out motions give the goals, so that the planner has never seen them.
+_DEMONSTRATION_SEED, _GOAL_SEED = 1, 2
+_RATE = 100.0
+# Recordings start at a time that nobody takes for simulation time.
+_EPOCH_NS = 1_700_000_000_000_000_000
+# Messages of a present state that make sure that one of them came before the goal.
+_N_STATES = 5
+_ARM = ("upper_arm", "lower_arm", "wrist")
+_GOOD = "executable"
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command; returns the exit status."""
+    parser = CommandParser(
+        "demo",
+        "Record demonstrations of a human-like arm into a bag, build primitives from it, start "
+        "the planner node, send it goals from another process, and draw what came of it.",
+    )
+    parser.add_argument(
+        "--output", type=Path, default=Path("demo_output"), metavar="DIR", help="folder for results"
+    )
+    return run(parser, _demo, argv)
+
+
+def _demo(arguments: argparse.Namespace) -> int:
+    if find_spec("rclpy") is None:
+        raise MissingDependencyError("rclpy", "ros", "the command 'demo'")
+    require_matplotlib()
+    folder = arguments.output
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise PlannerError(f"'{folder}' can't be a folder: {error.strerror}") from None
+
+    print(f"1. Recording {_N_DEMONSTRATIONS} arm-raising motions into {folder / 'recording'}")
+    bag = _record(folder / "recording")
+    print(f"2. Building primitives from the bag\n   $ build_primitives {bag}")
+    primitive_file = folder / "arm_raising.npz"
+    status = build_primitives.main(
+        [
+            *(str(bag), "--output", str(primitive_file), "--force"),
+            *("--robot", str(config_file("human_arm.urdf")), "--joints", ",".join(JOINT_NAMES)),
+        ]
+    )
+    if status != DONE:
+        return status
+    primitive = load_primitive(primitive_file)
+    robot = Robot.from_file(config_file("human_arm.urdf"), JOINT_NAMES)
+    print("\n3. Starting the planner node and sending it goals over ROS 2 topics")
+    served = _plan_over_topics(folder, primitive_file)
+    failures = _report(robot, served)
+    print(f"\n4. Drawing into {folder}")
+    for path in _draw(folder, bag, primitive, robot, served):
+        print(f"   {path}")
+    return FAILED if failures else DONE
+
+
+def _record(path: Path) -> Path:
+    """Make a person's motions and write them as a rosbag2 recording."""
+    motions = generate_motions(_N_DEMONSTRATIONS, _DEMONSTRATION_SEED)
+    recording = continuous_recording(motions, _RATE, seed=_DEMONSTRATION_SEED)
+    stamps = _EPOCH_NS + np.round(recording.times * 1e9).astype(np.int64)
+    write_joint_states(
+        path, "mcap", recording.joint_names, stamps, recording.positions, overwrite=True
+    )
+    return path
+
+
+@dataclass(frozen=True, eq=False)
+class _Served:
+    """A goal that was sent and what came back."""
+
+    start: FloatArray
+    trajectory: Trajectory | None
+    values: Mapping[str, str]
+    message: str
+    latency: float | None
+
+
+def _plan_over_topics(folder: Path, primitive_file: Path) -> list[_Served]:
+    """Start the node in a process of its own and act as its robot and its user."""
+    # Nobody else's robots: this machine only, and a domain of our own unless one is set.
+    os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+    os.environ.setdefault("ROS_DOMAIN_ID", str(1 + os.getpid() % 101))
+    from ..ros.client import GoalClient, start_node
+
+    parameters = folder / "planner.yaml"
+    description = config_file("human_arm.urdf").read_text(encoding="utf-8")
+    values = {"primitives": [str(primitive_file)], "robot_description": description}
+    content = {"mp_pca_planner": {"ros__parameters": values}}
+    write_whole(parameters, yaml.safe_dump(content).encode(), overwrite=True)
+    goals = generate_motions(_N_GOALS, _GOAL_SEED)
+    home = position = goals[0].positions[0]
+    served = []
+    node = start_node("--params-file", str(parameters), "--log-level", "warn")
+    try:
+        with GoalClient() as client:
+            client.wait_for_node()
+            client.wait_for_model()
+            for goal in [p for motion in goals for p in (motion.positions[-1], home)]:
+                served.append(_serve(client, position, goal))
+                if served[-1].trajectory is not None:
+                    position = served[-1].trajectory.positions[-1]
+    finally:
+        node.send_signal(signal.SIGINT)
+        node.wait()
+    return served
+
+
+def _serve(client: GoalClient, position: FloatArray, goal: FloatArray) -> _Served:
+    """Let the arm stand still until the node knows it does, then send a goal."""
+    from sensor_msgs.msg import JointState as JointStateMessage
+
+    from ..ros.messages import to_trajectory
+
+    for _ in range(_N_STATES):
+        client.publish_state(JOINT_NAMES, position.tolist(), [0.0] * len(JOINT_NAMES))
+        time.sleep(1.0 / _RATE)
+    answer = client.send(JointStateMessage(name=list(JOINT_NAMES), position=goal.tolist()))
+    return _Served(
+        start=position,
+        trajectory=None if answer.trajectory is None else to_trajectory(answer.trajectory),
+        values=answer.values,
+        message=answer.report.message,
+        latency=answer.latency,
+    )
+
+
+def _report(robot: Robot, served: Sequence[_Served]) -> int:
+    """Print a table; returns how many goals were not served as they should be."""
+    limits = robot.limits()
+    rows, failures = [], 0
+    for i, goal in enumerate(served, start=1):
+        verdict = _verdict(robot, limits, goal)
+        failures += verdict != _GOOD
+        rows.append(
+            [
+                str(i),
+                _number(goal.values.get("duration"), 1.0, ".2f"),
+                _number(goal.values.get("effort_cost"), 1.0, ".2f"),
+                _number(goal.values.get("solve_time_s"), 1e3, ".2f"),
+                _number(goal.values.get("goal_error"), 1.0, ".1g"),
+                _number(goal.latency, 1e3, ".2f"),
+                verdict,
+            ]
+        )
+    header = ["goal", "duration [s]", "effort [N²m²s]", "solve [ms]", "end error [rad]"]
+    print(table(rows, header=[*header, "goal to trajectory [ms]", "checked on receipt"]))
+    return failures
+
+
+def _verdict(robot: Robot, limits: JointLimits, goal: _Served) -> str:
+    """Check what was received, without believing what its sender says of it."""
+    if goal.trajectory is None:
+        return goal.message
+    try:
+        check = check_limits(goal.trajectory, robot, limits)
+        check_executable(goal.trajectory, check, JointState(JOINT_NAMES, goal.start))
+    except PlannerError as error:
+        return str(error)
+    return _GOOD
+
+
+def _number(value: str | float | None, factor: float, form: str) -> str:
+    return "" if value is None else format(float(value) * factor, form)
+
+
+def _draw(
+    folder: Path,
+    bag: Path,
+    primitive: MovementPrimitive,
+    robot: Robot,
+    served: Sequence[_Served],
+) -> list[Path]:
+    demonstrations = load_recordings([bag], joints=JOINT_NAMES).demonstrations
+    phases = np.linspace(0.0, 1.0, 101)
+    basis = primitive.basis
+    components = basis.functions(phases) * basis.scales
+    path = folder / "primitive.png"
+    draw_primitive(
+        path,
+        joint_names=primitive.joint_names,
+        phases=phases,
+        demonstrations=[d.time_normalised(phases.size) for d in demonstrations],
+        mean=basis.shape(np.zeros(basis.n_weights), phases),
+        components=np.moveaxis(components, 2, 0),
+        explained_variance_ratio=primitive.explained_variance_ratio["arm"],
+        title="Demonstrations, and mean shape with principal components (±1 standard deviation)",
+        force=True,
+    )
+    pictures = [path]
+    first = next((goal for goal in served if goal.trajectory is not None), None)
+    if first is None or first.trajectory is None:
+        return pictures
+    goal = JointGoal(
+        JointState(JOINT_NAMES, first.trajectory.positions[-1]), first.trajectory.duration
+    )
+    plans = {
+        name: _plan_offline(robot, primitive, basis_name, goal, first.start)
+        for name, basis_name in (("principal components", "pca"), ("B-splines", "bspline"))
+    }
+    labels = {
+        f"{name}, {plan.solution.effort_cost:.1f} N²m²s"
+        + ("" if plan.is_executable else " (breaks limits)"): plan.trajectory
+        for name, plan in plans.items()
+    }
+    (label, planned), *others = labels.items()
+    path = folder / "motion.png"
+    draw_motion(
+        path,
+        planned,
+        title="Planned motion, and the same goal with B-splines",
+        label=label,
+        others=dict(others),
+        limits=robot.limits(),
+        force=True,
+    )
+    pictures.append(path)
+    path = folder / "arm.png"
+    draw_arm(
+        path,
+        _ARM,
+        {
+            name: robot.frame_positions(plan.trajectory.positions, _ARM)
+            for name, plan in plans.items()
+        },
+        title="The arm on its way to the goal",
+        force=True,
+    )
+    return [*pictures, path]
+
+
+def _plan_offline(
+    robot: Robot, primitive: MovementPrimitive, basis: str, goal: JointGoal, start: FloatArray
+) -> Plan:
+    planner = Planner(robot, [primitive], robot.limits(), PlannerOptions(basis=basis))
+    return planner.plan(goal, JointState(JOINT_NAMES, start))

@@ -1,0 +1,137 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""`inspect`: what is in a bag or in a primitive file."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+
+from ..exceptions import PlannerError
+from ..primitives.file import load_primitive
+from ..primitives.primitive import MovementPrimitive
+from ..recordings.bags import find_recordings
+from ..recordings.load import RecordingInspection, inspect_recording
+from ..recordings.repair import REPAIRS
+from .common import DONE, REFUSED, CommandParser, print_json, run, table
+from .variance import variance_report
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command; returns the exit status."""
+    parser = CommandParser("inspect", "Show what is in bags and primitive files.")
+    parser.add_argument("files", nargs="+", metavar="FILE", help="bag, folder of bags, or .npz")
+    parser.add_argument("--topic", help="JointState topic of the bags (default: the only one)")
+    parser.add_argument(
+        "--field", metavar="a.b", help="field of the topic's messages that is a JointState"
+    )
+    parser.add_argument(
+        "--salvage", action="store_true", help="of a damaged bag, look at what is before the damage"
+    )
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
+    return run(parser, _inspect, argv)
+
+
+def _inspect(arguments: argparse.Namespace) -> int:
+    """Look at every file; one that can't be read doesn't hide the others."""
+    reports: list[dict[str, Any]] = []
+    status = DONE
+    for name in arguments.files:
+        try:
+            found = _look_at(name, arguments)
+        except PlannerError as error:
+            print(f"mp_pca_planner inspect: {error}", file=sys.stderr)
+            status = REFUSED
+            continue
+        for facts, text in found:
+            reports.append(facts)
+            if not arguments.json:
+                print(text, end="\n\n")
+    if arguments.json:
+        print_json({"files": reports})
+    return status
+
+
+def _look_at(name: str, arguments: argparse.Namespace) -> list[tuple[dict[str, Any], str]]:
+    if name.endswith(".npz"):
+        primitive = load_primitive(name)
+        return [(_primitive_facts(name, primitive), _primitive_text(name, primitive))]
+    found = [
+        inspect_recording(
+            path, arguments.topic, state_field=arguments.field, salvage=arguments.salvage
+        )
+        for path in find_recordings([name])
+    ]
+    return [(asdict(facts), _recording_text(facts)) for facts in found]
+
+
+def _recording_text(facts: RecordingInspection) -> str:
+    lines = [f"{facts.path} ({facts.format or 'no known format'})"]
+    lines += [f"  topic     {t.name}  {t.type}  {t.count} messages" for t in facts.topics]
+    lines += [
+        f"  marker    {m.name} on {m.topic}: {m.n_samples} samples"
+        + (f" at {m.rate:.1f} Hz" if m.rate is not None else "")
+        + f", {m.n_gaps} gaps, missing in {m.missing_share:.1%}"
+        for m in facts.markers
+    ]
+    if facts.topic is not None:
+        lines.append(f"  looked at {facts.topic}: {facts.n_messages} messages")
+    if facts.joint_names:
+        lines.append(f"  joints    {', '.join(facts.joint_names)}")
+    if facts.rate is not None and facts.duration is not None:
+        lines.append(f"  time      {facts.duration:.2f} s at {facts.rate:.1f} Hz")
+    lines += [f"  repair    {kind}: {n} ({REPAIRS[kind]})" for kind, n in facts.repairs.items()]
+    lines += [f"  note      {note}" for note in facts.notes]
+    if facts.refusal is not None:
+        lines.append(f"  can't be used: {facts.refusal}")
+    return "\n".join(lines)
+
+
+def _primitive_facts(name: str, primitive: MovementPrimitive) -> dict[str, Any]:
+    return {
+        "path": name,
+        "format": "movement_primitive",
+        "name": primitive.name,
+        "joint_names": list(primitive.joint_names),
+        "coupling": primitive.coupling,
+        "n_components": primitive.n_components,
+        "degree": primitive.degree,
+        "explained_variance_ratio": primitive.explained_variance_ratio,
+        "fit_residual": primitive.fit_residual,
+        "durations": primitive.durations,
+        "kernels": primitive.statistics.kernels,
+        "metadata": primitive.metadata,
+    }
+
+
+def _primitive_text(name: str, primitive: MovementPrimitive) -> str:
+    residual = np.rad2deg(np.sqrt(np.mean(primitive.fit_residual**2, axis=1)))
+    rows = [
+        [
+            f"{d['recording']} {d['label']}".strip(),
+            f"{d['start_time_s']:.2f}",
+            f"{duration:.2f}",
+            f"{error:.2f}",
+        ]
+        for d, duration, error in zip(
+            primitive.metadata["demonstrations"], primitive.durations, residual, strict=True
+        )
+    ]
+    header = ["demonstration", "start [s]", "duration [s]", "reproduced to [deg RMS]"]
+    return "\n".join(
+        [
+            f"{name}: movement primitive '{primitive.name}'",
+            f"joints      {', '.join(primitive.joint_names)}",
+            f"components  {primitive.n_components}, coupling '{primitive.coupling}', "
+            f"polynomials of degree {primitive.degree}",
+            "",
+            variance_report(primitive),
+            "",
+            table(rows, header=header),
+        ]
+    )

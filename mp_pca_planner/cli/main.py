@@ -1,0 +1,126 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Finds the command that is asked for and hands over to it."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Callable, Sequence
+from importlib import import_module
+from typing import NamedTuple, cast
+
+from .. import __version__
+from ..exceptions import MissingDependencyError, quote_names, unknown_name
+
+PROGRAM = "mp_pca_planner"
+WRONG_USAGE = 2
+
+CommandFunction = Callable[[Sequence[str] | None], int]
+
+
+class Command(NamedTuple):
+    """Where a command lives (``module:function``) and what it does."""
+
+    target: str
+    summary: str
+
+
+COMMANDS = {
+    "build_primitives": Command(
+        "mp_pca_planner.cli.build_primitives:main", "recorded bags to a primitive file"
+    ),
+    "inspect": Command("mp_pca_planner.cli.inspect:main", "what is in a bag or a primitive file"),
+    "plan": Command("mp_pca_planner.cli.plan:main", "one motion from primitive files, offline"),
+    "sequence": Command(
+        "mp_pca_planner.cli.sequence:main", "one motion through several configurations, offline"
+    ),
+    "refine": Command("mp_pca_planner.cli.refine:main", "improve a motion, keep it as a primitive"),
+    "benchmark": Command(
+        "mp_pca_planner.cli.benchmark:main", "components against B-splines and other methods"
+    ),
+    "library": Command(
+        "mp_pca_planner.cli.versioned_library:main", "a folder of primitives that keeps its history"
+    ),
+    "verify": Command(
+        "mp_pca_planner.cli.verify:main", "a control law for a motion, its bound, simulations of it"
+    ),
+    "case_study": Command(
+        "mp_pca_planner.cli.case_study:main", "the paper's case study, and naturalness measured"
+    ),
+    "demo": Command("mp_pca_planner.cli.demo:main", "the whole way: record, build, plan, publish"),
+    "send_goal": Command(
+        "mp_pca_planner.cli.send_goal:main", "a goal for the running node, and what it answers"
+    ),
+    "planner_node": Command("mp_pca_planner.ros.planner_node:main", "the ROS 2 node"),
+}
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command named by the first argument with the arguments after it.
+
+    Parameters
+    ----------
+    argv :
+        The arguments without the program's name; those of the process by default.
+
+    Returns
+    -------
+    :
+        The exit status: the command's own, or 2 if there is no such command or it can't be loaded.
+    """
+    arguments = list(sys.argv[1:] if argv is None else argv)
+    if not arguments:
+        return _refuse(f"a command is needed: {quote_names(COMMANDS)}")
+    # Only the first argument is ours: the command sees the others as they were typed.
+    name = _parser().parse_args(arguments[:1]).command
+    if name not in COMMANDS:
+        return _refuse(unknown_name("command", name, COMMANDS))
+    try:
+        command = load_command(name)
+    except MissingDependencyError as error:
+        return _refuse(str(error))
+    return command(arguments[1:])
+
+
+def load_command(name: str) -> CommandFunction:
+    """Import a command of the table; the others stay unloaded, and with them what they need.
+
+    Raises
+    ------
+    MissingDependencyError
+        If the command needs ROS 2 and there is none.
+    """
+    module_name, _, function_name = COMMANDS[name].target.partition(":")
+    try:
+        module = import_module(module_name)
+    except ModuleNotFoundError as error:
+        if not _belongs_to_ros(error.name):
+            raise
+        raise MissingDependencyError(str(error.name), "ros", f"the command '{name}'") from error
+    return cast(CommandFunction, getattr(module, function_name))
+
+
+def _belongs_to_ros(module_name: str | None) -> bool:
+    top_level = (module_name or "").partition(".")[0]
+    return top_level in {"rclpy", "std_srvs"} or top_level.endswith(("_msgs", "_interfaces"))
+
+
+def _parser() -> argparse.ArgumentParser:
+    width = max(map(len, COMMANDS))
+    parser = argparse.ArgumentParser(
+        prog=PROGRAM,
+        usage="%(prog)s [-h] [--version] COMMAND ...",
+        description="Movement primitives from recordings, and least-effort motions made of them.",
+        epilog="commands (each has its own --help):\n"
+        + "\n".join(f"  {name:{width}}  {c.summary}" for name, c in COMMANDS.items()),
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--version", action="version", version=f"{PROGRAM} {__version__}")
+    parser.add_argument("command", metavar="COMMAND", help="one of the commands below")
+    return parser
+
+
+def _refuse(message: str) -> int:
+    print(f"{PROGRAM}: {message}", file=sys.stderr)
+    return WRONG_USAGE

@@ -1,0 +1,394 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""`plan`: one motion, offline, from primitive files."""
+
+from __future__ import annotations
+
+import argparse
+import io
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..arrays import FloatArray
+from ..exceptions import GoalError, PlannerError
+from ..files import exists_already, write_whole
+from ..goal import JointGoal, JointState, Pose, PoseGoal, Via
+from ..limits import read_limits_file
+from ..planning.collision import CollisionFreePlanner, CollisionModel, package_folders
+from ..planning.objectives import OBJECTIVES, Objective, objective_by_name
+from ..planning.planner import (
+    BASES,
+    DEMONSTRATED,
+    FREE,
+    SHORTEST,
+    Plan,
+    Planner,
+    PlannerOptions,
+)
+from ..primitives.primitive_library import load_primitives
+from ..recordings.bags import FORMAT_OF_SUFFIX, write_joint_trajectory
+from ..robot import Robot
+from ..trajectory import Trajectory
+from .common import DONE, FAILED, CommandParser, joint_values, number_list, print_json, run
+from .drawing import draw_motion, require_matplotlib
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command; returns the exit status."""
+    return run(_parser(), _plan, argv)
+
+
+def _parser() -> CommandParser:
+    parser = CommandParser("plan", "Plan one motion of least effort from primitive files.")
+    add_request_options(parser)
+    parser.add_argument(
+        "--output", type=Path, metavar="FILE", help="write it: .csv, .json, .npz, or a bag"
+    )
+    parser.add_argument("--plot", type=Path, metavar="FILE.png", help="draw it")
+    parser.add_argument("--force", action="store_true", help="overwrite files")
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
+    return parser
+
+
+def add_request_options(parser: CommandParser) -> None:
+    """Add what says which motion is wanted; :func:`plan_request` reads it."""
+    defaults = PlannerOptions()
+    parser.add_argument("primitives", nargs="+", metavar="FILE", help="primitive files or folders")
+    parser.add_argument("--robot", required=True, type=Path, metavar="URDF", help="the robot")
+    values = "name=value,… or values in joint order [rad or m]"
+    parser.add_argument("--start", required=True, help=f"start configuration: {values}")
+    goal = parser.add_mutually_exclusive_group(required=True)
+    goal.add_argument("--goal", help=f"goal: {values}; joints left out stay")
+    goal.add_argument(
+        "--goal-pose",
+        metavar="'X Y Z QX QY QZ QW'",
+        help="pose of a frame [m, unit quaternion] in the base frame; 3 numbers: position only",
+    )
+    parser.add_argument("--frame", help="link whose pose --goal-pose is (default: the last)")
+    for end in ("start", "goal"):
+        for rate in ("velocity", "acceleration"):
+            parser.add_argument(
+                f"--{end}-{rate}", metavar=rate[0].upper(), help=f"{rate} at the {end}, likewise"
+            )
+    parser.add_argument(
+        "--via",
+        action="append",
+        default=[],
+        metavar="V[@PHASE]",
+        help="configuration (name=value,…) or pose ('FRAME: X Y Z' or with a quaternion) to pass "
+        "on the way, at a phase from 0 to 1 or when it suits best; may be repeated",
+    )
+    parser.add_argument(
+        "--duration",
+        metavar="T",
+        help="duration [s]; 'shortest' that the limits allow; 'free': the one of least cost "
+        "(default: like the demonstrations)",
+    )
+    parser.add_argument(
+        "--objective",
+        metavar="NAME=WEIGHT,…",
+        default="effort=1",
+        help=f"what to minimise, a weighted sum of: {', '.join(OBJECTIVES)}",
+    )
+    parser.add_argument("--use", metavar="NAME", help="primitive to use (default: the nearest)")
+    parser.add_argument("--basis", choices=BASES, default=defaults.basis, help="basis functions")
+    parser.add_argument(
+        "--naturalness",
+        type=float,
+        default=defaults.naturalness,
+        metavar="ρ",
+        help="weight of likeness to the demonstrations against effort",
+    )
+    parser.add_argument(
+        "--limits", type=Path, metavar="FILE.yaml", help="limits in the form of joint_limits.yaml"
+    )
+    parser.add_argument(
+        "--sample-period", type=float, default=defaults.sample_period, help="time step [s]"
+    )
+    parser.add_argument(
+        "--collision", action="store_true", help="refuse motions in which the robot hits itself"
+    )
+    parser.add_argument(
+        "--srdf",
+        type=Path,
+        metavar="FILE",
+        help="pairs of links that need no look (default: neighbours, and what touches at neutral)",
+    )
+    parser.add_argument(
+        "--package-dirs",
+        type=Path,
+        nargs="+",
+        default=(),
+        metavar="DIR",
+        help="where packages with meshes are, before ROS's and the folders above the URDF",
+    )
+
+
+def _plan(arguments: argparse.Namespace) -> int:
+    check_outputs(arguments)
+    planner, plan = plan_request(arguments)
+    if arguments.output is not None and plan.is_executable:
+        write_trajectory(plan.trajectory, arguments.output, plan_facts(plan), arguments.force)
+    if arguments.plot is not None:
+        draw_motion(
+            arguments.plot,
+            plan.trajectory,
+            title=f"'{plan.primitive}': {plan.message}",
+            limits=planner.limits,
+            force=arguments.force,
+        )
+    if arguments.json:
+        print_json(plan_facts(plan))
+    else:
+        print(_text(plan))
+    return DONE if plan.is_executable else FAILED
+
+
+def check_outputs(arguments: argparse.Namespace) -> None:
+    """Refuse a motion's output or plot that could not be written, before any work.
+
+    Raises
+    ------
+    PlannerError
+        If a format is unknown, a file exists already, or matplotlib is missing.
+    """
+    if arguments.output is not None:
+        check_format(arguments.output)
+    if arguments.plot is not None:
+        require_matplotlib()
+    for path in (arguments.output, arguments.plot):
+        if path is not None and path.exists() and not arguments.force:
+            raise exists_already(path)
+
+
+def plan_request(arguments: argparse.Namespace) -> tuple[Planner, Plan]:
+    """Plan what the options of :func:`add_request_options` ask for.
+
+    Raises
+    ------
+    PlannerError
+        If a file can't be read or an option can't be served.
+    """
+    primitives = load_primitives(arguments.primitives)
+    names = primitives[0].joint_names
+    robot = Robot.from_file(arguments.robot, names)
+    overrides = read_limits_file(arguments.limits, robot.movable_joints) if arguments.limits else {}
+    # Without a controller to refuse it, a motion may end as it was asked to.
+    options = PlannerOptions(
+        basis=arguments.basis,
+        objectives=_objectives(arguments.objective, robot, arguments.frame),
+        timing=arguments.duration if arguments.duration in (SHORTEST, FREE) else DEMONSTRATED,
+        naturalness=arguments.naturalness,
+        sample_period=arguments.sample_period,
+        allow_nonzero_end_velocity=arguments.goal_velocity is not None,
+    )
+    start = _state(arguments, "start", names)
+    if set(start.joint_names) != set(names):
+        missing = [name for name in names if name not in start.joint_names]
+        raise GoalError(f"--start lacks a position for {', '.join(missing)}")
+    planner = Planner(robot, primitives, robot.limits(overrides), options)
+    goal, collision = _goal(arguments, robot), _collision_model(arguments, robot)
+    if collision is not None:
+        return planner, CollisionFreePlanner(planner, collision).plan(goal, start)
+    return planner, planner.plan(goal, start)
+
+
+def _collision_model(arguments: argparse.Namespace, robot: Robot) -> CollisionModel | None:
+    if not arguments.collision:
+        if arguments.srdf is not None or arguments.package_dirs:
+            raise PlannerError("--srdf and --package-dirs are for --collision: give that, too")
+        return None
+    folders = package_folders(arguments.robot, arguments.package_dirs)
+    return CollisionModel(robot, srdf=arguments.srdf, package_dirs=folders)
+
+
+def _goal(arguments: argparse.Namespace, robot: Robot) -> JointGoal | PoseGoal:
+    how = {
+        "duration": _duration(arguments.duration),
+        "primitive": arguments.use,
+        "vias": tuple(_via(text, robot.joint_names) for text in arguments.via),
+    }
+    if arguments.goal is not None:
+        return JointGoal(_state(arguments, "goal", robot.joint_names), **how)
+    for option in ("goal_velocity", "goal_acceleration"):
+        if getattr(arguments, option) is not None:
+            raise GoalError(f"--{option.replace('_', '-')} needs --goal: a pose is reached at rest")
+    frame = arguments.frame or robot.frame_names[-1]
+    return PoseGoal(_pose(frame, arguments.goal_pose, "--goal-pose"), **how)
+
+
+def _state(arguments: argparse.Namespace, end: str, names: Sequence[str]) -> JointState:
+    q = joint_values(getattr(arguments, end), names, f"--{end}")
+    rates = []
+    for rate in ("velocity", "acceleration"):
+        text, option = getattr(arguments, f"{end}_{rate}"), f"--{end}-{rate}"
+        values = joint_values(text, names, option) if text else {}
+        for name in values:
+            if name not in q:
+                raise GoalError(f"{option} names joint '{name}', but --{end} does not")
+        rates.append([values.get(name, 0.0) for name in q])
+    return JointState(list(q), list(q.values()), *rates)
+
+
+def _pose(frame: str, text: str, option: str) -> Pose:
+    numbers = number_list(text, option)
+    if len(numbers) not in (3, 7):
+        raise GoalError(
+            f"{option} '{text}' has {len(numbers)} numbers, but a position has 3 (x y z) and a "
+            "pose 7 (x y z qx qy qz qw)"
+        )
+    return Pose(frame, numbers[:3], numbers[3:] or None)
+
+
+def _via(text: str, names: Sequence[str]) -> Via:
+    where, _, when = text.partition("@")
+    phase = number_list(when, "the phase of --via")[0] if when else None
+    frame, is_pose, numbers = where.partition(":")
+    if is_pose:
+        return Via(_pose(frame.strip(), numbers, "--via"), phase)
+    q = joint_values(where, names, "--via")
+    return Via(JointState(list(q), list(q.values())), phase)
+
+
+def _duration(text: str | None) -> float | None:
+    if text in (None, SHORTEST, FREE):
+        return None
+    try:
+        return float(text)
+    except ValueError:
+        raise GoalError(
+            f"--duration is '{text}', but a number of seconds, '{SHORTEST}' or '{FREE}' is wanted"
+        ) from None
+
+
+def _objectives(text: str, robot: Robot, frame: str | None) -> tuple[tuple[float, Objective], ...]:
+    weights = joint_values(text, OBJECTIVES, "--objective", "objective")
+    return tuple((w, objective_by_name(name, robot, frame)) for name, w in weights.items())
+
+
+def plan_facts(plan: Plan) -> dict[str, Any]:
+    """What `plan --json` prints."""
+    return plan.summary() | {
+        "joint_names": list(plan.trajectory.joint_names),
+        "weights": plan.solution.weights,
+        "via_phases": list(plan.via_phases),
+        **trajectory_columns(plan.trajectory),
+    }
+
+
+def trajectory_columns(trajectory: Trajectory) -> dict[str, FloatArray]:
+    """What is known at every point, by the names of the public interface."""
+    efforts = trajectory.efforts
+    return {
+        "times": trajectory.times,
+        "positions": trajectory.positions,
+        "velocities": trajectory.velocities,
+        "accelerations": trajectory.accelerations,
+        **({} if efforts is None else {"efforts": efforts}),
+    }
+
+
+def write_trajectory(
+    trajectory: Trajectory, path: Path, facts: Mapping[str, Any], overwrite: bool
+) -> None:
+    """Write a motion in the format that the file's name asks for.
+
+    Parameters
+    ----------
+    trajectory : Trajectory
+        The motion.
+    path : Path
+        Where to.
+    facts : mapping
+        What a .json file says.
+    overwrite : bool
+        Whether an existing file may be overwritten.
+
+    Raises
+    ------
+    PlannerError
+        If the format is unknown or the file can't be written.
+    """
+    if path.suffix == ".csv":
+        write_whole(path, _csv(trajectory), overwrite=overwrite)
+    elif path.suffix == ".json":
+        plain = {
+            key: value.tolist() if isinstance(value, np.ndarray) else value
+            for key, value in facts.items()
+        }
+        write_whole(path, json.dumps(plain).encode(), overwrite=overwrite)
+    elif path.suffix == ".npz":
+        buffer = io.BytesIO()
+        np.savez(
+            buffer,
+            joint_names=np.array(trajectory.joint_names),
+            **trajectory_columns(trajectory),  # type: ignore[arg-type]  # its stub takes bool only
+        )
+        write_whole(path, buffer.getvalue(), overwrite=overwrite)
+    else:
+        check_format(path)
+        write_joint_trajectory(path, trajectory, overwrite=overwrite)
+
+
+def check_format(path: Path) -> None:
+    """Refuse a file of a format that motions can't be written in."""
+    formats = (".csv", ".json", ".npz", *FORMAT_OF_SUFFIX)
+    if path.suffix not in ("", *formats):
+        raise PlannerError(
+            f"the output '{path}' must end in {', '.join(formats)}, "
+            "or have no ending for the folder of a rosbag2"
+        )
+
+
+def _csv(trajectory: Trajectory) -> bytes:
+    columns = trajectory_columns(trajectory)
+    times = columns.pop("times")
+    header = ["time", *(f"{name}.{kind}" for kind in columns for name in trajectory.joint_names)]
+    text = io.StringIO()
+    # 17 digits bring every number back to the last bit.
+    np.savetxt(
+        text,
+        np.column_stack([times, *columns.values()]),
+        fmt="%.17g",
+        delimiter=",",
+        header=",".join(header),
+        comments="",
+    )
+    return text.getvalue().encode()
+
+
+def _ways(plan: Plan) -> list[str]:
+    """What is worth a line only of some plans."""
+    lines = []
+    if plan.via_phases:
+        phases = ", ".join(f"{phase:.3f}" for phase in plan.via_phases)
+        lines.append(f"vias         passed at phase {phases}, error {plan.via_error:.2g} rad or m")
+    if plan.correction > 0.0:
+        lines.append(
+            f"correction   {plan.correction:.2g} rad or m beside "
+            f"{plan.n_components_used} components"
+        )
+    return lines
+
+
+def _text(plan: Plan) -> str:
+    facts = plan.summary()
+    return "\n".join(
+        [
+            f"{facts['status']}: {facts['message']}",
+            f"primitive    {facts['primitive']} (in-span score {facts['in_span_score']:.2f}, "
+            "about 1 is like the demonstrations)",
+            f"selection    {facts['selection']}",
+            f"duration     {facts['duration']:.3f} s",
+            f"effort       {facts['effort_cost']:.4g} N²m²s "
+            f"(expected weights: {facts['start_cost']:.4g})",
+            f"solve time   {1e3 * plan.solve_time:.2f} ms, {facts['iterations']} iterations",
+            f"goal error   {facts['goal_error']:.2g} rad or m",
+            *_ways(plan),
+            f"worst limit violation  {facts['limit_violation']:.2g} (relative, 1 ms grid)",
+        ]
+    )

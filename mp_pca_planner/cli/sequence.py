@@ -1,0 +1,134 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""`sequence`: one motion through several configurations, offline, from primitive files."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from pathlib import Path
+
+from ..exceptions import GoalError
+from ..goal import JointState, SequenceGoal
+from ..limits import read_limits_file
+from ..planning.planner import PlannerOptions
+from ..planning.sequence import MODES, OPTIMAL, SequencePlan, SequencePlanner
+from ..primitives.primitive_library import load_primitives
+from ..robot import Robot
+from .common import DONE, FAILED, CommandParser, joint_values, print_json, run
+from .drawing import draw_motion
+from .plan import check_outputs, trajectory_columns, write_trajectory
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command; returns the exit status."""
+    return run(_parser(), _sequence, argv)
+
+
+def _parser() -> CommandParser:
+    defaults = PlannerOptions()
+    parser = CommandParser(
+        "sequence", "Plan one motion through several configurations that stops only at the last."
+    )
+    parser.add_argument("primitives", nargs="+", metavar="FILE", help="primitive files or folders")
+    parser.add_argument("--robot", required=True, type=Path, metavar="URDF", help="the robot")
+    values = "name=value,… or values in joint order [rad or m]"
+    parser.add_argument("--start", required=True, help=f"start configuration: {values}")
+    parser.add_argument(
+        "--via",
+        action="append",
+        default=[],
+        help=f"configuration to pass, again for each: {values}, then @T to be there T s after "
+        "the start; joints left out stay",
+    )
+    parser.add_argument("--goal", required=True, help="where to stop, likewise")
+    parser.add_argument("--mode", choices=MODES, default=OPTIMAL, help="optimise, or only join")
+    parser.add_argument("--use", metavar="NAME", help="primitive to use (default: the nearest)")
+    parser.add_argument(
+        "--naturalness", type=float, default=defaults.naturalness, metavar="ρ", help="as in `plan`"
+    )
+    parser.add_argument("--limits", type=Path, metavar="FILE.yaml", help="as in `plan`")
+    parser.add_argument(
+        "--sample-period", type=float, default=defaults.sample_period, help="time step [s]"
+    )
+    parser.add_argument(
+        "--output", type=Path, metavar="FILE", help="write it: .csv, .json, .npz, or a bag"
+    )
+    parser.add_argument("--plot", type=Path, metavar="FILE.png", help="draw it")
+    parser.add_argument("--force", action="store_true", help="overwrite files")
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
+    return parser
+
+
+def _sequence(arguments: argparse.Namespace) -> int:
+    check_outputs(arguments)
+    # Refuses numbers that are out of range.
+    options = PlannerOptions(
+        naturalness=arguments.naturalness, sample_period=arguments.sample_period
+    )
+    primitives = load_primitives(arguments.primitives)
+    names = primitives[0].joint_names
+    robot = Robot.from_file(arguments.robot, names)
+    overrides = read_limits_file(arguments.limits, robot.movable_joints) if arguments.limits else {}
+    limits = robot.limits(overrides)
+    start = joint_values(arguments.start, names, "--start")
+    planner = SequencePlanner(
+        robot,
+        primitives,
+        limits,
+        naturalness=options.naturalness,
+        sample_period=options.sample_period,
+    )
+    plan = planner.plan(
+        _goal(arguments, names), JointState(list(start), list(start.values())), arguments.mode
+    )
+    facts = plan.summary() | {
+        "joint_names": list(names),
+        "durations": [motion.duration for motion in plan.motions],
+        **trajectory_columns(plan.trajectory),
+    }
+    if arguments.output is not None and plan.is_executable:
+        write_trajectory(plan.trajectory, arguments.output, facts, arguments.force)
+    if arguments.plot is not None:
+        draw_motion(
+            arguments.plot,
+            plan.trajectory,
+            title=f"{len(plan.motions)} segments: {plan.message}",
+            limits=limits,
+            force=arguments.force,
+        )
+    if arguments.json:
+        print_json(facts)
+    else:
+        print(_text(plan))
+    return DONE if plan.is_executable else FAILED
+
+
+def _goal(arguments: argparse.Namespace, names: Sequence[str]) -> SequenceGoal:
+    targets, times = [], []
+    for option, text in [*(("--via", via) for via in arguments.via), ("--goal", arguments.goal)]:
+        values, at, moment = text.partition("@")
+        positions = joint_values(values, names, option)
+        targets.append(JointState(list(positions), list(positions.values())))
+        try:
+            times.append(float(moment) if at else None)
+        except ValueError:
+            raise GoalError(
+                f"{option} '{text}' must end in @ and a number of seconds, if in @ at all"
+            ) from None
+    return SequenceGoal(tuple(targets), tuple(times), arguments.use)
+
+
+def _text(plan: SequencePlan) -> str:
+    facts = plan.summary()
+    durations = ", ".join(f"{motion.duration:.3f}" for motion in plan.motions)
+    return "\n".join(
+        [
+            f"{facts['status']}: {facts['message']}",
+            f"primitives   {facts['primitive']} (in-span score {facts['in_span_score']:.2f})",
+            f"duration     {facts['duration']:.3f} s ({durations})",
+            f"effort       {facts['effort_cost']:.4g} N²m²s",
+            f"solve time   {1e3 * plan.solve_time:.2f} ms, {facts['iterations']} iterations",
+            f"worst limit violation  {facts['limit_violation']:.2g} (relative, 1 ms grid)",
+        ]
+    )

@@ -1,0 +1,233 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""The control law paired with a primitive ([P] Fig. 1, block 2).
+
+With the error e = q_d − q of the motion q_d and the model's M, h and inverse dynamics τ_d of it:
+
+    feed-forward with PD    τ = τ_d + K_p e + K_d ė
+    computed torque         τ = M(q) (q̈_d + K_p e + K_d ė) + h(q, q̇)
+
+Siciliano et al., "Robotics: Modelling, Planning and Control", 2009, sections 8.5 and 8.6.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import yaml
+from numpy.typing import ArrayLike
+
+from ..arrays import FloatArray, frozen_array, unique_names
+from ..exceptions import ControlError, PrimitiveFileError
+from ..primitives.primitive import MovementPrimitive
+from ..robot import Robot
+from ..trajectory import Trajectory
+
+FEEDFORWARD_PD, COMPUTED_TORQUE = "feedforward_pd", "computed_torque"
+KINDS = (FEEDFORWARD_PD, COMPUTED_TORQUE)
+
+_KEY = "control_law"
+
+
+@dataclass(frozen=True, eq=False)
+class ControlLaw:
+    """A law and its gains, the same all along a motion.
+
+    Attributes
+    ----------
+    kind : {'feedforward_pd', 'computed_torque'}
+        Which law, see the module.
+    joint_names : tuple of str
+        The n_joints joints.
+    position_gains : array, shape (n_joints,)
+        Diagonal of K_p, positive: [N·m/rad] for feed-forward with PD, [1/s²] for computed torque.
+    velocity_gains : array, shape (n_joints,)
+        Diagonal of K_d, positive: [N·m·s/rad] or [1/s].
+
+    Raises
+    ------
+    ControlError
+        If the kind is unknown, lengths differ or a gain is not positive.
+    """
+
+    kind: str
+    joint_names: tuple[str, ...]
+    position_gains: FloatArray
+    velocity_gains: FloatArray
+
+    def __init__(
+        self,
+        kind: str,
+        joint_names: Sequence[str],
+        position_gains: ArrayLike,
+        velocity_gains: ArrayLike,
+    ) -> None:
+        if kind not in KINDS:
+            raise ControlError(f"a control law must be one of {KINDS}, got {kind!r}")
+        names = unique_names(joint_names, "joints of a control law", ControlError)
+        object.__setattr__(self, "kind", kind)
+        object.__setattr__(self, "joint_names", names)
+        for field, values in (
+            ("position_gains", position_gains),
+            ("velocity_gains", velocity_gains),
+        ):
+            gains = frozen_array(values, (len(names),), field, ControlError)
+            if not np.all(gains > 0.0):
+                joint = names[int(gains.argmin())]
+                raise ControlError(
+                    f"{field} must be positive, got {gains.min():g} for joint '{joint}'"
+                )
+            object.__setattr__(self, field, gains)
+
+    @classmethod
+    def from_frequency(
+        cls,
+        kind: str,
+        robot: Robot,
+        motion: Trajectory,
+        natural_frequency: float,
+        damping_ratio: float = 1.0,
+    ) -> ControlLaw:
+        """Choose gains that give every joint a natural frequency and a damping ratio.
+
+        Parameters
+        ----------
+        kind : {'feedforward_pd', 'computed_torque'}
+            Which law. With computed torque the joints are decoupled; with PD each is taken
+            alone, with its inertia half-way (geometrically) between that with the other joints
+            held and that with them free, in the mean along the motion.
+        robot : Robot
+            The model.
+        motion : Trajectory
+            Where the inertias are taken.
+        natural_frequency : float
+            ω [rad/s].
+        damping_ratio : float
+            ζ.
+
+        Raises
+        ------
+        ControlError
+            If the frequency or the damping isn't positive.
+        """
+        if not natural_frequency > 0.0 or not damping_ratio > 0.0:
+            raise ControlError(
+                "the natural frequency and the damping ratio must be positive, got "
+                f"{natural_frequency:g} rad/s and {damping_ratio:g}"
+            )
+        inertia = np.ones(robot.n_joints)
+        if kind == FEEDFORWARD_PD:
+            zero = np.zeros_like(motion.positions)
+            _, dtau = robot.inverse_dynamics_derivatives(motion.positions, zero, zero)
+            matrices = dtau[:, :, 2 * robot.n_joints :]
+            held = matrices.diagonal(axis1=1, axis2=2)
+            free = 1.0 / np.linalg.inv(matrices).diagonal(axis1=1, axis2=2)
+            inertia = np.sqrt(held * free).mean(axis=0)
+        return cls(
+            kind,
+            robot.joint_names,
+            inertia * natural_frequency**2,
+            inertia * 2.0 * damping_ratio * natural_frequency,
+        )
+
+    def to_metadata(self) -> dict[str, Any]:
+        """The law as JSON types."""
+        return {
+            "kind": self.kind,
+            "position_gains": self.position_gains.tolist(),
+            "velocity_gains": self.velocity_gains.tolist(),
+        }
+
+
+def paired_law(primitive: MovementPrimitive) -> ControlLaw | None:
+    """The control law of a primitive; None if it has none.
+
+    Raises
+    ------
+    PrimitiveFileError
+        If what the primitive's metadata holds is no control law of its joints.
+    """
+    stored = primitive.metadata.get(_KEY)
+    if stored is None:
+        return None
+    try:
+        return ControlLaw(
+            stored["kind"],
+            primitive.joint_names,
+            stored["position_gains"],
+            stored["velocity_gains"],
+        )
+    except (ControlError, KeyError, TypeError) as error:
+        raise PrimitiveFileError(
+            f"the control law of primitive '{primitive.name}' can't be used: {error}"
+        ) from None
+
+
+def pair_law(
+    primitive: MovementPrimitive, law: ControlLaw, known: Mapping[str, Any]
+) -> MovementPrimitive:
+    """The primitive with a control law.
+
+    Parameters
+    ----------
+    primitive : MovementPrimitive
+        Any; a law that it has is replaced.
+    law : ControlLaw
+        Of the same joints.
+    known : mapping
+        What is known of the law's stability, of JSON types.
+
+    Raises
+    ------
+    ControlError
+        If the law is of other joints.
+    """
+    if law.joint_names != primitive.joint_names:
+        raise ControlError(
+            f"the control law is of {law.joint_names}, primitive '{primitive.name}' of "
+            f"{primitive.joint_names}"
+        )
+    metadata = primitive.metadata | {_KEY: law.to_metadata() | {"known": dict(known)}}
+    return MovementPrimitive(
+        primitive.name, primitive.joint_names, primitive.coupling, primitive.arrays(), metadata
+    )
+
+
+def controller_parameters(law: ControlLaw, controller: str) -> bytes:
+    """The law as a parameter file of joint_trajectory_controller.
+
+    The controller adds a PID of the errors to the efforts that the points of a trajectory hold,
+    which is feed-forward with PD.
+
+    Parameters
+    ----------
+    law : ControlLaw
+        Feed-forward with PD.
+    controller : str
+        Name of the controller's node.
+
+    Raises
+    ------
+    ControlError
+        If the law is computed torque, which that controller doesn't have.
+    """
+    if law.kind != FEEDFORWARD_PD:
+        raise ControlError(
+            f"joint_trajectory_controller has no law '{law.kind}': only '{FEEDFORWARD_PD}' can be "
+            "written as its parameters"
+        )
+    gains = {
+        name: {"p": float(p), "i": 0.0, "d": float(d), "ff_velocity_scale": 0.0}
+        for name, p, d in zip(law.joint_names, law.position_gains, law.velocity_gains, strict=True)
+    }
+    parameters = {
+        "joints": list(law.joint_names),
+        "command_interfaces": ["effort"],
+        "state_interfaces": ["position", "velocity"],
+        "gains": gains,
+    }
+    content = {controller: {"ros__parameters": parameters}}
+    return yaml.safe_dump(content, sort_keys=False).encode()

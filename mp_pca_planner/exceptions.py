@@ -1,0 +1,106 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Errors of the package.
+
+Every error that a user can cause is a :class:`PlannerError`. Its message is one
+sentence that names the offender and says what would be accepted; commands print
+it without a traceback and the node puts it into its report.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from difflib import get_close_matches
+
+
+class PlannerError(Exception):
+    """Base class of all errors raised by this package for refused input."""
+
+
+class RobotError(PlannerError):
+    """A robot description or a robot state that can't be used."""
+
+
+class RecordingError(PlannerError):
+    """A recording (or a part of it) that can't be used."""
+
+
+class DamagedRecordingError(RecordingError):
+    """A recording whose file can't be read, wholly or in part."""
+
+
+class UnusableRecordingError(RecordingError):
+    """Joint states that can't be used, with what was found until then.
+
+    That is: the repairs counted, the topic, its number of messages, the joints they list, and
+    notes on how they were read.
+    """
+
+    def __init__(
+        self,
+        reason: str,
+        repairs: Mapping[str, int],
+        topic: str,
+        n_messages: int,
+        listed_joints: Iterable[str],
+        notes: Iterable[str],
+    ) -> None:
+        super().__init__(reason)
+        self.repairs = dict(repairs)
+        self.topic = topic
+        self.n_messages = n_messages
+        self.listed_joints = tuple(listed_joints)
+        self.notes = tuple(notes)
+
+
+class PrimitiveError(PlannerError):
+    """Demonstrations that make no primitive, or a primitive that does not fit its use."""
+
+
+class PrimitiveFileError(PrimitiveError):
+    """A primitive file that can't be read or written."""
+
+
+class GoalError(PlannerError):
+    """A goal that can't be served."""
+
+
+class TrajectoryError(PlannerError):
+    """A trajectory that must not be executed, or that is not well-formed."""
+
+
+class LimitsError(PlannerError):
+    """Limits that are malformed or contradict each other."""
+
+
+class LearningError(PlannerError):
+    """Trials that can't be learned from, or a motion that is not worth keeping."""
+
+
+class ControlError(PlannerError):
+    """A control law, or an assumption on its errors, that can't be used."""
+
+
+class MissingDependencyError(PlannerError):
+    """An optional dependency that is not installed."""
+
+    def __init__(self, module: str, extra: str, purpose: str) -> None:
+        super().__init__(
+            f"{purpose} needs the Python module '{module}', which is not installed: "
+            f"install the extra with `pip install 'mp_pca_planner[{extra}]'`"
+        )
+        self.module = module
+        self.extra = extra
+
+
+def quote_names(names: Iterable[str]) -> str:
+    """List names for a message: ``'a', 'b', 'c'`` (``none`` if there are none)."""
+    return ", ".join(f"'{name}'" for name in names) or "none"
+
+
+def unknown_name(kind: str, name: str, valid: Iterable[str]) -> str:
+    """Say that a name is unknown, which one may have been meant, and which are valid."""
+    names = list(valid)
+    close = get_close_matches(name, names, n=1)
+    hint = f" (did you mean '{close[0]}'?)" if close else ""
+    return f"no {kind} is called '{name}'{hint}; valid names: {quote_names(names)}"

@@ -1,0 +1,126 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Recordings of a motion that was executed: what it took, and how well it was followed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from scipy.integrate import trapezoid
+
+from ..arrays import FloatArray
+from ..exceptions import RecordingError, quote_names
+from ..recordings.bags import JOINT_STATE, NS_PER_S, Bag, Stored, choose_topic, open_bag
+from ..trajectory import Trajectory
+from ..validation import interpolate
+
+# Steps in which the start of the motion is looked for in the recording [s].
+_STEP = 0.005
+
+
+@dataclass(frozen=True)
+class Execution:
+    """One execution of a trajectory.
+
+    Attributes
+    ----------
+    effort : float
+        Measured ½∫‖τ‖²dt over the time of the motion [N²·m²·s].
+    tracking_error : float
+        RMS over time of the distance ‖q − q_wanted‖ [rad or m].
+    started : float
+        When the motion started, after the first joint state of the recording [s].
+    """
+
+    effort: float
+    tracking_error: float
+    started: float
+
+
+def measure_execution(path: Path, trajectory: Trajectory, topic: str | None = None) -> Execution:
+    """Find a trajectory's execution in a recording, and measure it.
+
+    It starts where the recorded positions follow the wanted ones best.
+
+    Parameters
+    ----------
+    path : Path
+        The recording, of joint states with efforts.
+    trajectory : Trajectory
+        What was executed.
+    topic : str, optional
+        Topic of the joint states; the only one by default.
+
+    Raises
+    ------
+    RecordingError
+        If it can't be read, lacks positions or efforts of a joint, holds numbers that aren't
+        finite, or is shorter than the trajectory.
+    """
+    times, q, tau = _measured(path, topic, trajectory.joint_names)
+    duration = float(trajectory.times[-1])
+    spare = float(times[-1]) - duration
+    if spare < -_STEP:
+        raise RecordingError(
+            f"'{path}' lasts {times[-1]:.3f} s, but the executed motion {duration:.3f} s: "
+            "record it from its start to its end"
+        )
+    wanted = interpolate(trajectory, _STEP)
+    starts = np.arange(0.0, max(spare, 0.0) + _STEP, _STEP)
+    errors = [_distance(times - start, q, wanted.times, wanted.q) for start in starts]
+    best = int(np.argmin(errors))
+    grid = np.union1d(wanted.times + starts[best], times)
+    grid = grid[(grid >= starts[best]) & (grid <= starts[best] + duration)]
+    squares = np.sum(_at(grid, times, tau) ** 2, axis=1)
+    return Execution(0.5 * float(trapezoid(squares, grid)), errors[best], float(starts[best]))
+
+
+def _distance(times: FloatArray, q: FloatArray, when: FloatArray, wanted: FloatArray) -> float:
+    squares = np.sum((_at(when, times, q) - wanted) ** 2, axis=1)
+    return float(np.sqrt(trapezoid(squares, when) / (when[-1] - when[0])))
+
+
+def _at(when: FloatArray, times: FloatArray, values: FloatArray) -> FloatArray:
+    return np.column_stack([np.interp(when, times, column) for column in values.T])
+
+
+def _measured(
+    path: Path, topic: str | None, joint_names: Sequence[str]
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Times from 0 [s], positions and efforts of the joints, shape (n_steps, n_joints)."""
+    with open_bag(path) as bag:
+        chosen = choose_topic([t for t in bag.topics if t.type == JOINT_STATE], topic)
+        rows = bag.read([chosen], lambda stored: _rows(bag, stored, joint_names))
+    if len(rows) < 2:
+        raise RecordingError(
+            f"'{path}' has no joint states of {quote_names(joint_names)} on '{chosen.name}'"
+        )
+    stamps = np.array(sorted(rows), dtype=np.int64)
+    values = np.array([rows[stamp] for stamp in stamps.tolist()])
+    if not np.isfinite(values).all():
+        raise RecordingError(
+            f"positions or efforts on '{chosen.name}' of '{path}' are not all finite"
+        )
+    n_joints = len(joint_names)
+    return (stamps - stamps[0]) * 1e-9, values[:, :n_joints], values[:, n_joints:]
+
+
+def _rows(bag: Bag, stored: Iterator[Stored], joint_names: Sequence[str]) -> dict[int, FloatArray]:
+    """Positions and efforts of the joints by stamp [ns]."""
+    rows: dict[int, FloatArray] = {}
+    for topic, received, data in stored:
+        message = bag.deserialise(topic, data)
+        if not set(joint_names) <= set(message.name):
+            continue  # of other joints, a gripper's for example
+        if len(message.effort) != len(message.name) or len(message.position) != len(message.name):
+            raise RecordingError(
+                f"the joint states on '{topic.name}' of '{bag.path}' lack positions or efforts: "
+                "the cost of an execution needs both"
+            )
+        index = [message.name.index(name) for name in joint_names]
+        stamp = message.header.stamp.sec * NS_PER_S + message.header.stamp.nanosec
+        rows[stamp or received] = np.concatenate([message.position[index], message.effort[index]])
+    return rows

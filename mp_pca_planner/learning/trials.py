@@ -1,0 +1,241 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Learning by trials: scaling and warping improved by what executed motions really cost.
+
+CMA-ES (Hansen and Ostermeier, Evolutionary Computation 9(2), 2001; the package `cmaes`)
+proposes the parameters of a :class:`.RefinedMotion`; a trial is one of them that the
+validator accepted, executed and measured. All trials are in one file, from which learning
+goes on after a crash as if there had been none.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..arrays import FloatArray
+from ..exceptions import LearningError, MissingDependencyError, TrajectoryError
+from ..files import write_whole
+from ..limits import JointLimits
+from ..planning.motion import Motion
+from ..robot import Robot
+from .refined_motion import LOG_DURATION, RefinedMotion
+from .refinement import BOUNDS, AcceptedMotion, ExecutableMotions, RefinementOptions
+
+_FORMAT = "mp_pca_planner/trials"
+_VERSION = 1
+# How far the parameters of the first trials are spread.
+_FIRST_STEP = 0.2
+# Of a proposal that breaks limits, the half-way to the best motion is tried instead, this often;
+# then the best motion itself, which keeps them.
+_MOST_HALVINGS = 8
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One executed motion.
+
+    Attributes
+    ----------
+    parameters : tuple of float
+        Those of the :class:`.RefinedMotion` that was executed, segment by segment.
+    cost : float
+        What it cost.
+    """
+
+    parameters: tuple[float, ...]
+    cost: float
+
+
+class TrialLearner:
+    """Proposes motions and learns from what they cost.
+
+    Parameters
+    ----------
+    segments : sequence of Motion
+        The motion to improve.
+    robot : Robot
+        The model, for the limits of effort.
+    limits : JointLimits
+        Limits that every trial keeps.
+    options : RefinementOptions, optional
+        How; without a price of time the total duration stays as it is.
+    start : array, shape (n_segments, N_PARAMETERS), optional
+        Parameters around which to search, those of an off-line refinement for example. The
+        first trial is the motion as it is, the second one these.
+    seed : int
+        Of the random numbers: the same seed and costs give the same trials.
+    state : Path, optional
+        File that keeps the trials; those in it are not repeated.
+
+    Raises
+    ------
+    LearningError
+        If the state can't be read, or belongs to another motion.
+    MissingDependencyError
+        If `cmaes` is not installed.
+    TrajectoryError
+        If the motion to start from is not executable.
+    """
+
+    def __init__(
+        self,
+        segments: Sequence[Motion],
+        robot: Robot,
+        limits: JointLimits,
+        options: RefinementOptions | None = None,
+        *,
+        start: FloatArray | None = None,
+        seed: int = 0,
+        state: Path | None = None,
+    ) -> None:
+        options = options or RefinementOptions()
+        original, first = RefinedMotion(segments), RefinedMotion(segments, start)
+        self._segments = original.segments
+        self._judge = ExecutableMotions(segments, robot, limits, options)
+        # What is tried before the search begins.
+        self._first = [self._judge.accept(original)]
+        if np.any(first.parameters):
+            self._first.append(self._judge.accept(first))
+        self._keeps_duration = options.time_price is None
+        self._free = np.ones(first.parameters.shape, dtype=bool)
+        if self._keeps_duration and len(segments) == 1:
+            self._free[:, LOG_DURATION] = False
+        self._centre = first.parameters
+        self._duration = first.duration
+        self._search = _search(
+            first.parameters[self._free],
+            np.broadcast_to(BOUNDS, self._free.shape)[self._free],
+            seed,
+        )
+        self._proposal: AcceptedMotion | None = None
+        self._generation: list[tuple[FloatArray, float]] = []
+        self._trials: list[Trial] = []
+        self._state = state
+        self._identity = _identity(first, options, seed)
+        if state is not None and state.exists():
+            for trial in _read(state, self._identity, self._centre.size):
+                if len(self._trials) >= len(self._first):
+                    self._search.ask()  # the random numbers that this trial took
+                self._learn(trial)
+
+    @property
+    def trials(self) -> tuple[Trial, ...]:
+        """What was tried so far."""
+        return tuple(self._trials)
+
+    @property
+    def best(self) -> Trial | None:
+        """The trial that cost least."""
+        return min(self._trials, key=lambda trial: trial.cost, default=None)
+
+    def best_motion(self) -> AcceptedMotion:
+        """The motion of the best trial; before any, the one to search around."""
+        return self._judge.accept(RefinedMotion(self._segments, self._best_parameters()))
+
+    def propose(self) -> AcceptedMotion:
+        """The motion to try next, within all limits; the same one until its cost is told."""
+        n = len(self._trials)
+        if self._proposal is None:
+            searching = n >= len(self._first)
+            self._proposal = self._repaired(self._search.ask()) if searching else self._first[n]
+        return self._proposal
+
+    def tell(self, cost: float) -> None:
+        """Say what the proposed motion cost.
+
+        Raises
+        ------
+        LearningError
+            If the cost is no finite number.
+        PlannerError
+            If the file can't be written. In both cases nothing was learned.
+        """
+        if not np.isfinite(cost):
+            raise LearningError(f"the cost of a trial must be a finite number, got {cost}")
+        trial = Trial(tuple(self.propose().motion.parameters.ravel().tolist()), float(cost))
+        if self._state is not None:
+            _write(self._state, self._identity, [*self._trials, trial])
+        self._learn(trial)
+
+    def _learn(self, trial: Trial) -> None:
+        if len(self._trials) >= len(self._first):
+            free = np.reshape(trial.parameters, self._free.shape)[self._free]
+            self._generation.append((free, trial.cost))
+        self._trials.append(trial)
+        self._proposal = None
+        if len(self._generation) == self._search.population_size:
+            self._search.tell(self._generation)
+            self._generation = []
+
+    def _best_parameters(self) -> FloatArray:
+        best = self.best
+        return self._centre if best is None else np.reshape(best.parameters, self._centre.shape)
+
+    def _repaired(self, proposed: FloatArray) -> AcceptedMotion:
+        parameters = self._centre.copy()
+        parameters[self._free] = proposed
+        best = self._best_parameters()
+        for _ in range(_MOST_HALVINGS):
+            motion = RefinedMotion(self._segments, parameters)
+            if self._keeps_duration:
+                motion = motion.lasting(self._duration)
+            try:
+                return self._judge.accept(motion)
+            except TrajectoryError:
+                parameters = (parameters + best) / 2.0
+        return self._judge.accept(RefinedMotion(self._segments, best))
+
+
+def _search(centre: FloatArray, bounds: FloatArray, seed: int) -> Any:
+    try:
+        from cmaes import CMA
+    except ImportError:
+        raise MissingDependencyError("cmaes", "learn", "learning by trials") from None
+    box = np.column_stack([-bounds, bounds])
+    return CMA(mean=centre.copy(), sigma=_FIRST_STEP, bounds=box, seed=seed)
+
+
+def _identity(first: RefinedMotion, options: RefinementOptions, seed: int) -> str:
+    """What a file of trials must be of, to go on from it."""
+    times = np.linspace(0.0, first.duration, 11)
+    facts = [seed, options.time_price, first.duration, first.parameters.ravel().tolist()]
+    # Nine digits: another processor may round the last ones in another way.
+    path = [f"{x:.9e}" for x in np.ravel(first.evaluate(times))]
+    return hashlib.sha256(json.dumps([facts, path]).encode()).hexdigest()
+
+
+def _write(path: Path, identity: str, trials: Sequence[Trial]) -> None:
+    content = {
+        "format": _FORMAT,
+        "version": _VERSION,
+        "motion": identity,
+        "trials": [{"parameters": trial.parameters, "cost": trial.cost} for trial in trials],
+    }
+    write_whole(path, json.dumps(content, indent=1).encode(), overwrite=True)
+
+
+def _read(path: Path, identity: str, n_parameters: int) -> list[Trial]:
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+        if content["format"] != _FORMAT or content["version"] != _VERSION:
+            raise LearningError(f"'{path}' is no file of trials of this release")
+        motion = content["motion"]
+        trials = [Trial(tuple(x["parameters"]), x["cost"]) for x in content["trials"]]
+        numbers = np.array([[*trial.parameters, trial.cost] for trial in trials], dtype=float)
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise LearningError(f"the trials in '{path}' can't be read: {error!r:.120}") from None
+    if motion != identity:
+        raise LearningError(
+            f"the trials in '{path}' are of another motion, or with other options: "
+            "name another file, or repeat the request that it was made for"
+        )
+    if trials and (numbers.shape[1] != n_parameters + 1 or not np.isfinite(numbers).all()):
+        raise LearningError(f"the trials in '{path}' hold {n_parameters} finite parameters each")
+    return trials

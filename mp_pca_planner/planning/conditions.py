@@ -1,0 +1,92 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""What positions must meet at a phase: a pose at the end, configurations and poses on the way."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..arrays import FloatArray
+from ..goal import Pose
+from ..robot import Robot
+
+
+class Target(Protocol):
+    """Something to reach, as equations of the joint positions."""
+
+    def error(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """What it is missed by, shape (m,), and the derivative by q, shape (m, n_joints)."""
+
+
+@dataclass(frozen=True, eq=False)
+class PoseTarget:
+    """A frame is at a pose.
+
+    Attributes
+    ----------
+    robot : Robot
+        The model.
+    pose : Pose
+        The frame and its pose.
+    """
+
+    robot: Robot
+    pose: Pose
+
+    def error(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Distance [m] and, with an orientation, rotation vector [rad]."""
+        return self.robot.pose_error(self.pose.frame, q, self.pose.position, self.pose.orientation)
+
+
+@dataclass(frozen=True, eq=False)
+class JointTarget:
+    """Some joints are at given positions.
+
+    Attributes
+    ----------
+    index : array, shape (m,)
+        Which joints.
+    positions : array, shape (m,)
+        Their positions [rad or m].
+    n_joints : int
+        Number of joints of the robot.
+    """
+
+    index: NDArray[np.intp]
+    positions: FloatArray
+    n_joints: int
+
+    def error(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """The differences of the positions."""
+        return q[self.index] - self.positions, np.eye(self.n_joints)[self.index]
+
+
+@dataclass(frozen=True, eq=False)
+class Condition:
+    """A target, and when to be there.
+
+    Attributes
+    ----------
+    target : Target
+        What to reach.
+    phase : float or None
+        When; None: at any phase of the `window`.
+    window : (float, float)
+        Phases between which a free one is looked for.
+    """
+
+    target: Target
+    phase: float | None
+    window: tuple[float, float] = (0.0, 1.0)
+
+    def phase_at(self, place: float) -> tuple[float, float]:
+        """The phase at a place from −∞ to ∞ in the window, and its derivative by the place."""
+        if self.phase is not None:
+            return self.phase, 0.0
+        low, high = self.window
+        share = 0.5 * (1.0 + np.tanh(0.5 * place))
+        return low + (high - low) * share, (high - low) * share * (1.0 - share)

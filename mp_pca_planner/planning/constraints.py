@@ -1,0 +1,302 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Limits as inequalities of the motion program, on a grid that is dense already.
+
+Positions and their derivatives are linear in the weights, so their constraints are exact and
+cost a product of matrices. Efforts are computed at the quadrature nodes anyway; between them
+they are smooth, so the polynomial through the nodes of each piece tells them everywhere.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from copy import copy
+from functools import cached_property, lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import BarycentricInterpolator
+
+from ..arrays import FloatArray
+from ..limits import JointLimits
+from ..primitives.boundary import hermite_functions
+from ..validation import Violation
+from .compiler import Linearisation, MotionProgram, QuadratureTables, StateMap
+
+# Motions are kept this share of the limit away from it, so that what happens between points
+# of the grid (see the check on the dense grid) has room.
+MARGIN = 5e-4
+# Points at which limits are kept. Two waves in a motion are seen to 0.05 % on them.
+N_LIMIT_POINTS = 200
+# Further than a peak between points is out of bounds, bounds are drawn in by this share.
+_EXTRA = 2e-5
+
+QUANTITIES = ("position", "velocity", "acceleration", "jerk", "effort")
+"""What is limited, in the order of the constraints; the last is not linear in the weights."""
+
+_N_STATES = 4
+
+
+class LimitTables:
+    """A basis on the grid on which limits are kept: what no request changes.
+
+    Parameters
+    ----------
+    tables : QuadratureTables
+        The basis at the quadrature nodes.
+    n_points : int
+        Points of the grid, spread evenly over all phases.
+
+    Attributes
+    ----------
+    hermite : array, shape (4, n_points, 6)
+        Quintic Hermite functions and their first three derivatives by phase.
+    mean : array, shape (4, n_points, n_joints)
+        The same of the mean shape.
+    functions : array, shape (4, n_points, n_joints, n_weights)
+        The same of the basis functions, times the usual magnitudes of their weights.
+    from_nodes : array, shape (n_points, n_nodes)
+        Matrix that interpolates what is known at the nodes.
+    """
+
+    def __init__(self, tables: QuadratureTables, n_points: int = N_LIMIT_POINTS) -> None:
+        self._tables = tables
+        self._phases = _even_phases(n_points)
+        self.n_points = n_points
+
+    # Made when limits turn out to matter: with a pace they are another request's never.
+
+    @cached_property
+    def hermite(self) -> FloatArray:
+        """See the class."""
+        return _hermite_tables(self.n_points)
+
+    @cached_property
+    def mean(self) -> FloatArray:
+        """See the class."""
+        return self._values[..., 0]
+
+    @cached_property
+    def functions(self) -> FloatArray:
+        """See the class."""
+        return np.asarray(self._values[..., 1:] * self._tables.basis.scales)
+
+    @cached_property
+    def _values(self) -> FloatArray:
+        return self._tables.basis.tables(self._phases, _N_STATES - 1)
+
+    @cached_property
+    def from_nodes(self) -> FloatArray:
+        """See the class."""
+        basis = self._tables.basis
+        return _interpolation(
+            *(x.tobytes() for x in (self._tables.phases, basis.breakpoints, self._phases))
+        )
+
+
+def _even_phases(n_points: int) -> FloatArray:
+    return (np.arange(n_points) + 0.5) / n_points
+
+
+@lru_cache(maxsize=4)
+def _hermite_tables(n_points: int) -> FloatArray:
+    phases = _even_phases(n_points)
+    return np.array([hermite_functions(phases, d) for d in range(_N_STATES)])
+
+
+@lru_cache(maxsize=16)
+def _interpolation(nodes: bytes, breakpoints: bytes, points: bytes) -> FloatArray:
+    """Matrix from values at nodes to those, in each piece, of the polynomial through them."""
+    known, edges, wanted = (np.frombuffer(x) for x in (nodes, breakpoints, points))
+    matrix = np.zeros((wanted.size, known.size))
+    piece_of_node, piece_of_point = (np.searchsorted(edges[1:-1], x) for x in (known, wanted))
+    for piece in range(edges.size - 1):
+        of_nodes = np.flatnonzero(piece_of_node == piece)
+        of_points = np.flatnonzero(piece_of_point == piece)
+        lagrange = BarycentricInterpolator(known[of_nodes], np.eye(of_nodes.size))
+        matrix[np.ix_(of_points, of_nodes)] = lagrange(wanted[of_points])
+    return matrix
+
+
+class LimitedProgram:
+    """A motion program with bounds on positions, their derivatives and efforts.
+
+    Parameters
+    ----------
+    program : MotionProgram
+        The program without bounds.
+    tables : LimitTables
+        Its basis on the grid.
+    limits : JointLimits or None
+        Limits of its joints. Infinite ones make no constraints; None makes none at all.
+    end_states : array, shape (2, 4, n_joints)
+        Positions, velocities, accelerations and efforts at the start and at the goal, which no
+        weights change: where they leave less room than the margin, the margin is smaller.
+
+    Attributes
+    ----------
+    lower, upper : array, shape (n_inequalities,)
+        The bounds, as shares of the limit (or of half the range of positions).
+    groups : array of int, shape (n_inequalities,)
+        Constraints of one quantity of one joint are of one group, which is
+        n_joints · (index in `QUANTITIES`) + joint.
+    """
+
+    def __init__(
+        self,
+        program: MotionProgram,
+        tables: LimitTables,
+        limits: JointLimits | None,
+        end_states: FloatArray,
+    ) -> None:
+        self.program = program
+        self._tables = tables
+        if limits is None:
+            self._leave_unbounded()
+            return
+        self._joint_names = limits.joint_names
+        n_points, n_joints = tables.n_points, len(limits.joint_names)
+        lower, upper, scale, room = _bounds(limits, end_states)
+        self._end_room = room.ravel()
+        bounded = np.isfinite(lower) | np.isfinite(upper)
+        shape = (_N_STATES + 1, n_points, n_joints)
+        chosen = np.broadcast_to(bounded[:, None], shape)
+        self.lower, self.upper, by_constraint = (
+            np.broadcast_to(x[:, None], shape)[chosen] for x in (lower, upper, scale)
+        )
+        groups = np.arange(bounded.size).reshape(_N_STATES + 1, 1, n_joints)
+        self.groups: NDArray[np.intp] = np.broadcast_to(groups, shape)[chosen]
+        states = np.flatnonzero(chosen[:_N_STATES])
+        self._states = StateMap(program.unknowns, tables.hermite, tables.mean, tables.functions)
+        self._state_index, self._state_scale = states, by_constraint[: states.size]
+        # While no duration is free they are linear in the unknowns.
+        self._linear = None if program.unknowns.duration_is_free else self._expand(program.expected)
+        self._effort_index = np.flatnonzero(chosen[_N_STATES])
+        self._effort_scale = by_constraint[states.size :]
+
+    def _leave_unbounded(self) -> None:
+        self.lower = self.upper = self._effort_scale = np.zeros(0)
+        self.groups = self._effort_index = np.zeros(0, dtype=np.intp)
+        self._linear = (np.zeros(0), np.zeros((0, self.program.scales.size)))
+
+    def tightened(self, violations: Iterable[Violation]) -> LimitedProgram:
+        """The same with bounds drawn in, for peaks that lie between points of the grid.
+
+        Parameters
+        ----------
+        violations : iterable of Violation
+            What a motion within the present bounds breaks. Of the room that the ends of the
+            motion leave, never more than half is taken.
+        """
+        amount = np.zeros(self._end_room.size)
+        n_joints = len(self._joint_names)
+        for violation in violations:
+            quantity = QUANTITIES.index(violation.quantity)
+            group = quantity * n_joints + self._joint_names.index(violation.joint)
+            # Positions are bounded as shares of half the range, but judged by the whole.
+            excess = violation.excess * (2.0 if violation.quantity == "position" else 1.0)
+            amount[group] = min(1.1 * excess + _EXTRA, 0.5 * self._end_room[group])
+        tighter = copy(self)
+        tighter.lower = self.lower + amount[self.groups]
+        tighter.upper = self.upper - amount[self.groups]
+        tighter._end_room = self._end_room - amount
+        return tighter
+
+    def evaluate(self, x: FloatArray) -> LimitedPoint:
+        """Objective and bounded quantities at scaled weights x, with their derivatives."""
+        return LimitedPoint(self, x, self.program.linearise(x))
+
+    def _expand(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Bounded states as c + R·x near x: c, shape (n_states,), and R, (n_states, n)."""
+        states = self._states.values(x)
+        rows = self._states.jacobian(x, states)[self._state_index] / self._state_scale[:, None]
+        return states.ravel()[self._state_index] / self._state_scale - rows @ x, rows
+
+    def _efforts(self, node_efforts: FloatArray) -> FloatArray:
+        """Bounded efforts from those at the nodes, shape (n_efforts,)."""
+        if not self._effort_index.size:
+            return np.zeros(0)
+        efforts = (self._tables.from_nodes @ node_efforts).ravel()[self._effort_index]
+        return np.asarray(efforts / self._effort_scale)
+
+    def _rows(
+        self, chosen: NDArray[np.intp], state_rows: FloatArray, at: Linearisation
+    ) -> FloatArray:
+        n_states = len(state_rows)
+        rows = np.empty((chosen.size, state_rows.shape[1]))
+        linear = chosen < n_states
+        rows[linear] = state_rows[chosen[linear]]
+        index = chosen[~linear] - n_states
+        n_joints = at.efforts.shape[1]
+        for row, i in zip(np.flatnonzero(~linear), index, strict=True):
+            point, joint = divmod(int(self._effort_index[i]), n_joints)
+            by_weight = self._tables.from_nodes[point] @ at.effort_jacobian[:, joint]
+            rows[row] = by_weight / self._effort_scale[i]
+        return rows
+
+
+class LimitedPoint:
+    """A limited motion program at one x (see :class:`.program.Point`).
+
+    Attributes
+    ----------
+    cost : float
+        The objective.
+    gradient : array, shape (n,)
+        Its gradient.
+    hessian : array, shape (n, n)
+        RᵀR of the efforts plus the naturalness.
+    inequalities : array, shape (n_inequalities,)
+        The bounded quantities as shares of their limits.
+    equalities : array, shape (n_equalities,)
+        What the program's conditions are missed by; the ends are met by construction.
+    equality_rows : array, shape (n_equalities, n)
+        Their derivatives.
+    """
+
+    def __init__(self, owner: LimitedProgram, x: FloatArray, at: Linearisation) -> None:
+        self._owner, self._x, self._at = owner, x, at
+        pull = owner.program.precision @ (x - owner.program.expected)
+        deviation = x - owner.program.expected
+        self.cost = 0.5 * float(at.residual @ at.residual + pull @ deviation)
+        self.gradient = at.jacobian.T @ at.residual + pull
+        self._constant, self._state_rows = owner._linear or owner._expand(x)
+        self.inequalities = self._values(x, at.efforts)
+        self.equalities, self.equality_rows = owner.program.equalities(x)
+
+    @cached_property
+    def hessian(self) -> FloatArray:
+        """The known part of the Hessian."""
+        return np.asarray(self._at.jacobian.T @ self._at.jacobian + self._owner.program.precision)
+
+    def inequality_rows(self, chosen: NDArray[np.intp]) -> FloatArray:
+        """Derivatives of the chosen inequalities, shape (n_chosen, n)."""
+        return self._owner._rows(chosen, self._state_rows, self._at)
+
+    def inequalities_after(self, step: FloatArray) -> FloatArray:
+        """Their linear prediction, exact but for the efforts."""
+        efforts = self._at.efforts + self._at.effort_jacobian @ step
+        return self._values(self._x + step, efforts)
+
+    def _values(self, x: FloatArray, node_efforts: FloatArray) -> FloatArray:
+        states = self._constant + self._state_rows @ x
+        return np.concatenate([states, self._owner._efforts(node_efforts)])
+
+
+def _bounds(
+    limits: JointLimits, end_states: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Lower and upper bounds, their scales, and the room at the ends, shape (5, n_joints)."""
+    half = (limits.upper - limits.lower) / 2.0
+    upper = np.array([getattr(limits, name) for name in ("upper", *QUANTITIES[1:])])
+    lower = -upper
+    lower[0] = limits.lower
+    scale = np.where(np.isfinite(upper), upper, 1.0)
+    scale[0] = np.where(np.isfinite(half), half, 1.0)
+    # Jerks at the ends are not given: the weights decide them.
+    room = np.full(upper.shape, np.inf)
+    given = [QUANTITIES.index(name) for name in ("position", "velocity", "acceleration", "effort")]
+    room[given] = np.minimum(upper[given] - end_states, end_states - lower[given]).min(axis=0)
+    room /= scale
+    margin = np.clip(0.5 * room, 0.0, MARGIN)
+    return lower / scale + margin, upper / scale - margin, scale, room - margin

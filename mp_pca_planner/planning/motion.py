@@ -1,0 +1,74 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""One motion of a family: q(s) = h(s) + μ(s) + Σ wₖ φₖ(s) in the time it takes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..arrays import FloatArray
+from ..goal import JointState
+from ..primitives.basis import Basis
+from ..primitives.boundary import boundary_values, hermite_functions
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """A continuous motion between two states.
+
+    Attributes
+    ----------
+    start, goal : JointState
+        States at the ends, of the same n_joints joints.
+    duration : float
+        Duration T [s].
+    basis : Basis
+        The family of shapes.
+    weights : array, shape (n_weights,)
+        Weights of its functions.
+    """
+
+    start: JointState
+    goal: JointState
+    duration: float
+    basis: Basis
+    weights: FloatArray
+
+    @property
+    def boundary(self) -> FloatArray:
+        """Boundary values with respect to phase, shape (6, n_joints)."""
+        ends = [(x.positions, x.velocities, x.accelerations) for x in (self.start, self.goal)]
+        return boundary_values(ends[0], ends[1], self.duration)
+
+    def evaluate(self, times: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Positions, velocities and accelerations.
+
+        Parameters
+        ----------
+        times : array, shape (n_steps,)
+            Times from 0 to `duration` [s].
+
+        Returns
+        -------
+        q, v, a : array, shape (n_steps, n_joints)
+            [rad or m], [/s], [/s²]. At the ends they are those of `start` and `goal` to the
+            last bit: a controller refuses a final velocity of 1e-17.
+        """
+        phases = np.clip(times / self.duration, 0.0, 1.0)
+        boundary = self.boundary
+        shapes = self.basis.shapes(self.weights, phases, 2)
+        q, v, a = (
+            (hermite_functions(phases, d) @ boundary + shapes[d]) / self.duration**d
+            for d in range(3)
+        )
+        for end, state in ((phases == 0.0, self.start), (phases == 1.0, self.goal)):
+            q[end], v[end], a[end] = state.positions, state.velocities, state.accelerations
+        return q, v, a
+
+    def sample_times(self, period: float) -> FloatArray:
+        """Evenly spaced times from 0 to `duration`, at most `period` apart [s]."""
+        n_steps = max(int(np.ceil(self.duration / period - 1e-9)), 1)
+        times = np.linspace(0.0, self.duration, n_steps + 1)
+        return times

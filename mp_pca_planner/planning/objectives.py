@@ -1,0 +1,187 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""What makes a motion good: running costs ½∫‖r‖²dt, to be added up with weights.
+
+An objective says what its residual r is at every moment and how it depends on positions,
+velocities, accelerations, jerks and efforts; the motion compiler does the rest of the chain rule.
+To add one, write a class with a method `residuals` (examples/own_objective.py). A cost ∫f dt
+with f ≥ 0 is one, too, with r = √(2f).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from ..arrays import FloatArray
+from ..exceptions import GoalError, unknown_name
+from ..robot import Robot
+
+QUANTITIES = ("positions", "velocities", "accelerations", "jerks", "efforts")
+"""What residuals may depend on."""
+
+# Power of one joint below which its cost is smoothed [W].
+_SMOOTH_POWER = 0.1
+
+
+@dataclass(frozen=True, eq=False)
+class Nodes:
+    """A motion at the quadrature nodes.
+
+    Attributes
+    ----------
+    robot : Robot
+        The model.
+    positions, velocities, accelerations, jerks : array, shape (n_nodes, n_joints)
+        Positions [rad or m] and their derivatives by time.
+    efforts : array, shape (n_nodes, n_joints)
+        Efforts [N·m or N].
+    start, goal : array, shape (n_joints,)
+        Positions at the ends; for a pose goal, where the search for the configuration began.
+    """
+
+    robot: Robot
+    positions: FloatArray
+    velocities: FloatArray
+    accelerations: FloatArray
+    jerks: FloatArray
+    efforts: FloatArray
+    start: FloatArray
+    goal: FloatArray
+
+
+class Residuals(NamedTuple):
+    """Residuals of a running cost ½∫‖r‖²dt at the nodes.
+
+    Attributes
+    ----------
+    values : array, shape (n_nodes, n_residuals)
+        r.
+    partials : mapping of str to array, shape (n_nodes, n_residuals, n_joints), or float
+        Derivatives of r by those of `QUANTITIES` that it depends on; a number stands for that
+        multiple of the identity.
+    """
+
+    values: FloatArray
+    partials: Mapping[str, FloatArray | float]
+
+
+class Objective(Protocol):
+    """A running cost."""
+
+    def residuals(self, nodes: Nodes) -> Residuals:
+        """The residuals at the nodes and their derivatives."""
+
+
+@dataclass(frozen=True)
+class Effort:
+    """Half the square of the efforts, [P] eq. (6) [N²·m²·s]."""
+
+    def residuals(self, nodes: Nodes) -> Residuals:
+        """The efforts."""
+        return Residuals(nodes.efforts, {"efforts": 1.0})
+
+
+@dataclass(frozen=True)
+class Jerk:
+    """Half the square of the jerks (Flash and Hogan, J. Neurosci. 5(7), 1985) [rad²/s⁵]."""
+
+    def residuals(self, nodes: Nodes) -> Residuals:
+        """The jerks."""
+        return Residuals(nodes.jerks, {"jerks": 1.0})
+
+
+@dataclass(frozen=True)
+class Energy:
+    """Mechanical work Σ∫|τq̇|dt, positive and negative alike [J].
+
+    Near 0 the absolute value of the power p is smoothed to √(p² + ε²) − ε with ε = 0.1 W.
+    """
+
+    def residuals(self, nodes: Nodes) -> Residuals:
+        """The signed roots of twice the smoothed power of each joint."""
+        power = nodes.efforts * nodes.velocities
+        smooth = np.sqrt(power**2 + _SMOOTH_POWER**2)
+        slope = np.sqrt((smooth + _SMOOTH_POWER) / 2.0) / smooth
+        eye = np.eye(power.shape[1])
+        return Residuals(
+            power * np.sqrt(2.0 / (smooth + _SMOOTH_POWER)),
+            {
+                "velocities": (slope * nodes.efforts)[:, :, None] * eye,
+                "efforts": (slope * nodes.velocities)[:, :, None] * eye,
+            },
+        )
+
+
+@dataclass(frozen=True)
+class Time:
+    """The duration [s]; of influence only where that is free."""
+
+    def residuals(self, nodes: Nodes) -> Residuals:
+        """The root of 2."""
+        return Residuals(np.full((len(nodes.positions), 1), np.sqrt(2.0)), {})
+
+
+@dataclass(frozen=True)
+class Straightness:
+    """Half the squared distance of a frame from the straight line between its ends [m²·s].
+
+    Attributes
+    ----------
+    frame : str
+        Name of the frame (link).
+    """
+
+    frame: str
+
+    def residuals(self, nodes: Nodes) -> Residuals:
+        """The components of the way from the first point that are across the line."""
+        points = nodes.robot.attach_points([self.frame], np.zeros((1, 3)))
+        q = np.vstack([nodes.start, nodes.goal, nodes.positions])
+        places, jacobians = points.positions_and_jacobians(q)
+        first, last = places[0, 0], places[1, 0]
+        length = float(np.linalg.norm(last - first))
+        line = (last - first) / length if length > 0.0 else np.zeros(3)
+        across = np.eye(3) - np.outer(line, line)
+        return Residuals((places[2:, 0] - first) @ across, {"positions": across @ jacobians[2:, 0]})
+
+
+OBJECTIVES = ("effort", "energy", "jerk", "time", "straightness")
+"""Names that :func:`objective_by_name` knows."""
+
+
+def objective_by_name(name: str, robot: Robot, frame: str | None = None) -> Objective:
+    """One of the objectives here.
+
+    Parameters
+    ----------
+    name : str
+        Its name.
+    robot : Robot
+        The model.
+    frame : str, optional
+        The frame whose path is to be straight; the last link unless given.
+
+    Raises
+    ------
+    GoalError
+        If there is no such objective.
+    RobotError
+        If there is no such frame.
+    """
+    if name == "straightness":
+        frame = robot.frame_names[-1] if frame is None else frame
+        robot.frame_positions(np.zeros((0, robot.n_joints)), [frame])
+        return Straightness(frame)
+    simple: dict[str, Callable[[], Objective]] = {
+        "effort": Effort,
+        "energy": Energy,
+        "jerk": Jerk,
+        "time": Time,
+    }
+    if name not in simple:
+        raise GoalError(unknown_name("objective", name, OBJECTIVES))
+    return simple[name]()

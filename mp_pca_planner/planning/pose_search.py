@@ -1,0 +1,114 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Configurations that reach a pose: where the search for the best motion to it begins.
+
+Levenberg–Marquardt steps within the joint limits, from several configurations. With fewer
+equations than joints each start finds a solution of its own near by; which is best, and
+where on the way between them, is left to the optimisation of the motion.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from ..arrays import FloatArray
+from ..exceptions import GoalError
+from ..goal import Pose
+from ..limits import JointLimits
+from ..robot import Robot
+
+POSE_TOLERANCE = 1e-6
+"""Largest distance from a pose that counts as none [m or rad]."""
+
+_MOST_STEPS = 100
+_REACHED = 1e-10
+_FIRST_DAMPING, _MOST_DAMPING = 1e-3, 1e8
+# Further starts, spread over the limits, if those that are given come to nothing.
+_N_RANDOM = 40
+# Configurations that are nearer to each other [rad or m] are taken for one.
+_DISTINCT = 0.05
+
+
+def configurations_at(
+    robot: Robot, limits: JointLimits, pose: Pose, starts: Iterable[FloatArray]
+) -> list[FloatArray]:
+    """Different configurations within the limits that reach a pose, in the order of the starts.
+
+    Parameters
+    ----------
+    robot : Robot
+        The model.
+    limits : JointLimits
+        Limits of its joints.
+    pose : Pose
+        What to reach.
+    starts : iterable of array, shape (n_joints,)
+        Configurations to search from.
+
+    Raises
+    ------
+    GoalError
+        If none is found; the message says how near the nearest comes.
+    RobotError
+        If there is no such frame.
+    """
+    found: list[FloatArray] = []
+    nearest = np.array([np.inf])
+    for group in (starts, _spread(robot, limits)):
+        for start in group:
+            q, error = nearest_configuration(robot, limits, pose, start)
+            if np.abs(error).max() > POSE_TOLERANCE:
+                nearest = min(nearest, error, key=lambda e: float(np.linalg.norm(e)))
+            elif all(np.abs(q - other).max() > _DISTINCT for other in found):
+                found.append(q)
+        if found:
+            return found
+    turned = f" and {np.linalg.norm(nearest[3:]):.3g} rad" if nearest.size > 3 else ""
+    raise GoalError(
+        f"no configuration within the joint limits brings '{pose.frame}' to the pose; the "
+        f"nearest one found is {np.linalg.norm(nearest[:3]):.3g} m{turned} away"
+    )
+
+
+def nearest_configuration(
+    robot: Robot, limits: JointLimits, pose: Pose, start: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """The configuration nearest to a pose that is found downhill from a start.
+
+    Returns
+    -------
+    q : array, shape (n_joints,)
+        The configuration, within the limits.
+    error : array, shape (3,) or (6,)
+        See :meth:`.Robot.pose_error`.
+    """
+    q, damping = np.clip(start, limits.lower, limits.upper), _FIRST_DAMPING
+    error, jacobian = robot.pose_error(pose.frame, q, pose.position, pose.orientation)
+    for _ in range(_MOST_STEPS):
+        if np.abs(error).max() <= _REACHED or damping > _MOST_DAMPING:
+            break
+        downhill = -jacobian.T @ error
+        # Joints that are stopped by a limit stay there.
+        stopped = ((q <= limits.lower) & (downhill < 0.0)) | (
+            (q >= limits.upper) & (downhill > 0.0)
+        )
+        free = jacobian[:, ~stopped]
+        step = np.zeros(q.size)
+        regular = free.T @ free + damping * np.eye(free.shape[1])
+        step[~stopped] = np.linalg.solve(regular, downhill[~stopped])
+        moved = np.clip(q + step, limits.lower, limits.upper)
+        there, slope = robot.pose_error(pose.frame, moved, pose.position, pose.orientation)
+        if there @ there < error @ error:
+            q, error, jacobian, damping = moved, there, slope, 0.1 * damping
+        else:
+            damping *= 10.0
+    return q, error
+
+
+def _spread(robot: Robot, limits: JointLimits) -> Iterable[FloatArray]:
+    """Configurations all over the limits, the same ones each time."""
+    low, high = np.maximum(limits.lower, -np.pi), np.minimum(limits.upper, np.pi)
+    random = np.random.default_rng(0)
+    return (random.uniform(low, high) for _ in range(_N_RANDOM))

@@ -1,0 +1,77 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""What the solver asks of a nonlinear program: the contract between compiler and solver.
+
+A program is: minimise f(x) subject to l ≤ c(x) ≤ u and e(x) = 0. Its unknowns x (weights, a
+goal configuration, a log duration, …) are to be scaled so that usual steps are of order 1,
+its inequalities to shares of their bounds, its equalities to SI units.
+"""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..arrays import FloatArray
+
+
+class Point(Protocol):
+    """Everything about a program at one x of n unknowns."""
+
+    @property
+    def cost(self) -> float:
+        """Objective f."""
+
+    @property
+    def gradient(self) -> FloatArray:
+        """∇f, shape (n,)."""
+
+    @property
+    def hessian(self) -> FloatArray:
+        """The part of ∇²f that is known, shape (n, n), symmetric.
+
+        RᵀR of sums of squares, exact Hessians of quadratic terms. The solver estimates what
+        is missing, the curvature of the constraints included, from the gradients.
+        """
+
+    @property
+    def inequalities(self) -> FloatArray:
+        """c, shape (n_inequalities,); there may be thousands."""
+
+    def inequality_rows(self, chosen: NDArray[np.intp]) -> FloatArray:
+        """∂c/∂x of the chosen ones, shape (n_chosen, n)."""
+
+    def inequalities_after(self, step: FloatArray) -> FloatArray:
+        """C + ∂c/∂x · step of all of them, shape (n_inequalities,)."""
+
+    @property
+    def equalities(self) -> FloatArray:
+        """e, shape (n_equalities,), fewer than unknowns."""
+
+    @property
+    def equality_rows(self) -> FloatArray:
+        """∂e/∂x, shape (n_equalities, n)."""
+
+
+class Program(Protocol):
+    """A nonlinear program."""
+
+    @property
+    def lower(self) -> FloatArray:
+        """Lower bounds l of the inequalities, shape (n_inequalities,); may be −∞."""
+
+    @property
+    def upper(self) -> FloatArray:
+        """Upper bounds u of the inequalities, shape (n_inequalities,); may be ∞."""
+
+    @property
+    def groups(self) -> NDArray[np.intp]:
+        """Inequalities of the same number are alike (one limit along a motion).
+
+        Shape (n_inequalities,). Of each group, the worst is added to a quadratic program.
+        """
+
+    def evaluate(self, x: FloatArray) -> Point:
+        """Value and derivatives at x, shape (n,)."""

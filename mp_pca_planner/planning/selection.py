@@ -1,0 +1,266 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Which primitive serves a request best, without solving for all of them.
+
+First the in-span score is a filter: only primitives whose demonstrations are about as near to the
+request as the nearest ones' stay. It is computed for all primitives at once, from stacked
+statistics. Those that stay are ranked by the cost of the motion that they expect, compiled but
+not optimised. How much optimising lowers it differs by a few percent between primitives, so that
+the planner solves for those first ones that are nearer to each other than that.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..arrays import FloatArray
+from ..exceptions import quote_names
+from ..goal import JointState
+from ..primitives.primitive import MovementPrimitive
+from ..primitives.statistics import Conditional
+from ..robot import Robot
+from .compiler import QuadratureTables
+from .motion import Motion
+from .objectives import Effort, Nodes, Objective
+
+# Primitives stay whose score is at most the least one times the first, or below the second: so
+# near, all are like their demonstrations.
+_RELATIVE, _LIKE_DEMONSTRATIONS = 1.25, 1.0
+_MOST_COMPILED = 32
+# Usual error of expected costs: three standard deviations of optimised to expected costs among
+# the primitives of a request (1.6 % for the human-like arm).
+_USUAL_ERROR = 0.05
+_MOST_SOLVED = 5
+_MOST_NAMED = 8
+
+
+@dataclass(frozen=True, eq=False)
+class Considered:
+    """A primitive that passed the filter.
+
+    Attributes
+    ----------
+    primitive : MovementPrimitive
+        The primitive.
+    expected : Conditional
+        What it expects of the request.
+    in_span_score : float
+        How far outside its demonstrations the request lies.
+    cost : float
+        Objective of the motion that it expects; NaN if it is the only one considered.
+    """
+
+    primitive: MovementPrimitive
+    expected: Conditional
+    in_span_score: float
+    cost: float
+
+    @property
+    def name(self) -> str:
+        """Name of the primitive."""
+        return self.primitive.name
+
+
+@dataclass(frozen=True, eq=False)
+class Selection:
+    """The primitives that were compiled.
+
+    Attributes
+    ----------
+    considered : tuple of Considered
+        Those that passed the filter, the one with the least expected cost first.
+    n_primitives : int
+        Number of primitives that there were to choose from.
+    """
+
+    considered: tuple[Considered, ...]
+    n_primitives: int
+
+    @property
+    def first(self) -> Considered:
+        """The one with the least expected cost."""
+        return self.considered[0]
+
+    @property
+    def contenders(self) -> tuple[Considered, ...]:
+        """Those too near to the first for expected costs to tell which is cheapest."""
+        near = (1.0 + _USUAL_ERROR) * self.first.cost
+        others = (c for c in self.considered[1:] if c.cost <= near)
+        return (self.first, *others)[:_MOST_SOLVED]
+
+    def reason(self, winner: str, solved: Mapping[str, float | None]) -> str:
+        """Why a primitive won, in a sentence.
+
+        Parameters
+        ----------
+        winner : str
+            Its name.
+        solved : mapping of str to float or None
+            Costs of the motions that were planned, by primitive; None: not within the limits.
+        """
+        if self.n_primitives == 1:
+            return f"'{winner}' is the only primitive"
+        if len(self.considered) == 1:
+            return (
+                f"of {self.n_primitives} primitives only '{winner}' has demonstrations near "
+                f"the request (in-span score {self.first.in_span_score:.2f})"
+            )
+        names = quote_names([c.name for c in self.considered[:_MOST_NAMED]])
+        more = len(self.considered) - _MOST_NAMED
+        were = (
+            f"of {self.n_primitives} primitives {len(self.considered)} were near the request: "
+            f"{names}{f' and {more} more' if more > 0 else ''}; "
+        )
+        if len(solved) == 1:
+            second = self.considered[1]
+            return were + (
+                f"'{winner}' was expected to cost least, {self.first.cost:.4g}, before "
+                f"'{second.name}' with {second.cost:.4g}"
+            )
+        costs = (
+            f"'{name}' {'outside of the limits' if cost is None else f'{cost:.4g}'}"
+            for name, cost in solved.items()
+        )
+        return were + f"'{winner}' won of the {len(solved)} planned: {', '.join(costs)}"
+
+
+class Selector:
+    """Chooses among primitives of the same joints.
+
+    Parameters
+    ----------
+    robot : Robot
+        The model.
+    primitives : sequence of MovementPrimitive
+        At least one.
+    objectives : sequence of (float, Objective)
+        What the cost is made of, as in :class:`.PlannerOptions`.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        primitives: Sequence[MovementPrimitive],
+        objectives: Sequence[tuple[float, Objective]] = ((1.0, Effort()),),
+    ) -> None:
+        self._robot = robot
+        self.primitives = tuple(primitives)
+        self._objectives = tuple(objectives)
+        self._means = np.array([p.statistics.mean for p in primitives])
+        n = 2 * robot.n_joints
+        self._precisions = {
+            size: np.array([p.statistics.request_precision(size) for p in primitives])
+            for size in (n, n + 1)
+        }
+        self._tables: dict[int, QuadratureTables] = {}
+
+    def scores(
+        self, start: FloatArray, goal: FloatArray, duration: float | None = None
+    ) -> FloatArray:
+        """In-span scores of all primitives, shape (n_primitives,).
+
+        Parameters
+        ----------
+        start, goal : array, shape (n_joints,)
+            End points [rad or m].
+        duration : float, optional
+            Duration [s], if it is asked for.
+        """
+        requests = np.concatenate([start, goal]) + np.tile(self._turns(start), 2)
+        if duration is not None:
+            requests = np.insert(requests, requests.shape[1], np.log(duration), axis=1)
+        size = requests.shape[1]
+        deviations = requests - self._means[:, :size]
+        distances = np.einsum("pi,pij,pj->p", deviations, self._precisions[size], deviations)
+        return np.asarray(np.sqrt(distances / size))
+
+    def choose(
+        self, start: FloatArray, goal: FloatArray, duration: float | None = None
+    ) -> Selection:
+        """Rank the primitives for a motion from rest to rest.
+
+        Parameters
+        ----------
+        start, goal : array, shape (n_joints,)
+            End points [rad or m].
+        duration : float, optional
+            Duration [s]; that which each primitive expects unless given.
+        """
+        scores = self.scores(start, goal, duration)
+        order = np.argsort(scores, kind="stable")
+        chosen = order[is_near(scores[order])][:_MOST_COMPILED]
+        turns = self._turns(start)
+        found = []
+        for i in chosen:
+            primitive = self.primitives[i]
+            expected = primitive.statistics.condition(start + turns[i], goal + turns[i], duration)
+            alone = len(chosen) == 1
+            cost = float("nan") if alone else self._cost(int(i), start, goal, expected)
+            found.append(Considered(primitive, expected, float(scores[i]), cost))
+        found.sort(key=lambda one: one.cost)
+        return Selection(tuple(found), len(self.primitives))
+
+    def _turns(self, start: FloatArray) -> FloatArray:
+        """Whole turns to the demonstrations of each primitive, shape (n_primitives, n_joints)."""
+        turns = np.round((self._means[:, : len(start)] - start) / (2.0 * np.pi))
+        return np.where(self._robot.continuous, 2.0 * np.pi * turns, 0.0)
+
+    def _cost(self, i: int, start: FloatArray, goal: FloatArray, expected: Conditional) -> float:
+        names = self._robot.joint_names
+        basis = self.primitives[i].basis
+        if i not in self._tables:
+            self._tables[i] = QuadratureTables(basis)
+        ends = JointState(names, start), JointState(names, goal)
+        # At an even pace: tables of each request's own would take longer than all else.
+        motion = Motion(*ends, expected.duration, basis, expected.weights)
+        return _cost_of(self._robot, motion, self._tables[i], self._objectives)
+
+
+def is_near(scores: FloatArray) -> NDArray[np.bool_]:
+    """Whether primitives with these in-span scores are worth compiling, shape (n_primitives,).
+
+    Parameters
+    ----------
+    scores : array, shape (n_primitives,)
+        Those of all.
+    """
+    return scores <= max(_RELATIVE * float(scores.min()), _LIKE_DEMONSTRATIONS)
+
+
+def effort_of(robot: Robot, motion: Motion) -> float:
+    """½∫‖τ‖²dt of a motion [N²·m²·s].
+
+    Parameters
+    ----------
+    robot : Robot
+        The model.
+    motion : Motion
+        The motion.
+    """
+    return _cost_of(robot, motion, QuadratureTables(motion.basis), [(1.0, Effort())])
+
+
+def _cost_of(
+    robot: Robot,
+    motion: Motion,
+    tables: QuadratureTables,
+    objectives: Sequence[tuple[float, Objective]],
+) -> float:
+    """Weighted sum of the objectives of a motion on the tables of its basis."""
+    z, boundary = motion.weights / motion.basis.scales, motion.boundary
+    q, v, a, jerk = (
+        (tables.hermite[d] @ boundary + tables.mean[d] + tables.functions[:, d] @ z)
+        / motion.duration**d
+        for d in range(4)
+    )
+    tau = robot.inverse_dynamics(q, v, a)
+    nodes = Nodes(robot, q, v, a, jerk, tau, motion.start.positions, motion.goal.positions)
+    squares = sum(
+        weight * np.sum(objective.residuals(nodes).values ** 2, axis=1)
+        for weight, objective in objectives
+    )
+    return float(0.5 * motion.duration * tables.quadrature @ squares)

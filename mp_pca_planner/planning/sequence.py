@@ -1,0 +1,686 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Sequences of primitives through via configurations, joined to the second derivative.
+
+Between the vias, each segment is a motion q(s) = h(s) + μ(s) + Σ wₖ φₖ(s) of the primitive whose
+demonstrations are nearest. As shapes vanish with two derivatives at both ends, segments join in
+position, velocity and acceleration as soon as their boundary parts h do, whatever the weights.
+
+*In real time*, nothing is optimised: the boundary parts together are the quintic spline of least
+jerk through the vias (de Boor, "A Practical Guide to Splines", 1978: one banded system), with the
+expected weights and durations.
+
+*Optimal* are the weights, the velocities and accelerations at the vias, and the durations of all
+segments together, by a Levenberg–Marquardt method on the sum of squares ½∫‖τ‖²dt and the
+naturalness of each segment. A segment shares unknowns with its neighbours only, so that the
+Hessian is banded, and an iteration costs time linear in the number of segments. The durations
+between two fixed times keep their sum.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+from scipy.interpolate import make_interp_spline
+from scipy.linalg import LinAlgError, cho_solve_banded, cholesky_banded
+
+from ..arrays import FloatArray
+from ..exceptions import GoalError, TrajectoryError, unknown_name
+from ..goal import JointState, SequenceGoal
+from ..limits import JointLimits
+from ..primitives.boundary import boundary_values
+from ..primitives.primitive import MovementPrimitive
+from ..primitives.statistics import Conditional
+from ..robot import Robot
+from ..trajectory import Trajectory
+from ..validation import LimitCheck, check_executable, check_limits
+from .compiler import QuadratureTables
+from .motion import Motion
+from .selection import Considered, Selector, effort_of
+
+REAL_TIME, OPTIMAL = "real_time", "optimal"
+MODES = (REAL_TIME, OPTIMAL)
+
+_MOST_ITERATIONS = 60
+_TOLERANCE = 1e-5
+# Spread of the logarithm of durations that is as natural as a standard deviation of weights.
+_DURATION_SPREAD = 0.3
+# Weights of what is out of limits (as shares of them), next to the whole cost, in turn, and how
+# far inside of the limits motions are kept.
+_PENALTIES = ((0.0, 0.0), (30.0, 0.02), (1e3, 0.02), (3e4, 0.03))
+_MOST_STRETCHES = 12
+# Passing velocities are lowered in these steps where a position limit is overshot.
+_SLOWER = (1.0, 0.5, 0.25, 0.0)
+
+
+@dataclass(frozen=True, eq=False)
+class SequencePlan:
+    """What came of a request for a sequence.
+
+    Attributes
+    ----------
+    status : str
+        'solved', or 'infeasible': must not be executed.
+    message : str
+        One sentence for a person.
+    mode : {'real_time', 'optimal'}
+        How it was made; 'real_time' also if no optimal motion within the limits was found.
+    trajectory : Trajectory
+        The sampled motion; the vias are among its points.
+    motions : tuple of Motion
+        The segments, each starting in the state in which the one before ends.
+    primitives : tuple of str
+        Names of their primitives.
+    in_span_score : float
+        The largest of the segments: how far outside the demonstrations they lie.
+    effort_cost : float
+        ½∫‖τ‖²dt of the whole [N²·m²·s].
+    iterations : int
+        Passes over the segments.
+    limit_check : LimitCheck
+        Comparison with the limits on a grid of at most 1 ms.
+    solve_time : float
+        Time taken to find the motion, without its checks [s].
+    """
+
+    status: str
+    message: str
+    mode: str
+    trajectory: Trajectory
+    motions: tuple[Motion, ...]
+    primitives: tuple[str, ...]
+    in_span_score: float
+    effort_cost: float
+    iterations: int
+    limit_check: LimitCheck
+    solve_time: float
+
+    @property
+    def is_executable(self) -> bool:
+        """Whether the trajectory may be sent to a robot."""
+        return self.status == "solved"
+
+    def summary(self) -> dict[str, str | float | int]:
+        """Scalar facts, by the names of the package's public interface."""
+        return {
+            "status": self.status,
+            "message": self.message,
+            "mode": self.mode,
+            "primitive": ", ".join(self.primitives),
+            "n_segments": len(self.motions),
+            "duration": self.trajectory.duration,
+            "effort_cost": self.effort_cost,
+            "iterations": self.iterations,
+            "solve_time_s": self.solve_time,
+            "in_span_score": self.in_span_score,
+            "limit_violation": self.limit_check.worst_excess,
+        }
+
+
+class SequencePlanner:
+    """Plans motions through several configurations.
+
+    Parameters
+    ----------
+    robot : Robot
+        The model, with the joints of the primitives in their order.
+    primitives : sequence of MovementPrimitive
+        At least one.
+    limits : JointLimits
+        Limits of the joints.
+    naturalness : float
+        ρ, see :class:`.PlannerOptions`.
+    sample_period : float
+        Longest time between the points of a trajectory [s].
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        primitives: Sequence[MovementPrimitive],
+        limits: JointLimits,
+        *,
+        naturalness: float = 1.0,
+        sample_period: float = 0.01,
+    ) -> None:
+        self._robot = robot
+        self._primitives = {p.name: p for p in primitives}
+        self._selector = Selector(robot, primitives)
+        self._limits = limits
+        self._naturalness = naturalness
+        self._period = sample_period
+
+    def plan(self, goal: SequenceGoal, start: JointState, mode: str = OPTIMAL) -> SequencePlan:
+        """Plan a motion through the configurations of a goal.
+
+        Parameters
+        ----------
+        goal : SequenceGoal
+            Where to go; its targets must be configurations. The last is reached at rest.
+        start : JointState
+            Present state of all joints.
+        mode : {'real_time', 'optimal'}
+            Whether to optimise. If that finds no motion within the limits, the one in real time is
+            returned. If the limits can't be kept in durations that the goal leaves free, these
+            are lengthened.
+
+        Raises
+        ------
+        GoalError
+            If the goal or the state can't be used.
+        """
+        if mode not in MODES:
+            raise GoalError(f"the mode of a sequence must be one of {MODES}, got {mode!r}")
+        began = time.perf_counter()
+        request = self._complete(goal, start)
+        request.concatenate()
+        found = time.perf_counter() - began
+        quick, check = self._within_limits(request)
+        iterations, chosen = 0, quick
+        note = "motion concatenated in real time"
+        used = REAL_TIME
+        if mode == OPTIMAL:
+            began = time.perf_counter()
+            better, better_check, iterations = self._optimise(request, quick)
+            found += time.perf_counter() - began
+            if not better_check.violations:
+                chosen, check, used = better, better_check, OPTIMAL
+                note = "motion of least effort found"
+            else:
+                note += ", for no cheaper one within the limits was found"
+        usual = sum(request.durations)
+        total = sum(x.duration for x in chosen)
+        if total > usual * (1.0 + 1e-9):
+            note += f"; to keep the limits, it was lengthened from {usual:.3g} to {total:.3g} s"
+        return self._judge(request, chosen, check, note, used, iterations, found)
+
+    def _complete(self, goal: SequenceGoal, start: JointState) -> _Request:
+        here = self._in_order(start)
+        states, expected, primitives = [here], [], []
+        for number, target in enumerate(goal.targets, start=1):
+            if not isinstance(target, JointState):
+                raise GoalError(
+                    f"target {number} of the sequence is a pose: only configurations are accepted"
+                )
+            there = self._target_state(target, states[-1], number)
+            chosen = self._select(states[-1], there, goal.primitive)
+            states.append(there)
+            expected.append(chosen.expected)
+            primitives.append(chosen.primitive)
+        durations = _fit_durations([e.duration for e in expected], goal.times)
+        groups = _groups(goal.times)
+        return _Request(tuple(states), tuple(primitives), tuple(expected), durations, groups)
+
+    def _in_order(self, state: JointState) -> JointState:
+        names = self._robot.joint_names
+        missing = [name for name in names if name not in state.joint_names]
+        if missing:
+            raise GoalError(f"the present state lacks joint '{missing[0]}'")
+        index = [state.joint_names.index(name) for name in names]
+        here = JointState(
+            names, state.positions[index], state.velocities[index], state.accelerations[index]
+        )
+        self._check_position("present", here.positions)
+        return here
+
+    def _target_state(self, target: JointState, before: JointState, number: int) -> JointState:
+        """The whole configuration of a target; what it doesn't name stays."""
+        names = self._robot.joint_names
+        q = before.positions.copy()
+        for name, position in zip(target.joint_names, target.positions, strict=True):
+            if name not in names:
+                raise GoalError(f"target {number}: {unknown_name('joint', name, names)}")
+            q[names.index(name)] = position
+        turns = np.round((before.positions - q) / (2.0 * np.pi))
+        q += np.where(self._robot.continuous, 2.0 * np.pi * turns, 0.0)
+        self._check_position(f"target {number}'s", q)
+        return JointState(names, q)
+
+    def _check_position(self, what: str, q: FloatArray) -> None:
+        low, high = self._limits.lower, self._limits.upper
+        outside = np.flatnonzero(~((low <= q) & (q <= high)))
+        if outside.size:
+            j = int(outside[0])
+            raise GoalError(
+                f"the {what} position of joint '{self._robot.joint_names[j]}' is {q[j]:.6g}, "
+                f"outside its limits [{low[j]:.6g}, {high[j]:.6g}]"
+            )
+
+    def _select(self, here: JointState, there: JointState, wanted: str | None) -> Considered:
+        """The primitive for a segment, and what it expects."""
+        if wanted is None:
+            return self._selector.choose(here.positions, there.positions).first
+        if wanted not in self._primitives:
+            raise GoalError(unknown_name("primitive", wanted, self._primitives))
+        only = Selector(self._robot, [self._primitives[wanted]])
+        return only.choose(here.positions, there.positions).first
+
+    def _within_limits(self, request: _Request) -> tuple[tuple[Motion, ...], LimitCheck]:
+        """Lengthen free durations, and lower passing velocities, until the limits are kept."""
+        durations = list(request.durations)
+        best: tuple[tuple[Motion, ...], LimitCheck] | None = None
+        for share in _SLOWER:
+            for _ in range(_MOST_STRETCHES):
+                motions = request.concatenate(durations, share)
+                check = check_limits(self._sample(motions), self._robot, self._limits)
+                if best is None or check.worst_excess < best[1].worst_excess:
+                    best = motions, check
+                if not check.violations:
+                    return motions, check
+                longer = _stretched(check, durations, request)
+                if longer == durations:
+                    break
+                durations = longer
+        assert best is not None
+        return best
+
+    def _optimise(
+        self, request: _Request, start: tuple[Motion, ...]
+    ) -> tuple[tuple[Motion, ...], LimitCheck, int]:
+        """Minimise, with limits as penalties where they turn out broken."""
+        program = _Program(self._robot, self._limits, request, start, self._naturalness)
+        x, passes = program.start, 0
+        motions, check = start, None
+        for penalty, margin in _PENALTIES:
+            x, spent = program.minimise(x, penalty, margin)
+            passes += spent
+            motions = program.motions(x)
+            check = check_limits(self._sample(motions), self._robot, self._limits)
+            if not check.violations:
+                break
+        assert check is not None
+        return motions, check, passes
+
+    def _sample(self, motions: Sequence[Motion]) -> Trajectory:
+        times, states, began = [], [], 0.0
+        for i, motion in enumerate(motions):
+            own = motion.sample_times(self._period)
+            kept = slice(0 if i == 0 else 1, None)
+            times.append(began + own[kept])
+            states.append(np.stack(motion.evaluate(own[kept])))
+            began += motion.duration
+        q, v, a = np.concatenate(states, axis=1)
+        tau = self._robot.inverse_dynamics(q, v, a)
+        return Trajectory(self._robot.joint_names, np.concatenate(times), q, v, a, tau)
+
+    def _judge(
+        self,
+        request: _Request,
+        motions: tuple[Motion, ...],
+        check: LimitCheck,
+        note: str,
+        mode: str,
+        iterations: int,
+        solve_time: float,
+    ) -> SequencePlan:
+        trajectory, status = self._sample(motions), "solved"
+        try:
+            check_executable(trajectory, check, request.states[0])
+        except TrajectoryError as error:
+            status, note = "infeasible", f"no motion within the limits was found: {error}"
+        return SequencePlan(
+            status=status,
+            message=note,
+            mode=mode,
+            trajectory=trajectory,
+            motions=motions,
+            primitives=tuple(p.name for p in request.primitives),
+            in_span_score=max(e.in_span_score for e in request.expected),
+            effort_cost=sum(effort_of(self._robot, motion) for motion in motions),
+            iterations=iterations,
+            limit_check=check,
+            solve_time=solve_time,
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class _Request:
+    """A goal made complete.
+
+    states: at the start and at each target, at rest; durations: the usual ones, fitted to fixed
+    times; groups: segments between fixed times, with whether their sum is fixed by the goal.
+    """
+
+    states: tuple[JointState, ...]
+    primitives: tuple[MovementPrimitive, ...]
+    expected: tuple[Conditional, ...]
+    durations: tuple[float, ...]
+    groups: tuple[tuple[tuple[int, ...], bool], ...]
+
+    def concatenate(
+        self, durations: Sequence[float] | None = None, share: float = 1.0
+    ) -> tuple[Motion, ...]:
+        """Join the expected motions by the spline of least jerk, without optimisation.
+
+        Parameters
+        ----------
+        durations : sequence of float, optional
+            Durations of the segments [s]; the usual ones unless given.
+        share : float
+            Factor of the velocities and accelerations at the vias.
+        """
+        durations = self.durations if durations is None else durations
+        times = np.concatenate([[0.0], np.cumsum(durations)])
+        first, last = self.states[0], self.states[-1]
+        rest = np.zeros_like(first.positions)
+        spline = make_interp_spline(
+            times,
+            np.array([state.positions for state in self.states]),
+            k=5,
+            bc_type=([(1, first.velocities), (2, first.accelerations)], [(1, rest), (2, rest)]),
+        )
+        rates = [share * spline.derivative(d)(times[1:-1]) for d in (1, 2)]
+        names = first.joint_names
+        passing = [
+            JointState(names, state.positions, v, a)
+            for state, v, a in zip(self.states[1:-1], *rates, strict=True)
+        ]
+        ends = [first, *passing, last]
+        return tuple(
+            Motion(here, there, float(duration), primitive.basis, expected.weights)
+            for (here, there), duration, primitive, expected in zip(
+                pairwise(ends), durations, self.primitives, self.expected, strict=True
+            )
+        )
+
+
+def _fit_durations(usual: Sequence[float], times: Sequence[float | None]) -> tuple[float, ...]:
+    """Usual durations, those between two fixed times scaled to fill them."""
+    durations = np.array(usual)
+    began, first = 0.0, 0
+    for i, fixed in enumerate(times):
+        if fixed is not None:
+            part = slice(first, i + 1)
+            durations[part] *= (fixed - began) / durations[part].sum()
+            began, first = fixed, i + 1
+    return tuple(map(float, durations))
+
+
+def _groups(times: Sequence[float | None]) -> tuple[tuple[tuple[int, ...], bool], ...]:
+    groups, current = [], []
+    for i, fixed in enumerate(times):
+        current.append(i)
+        if fixed is not None:
+            groups.append((tuple(current), True))
+            current = []
+    if current:
+        groups.append((tuple(current), False))
+    return tuple(groups)
+
+
+def _stretched(check: LimitCheck, durations: list[float], request: _Request) -> list[float]:
+    """Longer durations of the groups that may be longer and in which a limit is broken."""
+    powers = {"velocity": 1.0, "acceleration": 0.5, "jerk": 1.0 / 3.0, "effort": 0.5}
+    ends = np.cumsum(durations)
+    longer = list(durations)
+    for violation in check.violations:
+        segment = min(int(np.searchsorted(ends, violation.time)), len(durations) - 1)
+        group = next(g for g, _ in request.groups if segment in g)
+        fixed = next(is_fixed for g, is_fixed in request.groups if g == group)
+        power = powers.get(violation.quantity)
+        if fixed or power is None:
+            continue
+        if durations[segment] > 10.0 * request.durations[segment]:
+            continue
+        factor = float(np.clip(1.02 * (1.0 + violation.excess) ** power, 1.05, 2.0))
+        for i in group:
+            longer[i] = max(longer[i], durations[i] * factor)
+    return longer
+
+
+class _Segment:
+    """One segment's part of the program.
+
+    Its unknowns are, in this order: velocity and acceleration at its start, scaled weights, the
+    logarithm of its duration, velocity and acceleration at its end; 4 n + m + 1 of them.
+    """
+
+    def __init__(self, robot: Robot, limits: JointLimits, motion: Motion, tables: QuadratureTables):
+        self._robot = robot
+        self.motion, self._tables = motion, tables
+        self.n, self.m = robot.n_joints, motion.basis.n_weights
+        half = (limits.upper - limits.lower) / 2.0
+        centre = np.where(np.isfinite(half), (limits.upper + limits.lower) / 2.0, 0.0)
+        self._centre = np.stack([centre, *np.zeros((3, self.n))])
+        self._bounds = np.stack([half, limits.velocity, limits.acceleration, limits.effort])
+
+    def linearise(
+        self, u: FloatArray, penalty: float, margin: float
+    ) -> tuple[FloatArray, FloatArray]:
+        """Residuals of effort and of broken limits, and their derivatives by the unknowns."""
+        n, m, tables = self.n, self.m, self._tables
+        duration = float(np.exp(u[2 * n + m]))
+        powers = np.array([0.0, 1.0, 2.0, 0.0, 1.0, 2.0])
+        ends = boundary_values(
+            (self.motion.start.positions, u[:n], u[n : 2 * n]),
+            (self.motion.goal.positions, u[2 * n + m + 1 : 3 * n + m + 1], u[3 * n + m + 1 :]),
+            duration,
+        )
+        rates = duration ** -np.arange(3.0)
+        hermite, functions = tables.hermite[:3], tables.functions[:, :3]
+        shape = tables.mean[:3] + (functions @ u[2 * n : 2 * n + m]).transpose(1, 0, 2)
+        states = (hermite @ ends + shape) * rates[:, None, None]
+        by = np.zeros((hermite.shape[1], 3, n, 4 * n + m + 1))
+        eye = np.eye(n)
+        for column, function, power in (
+            (0, 1, 1),
+            (n, 2, 2),
+            (2 * n + m + 1, 4, 1),
+            (3 * n + m + 1, 5, 2),
+        ):
+            values = (hermite[:, :, function] * (duration**power * rates)[:, None]).T
+            by[:, :, :, column : column + n] = values[:, :, None, None] * eye
+        by[..., 2 * n : 2 * n + m] = functions * rates[:, None, None]
+        growth = (hermite @ (powers[:, None] * ends)) * rates[:, None, None]
+        growth -= np.arange(3.0)[:, None, None] * states
+        by[..., 2 * n + m] = growth.transpose(1, 0, 2)
+        tau, dtau = self._robot.inverse_dynamics_derivatives(*states)
+        by_effort = dtau @ by.reshape(len(tau), 3 * n, -1)
+        root = np.sqrt(tables.quadrature * duration)[:, None]
+        residual = [(tau * root).ravel()]
+        jacobian = by_effort * root[:, :, None]
+        jacobian[..., 2 * n + m] += 0.5 * tau * root
+        jacobians = [jacobian.reshape(tau.size, -1)]
+        if penalty > 0.0:
+            values = np.concatenate([states, tau[None]])
+            slopes = np.concatenate([by.transpose(1, 0, 2, 3), by_effort[None]])
+            bounds = self._bounds[:, None]
+            signed = (values - self._centre[:, None]) / bounds
+            over = np.abs(signed) - (1.0 - margin)
+            broken = np.isfinite(bounds) & (over > 0.0)
+            weight = np.sqrt(penalty / len(tau))
+            residual.append(weight * over[broken])
+            scale = np.broadcast_to(np.sign(signed) / bounds, broken.shape)[broken]
+            jacobians.append(weight * scale[:, None] * slopes[broken])
+        return np.concatenate(residual), np.concatenate(jacobians)
+
+
+class _Program:
+    """The whole sequence: unknowns in the order segment, via, segment, via, …, segment."""
+
+    def __init__(
+        self,
+        robot: Robot,
+        limits: JointLimits,
+        request: _Request,
+        start: tuple[Motion, ...],
+        naturalness: float,
+    ) -> None:
+        n = robot.n_joints
+        self._n, self._start_motions = n, start
+        tables = {p.name: QuadratureTables(p.basis) for p in request.primitives}
+        self.segments = [
+            _Segment(robot, limits, motion, tables[primitive.name])
+            for motion, primitive in zip(start, request.primitives, strict=True)
+        ]
+        # Where the weights and the duration of each segment, and each via, are among the unknowns.
+        self._offsets, at = [], 0
+        for segment in self.segments:
+            self._offsets.append(at)
+            at += segment.m + 1 + 2 * n
+        self.size = at - 2 * n
+        self._scales = np.ones(self.size)
+        x = np.zeros(self.size)
+        for i, (segment, motion) in enumerate(zip(self.segments, start, strict=True)):
+            at, m = self._offsets[i], segment.m
+            x[at : at + m] = motion.weights / motion.basis.scales
+            x[at + m] = np.log(motion.duration)
+            if i + 1 < len(start):
+                via = at + m + 1
+                x[via : via + n] = motion.goal.velocities
+                x[via + n : via + 2 * n] = motion.goal.accelerations
+                self._scales[via : via + n] = 1.0 / motion.duration
+                self._scales[via + n : via + 2 * n] = 5.0 / motion.duration**2
+        self.start = x
+        self._groups = [group for group, _ in request.groups]
+        self._durations = [motion.duration for motion in start]
+        self._band = min(max(s.m for s in self.segments) + 4 * n, self.size - 1)
+        self._priors = []
+        for segment, motion, expected in zip(self.segments, start, request.expected, strict=True):
+            usual = effort_of(robot, motion)
+            scales = motion.basis.scales
+            precision = np.zeros((segment.m + 1, segment.m + 1))
+            precision[:-1, :-1] = expected.precision * np.outer(scales, scales)
+            precision[-1, -1] = _DURATION_SPREAD**-2
+            centre = np.append(expected.weights / scales, np.log(motion.duration))
+            self._priors.append((naturalness * usual * precision, centre))
+        self._reference = sum(effort_of(robot, motion) for motion in start)
+
+    def _local(self, x: FloatArray, i: int) -> tuple[FloatArray, slice]:
+        """The unknowns of a segment, and where those among them that are free are in x."""
+        n, m, at = self._n, self.segments[i].m, self._offsets[i]
+        first, last = i == 0, i == len(self.segments) - 1
+        motion = self._start_motions[i]
+        head = [motion.start.velocities, motion.start.accelerations] if first else []
+        tail = [motion.goal.velocities, motion.goal.accelerations] if last else []
+        where = slice(at - (0 if first else 2 * n), at + m + 1 + (0 if last else 2 * n))
+        return np.concatenate([*head, x[where], *tail]), where
+
+    def motions(self, x: FloatArray) -> tuple[Motion, ...]:
+        """The segments that unknowns stand for."""
+        n, motions = self._n, []
+        durations = self._exact_durations(x)
+        names = self._start_motions[0].start.joint_names
+        before = self._start_motions[0].start
+        for i, (segment, old) in enumerate(zip(self.segments, self._start_motions, strict=True)):
+            u, _ = self._local(x, i)
+            m = segment.m
+            tail = u[2 * n + m + 1 :]
+            goal = JointState(names, old.goal.positions, tail[:n], tail[n:])
+            motions.append(
+                replace(
+                    old,
+                    start=before,
+                    goal=goal,
+                    duration=durations[i],
+                    weights=u[2 * n : 2 * n + m] * old.basis.scales,
+                )
+            )
+            before = goal
+        return tuple(motions)
+
+    def _exact_durations(self, x: FloatArray) -> list[float]:
+        """Durations, their sums over groups to the last bits."""
+        durations = [float(np.exp(x[self._offsets[i] + s.m])) for i, s in enumerate(self.segments)]
+        for group in self._groups:
+            factor = sum(self._durations[i] for i in group) / sum(durations[i] for i in group)
+            for i in group:
+                durations[i] *= factor
+        return durations
+
+    def _assemble(
+        self, x: FloatArray, penalty: float, margin: float
+    ) -> tuple[float, FloatArray, FloatArray]:
+        """Cost, gradient and Gauss–Newton Hessian (lower band) by scaled unknowns."""
+        n, cost = self._n, 0.0
+        gradient = np.zeros(self.size)
+        band = np.zeros((self._band + 1, self.size))
+        for i, segment in enumerate(self.segments):
+            u, where = self._local(x, i)
+            residual, jacobian = segment.linearise(u, penalty * self._reference, margin)
+            first = 2 * n if i == 0 else 0
+            free = slice(first, first + where.stop - where.start)
+            jacobian = jacobian[:, free]
+            hessian = jacobian.T @ jacobian
+            slope = jacobian.T @ residual
+            precision, centre = self._priors[i]
+            own = slice(2 * n - first, 2 * n - first + segment.m + 1)
+            deviation = u[2 * n : 2 * n + segment.m + 1] - centre
+            pull = precision @ deviation
+            hessian[own, own] += precision
+            slope[own] += pull
+            cost += 0.5 * float(residual @ residual + deviation @ pull)
+            gradient[where] += slope
+            size = len(slope)
+            for d in range(size):
+                band[d, where.start : where.stop - d] += np.diagonal(hessian, -d)
+        scaled = band.copy()
+        for d in range(self._band + 1):
+            stop = self.size - d
+            scaled[d, :stop] *= self._scales[:stop] * self._scales[d:]
+        return cost, gradient * self._scales, scaled
+
+    def minimise(self, x: FloatArray, penalty: float, margin: float) -> tuple[FloatArray, int]:
+        """Levenberg–Marquardt steps downhill from x, within fixed sums of durations."""
+        cost, gradient, band = self._assemble(x, penalty, margin)
+        damping, passes = 1e-3 * float(np.mean(band[0])), 1
+        while passes < _MOST_ITERATIONS:
+            step = self._step(x, gradient, band, damping)
+            if step is None:
+                damping *= 10.0
+                continue
+            predicted = -float(gradient @ step) - 0.5 * _quadratic(band, step)
+            new = self._shifted(x, step)
+            new_cost, new_gradient, new_band = self._assemble(new, penalty, margin)
+            passes += 1
+            decrease = cost - new_cost
+            if decrease > 0.0:
+                x, cost, gradient, band = new, new_cost, new_gradient, new_band
+                gain = decrease / max(predicted, 1e-300)
+                damping *= 0.3 if gain > 0.5 else 1.5
+                if decrease <= _TOLERANCE * cost:
+                    break
+            else:
+                damping *= 5.0
+                if predicted <= 1e-2 * _TOLERANCE * cost or not np.isfinite(damping):
+                    break
+        return x, passes
+
+    def _shifted(self, x: FloatArray, step: FloatArray) -> FloatArray:
+        """Take a step, with the sums of durations restored."""
+        new = np.asarray(x + self._scales * step)
+        for i, duration in enumerate(self._exact_durations(new)):
+            new[self._offsets[i] + self.segments[i].m] = np.log(duration)
+        return new
+
+    def _step(
+        self, x: FloatArray, gradient: FloatArray, band: FloatArray, damping: float
+    ) -> FloatArray | None:
+        """The damped Newton step that keeps, to first order, the sums of durations."""
+        damped = band.copy()
+        damped[0] += damping
+        try:
+            factor = cholesky_banded(damped, lower=True, check_finite=False)
+        except LinAlgError:
+            return None
+        rows = np.zeros((self.size, len(self._groups)))
+        for column, group in enumerate(self._groups):
+            for i in group:
+                place = self._offsets[i] + self.segments[i].m
+                rows[place, column] = np.exp(x[place])
+        solved = cho_solve_banded((factor, True), np.column_stack([gradient, rows]))
+        free, across = solved[:, 0], solved[:, 1:]
+        multipliers = np.linalg.solve(rows.T @ across, rows.T @ free)
+        return np.asarray(across @ multipliers - free)
+
+
+def _quadratic(band: FloatArray, x: FloatArray) -> float:
+    """The form xᵀHx of a symmetric H given by its lower band."""
+    total = float(band[0] @ x**2)
+    for d in range(1, len(band)):
+        total += 2.0 * float(band[d, : len(x) - d] @ (x[d:] * x[: len(x) - d]))
+    return total

@@ -1,0 +1,488 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Structured quasi-Newton method for nonlinear programs, by sequential quadratic programming.
+
+The program tells the part of its Hessian that is known, as RᵀR of a sum of squares. Gravity
+keeps the residual of efforts large at the optimum, which makes plain Gauss–Newton slow; the
+rest S of the Lagrangian's Hessian is estimated from the steps taken by the update of Dennis,
+Gay and Welsch ("An adaptive nonlinear least-squares algorithm", ACM TOMS 7(3), 1981), inside
+a trust region (Moré and Sorensen, SIAM J. Sci. Stat. Comput. 4(3), 1983). Equalities are met
+by a step normal to them, the rest moves in their null space (Byrd and Omojokun; Nocedal and
+Wright, "Numerical Optimization", 2006, section 18.5). Inequalities make each step a quadratic
+program of the few that it would break otherwise; an exact penalty judges the steps.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import lapack
+
+from ..arrays import FloatArray
+from .program import Point, Program
+from .quadratic import solve_quadratic
+
+# The unknowns are scaled to about 1, so a radius of 4 trusts the first model about as far as
+# demonstrations spread.
+_FIRST_RADIUS = 4.0
+_SMALLEST_RADIUS = 1e-9
+_TINY = float(np.finfo(float).tiny)
+# Sum of what is out of bounds, as shares of the limits, and of the equalities that is rounding.
+_FEASIBLE = 1e-7
+# By how much an inequality must be broken to be added to a quadratic program.
+_ROUNDING = 1e-9
+# Rounds of adding constraints to a quadratic program.
+_MOST_ROUNDS = 20
+# Times that a step which is too long is damped.
+_MOST_DAMPINGS = 8
+# Share of the trust region that a step towards the equalities may take.
+_NORMAL_SHARE = 0.8
+# Singular values of equalities, relative to the largest, that are taken for 0.
+_DEPENDENT = 1e-9
+
+
+@dataclass(frozen=True)
+class SolverOptions:
+    """When to stop.
+
+    Attributes
+    ----------
+    tolerance : float
+        Stop when a step is predicted to lower the objective by less than this share of it.
+    max_iterations : int
+        Most evaluations of the program.
+    max_time : float
+        Longest time [s].
+    """
+
+    tolerance: float = 1e-5
+    max_iterations: int = 60
+    max_time: float = float("inf")
+
+
+@dataclass(frozen=True, eq=False)
+class SolverMemory:
+    """What a solver has learned of a program, to go on where it stopped.
+
+    Attributes
+    ----------
+    curvature : array, shape (n, n)
+        Estimate S of the unknown part of the Lagrangian's Hessian.
+    radius : float
+        Radius of the trust region.
+    """
+
+    curvature: FloatArray
+    radius: float
+
+    @classmethod
+    def blank(cls, n: int) -> SolverMemory:
+        """Of a program of n unknowns that is new."""
+        return cls(np.zeros((n, n)), _FIRST_RADIUS)
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """Where the solver stopped.
+
+    Attributes
+    ----------
+    unknowns : array, shape (n,)
+        The best x found.
+    cost : float
+        The objective there.
+    infeasibility : float
+        Sum of what is out of bounds and of the equalities' magnitudes.
+    converged : bool
+        Whether the tolerance was reached within the constraints; otherwise iterations or time
+        ran out, or the constraints can't be met.
+    iterations : int
+        Evaluations of the program.
+    kkt_residual : float
+        Norm of the Lagrangian's gradient, as a share of the objective.
+    start_cost : float
+        Objective at the start.
+    memory : SolverMemory
+        To go on from here after the program has changed a little.
+    """
+
+    unknowns: FloatArray
+    cost: float
+    infeasibility: float
+    converged: bool
+    iterations: int
+    kkt_residual: float
+    start_cost: float
+    memory: SolverMemory
+
+
+def solve(
+    program: Program,
+    start: FloatArray,
+    options: SolverOptions = SolverOptions(),
+    memory: SolverMemory | None = None,
+) -> Solution:
+    """Find a local minimum within the constraints, downhill from a start.
+
+    Parameters
+    ----------
+    program : Program
+        What to minimise.
+    start : array, shape (n,)
+        Unknowns to start from; they may break constraints.
+    options : SolverOptions
+        When to stop.
+    memory : SolverMemory, optional
+        Of an earlier solution of nearly the same program.
+
+    Returns
+    -------
+    solution : Solution
+        Without constraints never worse than the start.
+    """
+    deadline = time.perf_counter() + options.max_time
+    memory = memory or SolverMemory.blank(start.size)
+    curvature, radius, weight = memory.curvature, memory.radius, 0.0
+    x, here = start, program.evaluate(start)
+    broken = _infeasibility(program, here)
+    start_cost, pull = here.cost, here.gradient
+    iterations, converged = 1, start.size == 0
+    while not converged and iterations < options.max_iterations:
+        subproblem = _Subproblem(program, here, here.hessian + curvature, radius)
+        step = subproblem.solve()
+        pull = step.lagrangian_gradient(here)
+        # An exact penalty needs a weight above every multiplier.
+        weight = max(weight, 2.0 * step.largest_multiplier)
+        predicted = step.decrease + weight * (broken - step.infeasibility)
+        negligible = predicted <= options.tolerance * here.cost
+        converged = negligible and broken <= _FEASIBLE
+        mends = broken - step.infeasibility > _FEASIBLE
+        stuck = (negligible and not mends) or radius < _SMALLEST_RADIUS
+        if converged or stuck or time.perf_counter() > deadline:
+            break
+        there = program.evaluate(x + step.change)
+        iterations += 1
+        broken_there = _infeasibility(program, there)
+        decrease = here.cost - there.cost + weight * (broken - broken_there)
+        if not decrease >= 0.25 * predicted and here.equalities.size:
+            # A step along curved equalities leaves them: back to them, before it is given up.
+            step = replace(step, change=step.change + subproblem.way_back(there))
+            there = program.evaluate(x + step.change)
+            iterations += 1
+            broken_there = _infeasibility(program, there)
+            decrease = here.cost - there.cost + weight * (broken - broken_there)
+        turned = step.lagrangian_gradient(there) - pull
+        curvature = _updated(curvature, step.change, turned, here.hessian + there.hessian)
+        length = float(np.linalg.norm(step.change))
+        if not decrease >= 0.25 * predicted:  # a NaN must shrink it too
+            radius = 0.25 * length
+        elif decrease > 0.75 * predicted and length > 0.8 * radius:
+            radius = 2.0 * length
+        if decrease > 0.0:
+            x, here, broken = x + step.change, there, broken_there
+    return Solution(
+        unknowns=x,
+        cost=here.cost,
+        infeasibility=broken,
+        converged=converged,
+        iterations=iterations,
+        kkt_residual=float(np.linalg.norm(pull)) / max(here.cost, _TINY),
+        start_cost=start_cost,
+        memory=SolverMemory(curvature, radius),
+    )
+
+
+def _infeasibility(program: Program, at: Point) -> float:
+    outside = _excess(program, at.inequalities)
+    return float(outside.sum() + np.abs(at.equalities).sum())
+
+
+def _excess(program: Program, values: FloatArray) -> FloatArray:
+    """By how much inequalities are out of bounds, 0 where they are not."""
+    outside: FloatArray = np.maximum(values - program.upper, program.lower - values)
+    return np.maximum(outside, 0.0)
+
+
+def _worst(program: Program, values: FloatArray) -> NDArray[np.intp]:
+    """Sides of inequalities that are broken, of each group that is most so.
+
+    The side 2i is the lower one of inequality i, 2i + 1 the upper one.
+    """
+    outside = _excess(program, values)
+    broken = np.flatnonzero(outside > _ROUNDING)
+    if not broken.size:
+        return broken
+    order = broken[np.argsort(-outside[broken], kind="stable")]
+    first: dict[int, int] = {}
+    for group, index in zip(program.groups[order].tolist(), order.tolist(), strict=True):
+        first.setdefault(group, index)
+    worst = np.array(list(first.values()), dtype=np.intp)
+    return np.asarray(2 * worst + (values[worst] > program.upper[worst]))
+
+
+class _Tangent(NamedTuple):
+    """Steps that meet linearised equalities: normal + directions · y for any y."""
+
+    normal: FloatArray
+    directions: FloatArray
+    # E⁺ of the equalities' rows E, shape (n, n_equalities).
+    pseudo_inverse: FloatArray
+
+    @classmethod
+    def at(cls, here: Point, radius: float) -> _Tangent:
+        left, singular, right = np.linalg.svd(here.equality_rows)
+        rank = int(np.count_nonzero(singular > _DEPENDENT * singular[0]))
+        inverse = right[:rank].T @ (left[:, :rank] / singular[:rank]).T
+        normal = -inverse @ here.equalities
+        # Far from the equalities only as much of the way as the trust region allows.
+        length = float(np.linalg.norm(normal))
+        normal *= min(1.0, _NORMAL_SHARE * radius / max(length, _TINY))
+        return cls(normal, right[rank:].T, inverse)
+
+
+@dataclass(frozen=True, eq=False)
+class _Step:
+    """A step, what the model predicts of it, and the multipliers that hold it."""
+
+    change: FloatArray
+    decrease: float
+    infeasibility: float
+    sides: NDArray[np.intp]
+    multipliers: FloatArray
+    equality_multipliers: FloatArray
+
+    @property
+    def largest_multiplier(self) -> float:
+        both = np.concatenate([self.multipliers, np.abs(self.equality_multipliers)])
+        return float(both.max(initial=0.0))
+
+    def lagrangian_gradient(self, at: Point) -> FloatArray:
+        """∇f + Σ multiplier · ∇constraint at a point."""
+        gradient = at.gradient
+        if self.sides.size:
+            gradient = gradient + self.multipliers @ _rows_of_sides(at, self.sides)
+        if self.equality_multipliers.size:
+            gradient = gradient + self.equality_multipliers @ at.equality_rows
+        return gradient
+
+
+class _Subproblem:
+    """The quadratic model of a program at a point, in the trust region.
+
+    Its unknowns are y with the step `normal + directions · y`, or the step itself where there
+    are no equalities.
+    """
+
+    def __init__(self, program: Program, here: Point, hessian: FloatArray, radius: float) -> None:
+        self._program, self._here, self._whole = program, here, hessian
+        self._tangent = _Tangent.at(here, radius) if here.equalities.size else None
+        self._hessian, self._gradient, self._radius = hessian, here.gradient, radius
+        if self._tangent is not None:
+            normal, directions, _ = self._tangent
+            self._hessian = directions.T @ hessian @ directions
+            self._gradient = directions.T @ (here.gradient + hessian @ normal)
+            self._radius = math.sqrt(max(radius**2 - float(normal @ normal), 0.0))
+
+    def solve(self) -> _Step:
+        """The step within the linearised constraints.
+
+        Only the sides of inequalities that the step would break, and those found so before,
+        go into the quadratic program: of the thousands there are, few matter.
+        """
+        here, program = self._here, self._program
+        free = trust_region_step(self._hessian, self._gradient, self._radius)
+        change, multipliers = self._lifted(free.step), np.zeros(0)
+        sides = np.zeros(0, dtype=np.intp)
+        rows, bounds = np.zeros((0, change.size)), np.zeros(0)
+        after = here.inequalities_after(change)
+        convex = self._hessian if free.lowest_shift == 0.0 else _convexified(self._hessian)
+        feasible = bool(free.step.size)
+        for _ in range(_MOST_ROUNDS):
+            worst = _worst(program, after)
+            added = worst[[side not in sides for side in worst]] if sides.size else worst
+            if not (added.size and feasible):
+                break
+            sides = np.concatenate([sides, added])
+            rows = np.concatenate([rows, _rows_of_sides(here, added)])
+            bounds = np.concatenate([bounds, _room_at_sides(program, here, added)])
+            y, multipliers, feasible = self._held(convex, free.shift, *self._reduced(rows, bounds))
+            change = self._lifted(y)
+            after = here.inequalities_after(change)
+        slope = here.gradient + self._whole @ change
+        equality_multipliers, missed = np.zeros(0), 0.0
+        if self._tangent is not None:
+            pull = slope + multipliers @ rows
+            equality_multipliers = -self._tangent.pseudo_inverse.T @ pull
+            missed = float(np.abs(here.equalities + here.equality_rows @ change).sum())
+        holding = multipliers > 0.0
+        return _Step(
+            change=change,
+            decrease=-0.5 * float((here.gradient + slope) @ change),
+            infeasibility=float(_excess(program, after).sum()) + missed,
+            sides=sides[holding],
+            multipliers=multipliers[holding],
+            equality_multipliers=equality_multipliers,
+        )
+
+    def way_back(self, there: Point) -> FloatArray:
+        """The shortest step that mends the equalities at a point near by, to first order."""
+        assert self._tangent is not None
+        return np.asarray(-self._tangent.pseudo_inverse @ there.equalities)
+
+    def _lifted(self, y: FloatArray) -> FloatArray:
+        if self._tangent is None:
+            return y
+        return np.asarray(self._tangent.normal + self._tangent.directions @ y)
+
+    def _reduced(self, rows: FloatArray, bounds: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Inequalities on the step as such on y."""
+        if self._tangent is None:
+            return rows, bounds
+        return rows @ self._tangent.directions, bounds - rows @ self._tangent.normal
+
+    def _held(
+        self, hessian: FloatArray, free_shift: float, rows: FloatArray, bounds: FloatArray
+    ) -> tuple[FloatArray, FloatArray, bool]:
+        """The y within rows · y ≤ bounds, its multipliers, and whether there is any."""
+        identity = np.eye(len(hessian))
+        least = max(0.03 * free_shift, 1e-4 * float(np.trace(hessian)) / len(hessian))
+        must_mend = float(bounds.min()) < -_FEASIBLE
+        # The constraints themselves keep most steps short: as little damping as possible.
+        shift = 0.0
+        for _ in range(_MOST_DAMPINGS):
+            regular = hessian + shift * identity
+            found = solve_quadratic(regular, self._gradient, rows, bounds)
+            if found is None:
+                return *_nearest(regular, self._gradient, rows, bounds), False
+            step, multipliers = found.step, found.multipliers
+            if must_mend or step @ step <= (1.5 * self._radius) ** 2:
+                break
+            shift = max(4.0 * shift, least)
+        return step, multipliers, True
+
+
+def _convexified(hessian: FloatArray) -> FloatArray:
+    """The same curvature, but upwards, where it is downwards."""
+    eigenvalues, vectors = np.linalg.eigh(hessian)
+    sizes = np.abs(eigenvalues)
+    return np.asarray((vectors * np.maximum(sizes, 1e-10 * sizes.max())) @ vectors.T)
+
+
+def _rows_of_sides(at: Point, sides: NDArray[np.intp]) -> FloatArray:
+    """Derivatives of sides of inequalities, all turned so that they are bounded above."""
+    signs = np.where(sides % 2, 1.0, -1.0)
+    return np.asarray(signs[:, None] * at.inequality_rows(sides // 2))
+
+
+def _room_at_sides(program: Program, at: Point, sides: NDArray[np.intp]) -> FloatArray:
+    """How far sides of inequalities are from their bounds, negative beyond."""
+    index = sides // 2
+    values = at.inequalities[index]
+    return np.where(sides % 2, program.upper[index] - values, values - program.lower[index])
+
+
+def _nearest(
+    hessian: FloatArray, gradient: FloatArray, rows: FloatArray, bounds: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """A step that breaks contradicting constraints as little as it can, and their penalties."""
+    broken = bounds < 0.0
+    matrix = rows[broken]
+    penalty = 1e3 * float(np.trace(hessian)) / max(float(np.sum(matrix**2)), _TINY)
+    regular = hessian + penalty * matrix.T @ matrix
+    step = np.asarray(np.linalg.solve(regular, penalty * matrix.T @ bounds[broken] - gradient))
+    return step, np.where(broken, penalty * np.maximum(rows @ step - bounds, 0.0), 0.0)
+
+
+def _updated(
+    curvature: FloatArray, change: FloatArray, gradient_change: FloatArray, hessians: FloatArray
+) -> FloatArray:
+    """Dennis–Gay–Welsch update of S along a step, with the sum of known Hessians at its ends."""
+    # S must map the step to that change of the gradient that the known part leaves open.
+    wanted = gradient_change - 0.5 * (hessians @ change)
+    curved = curvature @ change
+    size = abs(float(change @ curved))
+    if size > 0.0:
+        # Sizing: S estimated far away, where residuals were larger, is too large here.
+        factor = min(1.0, abs(float(change @ wanted)) / size)
+        curvature, curved = curvature * factor, curved * factor
+    along = float(change @ gradient_change)
+    lengths = float(change @ change) * float(gradient_change @ gradient_change)
+    if not (along > 0.0 and along**2 > 1e-24 * lengths):
+        return curvature
+    error = (wanted - curved) / along
+    # E gᵀ + g Eᵀ − (E·step/along) g gᵀ, with the last term shared out to the two others.
+    half = error - (0.5 * float(error @ change) / along) * gradient_change
+    cross = half[:, None] * gradient_change
+    return np.asarray(curvature + cross + cross.T)
+
+
+class TrustRegionStep(NamedTuple):
+    """Minimiser of a quadratic model in a ball.
+
+    Attributes
+    ----------
+    step : array, shape (n,)
+        The minimiser p (the radius is met to a few percent).
+    predicted : float
+        By how much it lowers the model.
+    shift : float
+        The μ ≥ 0 with (H + μI)p = −g.
+    lowest_shift : float
+        The least μ ≥ 0 that makes H + μI positive definite.
+    """
+
+    step: FloatArray
+    predicted: float
+    shift: float
+    lowest_shift: float
+
+
+def trust_region_step(hessian: FloatArray, gradient: FloatArray, radius: float) -> TrustRegionStep:
+    """Minimise gᵀp + ½pᵀHp over ‖p‖ ≤ radius.
+
+    Parameters
+    ----------
+    hessian : array, shape (n, n)
+        Symmetric H, may be indefinite.
+    gradient : array, shape (n,)
+        g.
+    radius : float
+        Radius of the trust region.
+    """
+    if not gradient.size:
+        return TrustRegionStep(gradient, 0.0, 0.0, 0.0)
+    _, newton, failed = lapack.dposv(hessian, gradient)
+    if not failed and newton @ newton <= radius**2:
+        return TrustRegionStep(-newton, 0.5 * float(newton @ gradient), 0.0, 0.0)
+    eigenvalues, vectors = np.linalg.eigh(hessian)
+    rotated = vectors.T @ gradient
+    lowest = _lowest_shift(eigenvalues)
+    shift = _shift(eigenvalues, rotated, radius, lowest)
+    step = -rotated / (eigenvalues + shift)
+    predicted = -float(rotated @ step + 0.5 * step @ (eigenvalues * step))
+    return TrustRegionStep(vectors @ step, predicted, shift, lowest)
+
+
+def _lowest_shift(eigenvalues: FloatArray) -> float:
+    margin = 1e-10 * max(float(np.abs(eigenvalues).max()), 1e-300)
+    return max(0.0, margin - float(eigenvalues[0]))
+
+
+def _shift(eigenvalues: FloatArray, rotated: FloatArray, radius: float, lowest: float) -> float:
+    """The μ ≥ `lowest` with ‖(H + μI)⁻¹g‖ about the radius."""
+    shift = lowest
+    for _ in range(50):
+        step = rotated / (eigenvalues + shift)
+        length = float(np.linalg.norm(step))
+        excess = length / radius - 1.0
+        if abs(excess) < 0.05 or (excess < 0.0 and shift == lowest):
+            break
+        # Newton's method on 1/‖p(μ)‖, which is nearly linear in μ.
+        slope = float(np.sum(step**2 / (eigenvalues + shift))) / length
+        shift = max(lowest, shift + excess * length / slope)
+    return shift

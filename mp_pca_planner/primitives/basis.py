@@ -1,0 +1,295 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Families of shapes μ(s) + Σ wₖ φₖ(s) that vanish, to the second derivative, at both ends.
+
+Two families with one interface: polynomials, which carry the principal components, and
+B-splines, the baseline of [P]. The motion compiler doesn't know which one it works on.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import Protocol
+
+import numpy as np
+from numpy.polynomial import legendre
+from scipy.interpolate import BSpline
+from scipy.special import eval_jacobi
+
+from ..arrays import FloatArray
+
+# A polynomial that vanishes with two derivatives at both ends has the factor s³(1−s)³.
+N_END_CONDITIONS = 6
+
+
+class Basis(Protocol):
+    """A mean shape and weighted functions of phase."""
+
+    @property
+    def n_joints(self) -> int:
+        """Number of joints."""
+
+    @property
+    def n_weights(self) -> int:
+        """Number of functions."""
+
+    @property
+    def breakpoints(self) -> FloatArray:
+        """Phases, from 0 to 1, between which every function is smooth."""
+
+    @property
+    def scales(self) -> FloatArray:
+        """Usual magnitude of each weight, shape (n_weights,)."""
+
+    def functions(self, phases: FloatArray, derivative: int = 0) -> FloatArray:
+        """Values of φₖ or a derivative by phase, shape (n_steps, n_joints, n_weights)."""
+
+    def shape(self, weights: FloatArray, phases: FloatArray, derivative: int = 0) -> FloatArray:
+        """Values of μ + Σ wₖ φₖ or a derivative by phase, shape (n_steps, n_joints)."""
+
+    def shapes(self, weights: FloatArray, phases: FloatArray, highest: int) -> FloatArray:
+        """Shape and derivatives up to the highest one, shape (highest + 1, n_steps, n_joints)."""
+
+    def tables(self, phases: FloatArray, highest: int) -> FloatArray:
+        """Values of μ, then the φₖ, and their derivatives up to the highest one, all at once.
+
+        The shape is (highest + 1, n_steps, n_joints, 1 + n_weights).
+        """
+
+
+class PolynomialBasis:
+    """Mean and components as Legendre series in x = 2s − 1.
+
+    Parameters
+    ----------
+    mean : array, shape (n_joints, degree + 1)
+        Coefficients of μ.
+    components : array, shape (n_weights, n_joints, degree + 1)
+        Coefficients of the φₖ.
+    scales : array, shape (n_weights,)
+        Standard deviations of the weights.
+    """
+
+    def __init__(self, mean: FloatArray, components: FloatArray, scales: FloatArray) -> None:
+        self.mean_coefficients = mean
+        self.component_coefficients = components
+        self.scales = scales
+        self.breakpoints = np.array([0.0, 1.0])
+
+    @property
+    def n_joints(self) -> int:
+        """Number of joints."""
+        return int(self.mean_coefficients.shape[0])
+
+    @property
+    def n_weights(self) -> int:
+        """Number of components."""
+        return int(self.component_coefficients.shape[0])
+
+    def functions(self, phases: FloatArray, derivative: int = 0) -> FloatArray:
+        """Values of the components, shape (n_steps, n_joints, n_weights)."""
+        values = legendre_values(self.component_coefficients, phases, derivative)
+        return np.ascontiguousarray(values.transpose(0, 2, 1))
+
+    def shape(self, weights: FloatArray, phases: FloatArray, derivative: int = 0) -> FloatArray:
+        """Values of the mean and the weighted components, shape (n_steps, n_joints)."""
+        return legendre_values(self._coefficients(weights), phases, derivative)
+
+    def shapes(self, weights: FloatArray, phases: FloatArray, highest: int) -> FloatArray:
+        """Shape and derivatives up to the highest one, shape (highest + 1, n_steps, n_joints)."""
+        return legendre_derivatives(self._coefficients(weights), phases, highest)
+
+    def _coefficients(self, weights: FloatArray) -> FloatArray:
+        weighted = np.tensordot(weights, self.component_coefficients, axes=1)
+        return np.asarray(self.mean_coefficients + weighted)
+
+    def tables(self, phases: FloatArray, highest: int) -> FloatArray:
+        """All values and derivatives, shape (highest + 1, n_steps, n_joints, 1 + n_weights)."""
+        both = np.concatenate([self.mean_coefficients[None], self.component_coefficients])
+        return legendre_derivatives(both.transpose(1, 0, 2), phases, highest)
+
+
+class BSplineBasis:
+    """Clamped B-splines, the same for every joint: the baseline of [P], Section 4.
+
+    The three first and three last functions of a clamped spline are fixed by the ends (the
+    boundary part takes their place); the `n_control_points` between them are free.
+
+    Parameters
+    ----------
+    n_joints : int
+        Number of joints.
+    n_control_points : int
+        Free control points per joint.
+    degree : int
+        Degree of the splines, at least 3 (continuous accelerations).
+    """
+
+    def __init__(self, n_joints: int, n_control_points: int = 6, degree: int = 5) -> None:
+        self.n_joints = n_joints
+        n_functions = n_control_points + N_END_CONDITIONS
+        self.breakpoints = np.linspace(0.0, 1.0, n_functions - degree + 1)
+        knots = np.concatenate([np.zeros(degree), self.breakpoints, np.ones(degree)])
+        self._splines = BSpline(knots, np.eye(n_functions)[:, 3:-3], degree)
+        self.n_weights = n_joints * n_control_points
+        self.scales = np.ones(self.n_weights)
+
+    def functions(self, phases: FloatArray, derivative: int = 0) -> FloatArray:
+        """Values of the splines, shape (n_steps, n_joints, n_weights), joint by joint."""
+        values = self._splines(phases, derivative)
+        return np.asarray(np.kron(np.eye(self.n_joints), values[:, None, :]))
+
+    def shape(self, weights: FloatArray, phases: FloatArray, derivative: int = 0) -> FloatArray:
+        """Values of the weighted splines, shape (n_steps, n_joints)."""
+        values = self._splines(phases, derivative)
+        return np.asarray(values @ np.reshape(weights, (self.n_joints, -1)).T)
+
+    def shapes(self, weights: FloatArray, phases: FloatArray, highest: int) -> FloatArray:
+        """Shape and derivatives up to the highest one, shape (highest + 1, n_steps, n_joints)."""
+        return np.array([self.shape(weights, phases, d) for d in range(highest + 1)])
+
+    def tables(self, phases: FloatArray, highest: int) -> FloatArray:
+        """All values and derivatives, shape (highest + 1, n_steps, n_joints, 1 + n_weights)."""
+        values = np.array([self.functions(phases, d) for d in range(highest + 1)])
+        return np.concatenate([np.zeros((*values.shape[:3], 1)), values], axis=3)
+
+
+class SumBasis:
+    """The functions of two bases together, the second to correct what the first can't do.
+
+    Parameters
+    ----------
+    first, second : Basis
+        Of the same joints; the mean shape is the sum of theirs.
+    usual_correction : float
+        Usual magnitude of the weights of the second [rad or m].
+    """
+
+    def __init__(self, first: Basis, second: Basis, usual_correction: float) -> None:
+        self._first, self._second = first, second
+        self.n_joints = first.n_joints
+        self.n_weights = first.n_weights + second.n_weights
+        self.breakpoints = np.union1d(first.breakpoints, second.breakpoints)
+        correction = np.full(second.n_weights, usual_correction)
+        self.scales = np.concatenate([first.scales, correction])
+
+    def functions(self, phases: FloatArray, derivative: int = 0) -> FloatArray:
+        """Values of all functions, shape (n_steps, n_joints, n_weights)."""
+        both = [basis.functions(phases, derivative) for basis in (self._first, self._second)]
+        return np.concatenate(both, axis=2)
+
+    def shape(self, weights: FloatArray, phases: FloatArray, derivative: int = 0) -> FloatArray:
+        """Values of the mean and the weighted functions, shape (n_steps, n_joints)."""
+        n = self._first.n_weights
+        first = self._first.shape(weights[:n], phases, derivative)
+        return np.asarray(first + self._second.shape(weights[n:], phases, derivative))
+
+    def shapes(self, weights: FloatArray, phases: FloatArray, highest: int) -> FloatArray:
+        """Shape and derivatives up to the highest one, shape (highest + 1, n_steps, n_joints)."""
+        n = self._first.n_weights
+        first = self._first.shapes(weights[:n], phases, highest)
+        return np.asarray(first + self._second.shapes(weights[n:], phases, highest))
+
+    def tables(self, phases: FloatArray, highest: int) -> FloatArray:
+        """All values and derivatives, shape (highest + 1, n_steps, n_joints, 1 + n_weights)."""
+        first, second = (b.tables(phases, highest) for b in (self._first, self._second))
+        mean = first[..., :1] + second[..., :1]
+        return np.concatenate([mean, first[..., 1:], second[..., 1:]], axis=3)
+
+
+def legendre_values(
+    coefficients: FloatArray, phases: FloatArray, derivative: int = 0
+) -> FloatArray:
+    """Evaluate Legendre series in x = 2s − 1.
+
+    Parameters
+    ----------
+    coefficients : array, shape (..., degree + 1)
+        Coefficients, lowest degree first.
+    phases : array, shape (n_steps,)
+        Phases s.
+    derivative : int
+        Which derivative with respect to phase.
+
+    Returns
+    -------
+    values : array, shape (n_steps, ...)
+        The series, or their derivatives, at the phases.
+    """
+    degree = coefficients.shape[-1] - 1
+    table = _table(np.asarray(phases, dtype=np.float64).tobytes(), degree)
+    series = coefficients @ _differentiation(degree, derivative)
+    return np.asarray(np.tensordot(table, series, axes=(1, -1)))
+
+
+def legendre_derivatives(coefficients: FloatArray, phases: FloatArray, highest: int) -> FloatArray:
+    """Evaluate Legendre series in x = 2s − 1 with their derivatives, all at once.
+
+    Parameters
+    ----------
+    coefficients : array, shape (..., degree + 1)
+        Coefficients, lowest degree first.
+    phases : array, shape (n_steps,)
+        Phases s.
+    highest : int
+        The highest derivative with respect to phase.
+
+    Returns
+    -------
+    values : array, shape (highest + 1, n_steps, ...)
+        What :func:`legendre_values` gives for each derivative.
+    """
+    degree = coefficients.shape[-1] - 1
+    table = _table(np.asarray(phases, dtype=np.float64).tobytes(), degree)
+    series = coefficients.reshape(-1, degree + 1) @ _differentiations(degree, highest)
+    values = table @ series.transpose(0, 2, 1)
+    return np.asarray(values.reshape(highest + 1, len(table), *coefficients.shape[:-1]))
+
+
+@lru_cache(maxsize=16)
+def _differentiations(degree: int, highest: int) -> FloatArray:
+    """The matrices of :func:`_differentiation`, stacked."""
+    return np.stack([_differentiation(degree, d) for d in range(highest + 1)])
+
+
+@lru_cache(maxsize=16)
+def _table(phases: bytes, degree: int) -> FloatArray:
+    """Legendre polynomials at phases, which are mostly asked for several times in a row."""
+    return np.asarray(legendre.legvander(2.0 * np.frombuffer(phases) - 1.0, degree))
+
+
+@lru_cache(maxsize=64)
+def _differentiation(degree: int, derivative: int) -> FloatArray:
+    """Matrix that takes rows of coefficients to those of the derivative by phase."""
+    matrix = np.zeros((degree + 1, degree + 1))
+    # dx/ds = 2
+    derived = legendre.legder(np.eye(degree + 1), derivative, scl=2.0, axis=1)
+    matrix[:, : derived.shape[1]] = derived
+    return matrix
+
+
+@lru_cache(maxsize=16)
+def end_vanishing_coefficients(degree: int) -> FloatArray:
+    """Legendre coefficients of an orthonormal basis of the admissible polynomials.
+
+    The functions are cⱼ s³(1−s)³ Pⱼ⁽⁶˒⁶⁾(2s−1): with the weight s⁶(1−s)⁶ that the square of
+    the common factor makes, Jacobi polynomials of parameters (6, 6) are orthogonal on [0, 1].
+
+    Parameters
+    ----------
+    degree : int
+        Highest degree, at least 6.
+
+    Returns
+    -------
+    coefficients : array, shape (degree - 5, degree + 1)
+        One function per row.
+    """
+    x, quadrature = legendre.leggauss(degree + 1)
+    s = (x + 1.0) / 2.0
+    values = np.array(
+        [(s * (1.0 - s)) ** 3 * eval_jacobi(j, 6.0, 6.0, x) for j in range(degree - 5)]
+    )
+    values /= np.sqrt(values**2 @ (quadrature / 2.0))[:, None]
+    norms = (2.0 * np.arange(degree + 1) + 1.0) / 2.0
+    return np.asarray((values * quadrature) @ legendre.legvander(x, degree) * norms)

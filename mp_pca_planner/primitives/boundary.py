@@ -1,0 +1,40 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""The boundary part h(s): the quintic, or minimum-jerk, motion between two states.
+
+Every motion is its boundary part plus a shape that vanishes at both ends together with
+its first two derivatives, so that a motion starts and ends where asked whatever its
+shape is. Minimum-jerk motion: Flash and Hogan, J. Neurosci. 5(7), 1985.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..arrays import FloatArray
+from ..interpolation import hermite_functions as hermite_functions
+
+
+def boundary_values(
+    start: tuple[FloatArray, FloatArray, FloatArray],
+    goal: tuple[FloatArray, FloatArray, FloatArray],
+    duration: float,
+) -> FloatArray:
+    """Boundary values of a motion with respect to phase.
+
+    Parameters
+    ----------
+    start, goal : three arrays of shape (n_joints,)
+        Positions [rad or m], velocities [/s] and accelerations [/s²].
+    duration : float
+        Duration of the motion [s].
+
+    Returns
+    -------
+    values : array, shape (6, n_joints)
+        q, dq/ds = T q̇ and d²q/ds² = T² q̈ at phase 0, then at phase 1.
+    """
+    scale = (1.0, duration, duration**2)
+    return np.array(
+        [factor * x for state in (start, goal) for factor, x in zip(scale, state, strict=True)]
+    )

@@ -1,0 +1,97 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""How well the end points and the duration of a motion tell its shape, by leaving each out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..arrays import FloatArray
+from ..recordings.demonstration import Demonstration
+from .boundary import hermite_functions
+from .build import build_primitive
+from .differences import FINE_PHASES, differences
+from .options import PrimitiveOptions
+from .primitive import MovementPrimitive
+
+
+@dataclass(frozen=True, eq=False)
+class HeldOutErrors:
+    """Differences between motions and what primitives of the others predict of them.
+
+    All predictions go from rest to rest, as a planner would be asked: it knows the end points
+    and the duration only.
+
+    Attributes
+    ----------
+    minimum_jerk, mean_shape, expected : array, shape (n_motions, 3)
+        :func:`.differences` of each motion from the boundary part alone, from the mean shape at
+        an even pace, and from the expected weights at the expected pace [rad or m].
+    """
+
+    minimum_jerk: FloatArray
+    mean_shape: FloatArray
+    expected: FloatArray
+
+    def rms(self) -> FloatArray:
+        """RMS over all motions by prediction and measure, shape (3, 3) [rad or m]."""
+        errors = np.array([self.minimum_jerk, self.mean_shape, self.expected])
+        return np.asarray(np.sqrt(np.mean(errors**2, axis=1)))
+
+
+def leave_one_out(
+    motions: Sequence[Demonstration],
+    options: PrimitiveOptions,
+    left_out: Sequence[int] | None = None,
+) -> HeldOutErrors:
+    """Predict each motion by a primitive that is built from the others.
+
+    Parameters
+    ----------
+    motions :
+        Motions of the same joints, at least two.
+    options :
+        How to build the primitives.
+    left_out :
+        Which of the motions to leave out and predict; by default each in turn.
+
+    Raises
+    ------
+    PrimitiveError
+        If fewer than two are given, or no primitive can be built from those that are left.
+    """
+    rows = np.array(
+        [
+            _errors(motions[i], [*motions[:i], *motions[i + 1 :]], options)
+            for i in (range(len(motions)) if left_out is None else left_out)
+        ]
+    )
+    return HeldOutErrors(*rows.transpose(1, 0, 2))
+
+
+def _errors(
+    motion: Demonstration, others: Sequence[Demonstration], options: PrimitiveOptions
+) -> FloatArray:
+    primitive = build_primitive(others, "others", options)
+    straight = minimum_jerk_motion(motion)
+    mean = primitive.basis.shape(np.zeros(primitive.n_components), FINE_PHASES)
+    truth = motion.time_normalised(FINE_PHASES.size)
+    predictions = (straight, straight + mean, expected_motion(primitive, motion))
+    return np.array([differences(x, truth) for x in predictions])
+
+
+def minimum_jerk_motion(motion: Demonstration) -> FloatArray:
+    """The minimum-jerk motion between the ends of a motion, at the fine phases."""
+    start, goal = motion.positions[[0, -1]]
+    return np.asarray(start + hermite_functions(FINE_PHASES)[:, 3:4] * (goal - start))
+
+
+def expected_motion(primitive: MovementPrimitive, motion: Demonstration) -> FloatArray:
+    """What a primitive expects between the ends of a motion, at the fine phases."""
+    start, goal = motion.positions[[0, -1]]
+    expected = primitive.statistics.condition(start, goal, motion.duration)
+    basis = primitive.paced_basis(start, goal, expected.pace)
+    return minimum_jerk_motion(motion) + basis.shape(expected.weights, FINE_PHASES)

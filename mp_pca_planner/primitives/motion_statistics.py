@@ -1,0 +1,267 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""What a primitive needs to know of its demonstrations, in a few hundred numbers for each.
+
+A recording is mapped to the :class:`MotionStatistics` of its demonstrations, and those of all
+recordings are merged. No samples are kept: a shape becomes its coefficients in the polynomials that
+carry the primitive.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.polynomial import legendre
+
+from ..arrays import FloatArray
+from ..exceptions import PrimitiveError
+from ..recordings.demonstration import Demonstration
+from .alignment import align, aligned_positions
+from .basis import end_vanishing_coefficients, legendre_values
+from .boundary import boundary_values, hermite_functions
+from .moments import Moments
+from .options import PrimitiveOptions
+
+# Polynomials that stand for the joint angles over time: their first components, which are all that
+# is asked for, are much smoother.
+_N_ANGLE_FUNCTIONS = 31
+
+
+@dataclass(frozen=True, eq=False)
+class MotionSummary:
+    """One demonstration, without its samples.
+
+    Attributes
+    ----------
+    recording, label, checksum : str
+        Of the demonstration.
+    start_time, end_time : float
+        When it starts and ends, in seconds after the first message of the recording.
+    duration : float
+        Its duration [s].
+    extent : float
+        Largest range of a joint [rad or m].
+    boundary_state : array, shape (6, n_joints)
+        See :func:`aligned_boundary_state`.
+    warp : array, shape (n_warp_phases,)
+        See :func:`.align`.
+    shape : array, shape (n_joints, n_functions)
+        Coefficients of what it has beyond its boundary part, see :func:`shape_functions`.
+    shape_remainder : array, shape (n_joints,)
+        Sum of squares over the phases of what the coefficients leave of the shape.
+    angle_remainder : array, shape (n_joints,)
+        The same for the joint angles over time.
+    """
+
+    recording: str
+    label: str
+    checksum: str
+    start_time: float
+    end_time: float
+    duration: float
+    extent: float
+    boundary_state: FloatArray
+    warp: FloatArray
+    shape: FloatArray
+    shape_remainder: FloatArray
+    angle_remainder: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class MotionStatistics:
+    """Demonstrations, as far as a primitive needs them.
+
+    Attributes
+    ----------
+    joint_names : tuple of str
+        Their joints.
+    motions : tuple of MotionSummary
+        What has to be known of each: weights and residuals are computed from it.
+    moments : Moments
+        Of one vector per demonstration: the coefficients of the shape and of the joint angles over
+        time, each joint by joint.
+    """
+
+    joint_names: tuple[str, ...]
+    motions: tuple[MotionSummary, ...]
+    moments: Moments
+
+    @classmethod
+    def of(
+        cls, demonstrations: Sequence[Demonstration], options: PrimitiveOptions
+    ) -> MotionStatistics:
+        """Summarise demonstrations.
+
+        Parameters
+        ----------
+        demonstrations :
+            Motions of the same joints in the same order, at least one; with the alignment 'dtw',
+            all of the primitive.
+        options :
+            How the primitive is built.
+
+        Raises
+        ------
+        PrimitiveError
+            If they have different joints.
+        """
+        for demonstration in demonstrations:
+            _check_joints(
+                demonstrations[0].joint_names,
+                demonstrations[0].recording,
+                demonstration.joint_names,
+                demonstration.recording,
+            )
+        warps = align(demonstrations, options.align)
+        summarised = [
+            _summarise(demonstration, warp, options)
+            for demonstration, warp in zip(demonstrations, warps, strict=True)
+        ]
+        return cls(
+            demonstrations[0].joint_names,
+            tuple(motion for motion, _ in summarised),
+            Moments.of(np.array([vector for _, vector in summarised])),
+        )
+
+    @classmethod
+    def merged(cls, parts: Iterable[MotionStatistics]) -> MotionStatistics:
+        """Merge the statistics of parts of the demonstrations, at least one part.
+
+        The order of the parts is that of the motions, and of the rounding errors.
+
+        Raises
+        ------
+        PrimitiveError
+            If they have different joints.
+        """
+        ordered = list(parts)
+        first = ordered[0]
+        for part in ordered:
+            _check_joints(
+                first.joint_names,
+                first.motions[0].recording,
+                part.joint_names,
+                part.motions[0].recording,
+            )
+        return cls(
+            first.joint_names,
+            tuple(motion for part in ordered for motion in part.motions),
+            Moments.merged(part.moments for part in ordered),
+        )
+
+    @property
+    def shapes(self) -> slice:
+        """Where the vectors hold the coefficients of the shape."""
+        return slice(0, self.motions[0].shape.size)
+
+    def angles(self, joint: int) -> slice:
+        """Where the vectors hold the coefficients of a joint angle."""
+        size = (self.moments.mean.size - self.shapes.stop) // len(self.joint_names)
+        start = self.shapes.stop + joint * size
+        return slice(start, start + size)
+
+
+def aligned_boundary_state(demonstration: Demonstration, method: str) -> FloatArray:
+    """q, q̇, q̈ of an aligned motion at the start and at the end, shape (6, n_joints).
+
+    Parameters
+    ----------
+    demonstration :
+        The motion.
+    method : {'linear', 'arc_length', 'dtw'}
+        How it is aligned. A re-timed motion counts as one from rest to rest.
+    """
+    series = (
+        demonstration.positions,
+        demonstration.velocities,
+        demonstration.accelerations,
+    )
+    state = np.array([x[end] for end in (0, -1) for x in series])
+    if method != "linear":
+        state[[1, 2, 4, 5]] = 0.0
+    return state
+
+
+@lru_cache(maxsize=8)
+def shape_functions(degree: int, n_phases: int) -> tuple[FloatArray, FloatArray]:
+    """Polynomials that vanish with two derivatives at both ends, orthonormal on the phases.
+
+    A shape that is sampled at the phases has the coefficients of its least-squares fit as inner
+    products with them, and distances between coefficients are distances between samples.
+
+    Parameters
+    ----------
+    degree : int
+        Their highest degree.
+    n_phases : int
+        Number of phases, evenly spaced from 0 to 1.
+
+    Returns
+    -------
+    values : array, shape (n_phases, n_functions)
+        Their values.
+    legendre_coefficients : array, shape (n_functions, degree + 1)
+        The same polynomials as Legendre series.
+    """
+    admissible = end_vanishing_coefficients(degree)
+    phases = np.linspace(0.0, 1.0, n_phases)
+    values, triangle = np.linalg.qr(legendre_values(admissible, phases))
+    return values, np.linalg.solve(triangle.T, admissible)
+
+
+@lru_cache(maxsize=8)
+def _angle_functions(n_phases: int) -> FloatArray:
+    """Polynomials that are orthonormal on the phases, shape (n_phases, n_functions)."""
+    degree = min(n_phases, _N_ANGLE_FUNCTIONS) - 1
+    return np.linalg.qr(legendre.legvander(np.linspace(-1.0, 1.0, n_phases), degree))[0]
+
+
+def _summarise(
+    demonstration: Demonstration, warp: FloatArray, options: PrimitiveOptions
+) -> tuple[MotionSummary, FloatArray]:
+    """A motion and its vector."""
+    phases = np.linspace(0.0, 1.0, options.n_phases)
+    positions = aligned_positions(demonstration, warp, phases)
+    state = aligned_boundary_state(demonstration, options.align)
+    duration = demonstration.duration
+    boundary = boundary_values(tuple(state[:3]), tuple(state[3:]), duration)
+    functions, _ = shape_functions(options.degree, options.n_phases)
+    shape, remainder = _project(positions - hermite_functions(phases) @ boundary, functions)
+    angles, angle_remainder = _project(
+        demonstration.time_normalised(options.n_phases), _angle_functions(options.n_phases)
+    )
+    motion = MotionSummary(
+        recording=demonstration.recording,
+        label=demonstration.label,
+        checksum=demonstration.checksum,
+        start_time=demonstration.start_time,
+        end_time=demonstration.end_time,
+        duration=duration,
+        extent=float(np.ptp(positions, axis=0).max()),
+        boundary_state=state,
+        warp=warp,
+        shape=shape,
+        shape_remainder=remainder,
+        angle_remainder=angle_remainder,
+    )
+    return motion, np.concatenate([shape.ravel(), angles.ravel()])
+
+
+def _project(curves: FloatArray, functions: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Coefficients of curves of shape (n_phases, n_joints), and squares of what they leave."""
+    coefficients = curves.T @ functions
+    rest = curves - functions @ coefficients.T
+    return coefficients, np.asarray(np.sum(rest**2, axis=0))
+
+
+def _check_joints(
+    first: tuple[str, ...], first_recording: str, other: tuple[str, ...], other_recording: str
+) -> None:
+    if other != first:
+        raise PrimitiveError(
+            f"the joints of '{other_recording}', {other}, "
+            f"are not those of '{first_recording}', {first}"
+        )

@@ -1,0 +1,65 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""How a primitive is built."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ..exceptions import PrimitiveError
+from .alignment import ALIGNMENTS
+from .basis import N_END_CONDITIONS
+from .primitive import COUPLINGS
+
+
+@dataclass(frozen=True)
+class PrimitiveOptions:
+    """How a primitive is built.
+
+    Attributes
+    ----------
+    coupling : {'joint', 'arm'}
+        One PCA per joint, as in [P], or one of all joints stacked: far fewer weights.
+    n_components : int or None
+        Components to keep (per joint for coupling 'joint'); None: as `variance` asks.
+    variance : float
+        Share of the variance that the components kept must explain, if their number is not given.
+    n_phases : int
+        Samples of a time-normalised demonstration.
+    degree : int
+        Degree of the polynomials that carry mean and components.
+    align : {'linear', 'arc_length', 'dtw'}
+        How the demonstrations are aligned in time, see :func:`.align`.
+
+    Raises
+    ------
+    PrimitiveError
+        If an option is out of its range.
+    """
+
+    coupling: str = "arm"
+    n_components: int | None = None
+    variance: float = 0.99
+    n_phases: int = 101
+    degree: int = 15
+    align: str = "arc_length"
+
+    def __post_init__(self) -> None:
+        if self.coupling not in COUPLINGS:
+            raise PrimitiveError(f"coupling must be one of {COUPLINGS}, got {self.coupling!r}")
+        if self.n_components is not None and self.n_components < 1:
+            raise PrimitiveError(f"components must be at least 1, got {self.n_components}")
+        if not 0.0 < self.variance <= 1.0:
+            raise PrimitiveError(f"variance must be in (0, 1], got {self.variance:g}")
+        if not N_END_CONDITIONS <= self.degree <= 30:
+            raise PrimitiveError(
+                f"degree must be from {N_END_CONDITIONS} (the ends take six conditions) to 30, "
+                f"got {self.degree}"
+            )
+        if not 2 * self.degree <= self.n_phases <= 10_000:
+            raise PrimitiveError(
+                f"phases must be at least twice the degree ({2 * self.degree}) and at most 10000, "
+                f"got {self.n_phases}"
+            )
+        if self.align not in ALIGNMENTS:
+            raise PrimitiveError(f"align must be one of {ALIGNMENTS}, got {self.align!r}")

@@ -1,0 +1,180 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""The pace of a motion: at which aligned phase it is at which share of its duration.
+
+Where demonstrations are aligned, path and timing are apart: components carry the path, and a pace
+σ(p), increasing from σ(0) = 0 to σ(1) = 1, the timing. With the logarithm of its rate as a
+polynomial, log σ'(p) = g(p) + constant, every g is a pace, so that paces can be averaged and
+regressed like any other data. This is a warp of few numbers, see :mod:`.alignment`.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+from numpy.polynomial import legendre, polynomial
+
+from ..arrays import FloatArray
+from .alignment import aligned_phases
+from .basis import PolynomialBasis, legendre_derivatives, legendre_values
+
+PACE_DEGREE = 4
+"""Degree of g: beyond 3 hardly any error on motions left out moves."""
+
+# Degree of the polynomial that stands for σ, which makes its derivatives exact.
+_DEGREE = 26
+_NODES, _QUADRATURE = legendre.leggauss(_DEGREE)
+_TO_SERIES = (legendre.legvander(_NODES, _DEGREE - 1) * _QUADRATURE[:, None]).T * (
+    np.arange(_DEGREE)[:, None] + 0.5
+)
+# Most that the sum of the coefficients' magnitudes may be: rates e³ apart are no human's.
+_MOST_UNEVEN = 3.0
+
+# The fit: shares of the duration at which paces are compared, steps, and how much a coefficient
+# of 1 costs as a squared error.
+_SHARES = np.linspace(0.0, 1.0, 101)
+_N_STEPS = 12
+_PRICE = 1e-5
+_LONGEST_STEP = 1.0
+
+
+def fit_paces(warps: FloatArray) -> FloatArray:
+    """Paces nearest to warps, by Gauss–Newton steps.
+
+    Parameters
+    ----------
+    warps : array, shape (n_demonstrations, n_warp_phases)
+        See :func:`.align`.
+
+    Returns
+    -------
+    paces : array, shape (n_demonstrations, PACE_DEGREE)
+        Legendre coefficients of g, from the first degree on; all zero for an even warp.
+    """
+    is_even = np.all(warps == np.linspace(0.0, 1.0, warps.shape[1]), axis=1)
+    targets = np.array([aligned_phases(warp, _SHARES) for warp in warps])
+    functions = legendre.legvander(2.0 * _SHARES - 1.0, PACE_DEGREE)[:, 1:]
+    paces = np.zeros((len(warps), PACE_DEGREE))
+    ridge = _PRICE * len(_SHARES) * np.eye(PACE_DEGREE)
+    for _ in range(_N_STEPS):
+        rates = np.exp(paces @ functions.T)
+        way = _integral(rates[:, :, None])
+        slopes = _integral(rates[:, :, None] * functions)
+        phases = way / way[:, -1:]
+        jacobian = (slopes - phases * slopes[:, -1:]) / way[:, -1:]
+        transposed = jacobian.transpose(0, 2, 1)
+        downhill = transposed @ (targets[:, :, None] - phases) - ridge @ paces[:, :, None]
+        step = np.linalg.solve(transposed @ jacobian + ridge, downhill)[:, :, 0]
+        paces = paces + np.clip(step, -_LONGEST_STEP, _LONGEST_STEP)
+    # To the last bit, so that a basis without a pace can be told.
+    paces[is_even] = 0.0
+    return paces
+
+
+def uneven_phases(paces: FloatArray) -> FloatArray:
+    """σ(p) − p of paces at evenly spaced p, shape (n_demonstrations, n_shares): how they differ."""
+    rates = np.exp(paces @ legendre.legvander(2.0 * _SHARES - 1.0, paces.shape[1])[:, 1:].T)
+    way = _integral(rates[:, :, None])
+    return np.asarray((way / way[:, -1:])[:, ::5, 0] - _SHARES[::5])
+
+
+def _integral(values: FloatArray) -> FloatArray:
+    """Trapezoidal integrals along the second axis, from 0 to each share."""
+    steps = (values[:, 1:] + values[:, :-1]) / (2.0 * (len(_SHARES) - 1))
+    start = np.zeros((len(values), 1, values.shape[2]))
+    return np.concatenate([start, np.cumsum(steps, axis=1)], axis=1)
+
+
+class PacedBasis:
+    """A family of shapes between two end points, passed through at a pace.
+
+    A motion that goes the way q(s) = h(s) + μ(s) + Σ wₖ φₖ(s) from rest to rest at the aligned
+    phase s = σ(p) is h(p) + [h(σ(p)) − h(p)] + μ(σ(p)) + Σ wₖ φₖ(σ(p)): linear in the weights, and
+    what it has beyond h(p) vanishes at both ends with two derivatives, as the compiler wants it.
+
+    Parameters
+    ----------
+    basis : PolynomialBasis
+        The family by aligned phase.
+    way : array, shape (n_joints,)
+        Goal minus start [rad or m].
+    pace : array, shape (PACE_DEGREE,)
+        The pace, see :func:`fit_paces`; one that is more uneven than any that makes sense is
+        evened out.
+    """
+
+    def __init__(self, basis: PolynomialBasis, way: FloatArray, pace: FloatArray) -> None:
+        # The way gone at an even pace, h less the start, is a polynomial like the mean shape.
+        going = way[:, None] * _minimum_jerk_series(basis.mean_coefficients.shape[1])
+        self._going = PolynomialBasis(
+            basis.mean_coefficients + going, basis.component_coefficients, basis.scales
+        )
+        self._way = way
+        self.n_joints = basis.n_joints
+        self.n_weights = basis.n_weights
+        self.scales = basis.scales
+        self.breakpoints = np.array([0.0, 1.0])
+        uneven = float(np.abs(pace).sum())
+        g = np.concatenate([[0.0], pace * (_MOST_UNEVEN / max(uneven, _MOST_UNEVEN))])
+        rate = _TO_SERIES @ np.exp(legendre.legval(_NODES, g))
+        series = legendre.legint(rate, lbnd=-1.0)
+        self._series = series / series.sum()
+
+    def aligned_phases(self, phases: FloatArray, derivative: int = 0) -> FloatArray:
+        """σ(p), or a derivative, at shares p of the duration, shape (n_steps,)."""
+        values = legendre_values(self._series, phases, derivative)
+        return np.asarray(np.clip(values, 0.0, 1.0)) if derivative == 0 else values
+
+    def functions(self, phases: FloatArray, derivative: int = 0) -> FloatArray:
+        """Values of φₖ(σ(p)) or a derivative, shape (n_steps, n_joints, n_weights)."""
+        return np.ascontiguousarray(self.tables(phases, derivative)[-1, :, :, 1:])
+
+    def shape(self, weights: FloatArray, phases: FloatArray, derivative: int = 0) -> FloatArray:
+        """Values of all but h(p), or a derivative by p, shape (n_steps, n_joints)."""
+        return np.asarray(self.shapes(weights, phases, derivative)[-1])
+
+    def shapes(self, weights: FloatArray, phases: FloatArray, highest: int) -> FloatArray:
+        """Shape and derivatives up to the highest one, shape (highest + 1, n_steps, n_joints)."""
+        values = self._going.shapes(weights, self.aligned_phases(phases), highest)
+        return np.asarray(self._by_phase(values[..., None], phases)[..., 0])
+
+    def tables(self, phases: FloatArray, highest: int) -> FloatArray:
+        """All values and derivatives, shape (highest + 1, n_steps, n_joints, 1 + n_weights)."""
+        return self._by_phase(self._going.tables(self.aligned_phases(phases), highest), phases)
+
+    def _by_phase(self, values: FloatArray, phases: FloatArray) -> FloatArray:
+        """Derivatives by p of what is given with its derivatives by σ at σ(p).
+
+        The way gone at an even pace is taken off the first column.
+        """
+        highest = len(values) - 1
+        if highest > 3:
+            raise ValueError(f"derivative must be 0 to 3, got {highest}")
+        rates = legendre_derivatives(self._series, phases, highest)[:, :, None, None]
+        chained = np.array([_chained(values, rates, d) for d in range(highest + 1)])
+        even = legendre_derivatives(_minimum_jerk_series(6), phases, highest)
+        chained[..., 0] -= even[:, :, None] * self._way
+        return chained
+
+
+@lru_cache(maxsize=16)
+def _minimum_jerk_series(n_coefficients: int) -> FloatArray:
+    """Legendre coefficients of 10s³ − 15s⁴ + 6s⁵, the share of the way that h has gone."""
+    series = polynomial.Polynomial([0.0, 0.0, 0.0, 10.0, -15.0, 6.0])
+    by_x = series(polynomial.Polynomial([0.5, 0.5]))
+    found = np.zeros(n_coefficients)
+    found[:6] = legendre.poly2leg(by_x.coef)
+    return found
+
+
+def _chained(values: FloatArray, rates: FloatArray, order: int) -> FloatArray:
+    """Derivative by p, up to the third, of a function of σ(p), by the chain rule."""
+    if order == 0:
+        return np.asarray(values[0])
+    if order == 1:
+        return np.asarray(values[1] * rates[1])
+    if order == 2:
+        return np.asarray(values[2] * rates[1] ** 2 + values[1] * rates[2])
+    mixed = 3.0 * values[2] * rates[1] * rates[2]
+    return np.asarray(values[3] * rates[1] ** 3 + mixed + values[1] * rates[3])

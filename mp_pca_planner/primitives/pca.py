@@ -1,0 +1,91 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Principal component analysis, [P] eq. (1)–(5)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..arrays import FloatArray
+from .moments import Moments
+
+# Components whose variance is below this share of the largest are rounding errors.
+_RANK_TOLERANCE = 1e-12
+# A vector whose entries deviate from their mean by less than this is constant [rad or m].
+_CONSTANT = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class PrincipalComponents:
+    """Components of a set of vectors.
+
+    Attributes
+    ----------
+    mean : array, shape (n_features,)
+        Sample mean.
+    components : array, shape (n_components, n_features)
+        Orthonormal eigenvectors of the covariance matrix, [P] eq. (1); in each, the entry
+        largest in magnitude is positive, so that a rebuild gives the same file.
+    explained_variance : array, shape (n_components,)
+        Their eigenvalues λₖ, decreasing: the variances of the components, [P] eq. (3).
+    total_variance : float
+        Sum of the variances of the features: the sum of all eigenvalues, [P] eq. (4).
+    """
+
+    mean: FloatArray
+    components: FloatArray
+    explained_variance: FloatArray
+    total_variance: float
+
+    @property
+    def explained_variance_ratio(self) -> FloatArray:
+        """Shares of the variance, [P] eq. (5), shape (n_components,)."""
+        if self.total_variance == 0.0:
+            return np.zeros(0)
+        return self.explained_variance / self.total_variance
+
+    def transform(self, samples: FloatArray) -> FloatArray:
+        """Weights of samples, [P] eq. (2) after centring, shape (n_samples, n_components)."""
+        return np.asarray((samples - self.mean) @ self.components.T)
+
+    def inverse_transform(self, weights: FloatArray) -> FloatArray:
+        """Samples with the given weights, shape (n_samples, n_features)."""
+        return np.asarray(self.mean + weights @ self.components)
+
+    def truncated(self, n_components: int) -> PrincipalComponents:
+        """The first components only."""
+        return PrincipalComponents(
+            self.mean,
+            self.components[:n_components],
+            self.explained_variance[:n_components],
+            self.total_variance,
+        )
+
+
+def fit_components(moments: Moments) -> PrincipalComponents:
+    """Find all principal components of vectors that have any variance.
+
+    Parameters
+    ----------
+    moments :
+        Of the vectors. Constant ones (or a single one) give no components.
+    """
+    mean, factor = moments.mean, moments.factor
+    if np.sqrt(moments.variances.max()) < _CONSTANT:
+        return PrincipalComponents(mean, np.zeros((0, mean.size)), np.zeros(0), 0.0)
+    _, singular, rows = np.linalg.svd(factor, full_matrices=False)
+    variance = singular**2 / (moments.count - 1)
+    keep = variance > _RANK_TOLERANCE * variance[0]
+    rows = rows[keep]
+    largest = np.abs(rows).argmax(axis=1)
+    rows = rows * np.sign(rows[np.arange(len(rows)), largest])[:, None]
+    return PrincipalComponents(mean, rows, variance[keep], float(variance.sum()))
+
+
+def components_for_share(components: PrincipalComponents, share: float) -> int:
+    """The fewest components whose shares of the variance add up to `share`."""
+    reached = np.cumsum(components.explained_variance_ratio)
+    # A sum of shares may miss 1 by rounding.
+    return min(int(np.searchsorted(reached, share - 1e-12)) + 1, len(reached))

@@ -1,0 +1,54 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Sets of primitive files."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from ..exceptions import PrimitiveError
+from .file import load_primitive
+from .primitive import MovementPrimitive
+
+
+def load_primitives(paths: Sequence[str | Path]) -> tuple[MovementPrimitive, ...]:
+    """Read primitive files that are to be used together.
+
+    Parameters
+    ----------
+    paths :
+        Files, and folders of .npz files (taken in the order of their names).
+
+    Raises
+    ------
+    PrimitiveError
+        If there is none, a file is refused, two primitives have the same name, or they move
+        different joints.
+    """
+    files: list[Path] = []
+    for path in map(Path, paths):
+        found = sorted(path.glob("*.npz")) if path.is_dir() else [path]
+        if not found:
+            raise PrimitiveError(f"the folder '{path}' holds no primitive file (.npz)")
+        files += found
+    if not files:
+        raise PrimitiveError("no primitive file was named")
+    primitives: dict[str, MovementPrimitive] = {}
+    origin: dict[str, Path] = {}
+    for file in files:
+        primitive = load_primitive(file)
+        if primitive.name in primitives:
+            raise PrimitiveError(
+                f"'{file}' and '{origin[primitive.name]}' both hold a primitive called "
+                f"'{primitive.name}': build one of them again with another --name"
+            )
+        primitives[primitive.name], origin[primitive.name] = primitive, file
+    first = next(iter(primitives.values()))
+    for primitive in primitives.values():
+        if primitive.joint_names != first.joint_names:
+            raise PrimitiveError(
+                f"'{origin[primitive.name]}' moves {primitive.joint_names}, but "
+                f"'{origin[first.name]}' moves {first.joint_names}: use them apart"
+            )
+    return tuple(primitives.values())

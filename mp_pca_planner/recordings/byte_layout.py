@@ -1,0 +1,203 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Where the numbers of a serialised joint state are, so that NumPy can slice many at once.
+
+Messages of one publisher differ in their stamp and their numbers only: all else (names, lengths,
+frame) has the same bytes at the same places. A layout is taken from one message and applied to
+those whose other bytes are equal; to any other message it says nothing.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..arrays import FloatArray
+
+Bytes = NDArray[np.uint8]
+
+ENCAPSULATION = 4
+"""Bytes before a message in CDR; alignment counts from behind them. ROS 1 has none of both."""
+
+NS_PER_S = 1_000_000_000
+
+
+@dataclass(frozen=True, eq=False)
+class ByteLayout:
+    """Places of the numbers in serialised joint states with the same joints.
+
+    Attributes
+    ----------
+    joint_names : tuple of str
+        Names of the joints.
+    template : array of uint8, shape (size,)
+        The message that the layout was taken from.
+    fixed : tuple of slice
+        Which bytes are the same in every message of the layout; padding is not among them, for
+        writers leave there what they like.
+    stamp, position, velocity : int
+        Where the header's stamp and the numbers of these fields start.
+    has_velocity : bool
+        Whether there is one velocity for each joint.
+    byte_order : str
+        "<" or ">".
+    """
+
+    joint_names: tuple[str, ...]
+    template: Bytes
+    fixed: tuple[slice, ...]
+    stamp: int
+    position: int
+    velocity: int
+    has_velocity: bool
+    byte_order: str
+
+    def fits(self, messages: Bytes) -> NDArray[np.bool_]:
+        """Tell which messages have this layout.
+
+        Parameters
+        ----------
+        messages : array of uint8, shape (n_messages, size)
+            Serialised messages.
+        """
+        fitting = np.ones(len(messages), dtype=bool)
+        for part in self.fixed:
+            fitting &= np.all(messages[:, part] == self.template[part], axis=1)
+        return fitting
+
+    def stamps(self, messages: Bytes) -> NDArray[np.int64]:
+        """Header stamps [ns], shape (n_messages,)."""
+        seconds = self._numbers(messages, self.stamp, "i4", 1)
+        nanoseconds = self._numbers(messages, self.stamp + 4, "u4", 1)
+        stamps: NDArray[np.int64] = seconds.astype(np.int64) * NS_PER_S + nanoseconds
+        return stamps[:, 0]
+
+    def positions(self, messages: Bytes) -> FloatArray:
+        """Joint positions [rad or m], shape (n_messages, n_joints)."""
+        return self._numbers(messages, self.position, "f8", len(self.joint_names))
+
+    def velocities(self, messages: Bytes) -> FloatArray | None:
+        """Joint velocities [/s], shape (n_messages, n_joints), if there are any."""
+        if not self.has_velocity:
+            return None
+        return self._numbers(messages, self.velocity, "f8", len(self.joint_names))
+
+    def _numbers(self, messages: Bytes, start: int, kind: str, count: int) -> NDArray[Any]:
+        dtype = np.dtype(self.byte_order + kind)
+        part = np.ascontiguousarray(messages[:, start : start + count * dtype.itemsize])
+        return part.view(dtype).astype(dtype.newbyteorder("="), copy=False)
+
+
+def find_layout(message: bytes, *, ros1: bool) -> ByteLayout | None:
+    """Find the layout of a serialised joint state; none if it is not well-formed.
+
+    Parameters
+    ----------
+    message :
+        CDR of ROS 2 with its encapsulation, or the serialisation of ROS 1.
+    ros1 :
+        Which of them.
+    """
+    try:
+        return _walk(message, ros1)
+    except (struct.error, UnicodeDecodeError):
+        return None
+
+
+def most_spare_bytes(n_empty: int) -> int:
+    """How many bytes may follow a message in CDR.
+
+    It is padded to words, and `rclpy.serialization` keeps room to align what each of `n_empty`
+    empty sequences of numbers does not hold.
+    """
+    return 3 + 8 * n_empty
+
+
+def _walk(message: bytes, ros1: bool) -> ByteLayout | None:
+    cursor = _Cursor(message, ros1)
+    if ros1:
+        cursor.skip(4)
+    stamp = cursor.position
+    cursor.skip(8)
+    cursor.string()
+    names = tuple(cursor.string() for _ in range(cursor.length()))
+    position, n_positions = cursor.doubles()
+    velocity, n_velocities = cursor.doubles()
+    _, n_efforts = cursor.doubles()
+    if n_positions != len(names) or len(set(names)) != len(names) or not names:
+        return None
+    n_empty = (n_positions, n_velocities, n_efforts).count(0)
+    if not 0 <= len(message) - cursor.position <= (0 if ros1 else most_spare_bytes(n_empty)):
+        return None
+    return ByteLayout(
+        joint_names=names,
+        template=np.frombuffer(message, dtype=np.uint8),
+        fixed=_merged(cursor.fixed),
+        stamp=stamp,
+        position=position,
+        velocity=velocity,
+        has_velocity=n_velocities == len(names),
+        byte_order=cursor.byte_order,
+    )
+
+
+class _Cursor:
+    """Walks through a message and notes which of its bytes tell the layout."""
+
+    def __init__(self, message: bytes, ros1: bool) -> None:
+        self._message = message
+        self._ros1 = ros1
+        self.byte_order = "<" if ros1 or message[1:2] == b"\x01" else ">"
+        self.position = 0 if ros1 else ENCAPSULATION
+        self.fixed = [] if ros1 else [(0, 2)]
+
+    def skip(self, size: int) -> None:
+        self.position += size
+
+    def length(self) -> int:
+        self._align(4)
+        (value,) = struct.unpack_from(self.byte_order + "I", self._message, self.position)
+        self._keep(4)
+        return int(value)
+
+    def string(self) -> str:
+        size = self.length()
+        start = self.position
+        if start + size > len(self._message):
+            raise struct.error("the string ends behind the message")
+        self._keep(size)
+        # In CDR the last byte is a zero that counts.
+        return self._message[start : start + size - (0 if self._ros1 else 1)].decode()
+
+    def doubles(self) -> tuple[int, int]:
+        """Where a list of numbers starts, and how many there are."""
+        count = self.length()
+        if count:
+            self._align(8)
+        start = self.position
+        self.skip(8 * count)
+        return start, count
+
+    def _align(self, size: int) -> None:
+        if not self._ros1:
+            self.position += (ENCAPSULATION - self.position) % size
+
+    def _keep(self, size: int) -> None:
+        self.fixed.append((self.position, self.position + size))
+        self.position += size
+
+
+def _merged(spans: Sequence[tuple[int, int]]) -> tuple[slice, ...]:
+    """Join spans that touch each other: comparing a few long ones is faster."""
+    merged: list[tuple[int, int]] = []
+    for start, stop in spans:
+        if merged and merged[-1][1] == start:
+            merged[-1] = (merged[-1][0], stop)
+        else:
+            merged.append((start, stop))
+    return tuple(slice(start, stop) for start, stop in merged)

@@ -1,0 +1,229 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Cuts a recording into single motions, by the speed of its joints.
+
+Two kinds of cuts. A *rest* is a time at which the joints are as good as still; what lies between
+rests is moving. People often don't stop dead between one motion and the next, so moving parts are
+also cut at *valleys*: times at which the speed is low relative to the peaks on both sides.
+All speeds are compared with the recording's own, so units and scale of the joints don't matter.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from itertools import pairwise
+
+import numpy as np
+from scipy.signal import find_peaks
+
+from ..arrays import FloatArray
+from ..exceptions import RecordingError
+from .smoothing import SmoothPiece
+
+NOISE_PERCENTILE = 5.0
+"""Of all speeds: what noise feigns, when it is low, in a recording that has some rest."""
+
+MIN_RATE_FOR_VALLEYS = 20.0
+"""Below this rate [Hz] the speed between samples is guesswork: only rests cut."""
+
+Span = tuple[int, int]
+"""First and last step of a stretch."""
+
+
+@dataclass(frozen=True)
+class SegmentationOptions:
+    """How motions are told apart.
+
+    Attributes
+    ----------
+    rest_ratio : float
+        Joints rest while their speed is under this share of the recording's usual peak speed.
+    moving_ratio : float
+        A motion has a peak over this share of it; what stays below is a fidget.
+    noise_factor : float
+        Rest also covers this many times the speed that noise feigns when it is low.
+    turning_ratio, passing_ratio : float
+        A valley cuts if its speed is under this share of the lower one of the peaks beside it:
+        the former where the joints turn right back, the latter where they go straight on, and
+        in between in proportion to the cosine of the turn.
+    extent_ratio : float
+        A motion covers more than this share of the extent of the recording's largest.
+    min_rest : float
+        Shorter rests don't cut [s], but they may be valleys.
+    min_duration : float
+        No motion is shorter [s]: a valley that would leave one doesn't cut.
+
+    Raises
+    ------
+    RecordingError
+        If a value is no positive number, or a ratio is not under 1.
+    """
+
+    rest_ratio: float = 0.05
+    moving_ratio: float = 0.15
+    noise_factor: float = 5.0
+    turning_ratio: float = 0.6
+    passing_ratio: float = 0.1
+    extent_ratio: float = 0.1
+    min_rest: float = 0.6
+    min_duration: float = 0.25
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            value = getattr(self, field.name)
+            limit = 1.0 if field.name.endswith("_ratio") else np.inf
+            if not 0.0 < value < limit:
+                raise RecordingError(
+                    f"segmentation option '{field.name}' must be over 0 and under {limit}, "
+                    f"got {value}"
+                )
+        for lower, upper in (("rest_ratio", "moving_ratio"), ("passing_ratio", "turning_ratio")):
+            if getattr(self, lower) >= getattr(self, upper):
+                raise RecordingError(
+                    f"segmentation option '{lower}' must be under '{upper}', got "
+                    f"{getattr(self, lower)} and {getattr(self, upper)}"
+                )
+
+
+@dataclass(frozen=True)
+class SpeedThresholds:
+    """Speeds that tell rest from motion, all of the norm over the joints [rad/s or m/s].
+
+    Attributes
+    ----------
+    rest : float
+        Under it the joints rest.
+    moving : float
+        A motion has a peak over it.
+    """
+
+    rest: float
+    moving: float
+
+
+def joint_speed(velocities: FloatArray) -> FloatArray:
+    """Norm of the joint velocities, shape (n_steps,)."""
+    return np.asarray(np.linalg.norm(velocities, axis=1), dtype=np.float64)
+
+
+def speed_thresholds(speed: FloatArray, options: SegmentationOptions) -> SpeedThresholds:
+    """Take the thresholds from all the speeds of a recording, shape (n_steps,)."""
+    peak = _usual_peak(speed)
+    noise = float(np.percentile(speed, NOISE_PERCENTILE))
+    moving = options.moving_ratio * peak
+    # A recording without rest has no noise floor to see: its low speeds are motion.
+    rest = min(max(options.rest_ratio * peak, options.noise_factor * noise), 0.5 * moving)
+    return SpeedThresholds(rest=rest, moving=moving)
+
+
+def _usual_peak(speed: FloatArray) -> float:
+    """Median of the speed weighted by its square: rest, however long, hardly counts."""
+    ordered = np.sort(speed)
+    energy = np.cumsum(ordered**2)
+    return float(ordered[np.searchsorted(energy, 0.5 * energy[-1])])
+
+
+def find_motions(
+    piece: SmoothPiece, thresholds: SpeedThresholds, options: SegmentationOptions
+) -> list[Span]:
+    """Find the motions of a piece, in order, as first and last step.
+
+    Motions over too small an extent are still among them: what is small shows only beside the
+    other motions of the recording, see :func:`large_motions`.
+    """
+    speed = joint_speed(piece.velocities)
+    runs = _moving_runs(speed, thresholds, round(options.min_rest * piece.rate))
+    if piece.recorded_rate >= MIN_RATE_FOR_VALLEYS:
+        runs = [part for run in runs for part in _split_at_valleys(piece, speed, run, options)]
+    return [
+        (first, last)
+        for first, last in runs
+        if speed[first : last + 1].max() >= thresholds.moving
+        and last - first >= options.min_duration * piece.rate
+    ]
+
+
+def trim(piece: SmoothPiece, thresholds: SpeedThresholds) -> Span | None:
+    """Find where a piece starts and stops to move; None if it doesn't."""
+    runs = _moving_runs(joint_speed(piece.velocities), thresholds, min_rest_steps=0)
+    return (runs[0][0], runs[-1][1]) if runs else None
+
+
+def extent(positions: FloatArray) -> float:
+    """Norm over the joints of how far each of them moves [rad or m], out and back alike."""
+    return float(np.linalg.norm(np.ptp(positions, axis=0)))
+
+
+def large_motions(extents: Sequence[float], options: SegmentationOptions) -> list[bool]:
+    """Tell which motions of a recording are no mere adjustments beside the largest."""
+    return [size > options.extent_ratio * max(extents) for size in extents]
+
+
+def _moving_runs(speed: FloatArray, thresholds: SpeedThresholds, min_rest_steps: int) -> list[Span]:
+    """Find the runs over the rest speed; short rests between them are bridged."""
+    over = np.concatenate(([False], speed > thresholds.rest, [False]))
+    firsts = np.flatnonzero(~over[:-1] & over[1:])
+    lasts = np.flatnonzero(over[:-1] & ~over[1:]) - 1
+    if not firsts.size:
+        return []
+    rests = firsts[1:] - lasts[:-1] > min_rest_steps
+    starts = firsts[np.concatenate(([True], rests))]
+    ends = lasts[np.concatenate((rests, [True]))]
+    return [
+        _grown(speed, int(a), int(b))
+        for a, b in zip(starts, ends, strict=True)
+        if speed[a : b + 1].max() >= thresholds.moving
+    ]
+
+
+def _grown(speed: FloatArray, first: int, last: int) -> Span:
+    """Extend a run outwards as long as the speed falls: motions begin and end slowly."""
+    while first > 0 and speed[first - 1] < speed[first]:
+        first -= 1
+    while last < speed.size - 1 and speed[last + 1] < speed[last]:
+        last += 1
+    return first, last
+
+
+def _split_at_valleys(
+    piece: SmoothPiece, speed: FloatArray, run: Span, options: SegmentationOptions
+) -> list[Span]:
+    """Split a run at its valleys.
+
+    All local minima of the speed cut at first. Then the least marked cut goes, and the peaks
+    beside it become one, until those that are left are marked enough: so ripple on a flank does
+    not hide a valley. Cuts beside too short a part go before any other, least marked first.
+    """
+    minima, _ = find_peaks(-speed[run[0] : run[1] + 1])
+    bounds = [run[0], *(run[0] + int(step) for step in minima), run[1]]
+    window = max(1, round(options.min_duration * piece.rate))
+    enough = [_share_that_cuts(piece.positions, cut, window, options) for cut in bounds[1:-1]]
+    peaks = [float(speed[first : last + 1].max()) for first, last in pairwise(bounds)]
+
+    def excess(cut: int) -> float:
+        first, valley, last = bounds[cut : cut + 3]
+        too_near = min(valley - first, last - valley) < window
+        share = float(speed[valley]) / min(peaks[cut], peaks[cut + 1])
+        return share - enough[cut] + too_near
+
+    excesses = [excess(cut) for cut in range(len(enough))]
+    while excesses and max(excesses) > 0.0:
+        cut = excesses.index(max(excesses))
+        peaks[cut : cut + 2] = [max(peaks[cut : cut + 2])]
+        del bounds[cut + 1], enough[cut], excesses[cut]
+        for neighbour in {cut - 1, cut} & set(range(len(excesses))):
+            excesses[neighbour] = excess(neighbour)
+    return list(pairwise(bounds))
+
+
+def _share_that_cuts(
+    positions: FloatArray, cut: int, window: int, options: SegmentationOptions
+) -> float:
+    """Share of the peak speed under which a valley cuts, by how the joints turn there."""
+    before = positions[cut] - positions[max(cut - window, 0)]
+    after = positions[min(cut + window, len(positions) - 1)] - positions[cut]
+    lengths = float(np.linalg.norm(before) * np.linalg.norm(after))
+    cosine = float(before @ after) / lengths if lengths else 0.0
+    turn = (1.0 - cosine) / 2.0
+    return options.passing_ratio + turn * (options.turning_ratio - options.passing_ratio)

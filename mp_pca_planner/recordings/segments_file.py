@@ -1,0 +1,147 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Motions that somebody cut by hand: a CSV file with columns recording,start_time_s,end_time_s."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from collections.abc import Collection, Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+from ..exceptions import RecordingError, quote_names, unknown_name
+
+COLUMNS = ("recording", "start_time_s", "end_time_s")
+
+
+@dataclass(frozen=True)
+class Segment:
+    """One row.
+
+    Attributes
+    ----------
+    start, end : float
+        Times since the recording's first message [s].
+    label : str
+        What the column `label` says ('' if there is none).
+    where : str
+        File and line, for messages.
+    """
+
+    start: float
+    end: float
+    label: str
+    where: str
+
+
+class CutMotion(Protocol):
+    """A motion and where it was cut out, for example a demonstration."""
+
+    @property
+    def recording(self) -> str:
+        """Name of the recording."""
+
+    @property
+    def start_time(self) -> float:
+        """When it starts, in seconds after the first message of the recording."""
+
+    @property
+    def end_time(self) -> float:
+        """When it ends, likewise."""
+
+    @property
+    def label(self) -> str:
+        """What it was labelled as ('' if not)."""
+
+
+def read_segments(path: str | Path, recordings: Collection[str]) -> dict[str, list[Segment]]:
+    """Read the segments of each recording.
+
+    Parameters
+    ----------
+    path :
+        A CSV file with a header line. Other columns than those needed and `label` are ignored.
+    recordings :
+        The names that may occur.
+
+    Returns
+    -------
+    :
+        Segments by the name of the recording, in the order of the rows.
+
+    Raises
+    ------
+    RecordingError
+        If the file can't be read, lacks a column, or a row names no given recording or holds no
+        time span; with the number of the line.
+    """
+    segments: dict[str, list[Segment]] = {}
+    try:
+        with Path(path).open(encoding="utf-8-sig", newline="") as file:
+            rows = csv.DictReader(file)
+            missing = [name for name in COLUMNS if name not in (rows.fieldnames or ())]
+            if missing:
+                raise RecordingError(
+                    f"'{path}' lacks the columns {quote_names(missing)}: its first line must name "
+                    f"{quote_names(COLUMNS)}"
+                )
+            for row in rows:
+                where = f"'{path}', line {rows.line_num}"
+                name = row["recording"]
+                if name not in recordings:
+                    raise RecordingError(f"{where}: {unknown_name('recording', name, recordings)}")
+                segments.setdefault(name, []).append(_segment(row, where))
+    except OSError as error:
+        raise RecordingError(f"'{path}' can't be read: {error.strerror or error}") from None
+    except (csv.Error, UnicodeDecodeError) as error:
+        raise RecordingError(f"'{path}' is no CSV file in UTF-8: {error}") from None
+    return segments
+
+
+def _segment(row: dict[str, str], where: str) -> Segment:
+    start, end = (_seconds(row[name], name, where) for name in COLUMNS[1:])
+    if not 0.0 <= start < end:
+        raise RecordingError(
+            f"{where}: a motion must start at 0 s or later and end after its start, "
+            f"got {start:g} s to {end:g} s"
+        )
+    return Segment(start, end, row.get("label") or "", where)
+
+
+def _seconds(text: str | None, column: str, where: str) -> float:
+    try:
+        value = float(text or "")
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise RecordingError(f"{where}: '{column}' must be a number of seconds, got '{text or ''}'")
+    return value
+
+
+def segments_table(motions: Iterable[CutMotion]) -> bytes:
+    """Write a table of motions that :func:`read_segments` understands and people can edit.
+
+    Parameters
+    ----------
+    motions :
+        The motions, in the order of the rows.
+
+    Raises
+    ------
+    RecordingError
+        If the name of a recording can't be written in UTF-8.
+    """
+    text = io.StringIO(newline="")
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow([*COLUMNS, "label"])
+    # Samples are 5 ms apart or more, so a microsecond finds the same ones again.
+    writer.writerows(
+        [m.recording, f"{m.start_time:.6f}", f"{m.end_time:.6f}", m.label] for m in motions
+    )
+    try:
+        return text.getvalue().encode()
+    except UnicodeEncodeError as error:
+        raise RecordingError(f"a table of segments can't be written in UTF-8: {error}") from None

@@ -1,0 +1,107 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Files, robot description and settings → planner."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from ..arrays import FloatArray
+from ..exceptions import unknown_name
+from ..limits import JointLimits, read_limits_file
+from ..planning.planner import Planner
+from ..primitives.primitive import MovementPrimitive
+from ..robot import Robot
+from .newest_goal import CancelledError
+from .parameters import ParameterError, Settings
+
+
+class InterruptibleRobot(Robot):
+    """A robot that can refuse to answer, which ends a solve: every pass of it asks for efforts.
+
+    Attributes
+    ----------
+    is_cancelled : callable
+        Whether to raise a `CancelledError` instead of an answer.
+    """
+
+    is_cancelled: Callable[[], bool] = staticmethod(lambda: False)
+
+    def inverse_dynamics(self, q: FloatArray, v: FloatArray, a: FloatArray) -> FloatArray:
+        """See the base class."""
+        self._check()
+        return super().inverse_dynamics(q, v, a)
+
+    def inverse_dynamics_derivatives(self, *args: Any, **options: Any) -> Any:
+        """See the base class."""
+        self._check()
+        return super().inverse_dynamics_derivatives(*args, **options)
+
+    def _check(self) -> None:
+        if self.is_cancelled():
+            raise CancelledError
+
+
+@dataclass(frozen=True, eq=False)
+class Model:
+    """What motions are planned with.
+
+    Attributes
+    ----------
+    planner : Planner
+        For the planning thread alone.
+    planning_robot : InterruptibleRobot
+        The planner's robot.
+    robot : Robot
+        The same robot for everybody else.
+    limits : JointLimits
+        The limits of its joints.
+    settings : Settings
+        What it was made with.
+    end_effector : str
+        The link of the robot that poses and previews are about.
+    urdf : str
+        The robot description.
+    """
+
+    planner: Planner
+    planning_robot: InterruptibleRobot
+    robot: Robot
+    limits: JointLimits
+    settings: Settings
+    end_effector: str
+    urdf: str
+
+
+def assemble_model(urdf: str, primitives: Sequence[MovementPrimitive], settings: Settings) -> Model:
+    """Set up a planner for the joints of the primitives.
+
+    Parameters
+    ----------
+    urdf :
+        The robot description, XML text.
+    primitives :
+        At least one.
+    settings :
+        Limits and options.
+
+    Raises
+    ------
+    PlannerError
+        If these don't fit together.
+    """
+    planning_robot = InterruptibleRobot(urdf, primitives[0].joint_names)
+    robot = Robot(urdf, primitives[0].joint_names)
+    file = settings.limits_file
+    # Such a file describes the whole robot, the primitives may move a part of it.
+    overrides = read_limits_file(file, robot.movable_joints) if file else {}
+    limits = robot.limits(overrides, settings.limits)
+    planner = Planner(planning_robot, primitives, limits, settings.planner_options)
+    frame = settings.end_effector_frame
+    if frame and frame not in robot.frame_names:
+        reason = unknown_name("link of the robot description", frame, robot.frame_names)
+        raise ParameterError(f"parameter 'end_effector_frame': {reason}")
+    frame = frame or robot.frame_names[-1]
+    return Model(planner, planning_robot, robot, limits, settings, frame, urdf)

@@ -1,0 +1,340 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""A client of the node in another process: for the demo, the tests and the benchmarks."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import IO, Any
+
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import PoseStamped
+from rcl_interfaces.msg import Parameter, SetParametersResult
+from rcl_interfaces.srv import SetParameters
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.signals import SignalHandlerOptions
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64, String
+from std_srvs.srv import Trigger
+from trajectory_msgs.msg import JointTrajectory
+from visualization_msgs.msg import MarkerArray
+
+from ..exceptions import PlannerError
+from .messages import OVERTAKEN, to_stamp_text
+from .node import NODE_NAME
+
+_DEPTH = 100
+
+
+class NoAnswerError(PlannerError):
+    """The node did not answer in time."""
+
+
+@dataclass(frozen=True, eq=False)
+class Answer:
+    """What the node answered to a goal.
+
+    Attributes
+    ----------
+    report : DiagnosticStatus
+        Its report.
+    trajectory : JointTrajectory or None
+        The motion; None if the report is an error.
+    latency : float or None
+        Time from sending the goal to receiving the motion [s].
+    """
+
+    report: DiagnosticStatus
+    trajectory: JointTrajectory | None
+    latency: float | None
+
+    @property
+    def values(self) -> dict[str, str]:
+        """The values of the report by name."""
+        return _values(self.report)
+
+
+def start_node(*ros_arguments: str, output: IO[str] | None = None) -> subprocess.Popen[str]:
+    """Start the node in a process of its own.
+
+    Parameters
+    ----------
+    ros_arguments :
+        What follows ``--ros-args``.
+    output :
+        Where its output goes; that of this process by default.
+    """
+    command = [sys.executable, "-m", __package__.partition(".")[0], "planner_node", "--ros-args"]
+    return subprocess.Popen([*command, *ros_arguments], stdout=output, stderr=output, text=True)
+
+
+def is_served(report: DiagnosticStatus) -> bool:
+    """Whether a report is of a motion that was published."""
+    return report.level != DiagnosticStatus.ERROR and _values(report).get("status") != OVERTAKEN
+
+
+def _values(report: DiagnosticStatus) -> dict[str, str]:
+    return {pair.key: pair.value for pair in report.values}
+
+
+class GoalClient:
+    """Sends goals to the node and collects what it publishes; use it as a context manager.
+
+    Parameters
+    ----------
+    name : str
+        Name of the client's own node.
+    namespace : str
+        Namespace of both nodes.
+    planner : str
+        Name of the planner's node.
+
+    Attributes
+    ----------
+    trajectories : list of JointTrajectory
+        All that were received, the newest last.
+    reports : list of DiagnosticStatus
+        All that were received, the newest last.
+    diagnostics : list of DiagnosticArray
+        All that were received, the newest last.
+    """
+
+    def __init__(
+        self, name: str = "goal_client", namespace: str = "", planner: str = NODE_NAME
+    ) -> None:
+        self.trajectories: list[JointTrajectory] = []
+        self.reports: list[DiagnosticStatus] = []
+        self.diagnostics: list[DiagnosticArray] = []
+        self.previews: list[MarkerArray] = []
+        self._trajectory_received = 0.0
+        self._planner = planner
+        # A context of its own leaves that of the process, and its signal handlers, alone.
+        self._context = rclpy.Context()
+        rclpy.init(args=[], context=self._context, signal_handler_options=SignalHandlerOptions.NO)
+        self._node = rclpy.create_node(name, context=self._context, namespace=namespace)
+        self._executor = SingleThreadedExecutor(context=self._context)
+        self._executor.add_node(self._node)
+        self._connect()
+
+    def _connect(self) -> None:
+        node, there = self._node, self._planner
+        latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        self._goals = {
+            kind: node.create_publisher(kind, f"{there}/{topic}", 1)
+            for kind, topic in (
+                (JointState, "goal"),
+                (PoseStamped, "goal_pose"),
+                (JointTrajectory, "goal_sequence"),
+            )
+        }
+        self._costs = node.create_publisher(Float64, f"{there}/trial_cost", 1)
+        self._states = node.create_publisher(JointState, "joint_states", 1)
+        self._descriptions = node.create_publisher(String, "robot_description", latched)
+        self._set_parameters = node.create_client(SetParameters, f"{there}/set_parameters")
+        self._services = {
+            name: node.create_client(Trigger, f"{there}/{name}")
+            for name in ("reload_primitives", "stop", "save_motion")
+        }
+        for message_type, topic, callback, qos in (
+            (JointTrajectory, f"{there}/joint_trajectory", self._on_trajectory, _DEPTH),
+            (DiagnosticStatus, f"{there}/plan_report", self.reports.append, _DEPTH),
+            (DiagnosticArray, "/diagnostics", self.diagnostics.append, _DEPTH),
+            (MarkerArray, f"{there}/preview", self.previews.append, latched),
+        ):
+            node.create_subscription(message_type, topic, callback, qos)
+
+    def __enter__(self) -> GoalClient:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._executor.shutdown()
+        self._node.destroy_node()
+        rclpy.try_shutdown(context=self._context)
+
+    def wait_for_node(self, timeout: float = 30.0) -> None:
+        """Wait until every topic and service is matched.
+
+        Raises
+        ------
+        NoAnswerError
+            If that takes longer than `timeout` [s].
+        """
+        publishers = (*self._goals.values(), self._costs, self._states, self._descriptions)
+        clients = (self._set_parameters, *self._services.values())
+        self._wait(
+            lambda: (
+                all(p.get_subscription_count() for p in publishers)
+                and all(
+                    self._node.count_publishers(f"{self._planner}/{topic}")
+                    for topic in ("joint_trajectory", "plan_report")
+                )
+                and all(client.service_is_ready() for client in clients)
+            ),
+            timeout,
+            "is not there",
+        )
+
+    def publish_state(
+        self, names: Sequence[str], positions: Sequence[float], velocities: Sequence[float] = ()
+    ) -> None:
+        """Publish the present state."""
+        self.publish_state_message(
+            JointState(name=list(names), position=list(positions), velocity=list(velocities))
+        )
+
+    def publish_state_message(self, message: JointState) -> None:
+        """Publish a present state that need not be well-formed."""
+        self._states.publish(message)
+
+    def publish_description(self, urdf: str) -> None:
+        """Publish the robot description for present and future subscribers."""
+        self._descriptions.publish(String(data=urdf))
+
+    def publish_trial_cost(self, cost: float) -> None:
+        """Tell what the last motion cost."""
+        self._costs.publish(Float64(data=cost))
+
+    def send(
+        self,
+        goal: JointState | PoseStamped | JointTrajectory,
+        timeout: float = 10.0,
+        *,
+        with_trajectory: bool = True,
+    ) -> Answer:
+        """Send a goal and wait for its report, and for its motion if there is one.
+
+        Parameters
+        ----------
+        goal :
+            The goal; its report is known by its stamp.
+        timeout : float
+            Longest time to wait [s].
+        with_trajectory : bool
+            Whether to wait for the motion.
+
+        Raises
+        ------
+        NoAnswerError
+            If that takes longer than `timeout`.
+        """
+        n_reports, n_trajectories = len(self.reports), len(self.trajectories)
+        stamp = to_stamp_text(goal.header.stamp)
+        sent = time.perf_counter()
+        self._goals[type(goal)].publish(goal)
+
+        def own_report() -> DiagnosticStatus | None:
+            new = self.reports[n_reports:]
+            return next((r for r in new if _values(r).get("goal_stamp") == stamp), None)
+
+        self._wait(lambda: own_report() is not None, timeout, "did not report")
+        report = own_report()
+        if not with_trajectory or not is_served(report):
+            return Answer(report, None, None)
+        self._wait(
+            lambda: len(self.trajectories) > n_trajectories, timeout, "published no trajectory"
+        )
+        return Answer(report, self.trajectories[-1], self._trajectory_received - sent)
+
+    def set_parameters(self, *parameters: Parameter) -> list[SetParametersResult]:
+        """Set parameters one by one."""
+        request = SetParameters.Request(parameters=list(parameters))
+        return list(self._call(self._set_parameters, request).results)
+
+    def reload_primitives(self) -> Trigger.Response:
+        """Have the primitive files read again."""
+        return self._call(self._services["reload_primitives"], Trigger.Request())
+
+    def stop(self, timeout: float = 10.0) -> tuple[Trigger.Response, JointTrajectory | None]:
+        """Have the robot come to rest; returns the answer and what was published.
+
+        Raises
+        ------
+        NoAnswerError
+            If that takes longer than the timeout [s].
+        """
+        n = len(self.trajectories)
+        answer = self._call(self._services["stop"], Trigger.Request())
+        if not answer.success:
+            return answer, None
+        self._wait(lambda: len(self.trajectories) > n, timeout, "published no trajectory")
+        return answer, self.trajectories[-1]
+
+    def save_motion(self) -> Trigger.Response:
+        """Have the last motion kept as a primitive."""
+        return self._call(self._services["save_motion"], Trigger.Request())
+
+    def wait_for_preview(self, timeout: float = 10.0) -> MarkerArray:
+        """Wait until there is a preview.
+
+        Raises
+        ------
+        NoAnswerError
+            If none comes within the timeout [s].
+        """
+        self._wait(lambda: bool(self.previews), timeout, "published no preview")
+        return self.previews[-1]
+
+    def wait_for_diagnostics(
+        self, wanted: Callable[[dict[str, str]], bool] = bool, timeout: float = 30.0
+    ) -> dict[str, str]:
+        """Wait for the next diagnostics that are as wanted.
+
+        Parameters
+        ----------
+        wanted :
+            Judges the values by name and, under 'text', the sentence; any will do by default.
+        timeout : float
+            Longest time to wait [s].
+
+        Returns
+        -------
+        values : dict
+            What `wanted` accepted.
+
+        Raises
+        ------
+        NoAnswerError
+            If none came.
+        """
+        n = len(self.diagnostics)
+
+        def values() -> dict[str, str]:
+            status = self.diagnostics[-1].status[0]
+            return {"text": status.message} | {pair.key: pair.value for pair in status.values}
+
+        self._wait(
+            lambda: len(self.diagnostics) > n and wanted(values()),
+            timeout,
+            "published no such diagnostics",
+        )
+        return values()
+
+    def spin_once(self, timeout: float = 0.05) -> None:
+        """Take one message that has arrived, or wait for one [s]."""
+        self._executor.spin_once(timeout_sec=timeout)
+
+    def wait_for_model(self) -> None:
+        """Wait until the node has primitives and a robot model."""
+        self.wait_for_diagnostics(lambda values: values["model"] != "none")
+
+    def _on_trajectory(self, message: JointTrajectory) -> None:
+        self._trajectory_received = time.perf_counter()
+        self.trajectories.append(message)
+
+    def _call(self, client: Any, request: Any, timeout: float = 10.0) -> Any:
+        future = client.call_async(request)
+        self._wait(future.done, timeout, f"did not answer on '{client.srv_name}'")
+        return future.result()
+
+    def _wait(self, is_done: Callable[[], bool], timeout: float, complaint: str) -> None:
+        deadline = time.monotonic() + timeout
+        while not is_done():
+            if time.monotonic() > deadline:
+                raise NoAnswerError(f"the node '{NODE_NAME}' {complaint} within {timeout:g} s")
+            self.spin_once()

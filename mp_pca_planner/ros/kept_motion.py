@@ -1,0 +1,53 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Keeps a motion that was published as a primitive file of its own."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from itertools import count
+from pathlib import Path
+from typing import Any
+
+from ..exceptions import GoalError
+from ..learning.family import family_around
+from ..learning.refined_motion import RefinedMotion
+from ..primitives.file import save_primitive
+from .motion_server import Served
+
+
+def keep_motion(served: Served, folder: Path, provenance: Mapping[str, Any]) -> Path:
+    """Write the family of motions around a published one as a new primitive file.
+
+    Parameters
+    ----------
+    served : Served
+        What was published.
+    folder : Path
+        Where to; the file is called after the primitive with the first number that is free.
+    provenance : mapping
+        What to keep of where it comes from, of JSON types.
+
+    Raises
+    ------
+    PlannerError
+        If the motion is not made from one primitive, or the file can't be written.
+    """
+    planner = served.model.planner
+    known = {primitive.name: primitive for primitive in planner.primitives}
+    primitive = known.get(served.plan.primitive)
+    if primitive is None:
+        raise GoalError(
+            "the last motion can't be kept: only a motion made from one primitive can, not a "
+            "sequence"
+        )
+    # Names may hold anything, a path for example.
+    stem = re.sub(r"[^A-Za-z0-9_-]+", "_", primitive.name)[:100]
+    for number in count(1):
+        name, file = f"{primitive.name}_{number}", folder / f"{stem}_{number}.npz"
+        if name not in known and not file.exists():
+            break
+    motion = RefinedMotion([served.plan.motion])
+    save_primitive(family_around(primitive, motion, name, provenance), file)
+    return file

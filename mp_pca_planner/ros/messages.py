@@ -1,0 +1,291 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Values of the core ↔ ROS messages."""
+
+from __future__ import annotations
+
+import math
+from array import array
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from builtin_interfaces.msg import Duration, Time
+from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
+from geometry_msgs.msg import PoseStamped
+from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor
+from sensor_msgs.msg import JointState as JointStateMessage
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+
+from ..arrays import FloatArray
+from ..exceptions import GoalError, TrajectoryError
+from ..goal import JointGoal, JointState, Pose, PoseGoal, SequenceGoal
+from ..planning.planner import STOPPED_EARLY, Plan
+from ..trajectory import Trajectory
+from .parameters import Declaration
+
+UNUSUAL_IN_SPAN_SCORE = 3.0
+"""In-span score above which a motion is reported as unlike the demonstrations."""
+
+OVERTAKEN = "overtaken"
+"""Status in the report of a good goal whose motion nobody wanted any more."""
+
+_NANOSECONDS = 10**9
+_LONGEST_TEXT = 1000
+
+
+def to_goal(message: JointStateMessage, duration: float) -> JointGoal:
+    """Read a goal.
+
+    Parameters
+    ----------
+    message :
+        Positions by joint name; velocities at the end, if there are any; in its frame_id the
+        name of the primitive, if it isn't empty. Efforts are not used.
+    duration : float
+        Duration of the motion [s]; 0 leaves it to the planner.
+
+    Raises
+    ------
+    GoalError
+        If names repeat, lengths disagree or a number is not finite.
+    """
+    names = message.name
+    _check_lengths("goal", message)
+    for field in ("position", "velocity"):
+        for name, value in zip(names, getattr(message, field), strict=False):
+            if not math.isfinite(value):
+                raise GoalError(
+                    f"the goal {field} of joint '{name}' is {value}, "
+                    "but only finite numbers are accepted"
+                )
+    state = JointState(names, message.position, message.velocity or None)
+    return JointGoal(state, duration or None, message.header.frame_id or None)
+
+
+def to_pose_goal(message: PoseStamped, frame: str, duration: float) -> PoseGoal:
+    """Read a pose goal, in whichever frame it is stated.
+
+    Parameters
+    ----------
+    message :
+        The pose; its frame_id is not looked at.
+    frame : str
+        The link of the robot that shall be there.
+    duration : float
+        Duration of the motion [s]; 0 leaves it to the planner.
+
+    Raises
+    ------
+    GoalError
+        If a number is not finite or the quaternion not of length 1.
+    """
+    p, o = message.pose.position, message.pose.orientation
+    return PoseGoal(Pose(frame, [p.x, p.y, p.z], [o.x, o.y, o.z, o.w]), duration or None)
+
+
+def to_sequence_goal(message: JointTrajectory) -> SequenceGoal:
+    """Read configurations to pass and to end at.
+
+    Parameters
+    ----------
+    message :
+        One configuration per point; a time from start above 0 says when to be there. In its
+        frame_id the name of the primitive, if it isn't empty.
+
+    Raises
+    ------
+    GoalError
+        If names repeat, lengths disagree, a number is not finite, times don't increase, or
+        velocities, accelerations or efforts are asked for.
+    """
+    n_joints = len(message.joint_names)
+    targets, times = [], []
+    for k, point in enumerate(message.points, start=1):
+        if len(point.positions) != n_joints:
+            raise GoalError(
+                f"the goal names {n_joints} joints and point {k} has {len(point.positions)} "
+                "positions, one for each joint is accepted"
+            )
+        for field in ("velocities", "accelerations", "effort"):
+            if any(getattr(point, field)):
+                raise GoalError(
+                    f"point {k} of the goal asks for {field}, but only positions are accepted: "
+                    "how they are passed is what is planned"
+                )
+        targets.append(JointState(message.joint_names, point.positions))
+        since = point.time_from_start
+        times.append(since.sec + since.nanosec / _NANOSECONDS or None)
+    return SequenceGoal(tuple(targets), tuple(times), message.header.frame_id or None)
+
+
+def to_state(message: JointStateMessage, joint_names: Sequence[str]) -> JointState:
+    """Read the state of some joints, the others may hold anything.
+
+    Raises
+    ------
+    GoalError
+        If one of the joints is missing or given twice, lengths disagree, or a number that is
+        needed is not finite.
+    """
+    _check_lengths("present state", message)
+    for name in joint_names:
+        if message.name.count(name) != 1:
+            raise GoalError(
+                f"the present state gives joint '{name}' {message.name.count(name)} times, "
+                "exactly once is accepted"
+            )
+    index = [message.name.index(name) for name in joint_names]
+    for field in ("position", "velocity"):
+        values = getattr(message, field)
+        for name, i in zip(joint_names, index, strict=True):
+            if values and not math.isfinite(values[i]):
+                raise GoalError(
+                    f"the present {field} of joint '{name}' is {values[i]}, "
+                    "but only finite numbers are accepted"
+                )
+    velocities = [message.velocity[i] for i in index] if message.velocity else None
+    return JointState(joint_names, [message.position[i] for i in index], velocities)
+
+
+def _check_lengths(what: str, message: JointStateMessage) -> None:
+    n = len(message.name)
+    if len(message.position) != n:
+        raise GoalError(
+            f"the {what} names {n} joints and has {len(message.position)} positions, "
+            "one for each joint is accepted"
+        )
+    if len(message.velocity) not in (0, n):
+        raise GoalError(
+            f"the {what} names {n} joints and has {len(message.velocity)} velocities, "
+            "none or one for each joint is accepted"
+        )
+
+
+def to_joint_trajectory(
+    trajectory: Trajectory, *, with_efforts: bool, last_point_only: bool = False
+) -> JointTrajectory:
+    """Write a trajectory that starts when the controller receives it.
+
+    With its last point only, the controller goes there from where it is.
+
+    Raises
+    ------
+    TrajectoryError
+        If efforts are asked for and the trajectory has none, or points are less than 1 ns apart.
+    """
+    efforts = trajectory.efforts if with_efforts else None
+    if with_efforts and efforts is None:
+        raise TrajectoryError("the trajectory has no efforts, so none can be published")
+    message = JointTrajectory(joint_names=list(trajectory.joint_names))
+    stamps = np.rint(trajectory.times * _NANOSECONDS).astype(np.int64)
+    if np.any(np.diff(stamps) <= 0):
+        raise TrajectoryError("points of a trajectory must be at least 1 ns apart")
+    message.points = [
+        JointTrajectoryPoint(
+            positions=_numbers(trajectory.positions[k]),
+            velocities=_numbers(trajectory.velocities[k]),
+            accelerations=_numbers(trajectory.accelerations[k]),
+            time_from_start=Duration(
+                sec=int(stamp) // _NANOSECONDS, nanosec=int(stamp) % _NANOSECONDS
+            ),
+        )
+        for k, stamp in enumerate(stamps)
+        if k == len(stamps) - 1 or not last_point_only
+    ]
+    if efforts is not None:
+        for point, values in zip(message.points, efforts[-len(message.points) :], strict=True):
+            point.effort = _numbers(values)
+    return message
+
+
+def to_trajectory(message: JointTrajectory) -> Trajectory:
+    """Read a trajectory that was received.
+
+    Raises
+    ------
+    TrajectoryError
+        If it is not well-formed.
+    """
+    points = message.points
+    return Trajectory(
+        message.joint_names,
+        [p.time_from_start.sec + p.time_from_start.nanosec / _NANOSECONDS for p in points],
+        [p.positions for p in points],
+        [p.velocities for p in points],
+        [p.accelerations for p in points],
+        [p.effort for p in points] if any(p.effort for p in points) else None,
+    )
+
+
+def _numbers(values: FloatArray) -> array[float]:
+    # The only form that message fields take without looking at every element.
+    return array("d", values.tobytes())
+
+
+def to_plan_report(plan: Plan, goal_stamp: Time) -> DiagnosticStatus:
+    """Report a motion that was published: OK, or WARN with what is unusual about it."""
+    remarks = []
+    if plan.status == STOPPED_EARLY:
+        remarks.append(plan.message)
+    if plan.in_span_score > UNUSUAL_IN_SPAN_SCORE:
+        remarks.append(
+            f"the request is unlike the demonstrations (in-span score {plan.in_span_score:.1f}, "
+            "about 1 is usual), so the motion may look unlike them, too"
+        )
+    level = DiagnosticStatus.WARN if remarks else DiagnosticStatus.OK
+    return _report(level, "; ".join(remarks) or plan.message, goal_stamp, plan)
+
+
+def to_overtaken_report(goal_stamp: Time) -> DiagnosticStatus:
+    """Report a good goal whose motion nobody wanted any more."""
+    text = "given up: a newer goal or a stop came before its motion was planned"
+    return _report(DiagnosticStatus.WARN, text, goal_stamp, None, OVERTAKEN)
+
+
+def to_refusal(reason: str, goal_stamp: Time, plan: Plan | None = None) -> DiagnosticStatus:
+    """Report a goal for which nothing was published, with the plan if it came to one."""
+    return _report(DiagnosticStatus.ERROR, _one_line(reason), goal_stamp, plan)
+
+
+def _report(
+    level: bytes, text: str, goal_stamp: Time, plan: Plan | None, status: str = "refused"
+) -> DiagnosticStatus:
+    values = plan.summary() if plan else {"status": status}
+    stamp = to_stamp_text(goal_stamp)
+    return to_status("mp_pca_planner: plan", level, text, {**values, "goal_stamp": stamp})
+
+
+def to_stamp_text(stamp: Time) -> str:
+    """Write a stamp as seconds with all nine decimals."""
+    return f"{stamp.sec}.{stamp.nanosec:09d}"
+
+
+def _one_line(text: str) -> str:
+    # Names in a refused goal may hold anything, and end up in this text and in logs.
+    return "".join(c if c.isprintable() else repr(c)[1:-1] for c in text[:_LONGEST_TEXT])
+
+
+def to_status(
+    name: str, level: bytes, text: str, values: Mapping[str, str | float | int]
+) -> DiagnosticStatus:
+    """Write a diagnostic status."""
+    return DiagnosticStatus(
+        name=name,
+        level=level,
+        message=text,
+        values=[KeyValue(key=key, value=str(value)) for key, value in values.items()],
+    )
+
+
+def to_descriptor(declaration: Declaration) -> ParameterDescriptor:
+    """Describe a parameter to ROS."""
+    descriptor = ParameterDescriptor(
+        name=declaration.name,
+        description=declaration.description,
+        additional_constraints=f"must be {declaration.accepted}",
+    )
+    if isinstance(declaration.default, float):
+        descriptor.floating_point_range = [
+            FloatingPointRange(from_value=declaration.low, to_value=declaration.high)
+        ]
+    return descriptor

@@ -1,0 +1,195 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Goals → motions that a controller may follow, from wherever the robot is and however it moves.
+
+This is what the node does, but for messages: it knows nothing of ROS.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from ..exceptions import GoalError, TrajectoryError
+from ..goal import Goal, JointState, SequenceGoal
+from ..planning.planner import Plan
+from ..trajectory import Trajectory
+from ..validation import check_executable, check_limits
+from .assembly import Model
+from .commanded import stopping_motion
+from .goal_statistics import GoalStatistics
+from .newest_goal import CancelledError, IsCancelled
+from .start_state import Clock, Start, StartStates, TooLateError
+
+MakeGoal = Callable[[JointState], Goal]
+"""Says what is to be reached, for a motion that starts at a state."""
+
+# Times that a motion is planned again because the robot had gone on, each time with twice the
+# time that it took before.
+_MOST_ATTEMPTS = 3
+
+
+class UnexecutablePlanError(TrajectoryError):
+    """A plan that must not be published."""
+
+    def __init__(self, plan: Plan) -> None:
+        super().__init__(plan.message)
+        self.plan = plan
+
+
+@dataclass(frozen=True, eq=False)
+class Served:
+    """A goal whose motion was published.
+
+    Attributes
+    ----------
+    plan : Plan
+        The plan.
+    model : Model
+        What it was made with.
+    """
+
+    plan: Plan
+    model: Model
+
+
+class MotionServer:
+    """Plans motions, publishes them, and stops them.
+
+    Parameters
+    ----------
+    states :
+        Where motions start.
+    statistics :
+        Counts goals, and knows how long they take.
+    publish :
+        Sends a trajectory to the controller, which starts it at once; only its last point if
+        the second argument says so.
+    clock :
+        Tells how long planning takes [s]: never set back.
+    """
+
+    def __init__(
+        self,
+        states: StartStates,
+        statistics: GoalStatistics,
+        publish: Callable[[Trajectory, bool], None],
+        clock: Clock,
+    ) -> None:
+        self._states = states
+        self._statistics = statistics
+        self._send = publish
+        self._clock = clock
+        # Goals are served in a thread of their own, stops in that of the callbacks.
+        self._publishing = threading.Lock()
+
+    def serve(self, make_goal: MakeGoal, model: Model, is_cancelled: IsCancelled) -> Served:
+        """Plan and publish a motion.
+
+        Parameters
+        ----------
+        make_goal :
+            The goal, for a motion that starts at this state.
+        model :
+            What to plan with.
+        is_cancelled :
+            Whether nobody wants the motion any more.
+
+        Raises
+        ------
+        PlannerError
+            If the goal can't be served; nothing was published then.
+        CancelledError
+            If it is cancelled before it is published.
+        """
+        latency = self._statistics.expected_latency
+        for attempt in range(1, _MOST_ATTEMPTS + 1):
+            began = self._clock()
+            try:
+                return self._serve_once(make_goal, model, is_cancelled, latency)
+            except TooLateError:
+                if attempt == _MOST_ATTEMPTS:
+                    raise
+                latency = 2.0 * max(self._clock() - began, latency)
+        raise AssertionError("the last attempt returns or raises")
+
+    def stop(self, model: Model) -> str:
+        """Publish a trajectory of one point that brings the robot to rest.
+
+        Returns
+        -------
+        :
+            How it stops, one sentence.
+
+        Raises
+        ------
+        PlannerError
+            If it isn't known where the robot is; nothing was published then.
+        """
+        with self._publishing:
+            settings = model.settings
+            here = self._states.present(settings.state_timeout, settings.commanded_tolerance)
+            motion = stopping_motion(here, model.robot, model.limits)
+            if motion is not None:
+                said = f"comes to rest within {motion.duration:.3g} s"
+            else:
+                # What the controller does when it is told to cancel.
+                motion = _hold(here)
+                said = "holds where it is: no stop within the limits was found"
+            self._send(motion, True)
+            self._states.command(motion)
+        return said
+
+    def _serve_once(
+        self,
+        make_goal: MakeGoal,
+        model: Model,
+        is_cancelled: IsCancelled,
+        latency: float,
+    ) -> Served:
+        settings = model.settings
+        began = self._clock()
+        start = self._states.choose(
+            settings.start_from, settings.state_timeout, latency, settings.commanded_tolerance
+        )
+        model.planning_robot.is_cancelled = is_cancelled
+        goal = make_goal(start.state)
+        if isinstance(goal, SequenceGoal):
+            raise GoalError("sequences can't be planned by this release, send one goal at a time")
+        plan = model.planner.plan(goal, start.state)
+        if not plan.is_executable:
+            raise UnexecutablePlanError(plan)
+        self._publish(plan, start, model, is_cancelled)
+        self._statistics.served(plan.solve_time, self._clock() - began)
+        return Served(plan, model)
+
+    def _publish(self, plan: Plan, start: Start, model: Model, is_cancelled: IsCancelled) -> None:
+        """Publish a plan from where the robot is: the only place where motions are published."""
+        timeout = model.settings.state_timeout
+        check = plan.limit_check
+        if start.commanded is not None:
+            # What is published a moment later is the end of the same trajectory.
+            joined = self._states.join(plan.trajectory, start, timeout)
+            check = check_limits(joined, model.planning_robot, model.limits)
+        with self._publishing:
+            if is_cancelled():
+                raise CancelledError
+            trajectory = self._states.join(plan.trajectory, start, timeout)
+            check_executable(
+                trajectory,
+                check,
+                _first_state(trajectory) if start.commanded else start.state,
+                allow_nonzero_end_velocity=model.settings.allow_nonzero_end_velocity,
+            )
+            self._send(trajectory, False)
+            self._states.command(trajectory)
+
+
+def _first_state(trajectory: Trajectory) -> JointState:
+    return JointState(trajectory.joint_names, trajectory.positions[0])
+
+
+def _hold(here: JointState) -> Trajectory:
+    zero = [[0.0] * len(here.joint_names)]
+    return Trajectory(here.joint_names, [0.0], [here.positions], zero, zero)

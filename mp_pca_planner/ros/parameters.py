@@ -1,0 +1,272 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""The parameters of the node: one table, and the settings that come of it.
+
+This module knows nothing of ROS, so that the table can be read and checked without it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import MISSING, dataclass, field, fields
+from typing import Any
+
+from ..exceptions import PlannerError, quote_names, unknown_name
+from ..planning.planner import BASES, LONGEST_DURATION, PlannerOptions
+
+MEASURED = "measured"
+COMMANDED = "commanded"
+
+LIMITS_PREFIX = "limits."
+_LIMIT_QUANTITIES = {
+    "max_velocity": "velocity [rad/s or m/s]",
+    "max_acceleration": "acceleration [rad/s² or m/s²]",
+    "max_jerk": "jerk [rad/s³ or m/s³]",
+    "max_effort": "torque [N·m] or force [N]",
+}
+_HIGHEST_LIMIT = 1e9
+
+ParameterValue = bool | float | str | tuple[str, ...]
+
+
+class ParameterError(PlannerError):
+    """A parameter that is unknown or has a value that can't be used."""
+
+
+@dataclass(frozen=True)
+class Declaration:
+    """What a parameter is.
+
+    Attributes
+    ----------
+    name : str
+        Its name.
+    default : bool, float, str or tuple of str
+        Its default, which also fixes its type.
+    description : str
+        One sentence or two for people.
+    low, high : float
+        Range of a number, ends included.
+    choices : tuple of str
+        The valid texts; none if any will do.
+    """
+
+    name: str
+    default: ParameterValue
+    description: str
+    low: float = 0.0
+    high: float = 0.0
+    choices: tuple[str, ...] = ()
+
+    @property
+    def accepted(self) -> str:
+        """What is accepted, for messages."""
+        if isinstance(self.default, bool):
+            return "true or false"
+        if isinstance(self.default, float):
+            return f"a number with a decimal point from {self.low:g} to {self.high:g}"
+        if isinstance(self.default, tuple):
+            return "a list of texts"
+        return f"one of {quote_names(self.choices)}" if self.choices else "a text"
+
+
+def _declared(default: ParameterValue, description: str, **accepted: Any) -> Any:
+    return field(
+        default=default, metadata={"description": " ".join(description.split()), **accepted}
+    )
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Values of all parameters; this class is the table they are declared by.
+
+    `limits` alone is no parameter: it collects the parameters ``limits.<joint>.<quantity>``, which
+    are declared when the joints are known (see :func:`limit_declarations`).
+
+    Raises
+    ------
+    ParameterError
+        If a text is none of the choices.
+    """
+
+    # The default is a list of one empty text, since ROS can't tell the type of an empty list.
+    primitives: tuple[str, ...] = _declared(
+        ("",), "Primitive files, or folders of them (*.npz); empty texts are ignored."
+    )
+    robot_description: str = _declared(
+        "", "URDF of the robot, XML text; empty: it is taken from the topic robot_description."
+    )
+    end_effector_frame: str = _declared(
+        "",
+        """Link of the robot that pose goals are for and that the preview draws the path of; empty:
+        the last link of the robot description.""",
+    )
+    limits_file: str = _declared(
+        "",
+        """Joint limits in the form of MoveIt's joint_limits.yaml (max_jerk and max_effort too),
+        laid over those of the URDF; empty: none.""",
+    )
+    start_from: str = _declared(
+        MEASURED,
+        """Where a motion starts: 'measured' (newest joint_states, acceleration 0) or 'commanded'
+        (where the motion published last is by then; measured when it is over).""",
+        choices=(MEASURED, COMMANDED),
+    )
+    commanded_tolerance: float = _declared(
+        0.1,
+        """How far [rad or m] a joint may be measured from where the running motion should have it
+        for the next motion to start on that one; beyond, the robot has left it.""",
+        low=1e-3,
+        high=10.0,
+    )
+    state_timeout: float = _declared(
+        0.5,
+        "Age [s] at which the newest joint_states is too old to plan from; 0: never.",
+        high=3600.0,
+    )
+    duration: float = _declared(
+        0.0,
+        """Duration of every motion [s]; 0: as the demonstrations suggest, longer if the limits
+        ask for it.""",
+        high=LONGEST_DURATION,
+    )
+    basis: str = _declared(
+        BASES[0],
+        """Functions that motions are made of: 'pca' (components of the primitive) or 'bspline'
+        (6 control points per joint).""",
+        choices=BASES,
+    )
+    naturalness: float = _declared(
+        PlannerOptions.naturalness,
+        """Cost of a motion one standard deviation away from the demonstrated ones, as a share of
+        the expected motion's effort; 0: least effort alone, which may leave the demonstrations
+        far behind.""",
+        high=1e6,
+    )
+    max_solve_time: float = _declared(
+        PlannerOptions.max_solve_time,
+        "Longest time for the optimisation [s]; the best motion found by then is used.",
+        low=1e-3,
+        high=3600.0,
+    )
+    sample_period: float = _declared(
+        PlannerOptions.sample_period,
+        "Longest time between points of a trajectory [s].",
+        low=1e-3,
+        high=1.0,
+    )
+    publish_effort: bool = _declared(
+        False,
+        """Whether points carry efforts; a controller without an effort interface refuses such a
+        trajectory.""",
+    )
+    allow_nonzero_end_velocity: bool = _declared(
+        False,
+        """Whether goals may ask for a velocity at the end; set it only if the controller's
+        parameter allow_nonzero_velocity_at_trajectory_end is set too.""",
+    )
+    save_folder: str = _declared(
+        "",
+        """Folder in which ~/save_motion keeps the last motion as a primitive file; empty: motions
+        can't be saved.""",
+    )
+    limits: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        for declaration in DECLARATIONS:
+            value = getattr(self, declaration.name)
+            if declaration.choices and value not in declaration.choices:
+                raise ParameterError(
+                    f"parameter '{declaration.name}' is {value!r:.80}, "
+                    f"but it must be {declaration.accepted}"
+                )
+
+    @classmethod
+    def from_values(cls, values: Mapping[str, Any]) -> Settings:
+        """Sort out the values of all declared parameters by name, `limits.…` among them.
+
+        Values must have the types of their declarations.
+        """
+        own = {d.name: values[d.name] for d in DECLARATIONS if d.name in values}
+        if "primitives" in own:
+            own["primitives"] = tuple(own["primitives"])
+        limits: dict[str, dict[str, float]] = {}
+        for name, value in values.items():
+            # 0 stands for "as the URDF says".
+            if name.startswith(LIMITS_PREFIX) and value != 0.0:
+                joint, quantity = split_limit_name(name)
+                limits.setdefault(joint, {})[quantity] = value
+        return cls(**own, limits=limits)
+
+    @property
+    def primitive_paths(self) -> tuple[str, ...]:
+        """The files and folders of primitives."""
+        return tuple(path for path in self.primitives if path)
+
+    @property
+    def planner_options(self) -> PlannerOptions:
+        """The part that the planner needs."""
+        return PlannerOptions(
+            basis=self.basis,
+            naturalness=self.naturalness,
+            sample_period=self.sample_period,
+            max_solve_time=self.max_solve_time,
+            allow_nonzero_end_velocity=self.allow_nonzero_end_velocity,
+        )
+
+
+DECLARATIONS: tuple[Declaration, ...] = tuple(
+    Declaration(f.name, f.default, **f.metadata)
+    for f in fields(Settings)
+    if f.default is not MISSING
+)
+"""All parameters except limits.<joint>.<quantity>."""
+
+
+def limit_declarations(joint_names: Sequence[str]) -> tuple[Declaration, ...]:
+    """Declare the limits of each joint."""
+    return tuple(
+        Declaration(
+            f"{LIMITS_PREFIX}{joint}.{quantity}",
+            0.0,
+            f"Largest {words} of joint '{joint}'; 0: as the limits file or the URDF says.",
+            high=_HIGHEST_LIMIT,
+        )
+        for joint in joint_names
+        for quantity, words in _LIMIT_QUANTITIES.items()
+    )
+
+
+def split_limit_name(name: str) -> tuple[str, str]:
+    """Return joint and quantity of a parameter ``limits.<joint>.<quantity>``.
+
+    Raises
+    ------
+    ParameterError
+        If the name has another form.
+    """
+    joint, _, quantity = name.removeprefix(LIMITS_PREFIX).rpartition(".")
+    if not joint or quantity not in _LIMIT_QUANTITIES:
+        raise ParameterError(
+            f"no parameter is called '{name}': limits are called limits.<joint>.<quantity>, "
+            f"the quantities are {quote_names(_LIMIT_QUANTITIES)}"
+        )
+    return joint, quantity
+
+
+def check_limit_names(names: Iterable[str], joint_names: Sequence[str]) -> None:
+    """Refuse names of limits that are of no joint of the primitives.
+
+    Raises
+    ------
+    ParameterError
+        If a name that starts with ``limits.`` doesn't name one of the joints and a quantity.
+    """
+    for name in names:
+        if name.startswith(LIMITS_PREFIX):
+            joint, _ = split_limit_name(name)
+            if joint not in joint_names:
+                raise ParameterError(
+                    f"parameter '{name}' can't be used: "
+                    f"{unknown_name('joint of the primitives', joint, joint_names)}"
+                )

@@ -1,0 +1,102 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Runs the node until it is told to stop."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import signal
+import sys
+import threading
+from collections.abc import Sequence
+
+from ..exceptions import MissingDependencyError, PlannerError
+
+DONE, REFUSED = 0, 2
+
+_PROGRAM = "mp_pca_planner planner_node"
+_ROS_ARGUMENTS = "--ros-args"
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Run the node until SIGINT or SIGTERM.
+
+    Parameters
+    ----------
+    args :
+        The arguments without the program's name; those of the process by default.
+
+    Returns
+    -------
+    :
+        The exit status: 0 stopped by a signal, 2 refused arguments or parameters.
+    """
+    arguments = list(sys.argv[1:] if args is None else args)
+    own = arguments[: arguments.index(_ROS_ARGUMENTS)] if _ROS_ARGUMENTS in arguments else arguments
+    _, unknown = _parser().parse_known_args(own)
+    # The matrices of planning are small: more threads would only wait for one another.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    # Before anything else is imported, which takes long enough to be interrupted.
+    stop = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: stop.set())
+    try:
+        _run(arguments, unknown, stop)
+    except PlannerError as error:
+        print(f"{_PROGRAM}: {error}", file=sys.stderr)
+        return REFUSED
+    return DONE
+
+
+def _run(arguments: list[str], unknown: Sequence[str], stop: threading.Event) -> None:
+    from .parameters import ParameterError
+
+    if unknown:
+        raise ParameterError(
+            f"'{unknown[0]}' can't be used: what the node is told comes after {_ROS_ARGUMENTS}"
+        )
+    try:
+        import rclpy
+    except ModuleNotFoundError as error:
+        raise MissingDependencyError(str(error.name), "ros", "the node") from error
+    from rclpy.signals import SignalHandlerOptions
+
+    try:
+        # rclpy's own handlers would shut the context down under a running callback.
+        rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
+    except RuntimeError as error:
+        reason = str(error).splitlines()[0]
+        raise ParameterError(f"the arguments after --ros-args are refused: {reason}") from error
+    try:
+        _spin(stop)
+    finally:
+        rclpy.try_shutdown()
+
+
+def _spin(stop: threading.Event) -> None:
+    from rclpy.executors import SingleThreadedExecutor
+
+    from .node import PlannerNode
+
+    node = PlannerNode()
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+    try:
+        # A message ends the wait at once; the time bounds only how long a signal waits.
+        while not stop.is_set():
+            executor.spin_once(timeout_sec=0.1)
+    finally:
+        executor.shutdown()
+        node.destroy_node()
+
+
+def _parser() -> argparse.ArgumentParser:
+    return argparse.ArgumentParser(
+        prog=_PROGRAM,
+        usage="%(prog)s [-h] [--ros-args ...]",
+        description="The ROS 2 node: plans a least-effort motion for each goal configuration on "
+        "~/goal and publishes it on ~/joint_trajectory.",
+        epilog="Everything is set by ROS parameters, for example --ros-args -p "
+        "primitives:=[reach.npz]; config/planner.yaml of this package explains them all.",
+    )

@@ -1,0 +1,232 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""The one validator: what may be sent to a robot.
+
+It judges what joint_trajectory_controller will make of the points, the quintic polynomial
+between neighbours, on a grid of at most 1 ms; so it depends neither on how a trajectory was
+planned nor on how densely it is sampled.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .arrays import FloatArray
+from .exceptions import TrajectoryError
+from .goal import JointState
+from .interpolation import hermite_functions, segment_ends
+from .limits import JointLimits
+from .robot import Robot
+from .trajectory import Trajectory
+
+GRID_PERIOD = 1e-3
+"""Longest step of the grid on which limits are checked [s]."""
+
+LIMIT_TOLERANCE = 1e-6
+"""Relative excess over a limit that counts as rounding."""
+
+_START_TOLERANCE = 1e-9
+
+
+@dataclass(frozen=True)
+class Violation:
+    """A limit that a trajectory breaks.
+
+    Attributes
+    ----------
+    quantity : str
+        'position', 'velocity', 'acceleration', 'jerk' or 'effort'.
+    joint : str
+        Name of the joint.
+    time : float
+        When it is worst [s].
+    value, limit : float
+        The value then and the limit, in SI units.
+    excess : float
+        Relative excess: |value| / limit − 1, for positions the distance outside divided
+        by the length of the range (or by 1 rad or m if that is infinite).
+    """
+
+    quantity: str
+    joint: str
+    time: float
+    value: float
+    limit: float
+    excess: float
+
+    def __str__(self) -> str:
+        return (
+            f"{self.quantity} of joint '{self.joint}' is {self.value:.4g} at {self.time:.3f} s, "
+            f"limit {self.limit:.4g}"
+        )
+
+
+@dataclass(frozen=True)
+class LimitCheck:
+    """Result of comparing a trajectory with limits.
+
+    Attributes
+    ----------
+    violations : tuple of Violation
+        Every limit broken by more than rounding, the worst first.
+    worst_excess : float
+        Largest relative excess, 0 if every limit holds.
+    """
+
+    violations: tuple[Violation, ...]
+    worst_excess: float
+
+
+@dataclass(frozen=True, eq=False)
+class DenseSamples:
+    """The motion that the controller makes of a trajectory, on a fine grid.
+
+    Attributes
+    ----------
+    times : array, shape (n_samples,)
+        [s].
+    q, v, a, jerk : array, shape (n_samples, n_joints)
+        Positions and their first three derivatives. A jerk jumps at the points.
+    """
+
+    times: FloatArray
+    q: FloatArray
+    v: FloatArray
+    a: FloatArray
+    jerk: FloatArray
+
+
+def interpolate(trajectory: Trajectory, period: float = GRID_PERIOD) -> DenseSamples:
+    """Sample the quintic interpolation of a trajectory.
+
+    Parameters
+    ----------
+    trajectory : Trajectory
+        The points.
+    period : float
+        Longest time between two samples [s]; every point is a sample.
+    """
+    steps = np.diff(trajectory.times)
+    if steps.size == 0:
+        zero = np.zeros_like(trajectory.positions)
+        return DenseSamples(
+            trajectory.times,
+            trajectory.positions,
+            trajectory.velocities,
+            trajectory.accelerations,
+            zero,
+        )
+    n_parts = max(int(np.ceil(steps.max() / period - 1e-6)), 1)
+    fractions = np.linspace(0.0, 1.0, n_parts + 1)
+    ends = segment_ends(
+        trajectory.times, trajectory.positions, trajectory.velocities, trajectory.accelerations
+    )
+    n_joints = trajectory.n_joints
+    q, v, a, jerk = (
+        (hermite_functions(fractions, d) @ ends / steps[:, None, None] ** d).reshape(-1, n_joints)
+        for d in range(4)
+    )
+    times = (trajectory.times[:-1, None] + steps[:, None] * fractions).ravel()
+    return DenseSamples(times, q, v, a, jerk)
+
+
+def check_limits(trajectory: Trajectory, robot: Robot, limits: JointLimits) -> LimitCheck:
+    """Compare a trajectory with limits on a grid of at most 1 ms.
+
+    Parameters
+    ----------
+    trajectory : Trajectory
+        Of the joints of the robot, in its order.
+    robot : Robot
+        For the efforts, which are computed here, not taken from the trajectory.
+    limits : JointLimits
+        Limits of the same joints.
+    """
+    dense = interpolate(trajectory)
+    magnitudes = [
+        ("velocity", dense.v, limits.velocity),
+        ("acceleration", dense.a, limits.acceleration),
+        ("jerk", dense.jerk, limits.jerk),
+    ]
+    if np.isfinite(limits.effort).any():
+        tau = robot.inverse_dynamics(dense.q, dense.v, dense.a)
+        magnitudes.append(("effort", tau, limits.effort))
+    found = _outside_range(dense, limits)
+    for quantity, values, bound in magnitudes:
+        peak = np.abs(values).argmax(axis=0)
+        for j, name in enumerate(limits.joint_names):
+            value = float(values[peak[j], j])
+            excess = abs(value) / float(bound[j]) - 1.0
+            if not excess <= 0.0:  # a NaN is a violation
+                time = float(dense.times[peak[j]])
+                found.append(Violation(quantity, name, time, value, float(bound[j]), excess))
+    found.sort(key=lambda violation: -violation.excess)
+    return LimitCheck(
+        tuple(v for v in found if not v.excess <= LIMIT_TOLERANCE),
+        max((v.excess for v in found), default=0.0),
+    )
+
+
+def _outside_range(dense: DenseSamples, limits: JointLimits) -> list[Violation]:
+    span = np.where(np.isfinite(limits.upper - limits.lower), limits.upper - limits.lower, 1.0)
+    found = []
+    for bound, outside in (
+        (limits.lower, (limits.lower - dense.q) / span),
+        (limits.upper, (dense.q - limits.upper) / span),
+    ):
+        peak = outside.argmax(axis=0)
+        for j, name in enumerate(limits.joint_names):
+            excess = float(outside[peak[j], j])
+            if not excess <= 0.0:
+                time, value = float(dense.times[peak[j]]), float(dense.q[peak[j], j])
+                found.append(Violation("position", name, time, value, float(bound[j]), excess))
+    return found
+
+
+def check_executable(
+    trajectory: Trajectory,
+    check: LimitCheck,
+    start: JointState,
+    *,
+    allow_nonzero_end_velocity: bool = False,
+) -> None:
+    """Refuse a trajectory that must not be sent to joint_trajectory_controller.
+
+    Parameters
+    ----------
+    trajectory : Trajectory
+        What is to be sent. Its constructor has seen to finite numbers, unique joints and
+        increasing times from 0.
+    check : LimitCheck
+        Result of :func:`check_limits` for it.
+    start : JointState
+        Present (or commanded) state of the same joints.
+    allow_nonzero_end_velocity : bool
+        Whether the controller is set to accept a motion that doesn't end at rest.
+
+    Raises
+    ------
+    TrajectoryError
+        If it breaks a limit, doesn't start at the present state, or doesn't end at rest.
+    """
+    if check.violations:
+        raise TrajectoryError(str(check.violations[0]))
+    if trajectory.joint_names != start.joint_names:
+        raise TrajectoryError(
+            f"the trajectory moves {trajectory.joint_names}, the state is of {start.joint_names}"
+        )
+    jump = np.abs(trajectory.positions[0] - start.positions)
+    worst = int(jump.argmax())
+    if not jump[worst] <= _START_TOLERANCE:
+        raise TrajectoryError(
+            f"the trajectory starts {jump[worst]:.3g} rad (or m) from the present position of "
+            f"joint '{trajectory.joint_names[worst]}'"
+        )
+    if not allow_nonzero_end_velocity and np.any(trajectory.velocities[-1] != 0.0):
+        worst = int(np.abs(trajectory.velocities[-1]).argmax())
+        raise TrajectoryError(
+            f"the trajectory ends with a velocity of {trajectory.velocities[-1, worst]:.3g} of "
+            f"joint '{trajectory.joint_names[worst]}', and the controller accepts only exactly 0"
+        )

@@ -1,0 +1,86 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Build description for colcon (ament_python) and for pip."""
+
+from glob import glob
+
+from setuptools import find_packages, setup
+
+PACKAGE = "mp_pca_planner"
+
+setup(
+    name=PACKAGE,
+    # Also in package.xml and mp_pca_planner/__init__.py: catkin_prepare_release wants literals.
+    version="0.1.0",
+    description=(
+        "Movement primitives from recorded demonstrations by principal component analysis, "
+        "and least-effort arm motions optimised over their weights"
+    ),
+    maintainer="mp_pca_planner developers",
+    maintainer_email="maintainers@mp-pca-planner.example",
+    license="Apache-2.0",
+    python_requires=">=3.11",
+    packages=find_packages(include=[PACKAGE, f"{PACKAGE}.*"]),
+    package_data={PACKAGE: ["py.typed"]},
+    zip_safe=False,
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
+        (f"share/{PACKAGE}", ["package.xml"]),
+        (f"share/{PACKAGE}/config", sorted(glob("config/*"))),
+        (f"share/{PACKAGE}/launch", sorted(glob("launch/*.py"))),
+        # No console_scripts: pip would put commands called `plan` and `inspect` into bin/, where
+        # `ros2 run` does not look; colcon and pip both honour data_files, keep the mode bits, and
+        # put the executables where it does.
+        (f"lib/{PACKAGE}", sorted(glob("scripts/ros2_run/*"))),
+    ],
+    # What pip must bring when nothing is there. A ROS workspace takes its dependencies from
+    # package.xml instead, where Pinocchio and rosbags may come without the metadata called `pin`
+    # and `rosbags`. That does no harm: colcon installs without dependencies, and no script that
+    # checks this list at start is generated.
+    install_requires=[
+        "numpy>=1.26",
+        "scipy>=1.11",
+        "pin>=2.7",
+        "rosbags>=0.11",
+        "PyYAML>=6.0",
+        "tqdm>=4.66",
+    ],
+    extras_require={
+        # ROS 2 Jazzy for machines without one: wheels for x86-64 Linux.
+        "ros": [
+            "ros-jazzy-rclpy[fastrtps]==7.1.6",
+            "ros-jazzy-common-interfaces==5.3.6",
+        ],
+        "plot": ["matplotlib>=3.6"],
+        # Other ways to motions, to compare with: ProMP and DMP, optimal control, time-optimal.
+        "peers": [
+            "movement_primitives>=0.9",
+            "pytransform3d>=3.5",  # movement_primitives imports it, but doesn't ask for it
+            "crocoddyl>=3.2",
+            "ruckig>=0.14",
+            "example-robot-data>=4.3",
+        ],
+        # Has no wheels for many platforms: apart, so that it doesn't hold up the other peers.
+        "drake": ["drake>=1.30"],
+        # Libraries that several processes may change at once.
+        "library": ["filelock>=3.12"],
+        # Learning by trials: CMA-ES.
+        "learn": ["cmaes>=0.10"],
+        # Recordings read by the workers of a Dask cluster.
+        "dask": ["distributed>=2024.1"],
+        # colcon runs pytest only if it is named here. Checkers whose verdict changes from one
+        # release to the next are held.
+        "test": [
+            "cmaes>=0.10",
+            "distributed>=2024.1",
+            "filelock>=3.12",
+            "hypothesis>=6.100",
+            "mypy==2.4.*",
+            "pytest>=7.4",
+            "ruff==0.17.*",
+            "setuptools>=70.1",
+            "types-PyYAML",
+            "types-tqdm",
+        ],
+    },
+)

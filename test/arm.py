@@ -1,0 +1,33 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""The arm that most tests plan for: its model, demonstrations and a primitive."""
+
+from functools import cache
+
+from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
+from mp_pca_planner.primitives.primitive import MovementPrimitive
+from mp_pca_planner.recordings.demonstration import Demonstration
+from mp_pca_planner.recordings.synthetic import JOINT_NAMES, generate_motions
+from mp_pca_planner.resources import config_file
+from mp_pca_planner.robot import Robot
+
+JOINTS = JOINT_NAMES
+
+
+def arm_robot() -> Robot:
+    """The human-like arm."""
+    return Robot.from_file(config_file("human_arm.urdf"), JOINTS)
+
+
+@cache
+def arm_demonstrations(n: int = 20, seed: int = 5) -> tuple[Demonstration, ...]:
+    """Motions of it, without the detour through a bag."""
+    motions = generate_motions(n, seed)
+    return tuple(motion.as_demonstration(f"motion_{i}") for i, motion in enumerate(motions))
+
+
+@cache
+def arm_primitive(coupling: str = "arm", n_components: int = 4) -> MovementPrimitive:
+    """A primitive learned from them."""
+    options = PrimitiveOptions(coupling=coupling, n_components=n_components)
+    return build_primitive(arm_demonstrations(), f"arm_{coupling}_{n_components}", options)

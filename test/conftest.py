@@ -1,0 +1,131 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""What several test files use: bags with any content, made without the package's own writer."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+
+import hypothesis
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from rosbags.rosbag1 import Writer as Writer1
+from rosbags.rosbag2 import StoragePlugin
+from rosbags.rosbag2 import Writer as Writer2
+from rosbags.typesys import Stores, get_typestore
+
+# The same examples on every run, and no verdict that depends on the machine's speed.
+hypothesis.settings.register_profile("repeatable", derandomize=True, deadline=None)
+hypothesis.settings.load_profile("repeatable")
+
+_SHARED = Path(__file__).resolve().parents[2] / "shared" / "data"
+SHARED_DATA = _SHARED if _SHARED.exists() else None
+"""Real recordings beside the project, where they exist."""
+
+FORMATS = ("rosbag1", "sqlite3", "mcap")
+S = 1_000_000_000
+EPOCH = 1_700_000_000 * S
+"""Some time of day [ns]."""
+
+
+@dataclass
+class Message:
+    """A joint state as it goes into a bag."""
+
+    names: Sequence[str]
+    positions: Sequence[float] | NDArray[np.float64]
+    stamp: int
+    receive: int | None = None
+    topic: str = "/joint_states"
+    velocities: Sequence[float] | NDArray[np.float64] = ()
+
+
+def write_bag(
+    path: Path, bag_format: str, messages: Iterable[Message], *, unknown_type: bool = False
+) -> Path:
+    """Write messages in the order given; return the path with the suffix of the format."""
+    store = get_typestore(Stores.ROS1_NOETIC if bag_format == "rosbag1" else Stores.ROS2_JAZZY)
+    kind = "sensor_msgs/msg/JointState"
+    if bag_format == "rosbag1":
+        path = path.with_suffix(".bag")
+        writer = Writer1(path)
+        digest = {"md5sum": "0" * 32}
+        serialize, extra = store.serialize_ros1, (0,)
+    else:
+        plugin = StoragePlugin.MCAP if bag_format == "mcap" else StoragePlugin.SQLITE3
+        writer = Writer2(path, version=9, storage_plugin=plugin)
+        digest = {"rihs01": "RIHS01_" + "0" * 64}
+        serialize, extra = store.serialize_cdr, ()
+    with writer:
+        if unknown_type:
+            strange = writer.add_connection(
+                "/strange", "nobody_msgs/msg/Strange", msgdef="nobody_msgs/Missing x\n", **digest
+            )
+            writer.write(strange, EPOCH, b"\x01\x02\x03")
+        connections = {}
+        for message in messages:
+            if message.topic not in connections:
+                connections[message.topic] = writer.add_connection(
+                    message.topic, kind, typestore=store
+                )
+            stamp = store.types["builtin_interfaces/msg/Time"](*divmod(message.stamp, S))
+            header = store.types["std_msgs/msg/Header"](*extra, stamp, "")
+            content = store.types[kind](
+                header,
+                list(message.names),
+                np.ascontiguousarray(message.positions, dtype=np.float64),
+                np.ascontiguousarray(message.velocities, dtype=np.float64),
+                np.empty(0),
+            )
+            receive = message.stamp if message.receive is None else message.receive
+            writer.write(connections[message.topic], receive, serialize(content, kind))
+    return path
+
+
+def minimum_jerk(start: float, goal: float, n_steps: int) -> NDArray[np.float64]:
+    """Positions of a reach from rest to rest, shape (n_steps,)."""
+    s = np.linspace(0.0, 1.0, n_steps)
+    return start + (goal - start) * (10 * s**3 - 15 * s**4 + 6 * s**5)
+
+
+def reaching(
+    goals: Sequence[float], *, rate: float = 100.0, reach: float = 1.0, rest: float = 1.0
+) -> NDArray[np.float64]:
+    """Two joints that rest and reach in turn, first and last at rest, shape (n_steps, 2)."""
+    parts = [np.full(round(rest * rate), goals[0])]
+    for start, goal in pairwise(goals):
+        parts.append(minimum_jerk(start, goal, round(reach * rate)))
+        parts.append(np.full(round(rest * rate), goal))
+    first = np.concatenate(parts)
+    return np.column_stack([first, -0.5 * first])
+
+
+def stamped(
+    positions: NDArray[np.float64],
+    *,
+    names: Sequence[str] = ("a", "b"),
+    rate: float = 100.0,
+    start: int = EPOCH,
+) -> list[Message]:
+    """Make a message of each row, at a constant rate."""
+    return [
+        Message(names, row, start + round(index * S / rate)) for index, row in enumerate(positions)
+    ]
+
+
+@pytest.fixture(params=FORMATS)
+def bag_format(request: pytest.FixtureRequest) -> str:
+    """Every storage format in turn."""
+    return str(request.param)
+
+
+@pytest.fixture
+def shared_data() -> Path:
+    """Folder of real recordings; the test is skipped where there is none."""
+    if SHARED_DATA is None:
+        pytest.skip("the real recordings (../shared/data) are not beside this checkout")
+    return SHARED_DATA

@@ -1,0 +1,236 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Time alignment against motions whose timing is known."""
+
+import numpy as np
+import pytest
+from arm import JOINTS, arm_demonstrations
+from conftest import minimum_jerk
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.interpolate import CubicSpline
+
+from mp_pca_planner.primitives.alignment import (
+    ALIGNMENTS,
+    align,
+    aligned_phases,
+    aligned_positions,
+    arc_length_warp,
+    own_phases,
+)
+from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
+from mp_pca_planner.recordings.demonstration import Demonstration
+
+PHASES = np.linspace(0.0, 1.0, 101)
+
+
+def recorded(times, positions):
+    """A demonstration with these samples and the derivatives of the spline through them."""
+    curve = CubicSpline(times, positions)
+    return Demonstration(
+        ("a", "b"),
+        times,
+        *(curve(times, order) for order in range(3)),
+        recording="made",
+        start_time=0.0,
+        end_time=times[-1],
+    )
+
+
+def curved(progress, duration=1.2):
+    """Two joints on one curved path, as far as the progress (n_steps,) says."""
+    path = np.column_stack([progress, 0.8 * np.sin(np.pi * progress) + 0.3 * progress])
+    return recorded(np.linspace(0.0, duration, len(progress)), path)
+
+
+def with_rest(share):
+    """The curved path with a rest of a share of the duration in the middle."""
+    n_rest = round(301 * share)
+    n_half = (301 - n_rest) // 2
+    first = minimum_jerk(0.0, 0.4, n_half)
+    return curved(np.concatenate([first, np.full(n_rest, 0.4), minimum_jerk(0.4, 1.0, n_half)]))
+
+
+def differences(demonstrations, method):
+    """RMS distance of aligned motions to the first one."""
+    warps = align(demonstrations, method)
+    motions = [aligned_positions(d, w, PHASES) for d, w in zip(demonstrations, warps, strict=True)]
+    return [float(np.sqrt(np.mean((m - motions[0]) ** 2))) for m in motions[1:]]
+
+
+def timings():
+    """One path at five paces, one of them with a rest in the middle."""
+    even = minimum_jerk(0.0, 1.0, 301)
+    late, early = even**1.5, 1.0 - (1.0 - even) ** 1.5
+    return [curved(even), curved(late), curved(early), curved(even[::2], 2.0), with_rest(0.2)]
+
+
+def test_linear_alignment_is_the_share_of_the_duration():
+    demonstrations = arm_demonstrations()
+    warps = align(demonstrations, "linear")
+    for demonstration, warp in zip(demonstrations, warps, strict=True):
+        np.testing.assert_allclose(
+            aligned_positions(demonstration, warp, PHASES),
+            demonstration.time_normalised(101),
+            atol=1e-12,
+        )
+
+
+@pytest.mark.parametrize("method", ["arc_length", "dtw"])
+def test_one_path_at_different_paces_becomes_one_motion(method):
+    demonstrations = timings()
+    for before, after in zip(
+        differences(demonstrations, "linear"), differences(demonstrations, method), strict=True
+    ):
+        assert after < max(0.25 * before, 0.01)
+
+
+def test_arc_length_alignment_goes_its_way_at_the_pace_of_minimum_jerk():
+    for demonstration in arm_demonstrations():
+        (warp,) = align([demonstration], "arc_length")
+        motion = aligned_positions(demonstration, warp, PHASES)
+        way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(motion, axis=0), axis=1))])
+        # The share of time that the warp mixes in keeps it from being exact.
+        np.testing.assert_allclose(way / way[-1], minimum_jerk(0.0, 1.0, 101), atol=0.03)
+
+
+def test_a_minimum_jerk_reach_is_hardly_warped():
+    for method in ALIGNMENTS:
+        (warp,) = align([recorded(*_straight())], method)
+        np.testing.assert_allclose(own_phases(warp, PHASES)[10:-10], PHASES[10:-10], atol=0.03)
+
+
+def _straight():
+    return np.linspace(0.0, 1.0, 201), np.outer(minimum_jerk(0.0, 1.0, 201), [1.0, -0.5])
+
+
+def test_a_rest_in_the_middle_is_passed_through():
+    demonstration = with_rest(0.4)
+    (warp,) = align([demonstration], "arc_length")
+
+    def slowest(motion):
+        # Over 4 % of the phases each.
+        ways = np.linalg.norm(motion[4:] - motion[:-4], axis=1)[20:-20]
+        return ways.min() / ways.mean()
+
+    assert slowest(demonstration.time_normalised(101)) == 0.0
+    assert slowest(aligned_positions(demonstration, warp, PHASES)) > 0.5
+
+
+@pytest.mark.parametrize("method", ALIGNMENTS)
+def test_noise_changes_the_alignment_little(method):
+    rng = np.random.default_rng(3)
+    demonstrations = timings()
+    noisy = [
+        recorded(d.times, d.positions + rng.normal(0.0, 2e-4, d.positions.shape))
+        for d in demonstrations
+    ]
+    change = align(noisy, method) - align(demonstrations, method)
+    assert np.sqrt(np.mean(change**2)) < 0.03
+
+
+@pytest.mark.parametrize("method", ALIGNMENTS)
+@pytest.mark.parametrize("coupling", ["arm", "joint"])
+def test_weights_and_warp_give_a_demonstration_back_in_its_own_time(method, coupling):
+    demonstrations = arm_demonstrations()
+    options = PrimitiveOptions(align=method, coupling=coupling, n_components=5)
+    primitive = build_primitive(demonstrations, "x", options)
+    for i, demonstration in enumerate(demonstrations):
+        warp = primitive.warps[i]
+        # At the aligned phases, to the residual that is stated ...
+        times = demonstration.duration * own_phases(warp, PHASES)
+        truth = aligned_positions(demonstration, warp, PHASES)
+        error = primitive.reproduction(i, times) - truth
+        np.testing.assert_allclose(
+            np.sqrt(np.mean(error**2, axis=0)), primitive.fit_residual[i], rtol=1e-6, atol=1e-9
+        )
+        # ... and at evenly spaced times to much the same.
+        error = primitive.reproduction(i, demonstration.times) - demonstration.positions
+        assert np.sqrt(np.mean(error**2)) < 2.0 * np.sqrt(np.mean(primitive.fit_residual[i] ** 2))
+        assert np.abs(error[[0, -1]]).max() < 1e-9
+
+
+@given(
+    steps=st.lists(st.floats(1e-6, 1.0), min_size=1, max_size=60),
+    phases=st.lists(st.floats(0.0, 1.0), min_size=1, max_size=20),
+)
+def test_aligned_phases_undo_own_phases(steps, phases):
+    warp = np.concatenate([[0.0], np.cumsum(steps) / np.sum(steps)])
+    warp[-1] = 1.0
+    shares = own_phases(warp, np.array(phases))
+    assert np.all((shares >= 0.0) & (shares <= 1.0))
+    again = own_phases(warp, aligned_phases(warp, shares))
+    np.testing.assert_allclose(again, shares, atol=1e-9)
+    assert aligned_phases(warp, np.array([0.0, 1.0])).tolist() == [0.0, 1.0]
+
+
+@pytest.mark.parametrize("method", ALIGNMENTS)
+@given(data=st.data())
+def test_warps_of_any_motion_increase_from_0_to_1(method, data):
+    def any_motion():
+        n_steps = data.draw(st.integers(2, 12))
+        angles = st.sampled_from([0.0, 0.0, 1e-9, 0.1, -0.3, 2.0])
+        row = st.lists(angles, min_size=2, max_size=2)
+        positions = np.array(data.draw(st.lists(row, min_size=n_steps, max_size=n_steps)))
+        times = np.linspace(0.0, data.draw(st.floats(0.02, 20.0)), n_steps)
+        zero = np.zeros_like(positions)
+        return Demonstration(
+            ("a", "b"), times, positions, zero, zero, recording="x", start_time=0.0, end_time=1.0
+        )
+
+    warps = align([any_motion() for _ in range(data.draw(st.integers(1, 3)))], method)
+    assert np.all(warps[:, 0] == 0.0) and np.all(warps[:, -1] == 1.0)
+    assert np.diff(warps, axis=1).min() > 0.0
+
+
+def test_a_motion_that_goes_nowhere_is_not_warped():
+    still = np.zeros((50, 2))
+    np.testing.assert_array_equal(arc_length_warp(still), np.linspace(0.0, 1.0, 51))
+    np.testing.assert_array_equal(arc_length_warp(still + 1e-12), np.linspace(0.0, 1.0, 51))
+
+
+@pytest.mark.parametrize("method", ALIGNMENTS)
+def test_very_short_and_single_demonstrations_make_a_primitive(method):
+    times = np.array([0.0, 0.02])
+    reach = Demonstration(
+        ("a", "b"),
+        times,
+        [[0.0, 0.0], [0.1, 0.0]],
+        np.zeros((2, 2)),
+        np.zeros((2, 2)),
+        recording="short",
+        start_time=0.0,
+        end_time=0.02,
+    )
+    primitive = build_primitive([reach], "short", PrimitiveOptions(align=method))
+    assert primitive.n_components == 0
+    np.testing.assert_allclose(primitive.reproduction(0, times), reach.positions, atol=1e-12)
+
+
+@pytest.mark.parametrize("method", ["arc_length", "dtw"])
+def test_alignment_removes_the_variance_of_timing(method):
+    linear, aligned = (
+        build_primitive(timings(), "x", PrimitiveOptions(align=name)).total_variance.sum()
+        for name in ("linear", method)
+    )
+    assert aligned < 0.1 * linear
+
+
+@pytest.mark.parametrize("method", ALIGNMENTS)
+def test_re_timed_motions_start_and_end_at_rest(method):
+    moving = [d.velocities[[0, -1]] for d in arm_demonstrations()]
+    primitive = build_primitive(arm_demonstrations(), "x", PrimitiveOptions(align=method))
+    kept = primitive.boundary_states[:, [1, 4]]
+    if method == "linear":
+        np.testing.assert_array_equal(kept, moving)
+    else:
+        assert not np.any(kept)
+    assert primitive.joint_names == JOINTS
+
+
+@pytest.mark.parametrize("method", ALIGNMENTS)
+def test_building_again_gives_the_same_warps_to_the_last_bit(method):
+    options = PrimitiveOptions(align=method, n_components=2)
+    one, two = (build_primitive(arm_demonstrations(8), "x", options).arrays() for _ in range(2))
+    for name, array in one.items():
+        np.testing.assert_array_equal(two[name], array)

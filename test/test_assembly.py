@@ -1,0 +1,56 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Files and settings become a planner, or are refused by name."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from arm import JOINTS, arm_primitive
+
+from mp_pca_planner.exceptions import LimitsError, PlannerError, RobotError
+from mp_pca_planner.resources import config_file
+from mp_pca_planner.ros.assembly import assemble_model
+from mp_pca_planner.ros.parameters import Settings
+
+URDF = config_file("human_arm.urdf").read_text(encoding="utf-8")
+PRIMITIVES = (arm_primitive(),)
+
+
+def test_limits_of_parameters_win_over_the_file_and_the_file_over_the_urdf(tmp_path: Path) -> None:
+    file = tmp_path / "limits.yaml"
+    file.write_text("joint_limits: {elbow: {max_velocity: 3.0, max_jerk: 50.0}}")
+    settings = Settings(limits_file=str(file), limits={"elbow": {"max_velocity": 2.0}})
+    limits = assemble_model(URDF, PRIMITIVES, settings).limits
+    elbow = JOINTS.index("elbow")
+    assert (limits.velocity[elbow], limits.jerk[elbow], limits.effort[elbow]) == (2.0, 50.0, 70.0)
+
+
+def test_limits_file_may_name_joints_that_the_primitives_do_not_move(tmp_path: Path) -> None:
+    finger = (
+        '<link name="finger"/><joint name="grip" type="prismatic"><parent link="base"/>'
+        '<child link="finger"/><limit lower="0" upper="1" velocity="1" effort="1"/></joint>'
+    )
+    root = URDF.partition('<parent link="')[2].partition('"')[0]
+    urdf = URDF.replace("</robot>", finger.replace("base", root) + "</robot>")
+    file = tmp_path / "limits.yaml"
+    file.write_text("joint_limits: {grip: {max_velocity: 3.0}}")
+    model = assemble_model(urdf, PRIMITIVES, Settings(limits_file=str(file)))
+    assert model.robot.joint_names == JOINTS
+
+
+@pytest.mark.parametrize(
+    ("urdf", "settings", "error"),
+    [
+        ("<robot", Settings(), RobotError),
+        (URDF.replace('"elbow"', '"knee"'), Settings(), RobotError),
+        (URDF, Settings(limits_file="/nowhere.yaml"), LimitsError),
+        (URDF, Settings(limits={"elbow": {"max_velocity": -1.0}}), LimitsError),
+    ],
+)
+def test_what_does_not_fit_together_is_refused(
+    urdf: str, settings: Settings, error: type[PlannerError]
+) -> None:
+    with pytest.raises(error):
+        assemble_model(urdf, PRIMITIVES, settings)

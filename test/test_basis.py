@@ -1,0 +1,79 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Families of shapes: polynomials and B-splines that vanish at both ends."""
+
+import numpy as np
+import pytest
+from arm import arm_primitive
+from numpy.polynomial import legendre
+
+from mp_pca_planner.primitives.basis import (
+    BSplineBasis,
+    end_vanishing_coefficients,
+    legendre_values,
+)
+
+BASES = [arm_primitive("arm").basis, arm_primitive("joint").basis, BSplineBasis(4)]
+IDS = ["arm", "joint", "bspline"]
+
+
+@pytest.mark.parametrize("basis", BASES, ids=IDS)
+def test_every_shape_vanishes_at_both_ends_to_the_second_derivative(basis):
+    ends = np.array([0.0, 1.0])
+    weights = np.linspace(-2.0, 2.0, basis.n_weights) * basis.scales
+    for order in range(3):
+        size = np.abs(basis.shape(weights, np.linspace(0.0, 1.0, 50), order)).max()
+        np.testing.assert_allclose(basis.shape(weights, ends, order), 0.0, atol=1e-11 * size)
+
+
+@pytest.mark.parametrize("basis", BASES, ids=IDS)
+def test_derivatives_by_phase_agree_with_central_differences(basis):
+    phases, step = np.linspace(0.03, 0.97, 31), 1e-6
+    weights = np.cos(np.arange(basis.n_weights)) * basis.scales
+    for order in range(1, 3):
+        above, below = (basis.shape(weights, phases + x, order - 1) for x in (step, -step))
+        found = basis.shape(weights, phases, order)
+        np.testing.assert_allclose(
+            found, (above - below) / (2.0 * step), atol=1e-6 * np.abs(found).max()
+        )
+
+
+@pytest.mark.parametrize("basis", BASES, ids=IDS)
+def test_a_shape_is_the_mean_and_the_weighted_functions(basis):
+    phases = np.linspace(0.0, 1.0, 17)
+    weights = np.sin(np.arange(basis.n_weights) + 1.0) * basis.scales
+    for order in range(3):
+        expected = (
+            basis.shape(np.zeros(basis.n_weights), phases, order)
+            + basis.functions(phases, order) @ weights
+        )
+        np.testing.assert_allclose(basis.shape(weights, phases, order), expected, atol=1e-9)
+        assert basis.functions(phases, order).shape == (17, basis.n_joints, basis.n_weights)
+
+
+@pytest.mark.parametrize("degree", [6, 10, 15, 25])
+def test_admissible_polynomials_are_orthonormal(degree):
+    coefficients = end_vanishing_coefficients(degree)
+    x, w = legendre.leggauss(degree + 1)
+    values = legendre_values(coefficients, (x + 1.0) / 2.0)
+    np.testing.assert_allclose(
+        values.T @ (values * w[:, None] / 2.0), np.eye(degree - 5), atol=1e-12
+    )
+
+
+def test_admissible_polynomials_span_all_that_vanish_at_the_ends():
+    s = np.linspace(0.0, 1.0, 60)
+    basis = legendre_values(end_vanishing_coefficients(9), s)
+    for power in range(4):
+        wanted = s ** (3 + power) * (1.0 - s) ** 3
+        found = basis @ np.linalg.lstsq(basis, wanted, rcond=None)[0]
+        np.testing.assert_allclose(found, wanted, atol=1e-14)
+
+
+def test_b_splines_have_six_free_control_points_per_joint_and_smooth_accelerations():
+    basis = BSplineBasis(4)
+    assert basis.n_weights == 24
+    step = 1e-9
+    inner = basis.breakpoints[1:-1]
+    jump = basis.functions(inner + step, 2) - basis.functions(inner - step, 2)
+    assert np.abs(jump).max() < 1e-4

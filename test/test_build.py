@@ -1,0 +1,146 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Demonstrations to a primitive."""
+
+import numpy as np
+import pytest
+from arm import JOINTS, arm_demonstrations, arm_primitive
+
+from mp_pca_planner.exceptions import PrimitiveError
+from mp_pca_planner.primitives.alignment import aligned_positions
+from mp_pca_planner.primitives.boundary import boundary_values, hermite_functions
+from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
+from mp_pca_planner.recordings.demonstration import Demonstration
+
+
+def still(demonstration, joint):
+    """The same motion with one joint standing still."""
+    arrays = [x.copy() for x in (demonstration.positions, demonstration.velocities)]
+    arrays.append(demonstration.accelerations.copy())
+    for array, value in zip(arrays, (0.3, 0.0, 0.0), strict=True):
+        array[:, joint] = value
+    return Demonstration(
+        JOINTS, demonstration.times, *arrays, recording="still", start_time=0.0, end_time=1.0
+    )
+
+
+@pytest.mark.parametrize("coupling", ["arm", "joint"])
+def test_weights_bring_every_demonstration_back_to_the_stated_residual(coupling):
+    primitive = arm_primitive(coupling)
+    phases = np.linspace(0.0, 1.0, 101)
+    for i, demonstration in enumerate(arm_demonstrations()):
+        states = primitive.boundary_states[i]
+        values = boundary_values(tuple(states[:3]), tuple(states[3:]), primitive.durations[i])
+        motion = hermite_functions(phases) @ values
+        motion += primitive.basis.shape(primitive.weights[i], phases)
+        error = motion - aligned_positions(demonstration, primitive.warps[i], phases)
+        np.testing.assert_allclose(
+            np.sqrt(np.mean(error**2, axis=0)), primitive.fit_residual[i], atol=1e-9
+        )
+    assert np.rad2deg(primitive.fit_residual).max() < 1.5
+
+
+def test_enough_components_reproduce_the_demonstrations():
+    primitive = build_primitive(
+        arm_demonstrations(), "all", PrimitiveOptions(n_components=19, degree=25)
+    )
+    assert np.rad2deg(primitive.fit_residual).max() < 0.15  # what is left is tremor
+
+
+@pytest.mark.parametrize("coupling", ["arm", "joint"])
+def test_shares_are_the_eigenvalues_over_the_variance_of_the_shapes(coupling):
+    primitive = arm_primitive(coupling)
+    shares = primitive.explained_variance_ratio
+    assert list(shares) == (["arm"] if coupling == "arm" else list(JOINTS))
+    for values in shares.values():
+        assert len(values) == 4
+        assert np.all(np.diff(values) <= 0.0) and 0.95 < sum(values) <= 1.0
+    np.testing.assert_allclose(
+        primitive.weights.var(axis=0, ddof=1), primitive.explained_variance, rtol=1e-9
+    )
+
+
+def test_joint_coupling_moves_one_joint_per_component():
+    primitive = arm_primitive("joint")
+    moved = np.abs(primitive.component_coefficients).max(axis=2) > 0.0
+    assert moved.sum(axis=1).tolist() == [1] * 16
+    assert primitive.joint_of_component == tuple(np.repeat(range(4), 4))
+
+
+@pytest.mark.parametrize("coupling", ["arm", "joint"])
+def test_a_joint_that_never_moves_gets_no_component_and_no_nan(coupling):
+    demonstrations = [still(d, 2) for d in arm_demonstrations()]
+    primitive = build_primitive(demonstrations, "still", PrimitiveOptions(coupling=coupling))
+    assert np.abs(primitive.component_coefficients[:, 2]).max() < 1e-30
+    assert np.abs(primitive.mean_coefficients[2]).max() < 1e-15
+    for array in primitive.arrays().values():
+        assert not np.isnan(array).any()
+    if coupling == "joint":
+        assert primitive.explained_variance_ratio[JOINTS[2]] == []
+
+
+def test_one_demonstration_gives_its_shape_and_no_components():
+    primitive = build_primitive(arm_demonstrations()[:1], "single")
+    assert primitive.n_components == 0
+    assert np.rad2deg(primitive.fit_residual).max() < 0.5
+
+
+def test_the_fewest_components_for_a_share_of_the_variance_are_kept():
+    shares = [
+        build_primitive(
+            arm_demonstrations(), "x", PrimitiveOptions(n_components=k)
+        ).explained_variance_ratio["arm"]
+        for k in (1, 2, 3)
+    ]
+    wanted = sum(shares[1]) - 1e-6
+    primitive = build_primitive(arm_demonstrations(), "x", PrimitiveOptions(variance=wanted))
+    assert primitive.n_components == 2
+
+
+def test_the_same_demonstrations_in_another_order_span_the_same_family():
+    one = arm_primitive()
+    other = build_primitive(arm_demonstrations()[::-1], "x", PrimitiveOptions(n_components=4))
+    np.testing.assert_allclose(other.component_coefficients, one.component_coefficients, atol=1e-8)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"coupling": "leg"}, "coupling"),
+        ({"align": "fourier"}, "align must be one of .*'arc_length'.*'fourier'"),
+        ({"n_components": 0}, "components must be at least 1"),
+        ({"variance": 0.0}, r"variance must be in \(0, 1\]"),
+        ({"variance": float("nan")}, "variance"),
+        ({"degree": 5}, "degree must be from 6"),
+        ({"degree": 31}, "degree"),
+        ({"n_phases": 20}, "phases must be at least twice"),
+    ],
+)
+def test_options_out_of_range_are_refused(options, message):
+    with pytest.raises(PrimitiveError, match=message):
+        PrimitiveOptions(**options)
+
+
+def test_nothing_to_learn_from_is_refused():
+    with pytest.raises(PrimitiveError, match="there is no demonstration"):
+        build_primitive([], "x")
+    demonstration = arm_demonstrations()[0]
+    for joint in range(4):
+        demonstration = still(demonstration, joint)
+    with pytest.raises(PrimitiveError, match="no joint moves"):
+        build_primitive([demonstration], "x")
+
+
+def test_demonstrations_of_other_joints_are_refused_by_name():
+    other = Demonstration(
+        ("a",),
+        [0.0, 1.0],
+        [[0.0], [1.0]],
+        [[0.0], [0.0]],
+        [[0.0], [0.0]],
+        recording="stranger",
+        start_time=0.0,
+        end_time=1.0,
+    )
+    with pytest.raises(PrimitiveError, match="'stranger'"):
+        build_primitive([arm_demonstrations()[0], other], "x")

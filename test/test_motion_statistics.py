@@ -1,0 +1,137 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Statistics of demonstrations: what is kept of them is enough, and can be merged."""
+
+import pickle
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from arm import JOINTS, arm_demonstrations
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.polynomial import legendre
+
+from mp_pca_planner.exceptions import PrimitiveError
+from mp_pca_planner.primitives.alignment import align, aligned_positions
+from mp_pca_planner.primitives.boundary import boundary_values, hermite_functions
+from mp_pca_planner.primitives.build import build_from_statistics, build_primitive
+from mp_pca_planner.primitives.motion_statistics import MotionStatistics, shape_functions
+from mp_pca_planner.primitives.options import PrimitiveOptions
+from mp_pca_planner.recordings.demonstration import Demonstration
+
+PHASES = np.linspace(0.0, 1.0, 101)
+
+
+def parts_of(demonstrations, cuts, options):
+    bounds = [0, *cuts, len(demonstrations)]
+    return [MotionStatistics.of(demonstrations[a:b], options) for a, b in pairwise(bounds)]
+
+
+def sampled_shapes(demonstrations, primitive, method):
+    """Shapes of all at once, shape (n_demonstrations, n_phases, n_joints)."""
+    shapes = []
+    for i, (motion, warp) in enumerate(
+        zip(demonstrations, align(demonstrations, method), strict=True)
+    ):
+        state = primitive.boundary_states[i]
+        ends = boundary_values(tuple(state[:3]), tuple(state[3:]), motion.duration)
+        shapes.append(aligned_positions(motion, warp, PHASES) - hermite_functions(PHASES) @ ends)
+    return np.array(shapes)
+
+
+def polynomial_part(shapes):
+    """Their least-squares fits of degree 15 with six conditions at the ends, another way."""
+    s = PHASES[:, None]
+    powers = (s * (1 - s)) ** 3 * legendre.legvander(2 * PHASES - 1, 9)
+    fitted = np.linalg.lstsq(powers, np.moveaxis(shapes, 1, 0).reshape(101, -1), rcond=None)[0]
+    return np.moveaxis((powers @ fitted).reshape(101, len(shapes), -1), 0, 1)
+
+
+@settings(max_examples=15)
+@given(st.sets(st.integers(1, 19)), st.sampled_from(["arm", "joint"]))
+def test_primitive_of_merged_parts_is_that_of_all_demonstrations_in_memory(cuts, coupling):
+    options = PrimitiveOptions(coupling=coupling, n_components=4)
+    whole = build_primitive(arm_demonstrations(), "x", options)
+    parts = parts_of(arm_demonstrations(), sorted(cuts), options)
+    merged = build_from_statistics(MotionStatistics.merged(parts), "x", options)
+    for name, array in whole.arrays().items():
+        scale = np.abs(array[np.isfinite(array)]).max()
+        np.testing.assert_allclose(
+            merged.arrays()[name], array, rtol=0.0, atol=1e-10 * scale, err_msg=name
+        )
+    assert merged.metadata["demonstrations"] == whole.metadata["demonstrations"]
+
+
+@pytest.mark.parametrize("method", ["linear", "arc_length"])
+def test_primitive_has_the_covariances_of_the_samples(method):
+    demonstrations = arm_demonstrations(40, 2)
+    options = PrimitiveOptions(n_components=5, align=method)
+    primitive = build_from_statistics(
+        MotionStatistics.merged(parts_of(demonstrations, [1, 7, 20], options)), "x", options
+    )
+    shapes = sampled_shapes(demonstrations, primitive, method)
+    fitted = polynomial_part(shapes)
+    vectors = fitted.reshape(40, -1)
+    values, components = np.linalg.eigh(np.cov(vectors, rowvar=False))
+    np.testing.assert_allclose(primitive.explained_variance, values[::-1][:5], rtol=1e-9)
+    found = primitive.basis.functions(PHASES).reshape(-1, 5)
+    overlap = np.abs(np.sum(found * components[:, ::-1][:, :5], axis=0))
+    np.testing.assert_allclose(overlap, 1.0, atol=1e-9)
+    weights = (vectors - vectors.mean(axis=0)) @ found
+    np.testing.assert_allclose(primitive.weights, weights, atol=1e-9)
+    # What the polynomials leave counts as variance that is not explained.
+    deviations = np.sum((shapes - fitted.mean(axis=0)) ** 2, axis=(0, 1))
+    np.testing.assert_allclose(primitive.total_variance, deviations / 39, rtol=1e-9)
+    reproduced = np.array([primitive.basis.shape(w, PHASES) for w in primitive.weights])
+    residual = np.sqrt(np.mean((shapes - reproduced) ** 2, axis=1))
+    np.testing.assert_allclose(primitive.fit_residual, residual, atol=1e-9)
+
+
+def test_shares_of_joint_angles_are_those_of_the_sampled_angles():
+    primitive = build_primitive(arm_demonstrations(), "x")
+    angles = np.array([d.time_normalised(101) for d in arm_demonstrations()])
+    for joint, name in enumerate(JOINTS):
+        values = np.linalg.eigvalsh(np.cov(angles[:, :, joint], rowvar=False))[::-1]
+        shares = primitive.metadata["angle_variance_ratio"][name]
+        np.testing.assert_allclose(shares, values[:4] / values.sum(), atol=1e-5)
+
+
+def test_functions_are_orthonormal_on_the_phases_and_vanish_with_two_derivatives_at_the_ends():
+    values, series = shape_functions(15, 101)
+    np.testing.assert_allclose(values.T @ values, np.eye(10), atol=1e-12)
+    for order in range(3):
+        ends = legendre.legval([-1.0, 1.0], legendre.legder(series, order, axis=1).T)
+        np.testing.assert_allclose(ends, 0.0, atol=1e-9)
+    np.testing.assert_allclose(legendre.legval(2 * PHASES - 1, series.T).T, values, atol=1e-12)
+
+
+def test_a_motion_of_seven_joints_is_a_few_hundred_numbers_however_long_it_is():
+    def statistics(n_steps):
+        times = np.linspace(0.0, 3.0, n_steps)
+        curves = np.sin(times[:, None] + np.arange(7.0))
+        motion = Demonstration(
+            "abcdefg",
+            times,
+            curves,
+            np.cos(times[:, None] + np.arange(7.0)),
+            -curves,
+            recording="x",
+            start_time=0.0,
+            end_time=3.0,
+        )
+        return MotionStatistics.of([motion], PrimitiveOptions())
+
+    sizes = {len(pickle.dumps(statistics(n))) for n in (100, 3000)}
+    assert len(sizes) == 1 and sizes.pop() < 600 * 8
+
+
+def test_statistics_of_other_joints_are_refused_by_name():
+    options = PrimitiveOptions()
+    stranger = Demonstration(
+        "a", [0.0, 1.0], [[0.0], [1.0]], [[0.0], [0.0]], [[0.0], [0.0]],
+        recording="stranger", start_time=0.0, end_time=1.0,
+    )  # fmt: skip
+    parts = [MotionStatistics.of([d], options) for d in (arm_demonstrations()[0], stranger)]
+    with pytest.raises(PrimitiveError, match="joints of 'stranger'.*are not those of 'motion_0'"):
+        MotionStatistics.merged(parts)

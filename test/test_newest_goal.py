@@ -1,0 +1,117 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Which goals are served when they come faster than they can be, by goals that tests let end."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+
+import pytest
+
+from mp_pca_planner.ros.newest_goal import CancelledError, IsCancelled, NewestGoalThread
+
+TIMEOUT = 30.0
+
+
+class Kitchen:
+    """Serves numbers; one at a time, until it is told to go on or is cancelled."""
+
+    def __init__(self) -> None:
+        self.begun: list[int] = []
+        self.served: list[int] = []
+        self.dropped: list[int] = []
+        self._changed = threading.Condition()
+        self._n_allowed = 0
+        self.thread = NewestGoalThread(self._serve, self._drop)
+
+    def allow(self) -> None:
+        """Let one more be served to its end."""
+        with self._changed:
+            self._n_allowed += 1
+            self._changed.notify_all()
+
+    def wait_for(self, begun: int = 0, served: int = 0, dropped: int = 0) -> None:
+        with self._changed:
+            assert self._changed.wait_for(
+                lambda: (
+                    len(self.begun) >= begun
+                    and len(self.served) >= served
+                    and len(self.dropped) >= dropped
+                ),
+                TIMEOUT,
+            )
+
+    def _serve(self, goal: int, is_cancelled: IsCancelled) -> None:
+        with self._changed:
+            self.begun.append(goal)
+            self._changed.notify_all()
+            while len(self.served) >= self._n_allowed:
+                self._changed.wait(0.01)
+                if is_cancelled():
+                    raise CancelledError
+            self.served.append(goal)
+            self._changed.notify_all()
+
+    def _drop(self, goal: int) -> None:
+        with self._changed:
+            self.dropped.append(goal)
+            self._changed.notify_all()
+
+
+@pytest.fixture
+def kitchen() -> Iterator[Kitchen]:
+    kitchen = Kitchen()
+    yield kitchen
+    kitchen.thread.close()
+    assert not kitchen.thread._thread.is_alive()
+
+
+def test_goals_one_after_the_other_are_all_served(kitchen: Kitchen) -> None:
+    for k in range(5):
+        kitchen.allow()
+        kitchen.thread.submit(k)
+        kitchen.wait_for(served=k + 1)
+    assert kitchen.served == [0, 1, 2, 3, 4]
+    assert not kitchen.dropped
+
+
+def test_newer_goal_cancels_the_one_that_is_served(kitchen: Kitchen) -> None:
+    kitchen.thread.submit(0)
+    kitchen.wait_for(begun=1)
+    kitchen.thread.submit(1)
+    kitchen.wait_for(begun=2)
+    kitchen.allow()
+    kitchen.wait_for(served=1)
+    assert kitchen.served == [1]
+    assert kitchen.dropped == [0]
+
+
+def test_flood_of_goals_does_not_keep_all_from_being_served(kitchen: Kitchen) -> None:
+    kitchen.thread.submit(0)
+    kitchen.wait_for(begun=1)
+    kitchen.thread.submit(1)
+    kitchen.wait_for(begun=2)
+    # The one that took the place of another one is served to its end, whatever comes.
+    for k in range(2, 1000):
+        kitchen.thread.submit(k)
+    kitchen.allow()
+    kitchen.wait_for(served=1, begun=3)
+    kitchen.allow()
+    kitchen.wait_for(served=2)
+    assert kitchen.served == [1, 999]
+    assert sorted(kitchen.served + kitchen.dropped) == list(range(1000))
+
+
+def test_cancelling_drops_what_is_served_and_what_waits(kitchen: Kitchen) -> None:
+    kitchen.thread.submit(0)
+    kitchen.wait_for(begun=1)
+    kitchen.thread.submit(1)
+    kitchen.wait_for(begun=2)
+    kitchen.thread.submit(2)
+    kitchen.thread.cancel()
+    kitchen.wait_for(dropped=3)
+    kitchen.allow()
+    kitchen.thread.submit(3)
+    kitchen.wait_for(served=1)
+    assert kitchen.served == [3]

@@ -1,0 +1,141 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""The table of parameters, the files that show it, and the settings that come of it."""
+
+from __future__ import annotations
+
+import ast
+from importlib.util import find_spec
+from pathlib import Path
+
+import pytest
+import yaml
+
+from mp_pca_planner.planning.planner import PlannerOptions
+from mp_pca_planner.resources import config_file
+from mp_pca_planner.ros.parameters import (
+    DECLARATIONS,
+    ParameterError,
+    Settings,
+    check_limit_names,
+    limit_declarations,
+)
+
+BY_NAME = {declaration.name: declaration for declaration in DECLARATIONS}
+LAUNCH_FILE = Path(__file__).parents[1] / "launch" / "planner.launch.py"
+LAUNCH_ARGUMENTS = {
+    "primitives",
+    "robot_description_file",
+    "robot_description_topic",
+    "params_file",
+    "controller_topic",
+    "namespace",
+}
+
+
+def test_parameter_file_shows_every_parameter_with_its_default() -> None:
+    text = config_file("planner.yaml").read_text(encoding="utf-8")
+    shown = yaml.safe_load(text)["/**"]["ros__parameters"]
+    declared = {
+        d.name: list(d.default) if d.name == "primitives" else d.default for d in DECLARATIONS
+    }
+    assert shown == declared
+    assert {n: type(v) for n, v in shown.items()} == {n: type(v) for n, v in declared.items()}
+    for declaration in limit_declarations(["elbow"]):
+        assert f"#     {declaration.name.rpartition('.')[2]}: 0.0" in text
+
+
+def test_every_parameter_is_described_and_its_default_is_accepted() -> None:
+    for declaration in (*DECLARATIONS, *limit_declarations(["elbow"])):
+        assert declaration.description.endswith(".")
+        if isinstance(declaration.default, float):
+            assert declaration.low <= declaration.default <= declaration.high
+        if declaration.choices:
+            assert declaration.default in declaration.choices
+
+
+@pytest.mark.parametrize("end", ["low", "high"])
+@pytest.mark.parametrize(
+    "name", [d.name for d in DECLARATIONS if hasattr(PlannerOptions(), d.name)]
+)
+def test_planner_accepts_the_ends_of_every_range(name: str, end: str) -> None:
+    declaration = BY_NAME[name]
+    is_number = isinstance(declaration.default, float)
+    value = getattr(declaration, end) if is_number else declaration.default
+    options = Settings.from_values({name: value}).planner_options
+    assert getattr(options, name) == value
+
+
+def test_settings_take_given_values_and_leave_the_others_at_their_defaults() -> None:
+    settings = Settings.from_values({"primitives": ["", "a.npz"], "duration": 2.0, "other": 1})
+    assert settings.primitive_paths == ("a.npz",)
+    assert settings.duration == 2.0
+    assert settings.basis == BY_NAME["basis"].default
+
+
+def test_limits_of_zero_leave_the_limit_as_it_was() -> None:
+    values = {
+        "limits.a.max_jerk": 3.0,
+        "limits.a.max_effort": 0.0,
+        "limits.b.c.max_effort": 4.0,
+        "limits.d.max_velocity": 0.0,
+    }
+    assert Settings.from_values(values).limits == {
+        "a": {"max_jerk": 3.0},
+        "b.c": {"max_effort": 4.0},
+    }
+
+
+@pytest.mark.parametrize("name", [d.name for d in DECLARATIONS if d.choices])
+def test_text_that_is_none_of_the_choices_is_refused_with_the_choices(name: str) -> None:
+    with pytest.raises(ParameterError) as refusal:
+        Settings.from_values({name: "nonsense"})
+    for choice in BY_NAME[name].choices:
+        assert repr(choice) in str(refusal.value)
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("limits.elbo.max_velocity", "did you mean 'elbow'"),
+        ("limits.elbow.max_velocities", "max_velocity"),
+        ("limits.elbow", "limits.<joint>.<quantity>"),
+        ("limits.", "limits.<joint>.<quantity>"),
+    ],
+)
+def test_limits_of_other_joints_and_quantities_are_refused(name: str, words: str) -> None:
+    with pytest.raises(ParameterError, match=words):
+        check_limit_names(["duration", "limits.elbow.max_jerk", name], ["elbow"])
+
+
+def test_limits_of_the_joints_are_declared_one_by_one() -> None:
+    names = [declaration.name for declaration in limit_declarations(["a", "b"])]
+    check_limit_names(names, ["a", "b"])
+    assert len(set(names)) == 8
+
+
+# The launch file; `launch` comes with a ROS installation only.
+
+
+def test_launch_file_declares_its_arguments_and_uses_no_others() -> None:
+    tree = ast.parse(LAUNCH_FILE.read_text(encoding="utf-8"))
+    calls = [node for node in ast.walk(tree) if isinstance(node, ast.Call)]
+
+    def first_arguments(function: str) -> set[str]:
+        found = [c for c in calls if isinstance(c.func, ast.Name) and c.func.id == function]
+        return {ast.literal_eval(call.args[0]) for call in found}
+
+    assert first_arguments("DeclareLaunchArgument") == LAUNCH_ARGUMENTS
+    assert first_arguments("value") == LAUNCH_ARGUMENTS
+
+
+@pytest.mark.skipif(find_spec("launch_ros") is None, reason="launch_ros is not installed")
+def test_launch_file_describes_one_node() -> None:
+    from launch import LaunchContext, LaunchDescriptionSource
+    from launch.actions import DeclareLaunchArgument
+
+    description = LaunchDescriptionSource(
+        location=str(LAUNCH_FILE), method="python"
+    ).get_launch_description(LaunchContext())
+    declared = [e.name for e in description.entities if isinstance(e, DeclareLaunchArgument)]
+    assert set(declared) == LAUNCH_ARGUMENTS

@@ -1,0 +1,735 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""The node in a process of its own, talked to over real topics and services."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import random
+import re
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy", reason="ROS 2 (rclpy) is not installed")
+
+import yaml
+from arm import JOINTS, arm_demonstrations, arm_primitive, arm_robot
+from diagnostic_msgs.msg import DiagnosticStatus
+from geometry_msgs.msg import PoseStamped
+from rclpy.parameter import Parameter
+from rclpy.serialization import serialize_message
+from rosbags.highlevel import AnyReader
+from rosbags.rosbag2 import Writer
+from rosbags.typesys import Stores, get_typestore
+from scipy.spatial.transform import Rotation
+from sensor_msgs.msg import JointState
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+
+from mp_pca_planner.cli.send_goal import main as send_goal
+from mp_pca_planner.primitives.build import build_primitive
+from mp_pca_planner.primitives.file import load_primitive, save_primitive
+from mp_pca_planner.recordings.demonstration import Demonstration
+from mp_pca_planner.resources import config_file
+from mp_pca_planner.ros.client import Answer, GoalClient, start_node
+from mp_pca_planner.ros.parameters import DECLARATIONS, limit_declarations
+
+OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
+MOTION = arm_primitive().boundary_states[0]
+START, GOAL = MOTION[0].tolist(), MOTION[3].tolist()
+URDF = config_file("human_arm.urdf").read_text(encoding="utf-8")
+
+
+@contextmanager
+def running_node(log: Path, *ros_arguments: str) -> Iterator[subprocess.Popen[str]]:
+    """A node that has to end cleanly."""
+    with log.open("w") as output:
+        process = start_node(*ros_arguments, output=output)
+    try:
+        yield process
+    finally:
+        process.send_signal(signal.SIGINT)
+        try:
+            status = process.wait(timeout=20.0)
+        finally:
+            process.kill()
+    assert status == 0, log.read_text()
+    assert "Traceback" not in log.read_text()
+
+
+def set_domain(patch: pytest.MonkeyPatch, offset: int) -> None:
+    """Meet only nodes of this test run: those of the same offset."""
+    patch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    patch.setenv("ROS_DOMAIN_ID", str(1 + (os.getpid() + offset) % 101))
+
+
+@pytest.fixture(scope="module")
+def primitives(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with the primitives arm_arm_4 and arm_joint_4."""
+    folder = tmp_path_factory.mktemp("primitives")
+    for coupling in ("arm", "joint"):
+        save_primitive(arm_primitive(coupling), folder / f"{coupling}.npz")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def node(
+    primitives: Path, tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[subprocess.Popen[str]]:
+    """The node that most tests share."""
+    with pytest.MonkeyPatch.context() as patch:
+        set_domain(patch, 0)
+        log = tmp_path_factory.mktemp("log") / "node.txt"
+        with running_node(log, "-p", f"primitives:=['{primitives}']") as process:
+            yield process
+
+
+@pytest.fixture(scope="module")
+def shared_client(node: subprocess.Popen[str]) -> Iterator[GoalClient]:
+    with GoalClient() as client:
+        client.wait_for_node()
+        # The only robot description that the node gets is that of the topic.
+        client.publish_description(URDF)
+        client.wait_for_model()
+        yield client
+
+
+@pytest.fixture
+def client(shared_client: GoalClient) -> GoalClient:
+    """A client of the shared node; the robot rests at the start."""
+    shared_client.publish_state(JOINTS, START)
+    return shared_client
+
+
+@contextmanager
+def parameters(client: GoalClient, **values: object) -> Iterator[None]:
+    """Parameters that hold for a while; dots in names are written as two underscores."""
+
+    def to_messages(wanted: dict[str, object]) -> list[object]:
+        return [
+            Parameter(name.replace("__", "."), value=value).to_parameter_msg()
+            for name, value in wanted.items()
+        ]
+
+    defaults = {d.name: d.default for d in (*DECLARATIONS, *limit_declarations(JOINTS))}
+    before = {name: defaults[name.replace("__", ".")] for name in values}
+    for result in client.set_parameters(*to_messages(values)):
+        assert result.successful, result.reason
+    try:
+        yield
+    finally:
+        for result in client.set_parameters(*to_messages(before)):
+            assert result.successful, result.reason
+
+
+def goal_message(
+    positions: list[float] = GOAL, names: tuple[str, ...] = JOINTS, **fields: object
+) -> JointState:
+    return JointState(name=list(names), position=list(positions), **fields)
+
+
+def in_frame(message: JointState, frame_id: str) -> JointState:
+    message.header.frame_id = frame_id
+    return message
+
+
+def times(trajectory: JointTrajectory) -> list[int]:
+    """Times from start [ns]."""
+    stamps = [point.time_from_start for point in trajectory.points]
+    return [stamp.sec * 10**9 + stamp.nanosec for stamp in stamps]
+
+
+def column(trajectory: JointTrajectory, field: str) -> np.ndarray:
+    return np.array([getattr(point, field) for point in trajectory.points])
+
+
+def assert_refused(answer: Answer, *words: str) -> None:
+    assert answer.report.level == ERROR
+    for word in words:
+        assert word in answer.report.message
+
+
+# A motion
+
+
+def test_goal_gives_a_motion_from_the_present_state_to_exactly_the_goal(
+    client: GoalClient,
+) -> None:
+    answer = client.send(goal_message())
+    assert answer.report.level == OK, answer.report.message
+    trajectory = answer.trajectory
+    assert trajectory is not None
+    first, last = trajectory.points[0], trajectory.points[-1]
+    assert tuple(trajectory.joint_names) == JOINTS
+    assert list(first.positions) == START
+    assert list(last.positions) == GOAL
+    assert [*last.velocities, *first.velocities] == [0.0] * 8
+    assert (trajectory.header.stamp.sec, trajectory.header.stamp.nanosec) == (0, 0)
+    assert trajectory.header.frame_id == ""
+    assert times(trajectory)[0] == 0
+    assert np.diff(times(trajectory)).min() > 0
+    for field in ("positions", "velocities", "accelerations"):
+        assert np.isfinite(column(trajectory, field)).all()
+    assert not any(point.effort for point in trajectory.points)
+
+
+def test_report_holds_the_scalars_of_the_plan_and_the_stamp_of_the_goal(client: GoalClient) -> None:
+    goal = goal_message()
+    goal.header.stamp.sec, goal.header.stamp.nanosec = 12, 34
+    values = client.send(goal).values
+    assert values["goal_stamp"] == "12.000000034"
+    assert values["status"] == "solved"
+    assert values["primitive"] in {"arm_arm_4", "arm_joint_4"}
+    assert float(values["goal_error"]) == 0.0
+    assert 0.0 < float(values["solve_time_s"]) < 10.0
+
+
+def test_joints_that_a_goal_does_not_name_keep_their_position(client: GoalClient) -> None:
+    answer = client.send(goal_message([GOAL[3]], (JOINTS[3],)))
+    assert answer.trajectory is not None
+    assert list(answer.trajectory.points[-1].positions) == [*START[:3], GOAL[3]]
+
+
+def test_motion_starts_with_the_present_velocity(client: GoalClient) -> None:
+    velocities = [0.3, -0.2, 0.1, 0.2]
+    client.publish_state(JOINTS, START, velocities)
+    answer = client.send(goal_message())
+    assert answer.trajectory is not None
+    assert list(answer.trajectory.points[0].velocities) == velocities
+
+
+def test_order_of_joints_and_unusable_extra_joints_in_the_state_do_not_matter(
+    client: GoalClient,
+) -> None:
+    client.publish_state(["gripper", *reversed(JOINTS)], [float("nan"), *reversed(START)])
+    answer = client.send(goal_message(GOAL[::-1], JOINTS[::-1]))
+    assert answer.trajectory is not None
+    assert list(answer.trajectory.points[0].positions) == START
+    assert list(answer.trajectory.points[-1].positions) == GOAL
+
+
+@pytest.mark.parametrize("name", ["arm_arm_4", "arm_joint_4"])
+def test_frame_id_chooses_the_primitive(client: GoalClient, name: str) -> None:
+    assert client.send(in_frame(goal_message(), name)).values["primitive"] == name
+
+
+def test_request_unlike_the_demonstrations_is_served_with_a_warning(client: GoalClient) -> None:
+    client.publish_state(JOINTS, GOAL)
+    answer = client.send(goal_message(START))
+    assert answer.report.level == WARN
+    assert "unlike the demonstrations" in answer.report.message
+    assert answer.trajectory is not None
+
+
+def test_commanded_start_lies_on_the_motion_that_runs(client: GoalClient) -> None:
+    with parameters(client, duration=4.0):
+        first = client.send(goal_message()).trajectory
+    client.wait_for_diagnostics()  # up to a second in which the motion goes on
+    client.publish_state(JOINTS, START)
+    # The simulated state stands still.
+    with parameters(client, start_from="commanded", commanded_tolerance=10.0):
+        second = client.send(goal_message()).trajectory
+    assert first is not None
+    assert second is not None
+    grid = np.linspace(0, times(first)[-1], 40_001)
+    there = second.points[0]
+    curves = {
+        field: np.column_stack(
+            [np.interp(grid, times(first), joint) for joint in column(first, field).T]
+        )
+        for field in ("positions", "velocities", "accelerations")
+    }
+    nearest = np.abs(curves["positions"] - there.positions).max(axis=1).argmin()
+    assert grid[nearest] > 0
+    for field, tolerance in (("positions", 1e-3), ("velocities", 1e-2), ("accelerations", 0.1)):
+        np.testing.assert_allclose(getattr(there, field), curves[field][nearest], atol=tolerance)
+
+
+# Parameters
+
+
+def test_parameters_set_at_run_time_hold_for_the_next_goal(client: GoalClient) -> None:
+    with parameters(client, duration=2.5, sample_period=0.1, publish_effort=True):
+        trajectory = client.send(goal_message()).trajectory
+    assert trajectory is not None
+    assert times(trajectory) == [k * 10**8 for k in range(26)]
+    assert column(trajectory, "effort").shape == (26, 4)
+
+
+def test_velocity_limit_set_at_run_time_is_kept_and_can_be_taken_back(client: GoalClient) -> None:
+    def peak() -> float:
+        trajectory = client.send(goal_message()).trajectory
+        assert trajectory is not None
+        return float(np.abs(column(trajectory, "velocities")[:, 3]).max())
+
+    before = peak()
+    with parameters(client, limits__elbow__max_velocity=before / 2):
+        assert peak() <= before / 2 * (1 + 1e-6)
+    assert peak() == pytest.approx(before)
+
+
+def test_goal_velocity_is_served_only_if_the_controller_accepts_it(client: GoalClient) -> None:
+    goal = goal_message(velocity=[0.1, 0.0, 0.0, 0.0])
+    assert_refused(client.send(goal), "shoulder1", "velocity")
+    with parameters(client, allow_nonzero_end_velocity=True):
+        trajectory = client.send(goal).trajectory
+    assert trajectory is not None
+    assert list(trajectory.points[-1].velocities) == [0.1, 0.0, 0.0, 0.0]
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "words"),
+    [
+        ("duration", -1.0, ["duration", "600"]),
+        ("duration", float("nan"), ["duration"]),
+        ("duration", 2, ["DOUBLE"]),
+        ("sample_period", 0.0, ["sample_period"]),
+        ("basis", "fourier", ["fourier", "pca", "bspline"]),
+        ("start_from", "", ["measured", "commanded"]),
+        ("primitives", ["/nowhere.npz"], ["/nowhere.npz", "no such file"]),
+        ("limits_file", "/nowhere.yaml", ["/nowhere.yaml"]),
+        ("robot_description", "<robot", ["not XML"]),
+        ("limits.elbo.max_velocity", 1.0, ["elbo", "did you mean 'elbow'"]),
+        ("limits.elbow.velocity", 1.0, ["limits.elbow.velocity", "max_velocity"]),
+        ("limits.elbow.max_effort", -1.0, ["limits.elbow.max_effort"]),
+        ("duratio", 1.0, ["duratio", "did you mean 'duration'"]),
+    ],
+)
+def test_wrong_parameters_are_refused_with_a_reason(
+    client: GoalClient, name: str, value: object, words: list[str]
+) -> None:
+    (result,) = client.set_parameters(Parameter(name, value=value).to_parameter_msg())
+    assert not result.successful
+    for word in words:
+        assert word in result.reason
+    assert client.send(goal_message()).report.level == OK
+
+
+# Other goals, stops and what is kept
+
+
+def test_pose_goal_that_cannot_be_read_is_refused_with_a_reason(client: GoalClient) -> None:
+    pose = PoseStamped()
+    pose.header.frame_id = "world"
+    assert_refused(client.send(pose), "'world'", "upper_arm", "empty frame_id")
+    pose.header.frame_id = ""
+    pose.pose.orientation.w = 0.0
+    assert_refused(client.send(pose), "length 1")
+    pose.pose.orientation.w, pose.pose.position.x = 1.0, float("nan")
+    assert_refused(client.send(pose), "nan")
+
+
+def test_pose_goal_is_reached_in_whichever_frame_it_is_stated(client: GoalClient) -> None:
+    robot = arm_robot()
+    ends = robot.frame_positions(np.array([START, GOAL]), ["wrist", "upper_arm"])
+    wanted = ends[1, 0]
+    points = robot.attach_points(["wrist"] * 4, np.vstack([np.zeros(3), np.eye(3)]))
+    (corners,), _ = points.positions_and_jacobians(np.array([GOAL]))
+    pose = PoseStamped()
+    p, o = pose.pose.position, pose.pose.orientation
+    p.x, p.y, p.z = wanted.tolist()
+    turn = Rotation.from_matrix((corners[1:] - corners[0]).T)
+    o.x, o.y, o.z, o.w = turn.as_quat().tolist()
+    for frame in ("", "chest"):
+        pose.header.frame_id = frame
+        answer = client.send(pose)
+        assert answer.trajectory is not None, answer.report.message
+        end = np.array([answer.trajectory.points[-1].positions])
+        np.testing.assert_allclose(robot.frame_positions(end, ["wrist"])[0, 0], wanted, atol=1e-5)
+
+
+def test_sequence_that_cannot_be_read_is_refused_with_a_reason(client: GoalClient) -> None:
+    point = JointTrajectoryPoint(positions=GOAL, velocities=[0.1] * 4)
+    assert_refused(client.send(JointTrajectory(joint_names=JOINTS)), "at least one target")
+    assert_refused(client.send(JointTrajectory(joint_names=JOINTS, points=[point])), "velocities")
+    point.velocities = point.positions[:2]
+    assert_refused(client.send(JointTrajectory(joint_names=JOINTS[:3], points=[point])), "point 1")
+
+
+def test_stop_publishes_one_point_on_which_the_robot_comes_to_rest(client: GoalClient) -> None:
+    with parameters(client, duration=4.0, start_from="commanded", commanded_tolerance=10.0):
+        assert client.send(goal_message()).trajectory is not None
+        answer, trajectory = client.stop()
+        assert trajectory is not None, answer.message
+        (point,) = trajectory.points
+        assert list(point.velocities) == list(point.accelerations) == [0.0] * 4
+        assert 0 < times(trajectory)[0] < 10**9
+        # The next motion starts from the stop, not from the motion that was stopped.
+        assert client.send(goal_message()).trajectory is not None
+
+
+def test_motion_is_kept_as_a_primitive_in_the_configured_folder_only(
+    client: GoalClient, tmp_path: Path
+) -> None:
+    assert client.send(in_frame(goal_message(), "arm_arm_4")).report.level == OK
+    assert "save_folder" in client.save_motion().message
+    with parameters(client, save_folder=str(tmp_path / "nowhere")):
+        assert "can't be written" in client.save_motion().message
+    with parameters(client, save_folder=str(tmp_path)):
+        client.publish_trial_cost(float("nan"))
+        client.publish_trial_cost(12.5)
+        client.wait_for_diagnostics(lambda values: values["trial_cost"] == "12.5")
+        for number in (1, 2):
+            answer = client.save_motion()
+            assert answer.success, answer.message
+            kept = load_primitive(tmp_path / f"arm_arm_4_{number}.npz")
+            assert kept.name == f"arm_arm_4_{number}"
+    assert kept.metadata["refined_from"]["name"] == "arm_arm_4"
+    assert kept.metadata["refined_from"]["trial_cost"] == 12.5
+
+
+def test_preview_shows_the_path_and_the_arm_on_it_and_late_comers_see_it(
+    client: GoalClient,
+) -> None:
+    client.previews.clear()
+    answer = client.send(goal_message())
+    assert answer.trajectory is not None
+    preview = client.wait_for_preview()
+    path = next(marker for marker in preview.markers if marker.ns == "path")
+    ends = arm_robot().frame_positions(np.array([START, GOAL]), ["wrist"])[:, 0]
+    for point, end in zip((path.points[0], path.points[-1]), ends, strict=True):
+        np.testing.assert_allclose([point.x, point.y, point.z], end, atol=1e-9)
+    ghosts = [marker for marker in preview.markers if marker.ns == "ghosts"]
+    assert len(ghosts) > 2
+    assert all(len(marker.points) % 2 == 0 and marker.points for marker in ghosts)
+
+
+def test_command_sends_a_goal_in_degrees_and_prints_the_report(
+    client: GoalClient, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with parameters(client, state_timeout=0.0):
+        elbow = math.degrees(GOAL[3])
+        n_trajectories = len(client.trajectories)
+        assert send_goal([f"elbow={elbow}", "--degrees", "--json"]) == 0
+        report = json.loads(capsys.readouterr().out)
+        assert float(report["goal_error"]) == 0.0
+        assert send_goal(["elbo=0.1"]) == 2
+        assert "did you mean 'elbow'" in capsys.readouterr().out
+        client.wait_for_diagnostics()
+    assert len(client.trajectories) == n_trajectories + 1
+    end = client.trajectories[-1].points[-1].positions
+    np.testing.assert_allclose(end, [*START[:3], GOAL[3]], atol=1e-12)
+
+
+def test_bag_of_the_topics_of_the_node_holds_what_was_sent(
+    client: GoalClient, tmp_path: Path
+) -> None:
+    # rosbags (0.11) expects padding behind an empty list of numbers, which ROS 2 leaves out:
+    # points must have efforts for it to read them.
+    with parameters(client, publish_effort=True):
+        answer = client.send(goal_message())
+    assert answer.trajectory is not None
+    sent = {"/trajectory": answer.trajectory, "/report": answer.report}
+    kinds = {
+        "/trajectory": "trajectory_msgs/msg/JointTrajectory",
+        "/report": "diagnostic_msgs/msg/DiagnosticStatus",
+    }
+    store = get_typestore(Stores.ROS2_JAZZY)
+    with Writer(tmp_path / "bag", version=9) as writer:
+        for stamp, (topic, message) in enumerate(sent.items()):
+            connection = writer.add_connection(topic, kinds[topic], typestore=store)
+            writer.write(connection, stamp, serialize_message(message))
+    with AnyReader([tmp_path / "bag"], default_typestore=store) as reader:
+        found = {c.topic: reader.deserialize(raw, c.msgtype) for c, _, raw in reader.messages()}
+    read = found["/trajectory"]
+    assert read.joint_names == list(JOINTS)
+    for field in ("positions", "velocities", "accelerations", "effort"):
+        values = [getattr(point, field) for point in read.points]
+        assert np.array_equal(values, column(answer.trajectory, field))
+    stamps = [p.time_from_start.sec * 10**9 + p.time_from_start.nanosec for p in read.points]
+    assert stamps == times(answer.trajectory)
+    values = {pair.key: pair.value for pair in found["/report"].values}
+    assert values == answer.values
+
+
+# Primitive files
+
+
+def test_reload_takes_new_files_and_keeps_the_old_ones_if_one_is_damaged(
+    client: GoalClient, primitives: Path
+) -> None:
+    damaged = primitives / "more.npz"
+    try:
+        damaged.write_bytes(b"PK")
+        answer = client.reload_primitives()
+        assert not answer.success
+        assert str(damaged) in answer.message
+        assert "'arm_arm_4', 'arm_joint_4' kept" in answer.message
+        assert client.send(goal_message()).report.level == OK
+    finally:
+        damaged.unlink()
+    answer = client.reload_primitives()
+    assert answer.success
+    assert answer.message == "loaded: 'arm_arm_4', 'arm_joint_4'"
+
+
+# Refusals
+
+
+def test_state_that_is_too_old_is_refused(client: GoalClient) -> None:
+    with parameters(client, state_timeout=1e-9):
+        assert_refused(client.send(goal_message()), "joint_states", "old", "state_timeout")
+
+
+@pytest.mark.parametrize(
+    ("state", "words"),
+    [
+        (JointState(name=JOINTS, position=[*START[:3], float("nan")]), ["elbow", "nan"]),
+        (JointState(name=JOINTS, position=START[:3]), ["4 joints", "3 positions"]),
+        (JointState(name=JOINTS, position=START, velocity=[0.0]), ["4 joints", "1 velocities"]),
+        (JointState(name=[*JOINTS, "elbow"], position=[*START, 0.0]), ["elbow", "2 times"]),
+        (JointState(name=JOINTS, position=[*START[:3], 1.0]), ["elbow", "outside its limits"]),
+    ],
+)
+def test_unusable_state_is_refused(client: GoalClient, state: JointState, words: list[str]) -> None:
+    client.publish_state_message(state)
+    assert_refused(client.send(goal_message()), *words)
+
+
+def test_states_of_other_joints_are_ignored_and_counted(client: GoalClient) -> None:
+    before = int(client.wait_for_diagnostics()["joint_states_incomplete"])
+    client.publish_state(JOINTS, START)
+    client.publish_state(["gripper"], [0.0])
+    assert client.send(goal_message()).report.level == OK
+    assert int(client.wait_for_diagnostics()["joint_states_incomplete"]) == before + 1
+
+
+def test_plan_that_breaks_limits_is_reported_and_not_published(client: GoalClient) -> None:
+    n_trajectories = len(client.trajectories)
+    with parameters(client, duration=0.05):
+        answer = client.send(goal_message())
+    assert_refused(answer, "limit", "joint")
+    assert answer.values["status"] == "infeasible"
+    assert float(answer.values["limit_violation"]) > 0.0
+    # Looking for a motion of that duration, and for the shortest one, took its time.
+    client.publish_state(JOINTS, START)
+    assert client.send(goal_message()).report.level == OK
+    assert len(client.trajectories) == n_trajectories + 1
+
+
+NUMBERS = (float("nan"), float("inf"), float("-inf"), 1e308, -1e308, 1e9, 4.0)
+NAMES = ("", "Gelenk-Ä", "関節", "elbow2", "x" * 5000, "a\nb", "{}", "%s", "/elbow", "ELBOW")
+
+
+def malformed_goal(random: random.Random) -> JointState:
+    """One of all kinds of wrong goals."""
+    positions = [random.uniform(-0.3, 0.0) for _ in JOINTS]
+    joint = random.randrange(4)
+    other = random.choice(NAMES)
+    number = random.choice(NUMBERS)
+    wrong_length = random.choice([1, 2, 3, 5, 100])
+    changed = [*positions[:joint], number, *positions[joint + 1 :]]
+    renamed = (*JOINTS[:joint], other, *JOINTS[joint + 1 :])
+    return random.choice(
+        [
+            lambda: JointState(),
+            lambda: JointState(position=positions),
+            lambda: JointState(name=JOINTS),
+            lambda: goal_message([0.0] * wrong_length),
+            lambda: goal_message(changed),
+            lambda: goal_message(positions, renamed),
+            lambda: goal_message([*positions, 0.0], (*JOINTS, other)),
+            lambda: goal_message([*positions, 0.0], (*JOINTS, JOINTS[joint])),
+            lambda: goal_message(positions, velocity=[0.0] * wrong_length),
+            lambda: goal_message(positions, velocity=changed),
+            lambda: in_frame(goal_message(positions), other or "arm"),
+        ]
+    )()
+
+
+def resident_kilobytes(process: subprocess.Popen[str]) -> int:
+    status = Path(f"/proc/{process.pid}/status").read_text(encoding="ascii")
+    return int(next(line for line in status.splitlines() if line.startswith("VmRSS")).split()[1])
+
+
+def test_thousand_malformed_goals_get_an_error_each_and_do_no_harm(
+    client: GoalClient, node: subprocess.Popen[str]
+) -> None:
+    n_goals = 1000
+    generator = random.Random(7)
+    with parameters(client, state_timeout=0.0):
+        n_reports, n_trajectories = len(client.reports), len(client.trajectories)
+        before = 0
+        for k in range(n_goals):
+            if k == n_goals // 5:
+                before = resident_kilobytes(node)
+            answer = client.send(malformed_goal(generator))
+            assert answer.report.level == ERROR, answer.report
+            assert answer.report.message
+            assert answer.report.message.isprintable()
+            assert "internal error" not in answer.report.message
+        after = resident_kilobytes(node)
+        assert client.send(goal_message()).report.level == OK
+    # The good goal comes last, so that no message before it can be on its way.
+    assert len(client.reports) == n_reports + n_goals + 1
+    assert len(client.trajectories) == n_trajectories + 1
+    assert after - before < 4096
+
+
+# Start and end
+
+
+def only(names: tuple[str, ...], demonstration: Demonstration) -> Demonstration:
+    """A demonstration of its first joints alone."""
+    series = (demonstration.positions, demonstration.velocities, demonstration.accelerations)
+    return Demonstration(
+        names,
+        demonstration.times,
+        *(values[:, : len(names)] for values in series),
+        recording=demonstration.recording,
+        start_time=demonstration.start_time,
+        end_time=demonstration.end_time,
+    )
+
+
+@pytest.fixture
+def own_domain(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Stay away from the shared node."""
+    set_domain(monkeypatch, 50)
+
+
+@pytest.mark.usefixtures("own_domain")
+def test_node_waits_for_what_is_missing_and_says_for_what(tmp_path: Path) -> None:
+    file = tmp_path / "arm.npz"
+    arguments = ("-p", f"primitives:=['{file}']")
+    with running_node(tmp_path / "log.txt", *arguments), GoalClient() as client:
+        client.wait_for_node()
+        assert "arm.npz" in client.wait_for_diagnostics()["text"]
+        duration = Parameter("duration", value=1.5).to_parameter_msg()
+        assert client.set_parameters(duration)[0].successful
+        assert_refused(client.send(goal_message()), "arm.npz", "no such file")
+        assert not client.reload_primitives().success
+        save_primitive(arm_primitive(), file)
+        assert client.reload_primitives().success
+        assert_refused(client.send(goal_message()), "robot_description")
+        urdf = Parameter("robot_description", value=URDF).to_parameter_msg()
+        assert client.set_parameters(urdf)[0].successful
+        assert_refused(client.send(goal_message()), "joint_states", *JOINTS)
+        client.publish_state(JOINTS, START)
+        assert client.send(goal_message()).report.level == OK
+        diagnostics = client.wait_for_diagnostics(lambda values: "stopped" in values["text"])
+        assert diagnostics["goals_served"] == "1"
+        assert diagnostics["goals_refused"] == "3"
+        timeout = Parameter("state_timeout", value=0.0).to_parameter_msg()
+        assert client.set_parameters(timeout)[0].successful
+        client.wait_for_diagnostics(lambda values: values["text"] == "ready for goals")
+
+
+@pytest.mark.usefixtures("own_domain")
+def test_primitives_of_other_joints_bring_their_own_limits(tmp_path: Path) -> None:
+    urdf = tmp_path / "planner.yaml"
+    urdf.write_text(yaml.safe_dump({"/**": {"ros__parameters": {"robot_description": URDF}}}))
+    shoulder = build_primitive([only(JOINTS[:2], d) for d in arm_demonstrations()], "shoulder")
+    files = [str(tmp_path / name) for name in ("arm.npz", "shoulder.npz")]
+    for file, primitive in zip(files, (arm_primitive(), shoulder), strict=True):
+        save_primitive(primitive, file)
+    arguments = ("--params-file", str(urdf), "-p", f"primitives:=['{files[0]}']")
+    with running_node(tmp_path / "log.txt", *arguments), GoalClient() as client:
+        client.wait_for_node()
+        client.wait_for_model()
+        wanted = {"primitives": [files[1]], "limits.shoulder2.max_velocity": 0.5}
+        messages = [Parameter(name, value=v).to_parameter_msg() for name, v in wanted.items()]
+        for result in client.set_parameters(*messages):
+            assert result.successful, result.reason
+        elbow = Parameter("limits.elbow.max_velocity", value=1.0).to_parameter_msg()
+        assert "valid names: 'shoulder1', 'shoulder2'" in client.set_parameters(elbow)[0].reason
+        client.publish_state(JOINTS, START)
+        trajectory = client.send(goal_message(GOAL[:2], JOINTS[:2])).trajectory
+    assert trajectory is not None
+    assert tuple(trajectory.joint_names) == JOINTS[:2]
+    assert np.abs(column(trajectory, "velocities")[:, 1]).max() <= 0.5 * (1 + 1e-6)
+
+
+@pytest.mark.usefixtures("own_domain")
+def test_unusable_description_on_the_topic_is_reported_and_can_be_mended(
+    tmp_path: Path, primitives: Path
+) -> None:
+    arguments = ("-p", f"primitives:=['{primitives}']", "-p", "limits.shoulder1.max_velocity:=0.9")
+    with running_node(tmp_path / "log.txt", *arguments), GoalClient() as client:
+        client.wait_for_node()
+        client.publish_description("<robot name='other'><link name='a'/></robot>")
+        client.wait_for_diagnostics(lambda values: "no revolute" in values["text"])
+        assert_refused(client.send(goal_message()), "no revolute")
+        # Unusable in two places, which parameters mend one after the other.
+        client.publish_description(re.sub('velocity="2[05]"', 'velocity="0"', URDF))
+        client.wait_for_diagnostics(lambda values: "max_velocity" in values["text"])
+        for joint in ("elbow", "shoulder3"):
+            assert_refused(client.send(goal_message()), "max_velocity")
+            limit = Parameter(f"limits.{joint}.max_velocity", value=0.7).to_parameter_msg()
+            assert client.set_parameters(limit)[0].successful
+        client.publish_state(JOINTS, START)
+        trajectory = client.send(goal_message()).trajectory
+    assert trajectory is not None
+    peaks = np.abs(column(trajectory, "velocities")).max(axis=0)
+    assert (peaks[[0, 2, 3]] <= np.array([0.9, 0.7, 0.7]) * (1 + 1e-6)).all()
+
+
+@pytest.mark.usefixtures("own_domain")
+def test_wrong_arguments_end_the_node_with_one_line_and_status_2(primitives: Path) -> None:
+    cases = {
+        "duration:=-1.0": "'duration' is -1.0",
+        "duration:=1": "with a decimal point",
+        "start_from:=nowhere": "'measured', 'commanded'",
+        "robot_description:=robot.urdf": "not XML",
+        "limits.elbo.max_jerk:=1.0": "did you mean 'elbow'",
+        "oops": "oops",
+    }
+    command = [sys.executable, "-m", "mp_pca_planner", "planner_node", "--ros-args"]
+    command += ["-p", f"primitives:=['{primitives}']"]
+    processes = {
+        case: subprocess.Popen([*command, "-p", case], stderr=subprocess.PIPE, text=True)
+        for case in cases
+    }
+    for case, process in processes.items():
+        _, stderr = process.communicate(timeout=60.0)
+        lines = [line for line in stderr.splitlines() if "[rcl]" not in line]
+        assert process.returncode == 2, stderr
+        assert len(lines) == 1, stderr
+        assert cases[case] in lines[0]
+
+
+@pytest.mark.usefixtures("own_domain")
+def test_sigterm_ends_the_node_as_cleanly_as_sigint(tmp_path: Path) -> None:
+    log = tmp_path / "log.txt"
+    with log.open("w") as output:
+        process = start_node(output=output)
+    try:
+        with GoalClient() as client:
+            client.wait_for_node()
+        process.terminate()
+        assert process.wait(timeout=20.0) == 0
+    finally:
+        process.kill()
+    assert "Traceback" not in log.read_text()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "status", "words"),
+    [
+        (["--help"], 0, "--ros-args"),
+        ([], 2, "pip install 'mp_pca_planner[ros]'"),
+        (["somewhere"], 2, "somewhere"),
+    ],
+)
+def test_without_ros_there_is_help_and_a_hint(
+    arguments: list[str], status: int, words: str
+) -> None:
+    code = (
+        "import sys; sys.modules['rclpy'] = None\n"
+        "from mp_pca_planner.ros.planner_node import main\n"
+        f"sys.exit(main({arguments}))"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, timeout=60.0, check=False
+    )
+    assert done.returncode == status
+    assert words in done.stdout + done.stderr
+    assert "Traceback" not in done.stderr

@@ -1,0 +1,189 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Primitive files: round trips, and refusals that name the file and the reason."""
+
+import io
+import json
+import zipfile
+
+import numpy as np
+import pytest
+from arm import arm_demonstrations, arm_primitive
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from mp_pca_planner.exceptions import PlannerError, PrimitiveError, PrimitiveFileError
+from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
+from mp_pca_planner.primitives.file import load_primitive, save_primitive
+from mp_pca_planner.primitives.primitive_library import load_primitives
+
+
+@pytest.fixture
+def path(tmp_path):
+    file = tmp_path / "primitive.npz"
+    save_primitive(arm_primitive(), file)
+    return file
+
+
+def rewrite(path, change):
+    """Change arrays and metadata of a file without a care for its checksum."""
+    with np.load(path) as content:
+        arrays = {name: content[name] for name in content.files}
+    metadata = json.loads(str(arrays.pop("metadata")))
+    change(arrays, metadata)
+    np.savez(path, metadata=np.array(json.dumps(metadata)), **arrays)
+
+
+def test_what_was_saved_is_loaded(path):
+    saved, loaded = arm_primitive(), load_primitive(path)
+    assert (loaded.name, loaded.joint_names) == (saved.name, saved.joint_names)
+    assert loaded.coupling == saved.coupling
+    for name, array in saved.arrays().items():
+        np.testing.assert_array_equal(loaded.arrays()[name], array)
+    assert loaded.metadata["demonstrations"] == saved.metadata["demonstrations"]
+
+
+def test_building_again_gives_the_same_bytes(tmp_path):
+    files = [tmp_path / name for name in ("one.npz", "two.npz")]
+    for file in files:
+        primitive = build_primitive(arm_demonstrations(), "same", PrimitiveOptions(n_components=3))
+        save_primitive(primitive, file)
+    assert files[0].read_bytes() == files[1].read_bytes()
+
+
+def test_a_loaded_primitive_is_saved_to_the_same_bytes(path, tmp_path):
+    again = tmp_path / "again.npz"
+    save_primitive(load_primitive(path), again)
+    assert again.read_bytes() == path.read_bytes()
+
+
+def test_an_existing_file_is_not_overwritten(path):
+    before = path.read_bytes()
+    with pytest.raises(PlannerError, match="exists already"):
+        save_primitive(arm_primitive("joint"), path)
+    assert path.read_bytes() == before
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda a, m: m.update(format="else"), "not made by this package"),
+        (lambda a, m: m.update(format_version=1), "version is 1, this release reads version 2"),
+        (lambda a, m: a.pop("weights"), "lacks the arrays weights"),
+        (lambda a, m: a.update(weights=a["weights"] + 1e-12), "checksum"),
+        (lambda a, m: m.update(name="other"), "checksum"),
+        (lambda a, m: a.update(weights=a["weights"].astype(np.float32)), "float32, not float64"),
+        (lambda a, m: a.update(weights=np.array(["x"])), "not float64"),
+    ],
+)
+def test_a_changed_file_is_refused_with_its_name_and_the_reason(path, change, message):
+    rewrite(path, change)
+    with pytest.raises(PrimitiveFileError, match=rf"primitive\.npz' is refused: .*{message}"):
+        load_primitive(path)
+
+
+@pytest.mark.parametrize(
+    ("name", "change", "message"),
+    [
+        ("weights", lambda x: x[:, :2], "must have the shape"),
+        ("durations", lambda x: -x, "last > 0 s"),
+        ("durations", lambda x: x * np.nan, r"durations.*\[0\] is nan"),
+        ("warps", lambda x: x[:, ::-1], "warps .* must increase from 0 to 1"),
+        ("warps", lambda x: np.round(x, 1), "warps .* must increase from 0 to 1"),
+        ("warps", lambda x: x[:, :1], "warps .* must increase from 0 to 1"),
+        ("explained_variance", lambda x: 0.0 * x, "variance that is not positive"),
+        ("kernels", lambda x: -x, "must not be negative"),
+        ("paces", lambda x: x * np.inf, "only finite"),
+        ("mean_coefficients", lambda x: x[0], "must have the shape"),
+    ],
+)
+def test_content_that_fits_its_checksum_but_makes_no_sense_is_refused(
+    path, monkeypatch, name, change, message
+):
+    rewrite(path, lambda a, m: a.update({name: change(a[name])}))
+    # An attacker can compute the checksum too.
+    monkeypatch.setattr("mp_pca_planner.primitives.file._checksum", lambda *_: _STATED)
+    rewrite(path, lambda a, m: m.update(checksum=_STATED))
+    with pytest.raises(PrimitiveFileError, match=message):
+        load_primitive(path)
+
+
+_STATED = "stated"
+
+
+def test_pickled_content_is_not_executed(tmp_path):
+    path = tmp_path / "pickle.npz"
+    np.savez(path, metadata=np.array("{}"), weights=np.array([{}, None], dtype=object))
+    with pytest.raises(PrimitiveFileError, match="allow_pickle"):
+        load_primitive(path)
+
+
+@pytest.mark.parametrize("content", [b"", b"not a zip", b"PK\x03\x04rest"])
+def test_what_is_no_npz_is_refused(tmp_path, content):
+    path = tmp_path / "file.npz"
+    path.write_bytes(content)
+    with pytest.raises(PrimitiveFileError, match="no readable"):
+        load_primitive(path)
+
+
+def test_a_missing_file_and_a_folder_are_refused(tmp_path):
+    with pytest.raises(PrimitiveFileError, match="no such file"):
+        load_primitive(tmp_path / "nowhere.npz")
+    with pytest.raises(PrimitiveFileError, match="no readable"):
+        load_primitive(tmp_path)
+
+
+def test_a_file_that_claims_to_be_huge_is_refused_before_it_is_read(tmp_path):
+    path = tmp_path / "bomb.npz"
+    header = io.BytesIO()
+    np.lib.format.write_array_header_1_0(
+        header, {"descr": "<f8", "fortran_order": False, "shape": (1 << 40,)}
+    )
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("weights.npy", header.getvalue())
+    with pytest.raises(PrimitiveFileError, match="no readable"):
+        load_primitive(path)
+
+
+@settings(
+    max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+@given(data=st.data())
+def test_damage_anywhere_is_refused_or_harmless(path, tmp_path, data):
+    content = bytearray(path.read_bytes())
+    if data.draw(st.booleans()):
+        content = content[: data.draw(st.integers(0, len(content) - 1))]
+    else:
+        for _ in range(data.draw(st.integers(1, 4))):
+            position = data.draw(st.integers(0, len(content) - 1))
+            content[position] ^= data.draw(st.integers(1, 255))
+    damaged = tmp_path / "damaged.npz"
+    damaged.write_bytes(content)
+    try:
+        loaded = load_primitive(damaged)
+    except PrimitiveFileError:
+        return
+    # Nothing that matters was hit: padding of the archive, or a date in it.
+    for name, array in arm_primitive().arrays().items():
+        np.testing.assert_array_equal(loaded.arrays()[name], array)
+
+
+def test_folders_and_files_make_a_library(path, tmp_path):
+    folder = tmp_path / "more"
+    folder.mkdir()
+    (folder / "notes.txt").write_text("no primitive")
+    save_primitive(arm_primitive("joint"), folder / "b.npz")
+    save_primitive(arm_primitive("joint", 2), folder / "a.npz")
+    names = [p.name for p in load_primitives([folder, path])]
+    assert names == ["arm_joint_2", "arm_joint_4", "arm_arm_4"]
+
+
+def test_a_library_without_files_or_with_a_name_twice_is_refused(path, tmp_path):
+    with pytest.raises(PrimitiveError, match="no primitive file was named"):
+        load_primitives([])
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(PrimitiveError, match="empty' holds no primitive file"):
+        load_primitives([tmp_path / "empty"])
+    save_primitive(arm_primitive(), tmp_path / "twin.npz")
+    with pytest.raises(PrimitiveError, match=r"twin\.npz.*primitive\.npz.*'arm_arm_4'"):
+        load_primitives([path, tmp_path / "twin.npz"])

@@ -1,0 +1,317 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""The whole way from bags to demonstrations."""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import EPOCH, FORMATS, Message, reaching, stamped, write_bag
+
+from mp_pca_planner.exceptions import RecordingError
+from mp_pca_planner.recordings import bags
+from mp_pca_planner.recordings.bags import find_recordings, stored_size
+from mp_pca_planner.recordings.load import inspect_recording, load_recordings
+from mp_pca_planner.recordings.segmentation import SegmentationOptions
+
+REACHES = reaching([0.1, 1.1, 0.3])
+"""Rest for 1 s and reach for 1 s in turn, 5 s in all: reaches at 1 s and at 3 s."""
+
+
+def reaches(path: Path, bag_format: str = "mcap") -> Path:
+    return write_bag(path, bag_format, stamped(REACHES))
+
+
+def segments_file(
+    folder: Path, *rows: str, header: str = "recording,start_time_s,end_time_s,label"
+) -> Path:
+    path = folder / "segments.csv"
+    path.write_text("\n".join([header, *rows]) + "\n")
+    return path
+
+
+def test_motions_become_demonstrations(tmp_path: Path, bag_format: str) -> None:
+    path = reaches(tmp_path / "two", bag_format)
+    loaded = load_recordings([path])
+    assert loaded.refused == ()
+    assert [d.recording for d in loaded.demonstrations] == ["two", "two"]
+    for demonstration, start, goal in zip(
+        loaded.demonstrations, (1.0, 3.0), (1.1, 0.3), strict=True
+    ):
+        assert demonstration.joint_names == ("a", "b")
+        assert demonstration.start_time == pytest.approx(start, abs=0.12)
+        assert demonstration.end_time == pytest.approx(start + 1.0, abs=0.12)
+        assert demonstration.duration == pytest.approx(
+            demonstration.end_time - demonstration.start_time
+        )
+        np.testing.assert_allclose(demonstration.positions[-1], [goal, -0.5 * goal], atol=0.01)
+        np.testing.assert_allclose(demonstration.velocities[[0, -1]], 0.0, atol=0.12)
+
+
+def test_report_says_what_was_found(tmp_path: Path, bag_format: str) -> None:
+    messages = stamped(REACHES)
+    path = write_bag(tmp_path / "x", bag_format, [messages[0], *messages])
+    (report,) = load_recordings([path]).reports
+    file = path if path.is_file() else next(f for f in path.iterdir() if f.suffix != ".yaml")
+    assert report.name == "x"
+    assert report.path == str(path)
+    assert report.format == bag_format
+    assert report.topic == "/joint_states"
+    assert report.n_messages == len(messages) + 1
+    assert report.rate == pytest.approx(100.0)
+    assert report.duration == pytest.approx(4.99)
+    assert report.joint_names == ("a", "b")
+    assert report.checksum == hashlib.sha256(file.read_bytes()).hexdigest()
+    assert report.repairs == {"repeated_stamps": 1}
+    assert len(report.motions) == 2
+    assert 0.0 < report.thresholds.rest < report.thresholds.moving
+    assert report.notes == (f"velocities are empty or NaN in all {report.n_messages} messages",)
+
+
+def test_bad_recording_is_refused_by_name_and_the_rest_is_used(tmp_path: Path) -> None:
+    for name in FORMATS:
+        reaches(tmp_path / name, name)
+    (tmp_path / "broken.bag").write_bytes(b"#ROSBAG V2.0\n")
+    write_bag(tmp_path / "still", "mcap", stamped(np.ones((300, 2))))
+    write_bag(tmp_path / "other", "mcap", [], unknown_type=True)
+    done: list[tuple[int, int]] = []
+    loaded = load_recordings([tmp_path], progress=lambda n, total: done.append((n, total)))
+    assert [report.name for report in loaded.reports] == ["mcap", "rosbag1", "sqlite3"]
+    assert [refusal.recording for refusal in loaded.refused] == ["broken", "other", "still"]
+    assert "nothing moves" in loaded.refused[2].reason
+    sizes = [stored_size(path) for path in find_recordings([tmp_path])]
+    n_done, totals = zip(*done, strict=True)
+    assert list(n_done) == sorted(n_done)
+    assert set(np.cumsum(sizes).tolist()) <= set(n_done)
+    assert set(totals) == {sum(sizes)}
+
+
+def test_progress_is_told_while_a_long_recording_is_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(bags, "PART_MESSAGES", 125)
+    path = reaches(tmp_path / "x")
+    done: list[tuple[int, int]] = []
+    loaded = load_recordings([path], progress=lambda n, total: done.append((n, total)))
+    assert len(loaded.demonstrations) == 2
+    size = stored_size(path)
+    # Read once in parts and, as it is too short to be divided, not again.
+    assert done == [(int(share * size), size) for share in (0.25, 0.5, 0.75, 1.0, 1.0)]
+
+
+def test_chosen_joints_come_in_the_chosen_order(tmp_path: Path) -> None:
+    loaded = load_recordings([reaches(tmp_path / "x")], joints=["b", "a"])
+    assert loaded.reports[0].joint_names == ("b", "a")
+    assert loaded.demonstrations[0].positions[-1] == pytest.approx([-0.55, 1.1], abs=0.01)
+
+
+def test_chosen_topic_is_read(tmp_path: Path) -> None:
+    messages = [*stamped(REACHES), Message(("x",), [0.0], EPOCH, topic="/other")]
+    path = write_bag(tmp_path / "x", "mcap", messages)
+    assert "'/joint_states', '/other'" in load_recordings([path]).refused[0].reason
+    assert load_recordings([path], topic="/joint_states").reports[0].topic == "/joint_states"
+
+
+def test_without_cutting_only_the_stillness_at_the_ends_goes(tmp_path: Path) -> None:
+    (demonstration,) = load_recordings([reaches(tmp_path / "x")], segment="none").demonstrations
+    assert demonstration.start_time == pytest.approx(1.0, abs=0.12)
+    assert demonstration.end_time == pytest.approx(4.0, abs=0.12)
+
+
+def test_motion_never_spans_a_gap(tmp_path: Path) -> None:
+    messages = stamped(REACHES)
+    path = write_bag(tmp_path / "x", "mcap", messages[:140] + messages[260:])
+    for segment in ("auto", "none"):
+        loaded = load_recordings([path], segment=segment)
+        assert loaded.reports[0].repairs == {"gaps": 1}
+        assert [m.end < 1.41 or m.start > 2.59 for m in loaded.reports[0].motions] == [True, True]
+
+
+def test_small_motions_are_left_out_with_a_note(tmp_path: Path) -> None:
+    path = write_bag(tmp_path / "x", "mcap", stamped(reaching([0, 1, 1.2, 0.1])))
+    options = SegmentationOptions(extent_ratio=0.5)
+    (report,) = load_recordings([path], segmentation=options).reports
+    assert len(report.motions) == 2
+    assert report.notes[1:] == (
+        "1 motions over less than 50% of the extent of the largest are left out",
+    )
+
+
+def test_unknown_way_to_segment_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(RecordingError, match="'auto', 'none'"):
+        load_recordings([reaches(tmp_path / "x")], segment="aut")  # type: ignore[arg-type]
+
+
+def test_segments_by_hand_are_taken_as_they_are(tmp_path: Path, bag_format: str) -> None:
+    path = reaches(tmp_path / "x", bag_format)
+    table = segments_file(
+        tmp_path,
+        "out,x,1.0,2.0,9",
+        "back,x,3.0,4.99,9",
+        header="label,recording,start_time_s,end_time_s,other",
+    )
+    loaded = load_recordings([path], segments_csv=table)
+    assert [(m.start, m.end, m.label) for m in loaded.reports[0].motions] == [
+        (pytest.approx(1.0), pytest.approx(2.0), "out"),
+        (pytest.approx(3.0), pytest.approx(4.99), "back"),
+    ]
+    assert [d.label for d in loaded.demonstrations] == ["out", "back"]
+
+
+@pytest.mark.parametrize(
+    ("row", "message"),
+    [
+        ("y,1.0,2.0,", "no recording is called 'y'"),
+        ("x,one,2.0,", "'start_time_s' must be a number of seconds, got 'one'"),
+        ("x,1.0,,", "'end_time_s' must be a number of seconds, got ''"),
+        ("x,1.0", "'end_time_s' must be a number of seconds, got ''"),
+        ("x,nan,2.0,", "'start_time_s' must be a number"),
+        ("x,2.0,2.0,", "end after its start"),
+        ("x,-1.0,2.0,", "must start at 0 s or later"),
+    ],
+)
+def test_faulty_row_is_refused_with_its_line(tmp_path: Path, row: str, message: str) -> None:
+    path = reaches(tmp_path / "x")
+    table = segments_file(tmp_path, "x,1.0,2.0,", row)
+    with pytest.raises(RecordingError, match=f"line 3: .*{message}"):
+        load_recordings([path], segments_csv=table)
+
+
+def test_segment_outside_its_recording_is_refused_with_its_line(tmp_path: Path) -> None:
+    table = segments_file(tmp_path, "x,1.0,2.0,", "x,4.0,5.2,")
+    (refusal,) = load_recordings([reaches(tmp_path / "x")], segments_csv=table).refused
+    assert "line 3: 4 s to 5.2 s is not within the recording" in refusal.reason
+
+
+@pytest.mark.parametrize(
+    "content", [b"", b"recording,start_time_s\n", b"\xff\xfe\x00", b"a\x00b\n1\n"]
+)
+def test_file_that_holds_no_segments_is_refused_by_name(tmp_path: Path, content: bytes) -> None:
+    path = reaches(tmp_path / "x")
+    table = tmp_path / "segments.csv"
+    table.write_bytes(content)
+    with pytest.raises(RecordingError, match=r"segments\.csv"):
+        load_recordings([path], segments_csv=table)
+    with pytest.raises(RecordingError, match=r"none\.csv"):
+        load_recordings([path], segments_csv=tmp_path / "none.csv")
+
+
+def test_recording_without_a_row_is_refused(tmp_path: Path) -> None:
+    paths = [reaches(tmp_path / "x"), reaches(tmp_path / "y")]
+    loaded = load_recordings(paths, segments_csv=segments_file(tmp_path, "x,1.0,2.0,"))
+    assert [report.name for report in loaded.reports] == ["x"]
+    assert [refusal.recording for refusal in loaded.refused] == ["y"]
+
+
+def test_inspection_counts_defects(tmp_path: Path, bag_format: str) -> None:
+    messages = stamped(REACHES)
+    messages[3].positions = [np.nan, 0.0]
+    path = write_bag(tmp_path / "x", bag_format, [messages[0], *messages], unknown_type=True)
+    found = inspect_recording(path)
+    assert found.format == bag_format
+    assert [(t.name, t.count) for t in found.topics] == [("/joint_states", 501), ("/strange", 1)]
+    assert found.joint_names == ("a", "b")
+    assert found.rate == pytest.approx(100.0)
+    assert found.repairs == {"non_finite": 1, "repeated_stamps": 1}
+    assert found.refusal is None
+
+
+def test_inspection_tells_why_a_recording_is_useless(tmp_path: Path, bag_format: str) -> None:
+    still = inspect_recording(write_bag(tmp_path / "x", bag_format, stamped(np.ones((99, 2)))))
+    assert still.n_messages == 99
+    assert still.joint_names == ("a", "b")
+    assert "nothing moves" in str(still.refusal)
+    (tmp_path / "broken.bag").write_bytes(b"")
+    broken = inspect_recording(tmp_path / "broken.bag")
+    assert broken.topics == ()
+    assert "broken.bag" in str(broken.refusal)
+
+
+def test_inspection_is_of_one_recording(tmp_path: Path) -> None:
+    reaches(tmp_path / "x")
+    reaches(tmp_path / "y")
+    with pytest.raises(RecordingError, match="2 recordings"):
+        inspect_recording(tmp_path)
+
+
+def test_gestures_of_a_humanoid_are_loaded(shared_data: Path) -> None:
+    joints = [f"arm_right_{number}_joint" for number in range(1, 8)]
+    loaded = load_recordings([shared_data / "reem_gestures" / "*.bag"], joints=joints)
+    assert loaded.refused == ()
+    assert len(loaded.reports) == 5
+    for report in loaded.reports:
+        assert 1 <= len(report.motions) <= 8
+        assert report.rate == pytest.approx(50.0, rel=0.01)
+        assert report.motions[0].start == pytest.approx(0.5, abs=0.1)
+        assert "simulation time" in report.notes[0]
+
+
+def test_slow_recording_among_unknown_types_is_one_motion(shared_data: Path) -> None:
+    loaded = load_recordings([shared_data / "iri_wam"])
+    (demonstration,) = loaded.demonstrations
+    assert loaded.reports[0].rate == pytest.approx(10.0, rel=0.01)
+    assert demonstration.start_time == pytest.approx(2.4, abs=0.2)
+    assert demonstration.end_time == pytest.approx(11.6, abs=0.2)
+    assert np.abs(demonstration.velocities[[0, -1]]).max() < 0.02
+
+
+def test_recordings_without_time_are_refused(shared_data: Path) -> None:
+    loaded = load_recordings([shared_data / "unstamped"])
+    assert loaded.demonstrations == ()
+    assert len(loaded.refused) == 2
+    assert all("no usable time" in refusal.reason for refusal in loaded.refused)
+
+
+def test_all_motions_cut_by_hand_load(shared_data: Path) -> None:
+    arm = shared_data / "human_arm"
+    loaded = load_recordings([arm / "joint_states"], segments_csv=arm / "motions.csv")
+    assert loaded.refused == ()
+    assert len(loaded.demonstrations) == 141
+    assert {d.joint_names for d in loaded.demonstrations} == {
+        ("shoulder1", "shoulder2", "shoulder3", "elbow")
+    }
+
+
+def test_damaged_recording_is_used_as_far_as_it_goes_only_on_request(
+    tmp_path: Path, bag_format: str
+) -> None:
+    path = write_bag(
+        tmp_path / "x", bag_format, stamped(np.tile(reaching([0.1, 1.1, 0.1]), (4, 1)))
+    )
+    file = path if path.is_file() else next(f for f in path.iterdir() if f.suffix != ".yaml")
+    content = file.read_bytes()
+    file.write_bytes(content[: int(0.7 * len(content))])
+    assert not load_recordings([file]).reports
+    assert inspect_recording(file).refusal is not None
+    (report,) = load_recordings([file], salvage=True).reports
+    assert report.motions
+    assert "before the damage" in report.notes[0]
+    assert inspect_recording(file, salvage=True).n_messages == report.n_messages
+
+
+def test_longest_gap_reaches_the_repair(tmp_path: Path) -> None:
+    messages = stamped(reaching([0.1, 1.1, 0.1]))
+    path = write_bag(tmp_path / "x", "mcap", messages[:210] + messages[290:])
+    assert load_recordings([path]).reports[0].repairs == {"gaps": 1}
+    assert load_recordings([path], max_gap=1.0).reports[0].repairs == {}
+
+
+def test_inspection_of_a_useless_recording_shows_its_defects(tmp_path: Path) -> None:
+    messages = stamped(np.full((100, 2), 0.3))
+    messages[7].positions = [np.nan, 0.3]
+    found = inspect_recording(write_bag(tmp_path / "x", "mcap", messages))
+    assert found.refusal is not None
+    assert found.repairs == {"non_finite": 1}
+
+
+def test_field_of_messages_needs_their_topic(tmp_path: Path) -> None:
+    path = write_bag(tmp_path / "x", "mcap", stamped(reaching([0.1, 1.1])))
+    with pytest.raises(RecordingError, match="'states' needs the topic"):
+        load_recordings([path], state_field="states")
+    (refusal,) = load_recordings([path], topic="/joint_states", state_field="states").refused
+    assert "no field of 'states' is called 'states'" in refusal.reason
+    found = inspect_recording(path, "/joint_states", state_field="states")
+    assert found.refusal == refusal.reason

@@ -1,0 +1,187 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""The command `refine`, and the cost of recorded executions."""
+
+import json
+
+import numpy as np
+import pytest
+from arm import JOINTS, arm_primitive, arm_robot
+from scipy.integrate import trapezoid
+from test_commands import GOAL, START, URDF, refusal, run
+
+from mp_pca_planner.exceptions import RecordingError
+from mp_pca_planner.learning.executions import measure_execution
+from mp_pca_planner.primitives.file import load_primitive, save_primitive
+from mp_pca_planner.recordings.bags import write_joint_states
+from mp_pca_planner.recordings.synthetic import generate_motions
+from mp_pca_planner.trajectory import Trajectory
+
+
+@pytest.fixture
+def primitive(tmp_path):
+    path = tmp_path / "reach.npz"
+    save_primitive(arm_primitive(), path)
+    return path
+
+
+def refine(primitive, *options, ok=True):
+    request = ("--robot", URDF, "--start", START, "--goal", GOAL, "--json")
+    done = run("refine", primitive, *request, *options, ok=ok)
+    return json.loads(done.stdout)
+
+
+def executed(offset=0.0, efforts=True):
+    """A motion, and a recording of its execution with stillness before and after."""
+    motion = generate_motions(1, 3)[0].as_demonstration()
+    grid = np.linspace(0.0, motion.duration, 201)
+    q = np.column_stack([np.interp(grid, motion.times, c) for c in motion.positions.T])
+    v, a = np.gradient(q, grid, axis=0), np.zeros_like(q)
+    v[[0, -1]] = 0.0
+    trajectory = Trajectory(JOINTS, grid, q, v, a)
+    times = np.arange(-0.5, motion.duration + 0.7, 0.004)
+    held = np.column_stack([np.interp(times, grid, c) for c in q.T]) + offset
+    zero = np.zeros_like(held)
+    tau = arm_robot().inverse_dynamics(held, zero, zero)
+    return trajectory, times, held, tau if efforts else None
+
+
+def write_execution(path, times, held, tau):
+    stamps = (1_700_000_000 * 10**9 + np.round(times * 1e9)).astype(np.int64)
+    write_joint_states(path, "mcap", JOINTS, stamps, held, efforts=tau)
+    return path
+
+
+# Executions
+
+
+def test_execution_is_found_and_measured(tmp_path):
+    trajectory, times, held, tau = executed()
+    found = measure_execution(write_execution(tmp_path / "run", times, held, tau), trajectory)
+    assert found.started == pytest.approx(0.5, abs=0.01)
+    assert found.tracking_error < 1e-3
+    during = (times >= 0.0) & (times <= trajectory.times[-1])
+    wanted = 0.5 * trapezoid(np.sum(tau[during] ** 2, axis=1), times[during])
+    assert found.effort == pytest.approx(wanted, rel=0.01)
+
+
+def test_tracking_error_is_the_distance_from_what_was_wanted(tmp_path):
+    trajectory, times, held, tau = executed(offset=0.01)
+    found = measure_execution(write_execution(tmp_path / "run", times, held, tau), trajectory)
+    # Each of four joints is 0.01 rad away all the time; a little of that passes for lateness.
+    assert found.tracking_error == pytest.approx(0.02, rel=0.1)
+
+
+def test_execution_without_efforts_or_cut_short_is_refused(tmp_path):
+    trajectory, times, held, tau = executed(efforts=False)
+    with pytest.raises(RecordingError, match="lack positions or efforts"):
+        measure_execution(write_execution(tmp_path / "none", times, held, tau), trajectory)
+    trajectory, times, held, tau = executed()
+    n = int(np.searchsorted(times, 0.0))
+    with pytest.raises(RecordingError, match="from its start to its end"):
+        measure_execution(
+            write_execution(tmp_path / "short", times[:n], held[:n], tau[:n]), trajectory
+        )
+    other = Trajectory(
+        ("x", *JOINTS[1:]), trajectory.times, *(3 * [np.zeros_like(trajectory.positions)])
+    )
+    with pytest.raises(RecordingError, match="no joint states of 'x'"):
+        measure_execution(write_execution(tmp_path / "other", times, held, tau), other)
+
+
+# By the model
+
+
+def test_refined_motion_is_written_and_kept_as_a_primitive(primitive, tmp_path):
+    new, motion = tmp_path / "new.npz", tmp_path / "motion.json"
+    facts = refine(primitive, "--output", new, "--trajectory", motion, "--name", "better")
+    assert facts["cost"] < 0.99 * facts["original_cost"]
+    assert facts["kept"] and facts["limit_violation"] == 0.0
+    family = load_primitive(new)
+    assert family.name == "better"
+    assert family.metadata["refined_from"]["name"] == arm_primitive().name
+    assert family.metadata["refined_from"]["cost"] == pytest.approx(facts["cost"])
+    written = json.loads(motion.read_text())
+    assert written["positions"] == facts["positions"]
+    request = ("--robot", URDF, "--start", START, "--goal", GOAL, "--json")
+    before, after = (
+        json.loads(run("plan", path, *request, ok=True).stdout)["effort_cost"]
+        for path in (primitive, new)
+    )
+    assert after < before
+
+
+def test_motion_that_gains_too_little_is_not_kept(primitive, tmp_path):
+    new = tmp_path / "new.npz"
+    facts = refine(primitive, "--output", new, "--min-gain", "0.9", ok=False)
+    assert not facts["kept"]
+    assert not new.exists()
+
+
+def test_text_says_what_was_gained(primitive):
+    request = ("--robot", URDF, "--start", START, "--goal", GOAL)
+    lines = run("refine", primitive, *request, ok=True).stdout.splitlines()
+    assert lines[0].startswith("cost ") and "% less" in lines[0]
+    assert lines[-1].endswith("not kept (name --output to keep it)")
+
+
+# By trials
+
+
+def test_trials_go_on_from_call_to_call_until_one_is_kept(primitive, tmp_path):
+    pytest.importorskip("cmaes", reason="cmaes (extra 'learn') is not installed")
+    state, motion, new = tmp_path / "t.json", tmp_path / "trial.csv", tmp_path / "new.npz"
+    options = ("--trials", state, "--trajectory", motion, "--force")
+    first = refine(primitive, *options)
+    assert first["n_trials"] == 0 and not state.exists()
+    assert refine(primitive, *options)["positions"] == first["positions"]
+    second = refine(primitive, *options, "--cost", "10.0")
+    assert second["n_trials"] == 1
+    assert second["positions"] != first["positions"]
+    third = refine(primitive, *options, "--cost", "8.0", "--output", new)
+    assert third["n_trials"] == 2
+    assert third["gain"] == pytest.approx(0.2)
+    assert third["kept"] and load_primitive(new).metadata["refined_from"]["cost"] == 8.0
+
+
+def test_cost_of_a_trial_may_come_from_a_recording(primitive, tmp_path):
+    pytest.importorskip("cmaes", reason="cmaes (extra 'learn') is not installed")
+    state = tmp_path / "t.json"
+    proposal = refine(primitive, "--trials", state)
+    times, q = np.array(proposal["times"]), np.array(proposal["positions"])
+    tau = np.full_like(q, 2.0)
+    bag = write_execution(tmp_path / "run", times, q, tau)
+    facts = refine(primitive, "--trials", state, "--executed", bag)
+    assert facts["cost"] == pytest.approx(0.5 * 4 * 4.0 * times[-1], rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (("--cost", "3"), "name --trials"),
+        (("--min-gain", "2"), "--min-gain must be"),
+        (("--time-price", "-1"), "time_price must be"),
+        (("--tracking-price", "nan"), "--tracking-price must be"),
+        (("--trajectory", "motion.docx"), "must end in"),
+        (("--trials", "t.json", "--cost", "nan"), "finite number"),
+        (("--limits", "{tight}"), "no motion to refine"),
+    ],
+)
+def test_nonsense_is_refused_in_one_line(primitive, tmp_path, monkeypatch, options, words):
+    if "--cost" in options and "--trials" in options:
+        pytest.importorskip("cmaes", reason="cmaes (extra 'learn') is not installed")
+    monkeypatch.chdir(tmp_path)
+    tight = tmp_path / "tight.yaml"
+    tight.write_text("joint_limits: {elbow: {max_effort: 1.0e-6}}")
+    options = [option.format(tight=tight) for option in options]
+    line = refusal("refine", primitive, "--robot", URDF, "--start", START, "--goal", GOAL, *options)
+    assert words in line
+    assert not (tmp_path / "t.json").exists()
+
+
+def test_existing_files_are_not_lost(primitive, tmp_path):
+    kept = tmp_path / "new.npz"
+    kept.write_text("precious")
+    request = ("--robot", URDF, "--start", START, "--goal", GOAL)
+    assert "exists already" in refusal("refine", primitive, *request, "--output", kept)
+    assert kept.read_text() == "precious"

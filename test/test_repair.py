@@ -1,0 +1,555 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Each defect is put into a bag of each format that can hold it, and found again."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import EPOCH, Message, S, reaching, stamped, write_bag
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+
+from mp_pca_planner.exceptions import RecordingError, UnusableRecordingError
+from mp_pca_planner.recordings.bags import read_joint_states
+from mp_pca_planner.recordings.joint_states import JointLayout, RawJointStates
+from mp_pca_planner.recordings.repair import REPAIRS, CleanRecording, repair, repair_parts
+
+MOTION = reaching([0.1, 1.1])
+"""Two joints for 3 s at 100 Hz, never both zero."""
+
+N = len(MOTION)
+
+NO_VELOCITIES = f"velocities are empty or NaN in all {N} messages"
+
+
+class Bag:
+    """Writes messages in one format and repairs what is read from the bag."""
+
+    def __init__(self, folder: Path, bag_format: str) -> None:
+        self.folder, self.bag_format = folder, bag_format
+
+    def repaired(self, messages: list[Message], joints: list[str] | None = None) -> CleanRecording:
+        path = write_bag(self.folder / "x", self.bag_format, messages)
+        return repair(read_joint_states(path, "/joint_states"), joints)
+
+
+def cleaned(positions: np.ndarray) -> CleanRecording:
+    """Repair positions at 100 Hz that need no bag."""
+    stamps = EPOCH + np.arange(len(positions)) * (S // 100)
+    layout = JointLayout(("a", "b"), np.arange(len(positions)), positions)
+    return repair(RawJointStates("/joint_states", stamps, stamps, (layout,), 0))
+
+
+@pytest.fixture
+def bag(tmp_path: Path, bag_format: str) -> Bag:
+    return Bag(tmp_path, bag_format)
+
+
+def test_clean_recording_is_left_as_it_is(bag: Bag) -> None:
+    clean = bag.repaired(stamped(MOTION))
+    (piece,) = clean.pieces
+    assert clean.joint_names == ("a", "b")
+    assert clean.repairs == {}
+    assert clean.notes == (NO_VELOCITIES,)
+    assert clean.rate == pytest.approx(100.0)
+    assert clean.duration == pytest.approx((N - 1) / 100)
+    np.testing.assert_array_equal(piece.positions, MOTION)
+    np.testing.assert_allclose(piece.times, np.arange(N) / 100, atol=1e-9)
+
+
+def test_joints_are_taken_by_name_whatever_their_order(bag: Bag) -> None:
+    messages = stamped(MOTION)
+    for message in messages[1::3]:
+        message.names, message.positions = ("b", "a"), message.positions[::-1]
+    clean = bag.repaired(messages)
+    np.testing.assert_array_equal(clean.pieces[0].positions, MOTION)
+    assert clean.repairs == {"reordered": len(messages[1::3])}
+
+
+def test_other_joints_are_ignored(bag: Bag) -> None:
+    wide = np.column_stack([np.zeros(N), MOTION[:, 0], np.ones(N), MOTION[:, 1]])
+    clean = bag.repaired(stamped(wide, names=("x", "a", "y", "b")), ["b", "a"])
+    np.testing.assert_array_equal(clean.pieces[0].positions, MOTION[:, ::-1])
+    assert clean.repairs == {}
+
+
+def test_messages_of_another_publisher_are_counted_and_dropped(bag: Bag) -> None:
+    gripper = stamped(np.zeros((N, 1)), names=("finger",), start=EPOCH + 3)
+    both = sorted([*stamped(MOTION), *gripper], key=lambda message: message.stamp)
+    clean = bag.repaired(both, ["a", "b"])
+    np.testing.assert_array_equal(clean.pieces[0].positions, MOTION)
+    assert clean.repairs == {"missing_joints": N}
+
+
+def test_publishers_without_a_common_joint_need_a_choice(bag: Bag) -> None:
+    messages = [*stamped(MOTION), Message(("finger",), [0.0], EPOCH + 5 * S)]
+    with pytest.raises(RecordingError, match=r"choose joints.*'a', 'b'; 'finger'"):
+        bag.repaired(messages)
+
+
+def test_joints_that_never_come_together_are_refused(bag: Bag) -> None:
+    messages = [*stamped(MOTION), Message(("finger",), [0.0], EPOCH + 5 * S)]
+    with pytest.raises(RecordingError, match="no message lists all of the joints"):
+        bag.repaired(messages, ["a", "finger"])
+
+
+def test_unknown_joint_is_refused_with_the_names_there_are(bag: Bag) -> None:
+    with pytest.raises(RecordingError, match=r"no joint is called 'c'.*'a', 'b'"):
+        bag.repaired(stamped(MOTION), ["a", "c"])
+
+
+def test_malformed_messages_are_counted_and_dropped(bag: Bag) -> None:
+    messages = stamped(MOTION)
+    messages[5].positions = [1.0]
+    messages[9].names = ("a", "a")
+    clean = bag.repaired(messages)
+    assert clean.repairs == {"malformed": 2}
+    np.testing.assert_array_equal(clean.pieces[0].positions, np.delete(MOTION, [5, 9], axis=0))
+
+
+def test_messages_with_nan_are_counted_and_dropped(bag: Bag) -> None:
+    broken = MOTION.copy()
+    broken[[7, 8], 0], broken[20, 1], broken[21, 0] = np.nan, np.inf, np.finfo(float).max
+    clean = bag.repaired(stamped(broken))
+    assert clean.repairs == {"non_finite": 4}
+    np.testing.assert_array_equal(
+        clean.pieces[0].positions, np.delete(MOTION, [7, 8, 20, 21], axis=0)
+    )
+
+
+def test_nan_of_a_joint_that_is_not_chosen_does_not_matter(bag: Bag) -> None:
+    broken = MOTION.copy()
+    broken[:, 1] = np.nan
+    assert bag.repaired(stamped(broken), ["a"]).repairs == {}
+
+
+def test_repeated_stamps_are_counted_and_dropped(bag: Bag) -> None:
+    messages = stamped(MOTION)
+    messages = [item for message in messages[:50] for item in (message, message)] + messages[50:]
+    clean = bag.repaired(messages)
+    assert clean.repairs == {"repeated_stamps": 50}
+    np.testing.assert_array_equal(clean.pieces[0].positions, MOTION)
+
+
+@pytest.mark.parametrize("zeros_first", [True, False])
+def test_second_publisher_of_zeros_with_equal_stamps_is_dropped(
+    bag: Bag, zeros_first: bool
+) -> None:
+    pairs = zip(stamped(0.0 * MOTION), stamped(MOTION), strict=True)
+    messages = [item for pair in pairs for item in pair[:: 1 if zeros_first else -1]]
+    clean = bag.repaired(messages)
+    assert clean.repairs == {"contradicting": N}
+    np.testing.assert_array_equal(clean.pieces[0].positions, MOTION)
+
+
+def test_publishers_that_contradict_each_other_are_refused(bag: Bag) -> None:
+    pairs = zip(stamped(MOTION), stamped(MOTION + 0.5), strict=True)
+    with pytest.raises(RecordingError, match="two publishers"):
+        bag.repaired([message for pair in pairs for message in pair])
+
+
+def test_rare_contradiction_is_counted_and_the_first_message_kept(bag: Bag) -> None:
+    messages = stamped(MOTION)
+    messages.insert(31, Message(("a", "b"), MOTION[30] + 1.0, messages[30].stamp))
+    clean = bag.repaired(messages)
+    assert clean.repairs == {"contradicting": 1}
+    np.testing.assert_array_equal(clean.pieces[0].positions, MOTION)
+
+
+def test_messages_out_of_order_are_counted_and_sorted(bag: Bag) -> None:
+    messages = stamped(MOTION)
+    for message in messages:
+        message.receive = message.stamp
+    for first in (10, 40, 70):
+        late, early = messages[first], messages[first + 1]
+        late.receive, early.receive = early.receive, late.receive
+        messages[first], messages[first + 1] = early, late
+    clean = bag.repaired(messages)
+    assert clean.repairs == {"out_of_order": 3}
+    np.testing.assert_array_equal(clean.pieces[0].positions, MOTION)
+
+
+@pytest.mark.parametrize("error", [-1000 * S, 1000 * S])
+def test_single_wrong_stamp_is_dropped_and_shifts_nothing(bag: Bag, error: int) -> None:
+    messages = stamped(MOTION)
+    messages[70].receive = messages[70].stamp
+    messages[70].stamp += error
+    clean = bag.repaired(messages)
+    assert clean.repairs == {"stray_stamps": 1}
+    np.testing.assert_array_equal(clean.pieces[0].positions, np.delete(MOTION, 70, axis=0))
+    assert clean.pieces[0].times[-1] == pytest.approx((N - 1) / 100)
+
+
+def test_clock_that_is_set_back_cuts(bag: Bag) -> None:
+    messages = [*stamped(MOTION), *stamped(MOTION, start=EPOCH - 100 * S)]
+    for index, message in enumerate(messages):
+        message.receive = EPOCH + index * S // 100
+    clean = bag.repaired(messages)
+    assert clean.repairs == {"clock_jumps": 1}
+    assert len(clean.pieces) == 2
+    assert clean.pieces[0].times[0] == 0.0
+    assert clean.pieces[1].times[0] > clean.pieces[0].times[-1]
+    for piece in clean.pieces:
+        np.testing.assert_array_equal(piece.positions, MOTION)
+
+
+def test_gap_cuts_and_keeps_the_time(bag: Bag) -> None:
+    messages = stamped(MOTION)
+    clean = bag.repaired(messages[:100] + messages[180:])
+    assert clean.repairs == {"gaps": 1}
+    assert [piece.times.size for piece in clean.pieces] == [100, N - 180]
+    assert clean.pieces[1].times[0] == pytest.approx(1.8)
+
+
+def test_slow_recording_has_no_gaps(bag: Bag) -> None:
+    slow = reaching([0.1, 1.1], rate=5.0, reach=10.0)
+    assert bag.repaired(stamped(slow, rate=1.5)).repairs == {}
+
+
+def test_piece_that_is_too_short_is_counted_and_dropped(bag: Bag) -> None:
+    messages = stamped(MOTION)
+    clean = bag.repaired(messages[:3] + messages[80:])
+    assert clean.repairs == {"gaps": 1, "short_pieces": 1}
+    assert len(clean.pieces) == 1
+    assert clean.pieces[0].times[0] == pytest.approx(0.8)
+
+
+def test_wrapping_angles_are_unwrapped_and_counted(bag: Bag) -> None:
+    turning = reaching([0.0, 9.0], reach=3.0)
+    wrapped = (turning + np.pi) % (2 * np.pi) - np.pi
+    clean = bag.repaired(stamped(wrapped))
+    jumps = int(np.count_nonzero(np.abs(np.diff(wrapped, axis=0)) > np.pi))
+    assert jumps > 0
+    assert clean.repairs == {"wrapped": jumps}
+    np.testing.assert_allclose(clean.pieces[0].positions, turning, atol=1e-12)
+
+
+def test_turns_at_once_are_taken_out(bag: Bag) -> None:
+    turned = MOTION.copy()
+    turned[150:, 0] += 6 * np.pi
+    clean = bag.repaired(stamped(turned))
+    assert clean.repairs == {"wrapped": 1}
+    np.testing.assert_allclose(clean.pieces[0].positions, MOTION, atol=1e-12)
+
+
+def test_jump_that_is_no_full_turn_cuts(bag: Bag) -> None:
+    jumping = MOTION.copy()
+    jumping[150:, 0] += 4.0
+    clean = bag.repaired(stamped(jumping))
+    assert clean.repairs == {"jumps": 1}
+    np.testing.assert_array_equal(clean.pieces[0].positions, jumping[:150])
+    np.testing.assert_array_equal(clean.pieces[1].positions, jumping[150:])
+
+
+@pytest.mark.parametrize("size", [-1.0, 0.3, 2.0])
+def test_samples_elsewhere_are_counted_and_dropped(bag: Bag, size: float) -> None:
+    spiked = MOTION.copy()
+    places = [40, 150, 151 + 9, 260]
+    spiked[places, 1] += size
+    clean = bag.repaired(stamped(spiked))
+    assert clean.repairs == {"spikes": 4}
+    np.testing.assert_array_equal(clean.pieces[0].positions, np.delete(MOTION, places, axis=0))
+
+
+@pytest.mark.parametrize("speed", [0.2, 1.0, 5.0])
+@pytest.mark.parametrize("noise", [0.0, 1e-3])
+def test_no_motion_is_taken_for_a_jump(speed: float, noise: float) -> None:
+    motion = reaching([0.1, 1.1, -0.4], reach=1.0 / speed)
+    motion = motion + noise * np.random.default_rng(0).normal(size=motion.shape)
+    assert cleaned(motion).repairs == {}
+
+
+@pytest.mark.parametrize("every", [1, 2])
+def test_publishers_with_unequal_stamps_that_contradict_each_other_are_refused(
+    bag: Bag, every: int
+) -> None:
+    other = stamped(MOTION + 0.5, start=EPOCH + 3_000_000)[::every]
+    messages = sorted([*stamped(MOTION), *other], key=lambda message: message.stamp)
+    with pytest.raises(RecordingError, match=r"jump \d+ times.*two publishers"):
+        bag.repaired(messages)
+
+
+@pytest.mark.parametrize("rate", [40.0, 100.0, 250.0])
+def test_zeros_between_positions_are_counted_and_dropped(bag: Bag, rate: float) -> None:
+    zeros = stamped(np.zeros((round(3 * rate), 2)), rate=rate, start=EPOCH + 3_000_000)
+    messages = sorted([*stamped(MOTION), *zeros], key=lambda message: message.stamp)
+    clean = bag.repaired(messages)
+    assert clean.repairs == {"zeros": len(zeros)}
+    assert clean.rate == pytest.approx(100.0)
+    np.testing.assert_array_equal(clean.pieces[0].positions, MOTION)
+
+
+def test_passing_zero_is_no_defect(bag: Bag) -> None:
+    assert bag.repaired(stamped(MOTION - MOTION[0])).repairs == {}
+
+
+VELOCITIES = np.gradient(MOTION, 0.01, axis=0)
+
+
+@pytest.mark.parametrize(
+    ("recorded", "sentence"),
+    [
+        (-VELOCITIES, "have the opposite sign"),
+        (np.rad2deg(VELOCITIES), "are 57 times the derivative"),
+        (0.0 * VELOCITIES, "are zero while the positions change"),
+        (np.random.default_rng(0).normal(size=(N, 2)), "do not follow"),
+    ],
+)
+def test_wrong_velocities_are_noted_and_not_used(
+    bag: Bag, recorded: np.ndarray, sentence: str
+) -> None:
+    messages = stamped(MOTION)
+    for message, velocity in zip(messages, recorded, strict=True):
+        message.velocities = velocity
+    clean = bag.repaired(messages)
+    (note,) = clean.notes
+    assert "'a', 'b'" in note
+    assert sentence in note
+    np.testing.assert_array_equal(clean.pieces[0].positions, MOTION)
+
+
+def test_right_velocities_need_no_note_and_missing_ones_are_counted(bag: Bag) -> None:
+    messages = stamped(MOTION)
+    for message, velocity in zip(messages, VELOCITIES, strict=True):
+        message.velocities = velocity
+    assert bag.repaired(messages).notes == ()
+    for message in messages[10:20]:
+        message.velocities = ()
+    messages[30].velocities = [np.nan, 0.0]
+    path = write_bag(bag.folder / "y", bag.bag_format, messages)
+    clean = repair(read_joint_states(path, "/joint_states"))
+    assert clean.notes == (f"velocities are empty or NaN in 11 of {N} messages",)
+
+
+def test_joint_that_never_moves_is_named(bag: Bag) -> None:
+    half = MOTION.copy()
+    half[:, 1] = 0.25
+    assert "joints that never move: 'b'" in bag.repaired(stamped(half)).notes
+
+
+@pytest.mark.parametrize(
+    ("part", "ends"),
+    [(slice(0, 150), ["ends"]), (slice(150, N), ["begins"]), (slice(120, 170), ["begins", "ends"])],
+)
+def test_motion_that_is_cut_off_is_noted(bag: Bag, part: slice, ends: list[str]) -> None:
+    notes = bag.repaired(stamped(MOTION[part])).notes[1:]
+    assert [note.split()[2] for note in notes] == ends
+
+
+def test_longest_gap_can_be_chosen(bag: Bag) -> None:
+    messages = stamped(MOTION)
+    path = write_bag(bag.folder / "x", bag.bag_format, messages[:100] + messages[180:])
+    raw = read_joint_states(path, "/joint_states")
+    assert repair(raw, max_gap=0.9).repairs == {}
+    assert repair(raw, max_gap=0.7).repairs == {"gaps": 1}
+
+
+def test_repairs_counted_before_a_refusal_are_kept(bag: Bag) -> None:
+    messages = stamped(np.full((N, 2), 0.3))
+    messages[5].positions = [1.0]
+    messages[7].positions = [np.nan, 0.3]
+    with pytest.raises(UnusableRecordingError, match="nothing moves") as caught:
+        bag.repaired(messages)
+    assert caught.value.repairs == {"malformed": 1, "non_finite": 1}
+
+
+def test_messages_without_stamp_among_stamped_ones_are_counted_and_dropped(bag: Bag) -> None:
+    messages = stamped(MOTION)
+    for message in messages[3:6]:
+        message.receive, message.stamp = message.stamp, 0
+    clean = bag.repaired(messages)
+    assert clean.repairs == {"unstamped": 3}
+    np.testing.assert_array_equal(clean.pieces[0].positions, np.delete(MOTION, [3, 4, 5], axis=0))
+
+
+def test_times_of_reception_stand_in_where_no_header_is_stamped(bag: Bag) -> None:
+    messages = stamped(MOTION)
+    for message in messages:
+        message.receive, message.stamp = message.stamp, 0
+    clean = bag.repaired(messages)
+    assert clean.rate == pytest.approx(100.0)
+    assert len(clean.notes) == 2
+    assert "times of reception" in clean.notes[0]
+
+
+def test_unstamped_messages_of_another_publisher_do_not_matter(bag: Bag) -> None:
+    gripper = [Message(("finger",), [0.0], 0, EPOCH + index * S // 1000) for index in range(900)]
+    clean = bag.repaired([*gripper, *stamped(MOTION)], ["a", "b"])
+    assert clean.repairs == {"missing_joints": 900}
+    assert clean.notes == (NO_VELOCITIES,)
+    assert clean.pieces[0].times[0] == 0.0
+
+
+def test_recording_without_usable_time_is_refused(bag: Bag) -> None:
+    messages = stamped(MOTION)
+    for index, message in enumerate(messages):
+        message.receive, message.stamp = EPOCH + index * 20_000, 0
+    with pytest.raises(RecordingError, match=r"no usable time.*300 messages.*within 5.98 ms"):
+        bag.repaired(messages)
+
+
+def test_simulation_time_is_noted_and_used(bag: Bag) -> None:
+    messages = stamped(MOTION, start=12 * S)
+    for index, message in enumerate(messages):
+        message.receive = EPOCH + index * 13_000_000
+    clean = bag.repaired(messages)
+    assert clean.duration == pytest.approx((N - 1) / 100)
+    assert "simulation time" in clean.notes[0]
+
+
+@pytest.mark.parametrize("n_messages", [1, 5, 9])
+def test_few_samples_are_refused(bag: Bag, n_messages: int) -> None:
+    with pytest.raises(RecordingError, match=f"{n_messages} usable samples"):
+        bag.repaired(stamped(MOTION[100 : 100 + n_messages]))
+
+
+def test_recording_that_is_all_in_pieces_is_refused(bag: Bag) -> None:
+    with pytest.raises(RecordingError, match=f"in {N // 5 - 1} places"):
+        bag.repaired(
+            [
+                Message(("a", "b"), row, EPOCH + (index + 200 * (index // 5)) * S // 100)
+                for index, row in enumerate(MOTION)
+            ]
+        )
+
+
+def test_many_samples_at_one_moment_are_few(bag: Bag) -> None:
+    messages = [Message(("a", "b"), [1.0, 2.0], EPOCH) for _ in range(50)]
+    messages += [Message(("a", "b"), [np.nan, 2.0], EPOCH + index * S) for index in range(50)]
+    with pytest.raises(RecordingError, match="there are 1 usable samples"):
+        bag.repaired(messages)
+
+
+def test_empty_topic_is_refused(bag: Bag) -> None:
+    with pytest.raises(RecordingError, match="no well-formed message"):
+        bag.repaired([Message((), [1.0], EPOCH)])
+
+
+def test_joints_that_are_all_still_are_refused(bag: Bag) -> None:
+    with pytest.raises(RecordingError, match="nothing moves"):
+        bag.repaired(stamped(np.full((N, 2), 0.3)))
+
+
+def test_one_still_joint_is_no_reason_to_refuse(bag: Bag) -> None:
+    half = MOTION.copy()
+    half[:, 1] = 0.0
+    np.testing.assert_array_equal(bag.repaired(stamped(half)).pieces[0].positions, half)
+
+
+@given(
+    stamps=hnp.arrays(np.int64, st.integers(1, 60), elements=st.integers(0, 4 * S)),
+    positions=hnp.arrays(np.float64, (60, 2), elements=st.floats(-4, 4) | st.just(np.nan)),
+)
+def test_whatever_comes_in_pieces_are_usable_or_refused(
+    stamps: np.ndarray, positions: np.ndarray
+) -> None:
+    n = stamps.size
+    layout = JointLayout(("a", "b"), np.arange(n), positions[:n])
+    raw = RawJointStates("/joint_states", stamps, EPOCH + stamps, (layout,), 0)
+    try:
+        clean = repair(raw)
+    except RecordingError:
+        return
+    assert set(clean.repairs) <= set(REPAIRS)
+    assert min(clean.repairs.values(), default=1) > 0
+    times = np.concatenate([piece.times for piece in clean.pieces])
+    assert np.all(np.diff(times) > 0)
+    assert times[0] >= 0
+    assert all(np.isfinite(piece.positions).all() for piece in clean.pieces)
+
+
+def long_recording(rate: int, seed: int) -> RawJointStates:
+    """Some 40 s in which a joint turns on and on and wraps, with defects at random places."""
+    generator = np.random.default_rng(seed)
+    n = 40 * rate
+    seconds = np.arange(n) / rate
+    turning = (2.1 * seconds + np.pi) % (2.0 * np.pi) - np.pi
+    positions = np.column_stack([0.3 + np.sin(0.7 * seconds), turning])
+    velocities = np.column_stack([0.7 * np.cos(0.7 * seconds), np.full(n, -2.1)])
+    steps = np.full(n, S // rate)
+    kept, order = np.ones(n, dtype=bool), np.arange(n)
+    places = generator.choice(np.arange(200, n - 200, 100), 15, replace=False)
+    positions[places[:4], 0] = np.nan
+    positions[places[4:6], 0] += 2.5
+    steps[places[6:8]] += 3 * S
+    steps[places[8]] -= 60 * S
+    steps[places[9]] = 0
+    positions[places[9]] = positions[places[9] - 1]
+    for place in places[10:13]:
+        order[[place, place + 1]] = order[[place + 1, place]]
+    kept[places[13:]] = False
+    order = order[kept]
+    positions, velocities = positions[order], velocities[order].astype(np.float32)
+    stamps = (EPOCH + np.cumsum(steps))[order]
+    swapped = np.zeros(order.size, dtype=bool)
+    swapped[places[:5] + 7] = True
+    layouts = tuple(
+        JointLayout(names, rows, positions[rows][:, columns], velocities[rows][:, columns])
+        for names, rows, columns in (
+            (("a", "b"), np.flatnonzero(~swapped), [0, 1]),
+            (("b", "a"), np.flatnonzero(swapped), [1, 0]),
+        )
+    )
+    return RawJointStates("/j", stamps, EPOCH + np.arange(order.size), layouts, 3)
+
+
+def parts_of(raw: RawJointStates, size: int) -> Iterator[RawJointStates]:
+    while raw.n_messages > size:
+        head, raw = raw.divided(size)
+        yield head
+    yield raw
+
+
+@pytest.mark.parametrize("rate", [100, 250, 1000])
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seconds", [3, 11])
+def test_parts_are_repaired_as_the_whole(rate: int, seed: int, seconds: int) -> None:
+    raw = long_recording(rate, seed)
+    whole = repair(raw)
+    clean = repair_parts(parts_of(raw, seconds * rate))
+    assert clean is not None
+    assert clean.repairs == whole.repairs
+    assert clean.notes == whole.notes
+    assert (clean.rate, clean.sample_rate) == pytest.approx((whole.rate, whole.sample_rate))
+    assert (clean.n_messages, clean.listed_joints) == (raw.n_messages, ("a", "b"))
+    for part, piece in zip(clean.pieces, whole.pieces, strict=True):
+        np.testing.assert_allclose(part.times, piece.times, atol=1e-9)
+        np.testing.assert_allclose(part.positions, piece.positions, atol=1e-9)
+
+
+def test_a_recording_that_is_odd_as_a_whole_is_not_repaired_in_parts() -> None:
+    moving = np.sin(np.arange(6000) / 100)[:, None] + [0.0, 1.0, 2.0]
+    parts = [
+        RawJointStates("/j", stamps, stamps, (JointLayout(names, np.arange(3000), positions),), 0)
+        for names, stamps, positions in (
+            (("a", "b", "c"), EPOCH + np.arange(3000) * (S // 100), moving[:3000]),
+            (("a", "b"), EPOCH + np.arange(3000, 6000) * (S // 100), moving[3000:, :2]),
+        )
+    ]
+    assert repair_parts(iter(parts)) is None
+    assert repair_parts(iter(parts), ["b", "a"]) is not None
+    still = np.ones((3000, 2))
+    stamps = EPOCH + np.arange(3000) * (S // 100)
+    layout = JointLayout(("a", "b"), np.arange(3000), still)
+    raw = RawJointStates("/j", stamps, stamps, (layout,), 0)
+    assert repair_parts(parts_of(raw, 1000)) is None
+    with pytest.raises(UnusableRecordingError, match="nothing moves"):
+        repair_parts(iter([raw]))
+
+
+def test_samples_of_a_fast_recording_are_averaged() -> None:
+    seconds = np.arange(3000) / 1000
+    positions = np.column_stack([np.sin(seconds), seconds])
+    layout = JointLayout(("a", "b"), np.arange(3000), positions)
+    stamps = EPOCH + np.arange(3000) * (S // 1000)
+    clean = repair(RawJointStates("/j", stamps, stamps, (layout,), 0))
+    (piece,) = clean.pieces
+    assert (clean.rate, clean.sample_rate) == pytest.approx((1000.0, 100.0))
+    assert piece.times.size == 300
+    np.testing.assert_allclose(piece.positions[:, 0], np.sin(piece.times), atol=1e-5)
+    np.testing.assert_allclose(piece.positions[:, 1], piece.times, atol=1e-9)

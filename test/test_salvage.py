@@ -1,0 +1,214 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""What is before the damage of a file is read on request, and nothing else."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import EPOCH, S, stamped, write_bag
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from rosbags.rosbag1 import Writer as Writer1
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
+from rosbags.rosbag2 import Writer as Writer2
+from rosbags.typesys import Stores, get_typestore
+
+from mp_pca_planner.exceptions import RecordingError
+from mp_pca_planner.recordings.bags import list_topics, read_joint_states
+from mp_pca_planner.recordings.joint_states import RawJointStates
+from mp_pca_planner.recordings.load import inspect_recording
+
+N = 1000
+POSITIONS = np.random.default_rng(5).normal(size=(N, 2))
+
+
+def storage_file(path: Path) -> Path:
+    if path.is_file():
+        return path
+    return next(file for file in path.iterdir() if file.suffix in (".db3", ".mcap"))
+
+
+@pytest.fixture
+def file(tmp_path: Path, bag_format: str) -> Path:
+    path = storage_file(write_bag(tmp_path / "x", bag_format, stamped(POSITIONS)))
+    moved = path.with_name(f"y{path.suffix}")
+    path.rename(moved)
+    return moved
+
+
+def test_whole_file_is_read_as_ever(file: Path) -> None:
+    raw = read_joint_states(file, "/joint_states", salvage=True)
+    assert raw.notes == ()
+    assert raw.n_messages == N
+
+
+@pytest.mark.parametrize("share", [0.4, 0.7, 0.9])
+def test_messages_before_the_cut_are_salvaged(file: Path, share: float) -> None:
+    content = file.read_bytes()
+    file.write_bytes(content[: int(share * len(content))])
+    with pytest.raises(RecordingError, match=file.name):
+        read_joint_states(file, "/joint_states")
+    (topic,) = list_topics(file, salvage=True)
+    raw = read_joint_states(file, "/joint_states", salvage=True)
+    assert 0.5 * share * N < raw.n_messages <= N
+    assert topic.count == raw.n_messages
+    np.testing.assert_array_equal(raw.layouts[0].positions, POSITIONS[: raw.n_messages])
+    np.testing.assert_array_equal(raw.header_stamps, EPOCH + np.arange(raw.n_messages) * (S // 100))
+    (note,) = raw.notes
+    assert "damaged" in note
+    assert f"only the {raw.n_messages} messages" in note
+
+
+def test_file_without_a_message_before_the_damage_is_refused(file: Path) -> None:
+    file.write_bytes(file.read_bytes()[:60])
+    for read in (
+        lambda: list_topics(file, salvage=True),
+        lambda: read_joint_states(file, "/joint_states", salvage=True),
+    ):
+        with pytest.raises(RecordingError, match=file.name):
+            read()
+
+
+@pytest.mark.parametrize("compression", ["bz2", "lz4", "zstd", "zstd file", "zstd message"])
+def test_chunks_before_the_cut_are_salvaged_when_compressed(
+    tmp_path: Path, compression: str
+) -> None:
+    path = compressed_bag(tmp_path, compression, 40_000)
+    file = path if path.is_file() else next(f for f in path.iterdir() if f.suffix != ".yaml")
+    content = file.read_bytes()
+    file.write_bytes(content[: int(0.8 * len(content))])
+    raw = read_joint_states(path, "/joint_states", salvage=True)
+    assert 1000 < raw.n_messages < 40_000
+    np.testing.assert_array_equal(raw.layouts[0].positions[:, 0], np.arange(raw.n_messages))
+
+
+@pytest.mark.parametrize("compression", ["bz2", "lz4", "zstd", "zstd file", "zstd message"])
+def test_compressed_bags_are_read(tmp_path: Path, compression: str) -> None:
+    path = compressed_bag(tmp_path, compression, 300)
+    raw = read_joint_states(path, "/joint_states")
+    np.testing.assert_array_equal(raw.layouts[0].positions[:, 0], np.arange(300))
+    if path.is_dir():
+        (path / "metadata.yaml").unlink()
+        raw = read_joint_states(path, "/joint_states")
+        np.testing.assert_array_equal(raw.layouts[0].positions[:, 0], np.arange(300))
+
+
+def compressed_bag(folder: Path, compression: str, n_messages: int) -> Path:
+    """Write joint states that count up; ROS 1 for bz2 and lz4, mcap for zstd."""
+    ros1 = compression in ("bz2", "lz4")
+    store = get_typestore(Stores.ROS1_NOETIC if ros1 else Stores.ROS2_JAZZY)
+    kind = "sensor_msgs/msg/JointState"
+    writer: Writer1 | Writer2
+    if ros1:
+        writer = Writer1(folder / "x.bag")
+        writer.set_compression(Writer1.CompressionFormat[compression.upper()])
+    else:
+        mode = {"zstd": "STORAGE", "zstd file": "FILE", "zstd message": "MESSAGE"}[compression]
+        plugin = StoragePlugin.MCAP if mode == "STORAGE" else StoragePlugin.SQLITE3
+        writer = Writer2(folder / "x", version=9, storage_plugin=plugin)
+        writer.set_compression(CompressionMode[mode], CompressionFormat.ZSTD)
+    with writer:
+        connection = writer.add_connection("/joint_states", kind, typestore=store)
+        for index in range(n_messages):
+            stamp = EPOCH + index * (S // 1000)
+            time = store.types["builtin_interfaces/msg/Time"](*divmod(stamp, S))
+            header = store.types["std_msgs/msg/Header"](*((0,) if ros1 else ()), time, "")
+            numbers = np.array([float(index)])
+            message = store.types[kind](header, ["a"], numbers, np.empty(0), np.empty(0))
+            serialise = store.serialize_ros1 if ros1 else store.serialize_cdr
+            writer.write(connection, stamp, serialise(message, kind))
+    if ros1:
+        return folder / "x.bag"
+    return storage_file(folder / "x") if compression == "zstd" else folder / "x"
+
+
+@settings(max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(
+    share=st.floats(0.0, 1.0),
+    flips=st.lists(st.tuples(st.floats(0, 1), st.integers(0, 255)), max_size=6),
+)
+def test_damaged_files_give_what_is_in_them_or_are_refused_by_name(
+    file: Path, share: float, flips: list[tuple[float, int]]
+) -> None:
+    content = file.read_bytes()
+    damaged = bytearray(content if flips else content[: int(share * len(content))])
+    for place, value in flips:
+        damaged[int(place * (len(damaged) - 1))] = value
+    victim = file.with_name(f"damaged{file.suffix}")
+    victim.write_bytes(damaged)
+    for salvage in (False, True):
+        raw = read_unless_refused_by_name(victim, salvage=salvage)
+        if raw is None:
+            continue
+        layouts = sum(layout.messages.size for layout in raw.layouts)
+        assert raw.n_messages == raw.receive_stamps.size == layouts + raw.n_malformed
+        if not salvage and raw.n_messages:
+            assert raw.n_messages == N
+
+
+def read_unless_refused_by_name(file: Path, *, salvage: bool) -> RawJointStates | None:
+    reason = file.name
+    try:
+        list_topics(file, salvage=salvage)
+        return read_joint_states(file, "/joint_states", salvage=salvage)
+    except RecordingError as error:
+        reason = str(error)
+    assert file.name in reason
+    return None
+
+
+@pytest.mark.parametrize("kind", ["bz2", "lz4", "zstd", "zstd file", "zstd message", "commands"])
+@settings(max_examples=15, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(
+    share=st.floats(0.0, 1.0),
+    flips=st.lists(st.tuples(st.floats(0, 1), st.integers(0, 255)), max_size=6),
+)
+def test_damage_in_compressed_bags_and_in_commands_is_refused_by_name(
+    tmp_path: Path, kind: str, share: float, flips: list[tuple[float, int]]
+) -> None:
+    path = tmp_path / ("x.bag" if kind in ("bz2", "lz4") else "x")
+    if not path.exists():
+        commands_bag(tmp_path) if kind == "commands" else compressed_bag(tmp_path, kind, 300)
+    file = path if path.is_file() else next(f for f in path.iterdir() if f.suffix != ".yaml")
+    content = file.read_bytes()
+    damaged = bytearray(content if flips else content[: int(share * len(content))])
+    for place, value in flips:
+        damaged[int(place * (len(damaged) - 1))] = value
+    file.write_bytes(damaged)
+    try:
+        for salvage in (False, True):
+            found = inspect_recording(path, salvage=salvage)
+            assert found.refusal is None or found.topics or path.name in found.refusal
+            # Of the counters, a byte may be another; of the messages none may be lost in silence.
+            assert salvage or found.n_messages in (0, 3 if kind == "commands" else 300)
+    finally:
+        file.write_bytes(content)
+
+
+def commands_bag(folder: Path) -> Path:
+    """Three commanded motions, one after the other."""
+    store = get_typestore(Stores.ROS2_JAZZY)
+    kind = "trajectory_msgs/msg/JointTrajectory"
+    with Writer2(folder / "x", version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        connection = writer.add_connection("/command", kind, typestore=store)
+        for index in range(3):
+            time = store.types["builtin_interfaces/msg/Time"](*divmod(EPOCH + 3 * index * S, S))
+            point = store.types["trajectory_msgs/msg/JointTrajectoryPoint"]
+            nothing = np.empty(0)
+            points = [
+                point(
+                    np.array([float(k), -k]),
+                    nothing,
+                    nothing,
+                    nothing,
+                    store.types["builtin_interfaces/msg/Duration"](k, 0),
+                )
+                for k in range(3)
+            ]
+            header = store.types["std_msgs/msg/Header"](time, "")
+            message = store.types[kind](header, ["a", "b"], points)
+            writer.write(connection, EPOCH + index, store.serialize_cdr(message, kind))
+    return folder / "x"

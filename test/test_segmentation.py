@@ -1,0 +1,202 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+from __future__ import annotations
+
+import csv
+from collections import defaultdict
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import reaching
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from mp_pca_planner.arrays import FloatArray
+from mp_pca_planner.exceptions import RecordingError
+from mp_pca_planner.recordings.load import load_recordings
+from mp_pca_planner.recordings.repair import Piece
+from mp_pca_planner.recordings.segmentation import (
+    SegmentationOptions,
+    find_motions,
+    joint_speed,
+    large_motions,
+    speed_thresholds,
+    trim,
+)
+from mp_pca_planner.recordings.smoothing import SmoothPiece, smooth
+
+OPTIONS = SegmentationOptions()
+
+
+def smoothed(positions: FloatArray, rate: float = 100.0) -> SmoothPiece:
+    return smooth(Piece(np.arange(len(positions)) / rate, positions), rate)
+
+
+def motions_in(
+    positions: FloatArray, rate: float = 100.0, options: SegmentationOptions = OPTIONS
+) -> list[tuple[float, float]]:
+    """Start and end [s] of each motion."""
+    piece = smoothed(positions, rate)
+    thresholds = speed_thresholds(joint_speed(piece.velocities), options)
+    spans = find_motions(piece, thresholds, options)
+    return [(float(piece.times[a]), float(piece.times[b])) for a, b in spans]
+
+
+def passing(via: FloatArray, seconds: float, dip: float, rate: float = 100.0) -> FloatArray:
+    """Go through via points, slowing down to a share of the peak speed at each inner one."""
+    steps = round(seconds * rate)
+    pace = dip + (1.0 - dip) * np.sin(np.linspace(0.0, np.pi, steps)) ** 2
+    share = np.cumsum(pace) / pace.sum()
+    parts = [a + share[:, None] * (b - a) for a, b in pairwise(via)]
+    still = round(rate)
+    return np.concatenate([np.tile(via[0], (still, 1)), *parts, np.tile(via[-1], (still, 1))])
+
+
+def test_each_reach_between_rests_is_a_motion() -> None:
+    found = motions_in(reaching([0, 1, -0.5, 0.7]))
+    np.testing.assert_allclose(found, [(1, 2), (3, 4), (5, 6)], atol=0.12)
+
+
+@settings(max_examples=30)
+@given(scale=st.floats(1e-2, 1e2), n=st.integers(1, 5))
+def test_scale_of_the_joints_does_not_matter(scale: float, n: int) -> None:
+    goals = [0.0, *((-1.0) ** i for i in range(n))]
+    np.testing.assert_allclose(motions_in(scale * reaching(goals)), motions_in(reaching(goals)))
+
+
+@given(seed=st.integers(0, 1000), noise=st.sampled_from([1e-4, 1e-3, 3e-3]))
+def test_sensor_noise_makes_no_motions(seed: int, noise: float) -> None:
+    clean = reaching([0, 1, -0.5])
+    noisy = clean + np.random.default_rng(seed).normal(scale=noise, size=clean.shape)
+    np.testing.assert_allclose(motions_in(noisy), motions_in(clean), atol=0.4)
+
+
+def test_motions_in_long_stillness_are_found() -> None:
+    clean = reaching([0, 1, 0.2], rest=60.0)
+    noisy = clean + np.random.default_rng(0).normal(scale=1e-3, size=clean.shape)
+    np.testing.assert_allclose(motions_in(noisy), [(60, 61), (121, 122)], atol=0.12)
+
+
+def test_short_rest_in_a_motion_that_goes_on_does_not_cut() -> None:
+    via = np.array([[0.0, 0.0], [1.0, 0.5], [2.0, 1.0]])
+    assert len(motions_in(passing(via, 1.0, dip=0.25))) == 1
+
+
+def test_turning_back_without_a_stop_cuts() -> None:
+    via = np.array([[0.0, 0.0], [1.0, 0.1], [0.0, 0.2], [1.0, 0.3]])
+    found = motions_in(passing(via, 0.8, dip=0.25))
+    assert len(found) == 3
+    np.testing.assert_allclose([start for start, _ in found[1:]], [1.8, 2.6], atol=0.06)
+
+
+def test_motion_that_never_stops_is_cut_where_it_turns() -> None:
+    times = np.arange(0.0, 10.0, 0.01)
+    swinging = np.column_stack([np.sin(2 * np.pi * 0.5 * times), 0.1 * np.sin(2 * np.pi * times)])
+    found = motions_in(swinging)
+    starts = [start for start, _ in found]
+    np.testing.assert_allclose(starts, [0.0, *np.arange(0.5, 10.0)], atol=0.1)
+
+
+def test_ripple_on_a_motion_does_not_cut() -> None:
+    motion = reaching([0, 1.5], reach=3.0)
+    times = np.arange(len(motion)) / 100
+    moving = (times > 1.3) & (times < 3.7)
+    motion[:, 1] += 0.01 * moving * np.sin(2 * np.pi * 3 * times)
+    assert len(motions_in(motion)) == 1
+
+
+def test_recording_that_starts_and_ends_in_motion_is_used_to_its_ends() -> None:
+    positions = reaching([0, 1])[130:170]
+    ((start, end),) = motions_in(positions)
+    assert (start, end) == pytest.approx((0.0, 0.39), abs=0.02)
+
+
+def test_stillness_yields_no_motion() -> None:
+    still = np.random.default_rng(0).normal(scale=1e-3, size=(500, 2))
+    moving = smoothed(reaching([0, 1]))
+    thresholds = speed_thresholds(joint_speed(moving.velocities), OPTIONS)
+    assert find_motions(smoothed(still), thresholds, OPTIONS) == []
+    assert trim(smoothed(np.zeros((500, 2))), thresholds) is None
+
+
+def test_slow_sampling_is_cut_at_rests_only() -> None:
+    via = np.array([[0.0, 0.0], [1.0, 0.1], [0.0, 0.2]])
+    assert len(motions_in(passing(via, 1.5, dip=0.1, rate=10.0), rate=10.0)) == 1
+    slow = reaching([0, 1, 0], rate=10.0)
+    np.testing.assert_allclose(motions_in(slow, rate=10.0), [(1, 2), (3, 4)], atol=0.3)
+
+
+def test_no_motion_is_shorter_than_asked() -> None:
+    rng = np.random.default_rng(5)
+    wild = np.cumsum(rng.normal(scale=0.05, size=(2000, 3)), axis=0)
+    for shortest in (0.25, 0.5, 1.0):
+        options = SegmentationOptions(min_duration=shortest)
+        found = motions_in(wild, options=options)
+        assert found
+        assert min(end - start for start, end in found) >= shortest - 0.01
+
+
+def test_trim_keeps_all_between_the_outer_rests() -> None:
+    piece = smoothed(reaching([0, 1, -0.5]))
+    span = trim(piece, speed_thresholds(joint_speed(piece.velocities), OPTIONS))
+    assert span is not None
+    np.testing.assert_allclose(piece.times[list(span)], (1, 4), atol=0.12)
+
+
+def test_adjustments_beside_a_large_motion_are_told_apart() -> None:
+    assert large_motions([2.0, 0.19, 0.21], OPTIONS) == [True, False, True]
+    assert large_motions([0.01], OPTIONS) == [True]
+    assert large_motions([], OPTIONS) == []
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        {"rest_ratio": 0.0},
+        {"turning_ratio": 1.0},
+        {"min_rest": -1.0},
+        {"min_duration": float("nan")},
+        {"rest_ratio": 0.3},
+        {"passing_ratio": 0.7},
+    ],
+)
+def test_senseless_options_are_refused_by_name(values: dict[str, float]) -> None:
+    with pytest.raises(RecordingError, match=next(iter(values))):
+        SegmentationOptions(**values)
+
+
+def test_long_recording_without_rest_is_cut_in_reasonable_steps() -> None:
+    """The number of cuts that are weighed grows with the length; their cost must not explode."""
+    rng = np.random.default_rng(7)
+    wild = np.cumsum(rng.normal(scale=0.01, size=(60_000, 2)), axis=0)
+    assert len(motions_in(wild)) > 100
+
+
+def overlap_over_union(a: tuple[float, float], b: tuple[float, float]) -> float:
+    overlap = min(a[1], b[1]) - max(a[0], b[0])
+    return max(0.0, overlap) / (max(a[1], b[1]) - min(a[0], b[0]))
+
+
+def test_motions_of_people_are_found_by_their_joint_angles(shared_data: Path) -> None:
+    """The reference was cut by hand-path speed; compared is what begins and ends slowly in it."""
+    wanted = defaultdict(list)
+    n_all = 0
+    with (shared_data / "human_arm" / "motions.csv").open(newline="") as file:
+        for row in csv.DictReader(file):
+            n_all += 1
+            slow = max(float(row["start_speed_m_s"]), float(row["end_speed_m_s"]))
+            if slow <= 0.25 * float(row["peak_speed_m_s"]):
+                span = float(row["start_time_s"]), float(row["end_time_s"])
+                wanted[row["recording"]].append(span)
+    reports = load_recordings([shared_data / "human_arm" / "joint_states"]).reports
+    found = {report.name: [(m.start, m.end) for m in report.motions] for report in reports}
+    hits = [
+        max(overlap_over_union(span, other) for other in found[name]) > 0.5
+        for name, spans in wanted.items()
+        for span in spans
+    ]
+    assert len(hits) == 81
+    assert sum(hits) >= 0.8 * len(hits)
+    assert sum(map(len, found.values())) <= 1.2 * n_all

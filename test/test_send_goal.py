@@ -1,0 +1,29 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""The command that sends goals; with a node it is run by test_planner_node.py."""
+
+from __future__ import annotations
+
+import pytest
+
+from mp_pca_planner.cli.send_goal import main
+
+
+@pytest.mark.parametrize(
+    ("goal", "words"),
+    [
+        ("elbow", "name=value"),
+        ("elbow=x", "'x', not a number"),
+        ("elbow=nan", "finite"),
+        ("elbow=1,elbow=2", "more than once"),
+        ("", "name=value"),
+    ],
+)
+def test_goal_that_is_no_goal_is_refused_in_one_line(
+    goal: str, words: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main([goal]) == 2
+    output = capsys.readouterr()
+    assert output.out == ""
+    assert output.err.count("\n") == 1
+    assert words in output.err

@@ -1,0 +1,187 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Sequences: joints, derivatives by finite differences, limits, and the command."""
+
+import json
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+from arm import JOINTS, arm_demonstrations, arm_primitive, arm_robot
+from scipy.integrate import trapezoid
+
+from mp_pca_planner.cli.sequence import main
+from mp_pca_planner.exceptions import GoalError
+from mp_pca_planner.goal import JointState, Pose, SequenceGoal
+from mp_pca_planner.planning import sequence
+from mp_pca_planner.planning.sequence import MODES, OPTIMAL, REAL_TIME, SequencePlan
+from mp_pca_planner.planning.sequence import SequencePlanner as Planner
+from mp_pca_planner.primitives.file import save_primitive
+from mp_pca_planner.resources import config_file
+
+
+def planner(**overrides: float) -> Planner:
+    robot = arm_robot()
+    limits = robot.limits(dict.fromkeys(JOINTS, overrides) if overrides else {})
+    return Planner(robot, [arm_primitive()], limits)
+
+
+def configurations(n: int, seed: int = 0) -> list[np.ndarray]:
+    """Ends of demonstrations, in any order."""
+    ends = np.array([d.positions[k] for d in arm_demonstrations() for k in (0, -1)])
+    return list(ends[np.random.default_rng(seed).choice(len(ends), n, replace=False)])
+
+
+def request(n: int, times: tuple[float | None, ...] = ()) -> tuple[SequenceGoal, JointState]:
+    """Through n configurations, from another one."""
+    start, *targets = configurations(n + 1)
+    return SequenceGoal(tuple(JointState(JOINTS, q) for q in targets), times), JointState(
+        JOINTS, start
+    )
+
+
+def joints(plan: SequencePlan) -> float:
+    """Largest jump of position, velocity or acceleration between segments, from both sides."""
+    jumps = []
+    for before, after in pairwise(plan.motions):
+        # Just inside of the ends, where polynomials are evaluated.
+        tiny = 1e-13
+        left = before.evaluate(np.array([before.duration * (1.0 - tiny)]))
+        right = after.evaluate(np.array([after.duration * tiny]))
+        jumps += [np.abs(x - y).max() for x, y in zip(left, right, strict=True)]
+    return float(max(jumps))
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_motion_is_smooth_passes_the_vias_and_keeps_limits(mode: str) -> None:
+    goal, start = request(5)
+    plan = planner().plan(goal, start, mode)
+    assert plan.is_executable
+    assert plan.mode == mode
+    assert joints(plan) < 1e-9
+    assert not plan.limit_check.violations
+    times = np.cumsum([motion.duration for motion in plan.motions])
+    for target, moment in zip(goal.targets, times, strict=True):
+        assert isinstance(target, JointState)
+        row = int(np.abs(plan.trajectory.times - moment).argmin())
+        assert np.array_equal(plan.trajectory.positions[row], target.positions)
+    passing = plan.motions[1].start
+    assert np.abs(passing.velocities).max() > 0.01
+    assert np.all(plan.trajectory.velocities[-1] == 0.0)
+
+
+def test_optimal_takes_less_effort_in_the_same_time() -> None:
+    goal, start = request(4)
+    quick = planner().plan(goal, start, REAL_TIME)
+    best = planner().plan(goal, start, OPTIMAL)
+    assert best.trajectory.duration == pytest.approx(quick.trajectory.duration, rel=1e-9)
+    assert best.effort_cost < quick.effort_cost
+    efforts = best.trajectory.efforts
+    assert efforts is not None
+    integral = 0.5 * trapezoid(np.sum(efforts**2, axis=1), best.trajectory.times)
+    assert best.effort_cost == pytest.approx(integral, rel=5e-3)
+
+
+def test_gradient_and_hessian_agree_with_finite_differences() -> None:
+    goal, start = request(3)
+    tight = planner(max_velocity=1.0, max_acceleration=4.0)
+    wanted = tight._complete(goal, start)
+    program = sequence._Program(
+        tight._robot, tight._limits, wanted, wanted.concatenate(), tight._naturalness
+    )
+    rng = np.random.default_rng(0)
+    x = program.start + 0.05 * rng.standard_normal(program.size)
+    for penalty in (0.0, 30.0):
+        _, gradient, _ = program._assemble(x, penalty, 0.02)
+        for _ in range(5):
+            step = rng.standard_normal(program.size)
+            h = 1e-6
+            ahead, behind = (
+                program._assemble(x + sign * h * program._scales * step, penalty, 0.02)[0]
+                for sign in (1.0, -1.0)
+            )
+            assert (ahead - behind) / (2.0 * h) == pytest.approx(gradient @ step, rel=1e-4)
+
+
+def test_optimum_is_one_within_the_fixed_sum_of_durations() -> None:
+    goal, start = request(3)
+    plenty = planner(max_velocity=50.0, max_acceleration=1e4, max_effort=1e4)
+    wanted = plenty._complete(goal, start)
+    program = sequence._Program(
+        plenty._robot, plenty._limits, wanted, wanted.concatenate(), plenty._naturalness
+    )
+    x, _ = program.minimise(program.start, 0.0, 0.0)
+    cost = program._assemble(x, 0.0, 0.0)[0]
+    rng = np.random.default_rng(1)
+    for _ in range(20):
+        other = program._shifted(x, 0.02 * rng.standard_normal(program.size))
+        assert program._assemble(other, 0.0, 0.0)[0] > cost * (1.0 - 1e-3)
+
+
+def test_fixed_times_are_kept() -> None:
+    goal, start = request(3, (None, 2.5, 4.0))
+    for mode in MODES:
+        plan = planner().plan(goal, start, mode)
+        durations = [motion.duration for motion in plan.motions]
+        assert sum(durations[:2]) == pytest.approx(2.5, abs=1e-9)
+        assert sum(durations) == pytest.approx(4.0, abs=1e-9)
+
+
+def test_tight_limits_are_kept_by_taking_more_time() -> None:
+    goal, start = request(3)
+    plan = planner(max_velocity=0.6, max_acceleration=3.0).plan(goal, start)
+    assert plan.is_executable
+    assert np.abs(plan.trajectory.velocities).max() <= 0.6 * (1.0 + 1e-6)
+    assert "lengthened" in plan.message
+
+
+def test_fixed_times_that_limits_forbid_are_infeasible_and_said_so() -> None:
+    goal, start = request(2, (0.2, 0.4))
+    plan = planner(max_velocity=0.5).plan(goal, start)
+    assert not plan.is_executable
+    assert "no motion within the limits was found: velocity" in plan.message
+
+
+def test_moving_start_is_taken_up() -> None:
+    goal, start = request(2)
+    moving = JointState(JOINTS, start.positions, np.full(4, 0.1), np.full(4, -0.2))
+    plan = planner().plan(goal, moving)
+    assert np.array_equal(plan.trajectory.velocities[0], moving.velocities)
+    assert np.array_equal(plan.trajectory.accelerations[0], moving.accelerations)
+
+
+def test_joints_that_targets_leave_out_keep_their_position() -> None:
+    start = configurations(1)[0]
+    goal = SequenceGoal((JointState(["elbow"], [-0.5]), JointState(["shoulder1"], [-0.3])))
+    plan = planner().plan(goal, JointState(JOINTS, start), REAL_TIME)
+    end = plan.trajectory.positions[-1]
+    assert end[3] == -0.5
+    assert end[1] == start[1]
+
+
+def test_unusable_requests_are_refused() -> None:
+    goal, start = request(1)
+    with pytest.raises(GoalError, match="is a pose"):
+        planner().plan(SequenceGoal((Pose("hand", [0, 0, 0]),)), start)
+    with pytest.raises(GoalError, match="target 1: no joint is called 'elbo'"):
+        planner().plan(SequenceGoal((JointState(["elbo"], [0.0]),)), start)
+    with pytest.raises(GoalError, match="outside its limits"):
+        planner().plan(SequenceGoal((JointState(["elbow"], [9.0]),)), start)
+    with pytest.raises(GoalError, match="mode of a sequence"):
+        planner().plan(goal, start, "fast")
+
+
+def test_command_plans_through_vias(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    save_primitive(arm_primitive(), tmp_path / "reach.npz")
+    start, via, end = (",".join(map(str, q)) for q in configurations(3))
+    arguments = [str(tmp_path / "reach.npz"), "--robot", str(config_file("human_arm.urdf"))]
+    arguments += ["--start", start, "--via", f"{via}@1.5", "--goal", end]
+    output = tmp_path / "motion.csv"
+    assert main([*arguments, "--json", "--output", str(output)]) == 0
+    facts = json.loads(capsys.readouterr().out)
+    assert facts["n_segments"] == 2
+    assert facts["durations"][0] == pytest.approx(1.5)
+    assert len(output.read_text().splitlines()) == len(facts["times"]) + 1
+    assert main([*arguments, "--via", f"{via}@soon"]) == 2
+    assert "number of seconds" in capsys.readouterr().err

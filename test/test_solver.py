@@ -1,0 +1,203 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""The solver: right optima, honest ends."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from arm import JOINTS, arm_primitive, arm_robot
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.optimize import minimize
+from test_compiler import BASES, compile_motion
+
+from mp_pca_planner.planning.compiler import QuadratureTables
+from mp_pca_planner.planning.constraints import LimitedProgram, LimitTables
+from mp_pca_planner.planning.solver import SolverOptions, solve, trust_region_step
+
+UNLIMITED = {
+    "min_position": -np.inf,
+    "max_position": np.inf,
+    "max_velocity": np.inf,
+    "max_effort": np.inf,
+}
+
+
+@dataclass
+class MadeUpPoint:
+    """A sum of squares with few constraints, given whole."""
+
+    residual: np.ndarray
+    jacobian: np.ndarray
+    inequalities: np.ndarray
+    rows: np.ndarray
+    equalities: np.ndarray
+    equality_rows: np.ndarray
+
+    @property
+    def cost(self):
+        return 0.5 * float(self.residual @ self.residual)
+
+    @property
+    def gradient(self):
+        return self.jacobian.T @ self.residual
+
+    @property
+    def hessian(self):
+        return self.jacobian.T @ self.jacobian
+
+    def inequality_rows(self, chosen):
+        return self.rows[chosen]
+
+    def inequalities_after(self, step):
+        return self.inequalities + self.rows @ step
+
+
+class Rosenbrock:
+    """A curved valley as a sum of squares, with the least value 1/2 at (1, 1).
+
+    Optionally with x₁ ≤ `wall`, and on the circle ‖x‖ = `circle`.
+    """
+
+    def __init__(self, wall=np.inf, circle=None):
+        self.lower, self.upper = np.array([-np.inf]), np.array([wall])
+        self.groups = np.zeros(1, dtype=np.intp)
+        self.circle = circle
+
+    def evaluate(self, x):
+        on_circle = self.circle is not None
+        return MadeUpPoint(
+            residual=np.array([10.0 * (x[1] - x[0] ** 2), 1.0 - x[0], 1.0]),
+            jacobian=np.array([[-20.0 * x[0], 10.0], [-1.0, 0.0], [0.0, 0.0]]),
+            inequalities=x[:1],
+            rows=np.array([[1.0, 0.0]]),
+            equalities=np.array([x @ x - self.circle**2] if on_circle else []),
+            equality_rows=np.array([2.0 * x]) if on_circle else np.zeros((0, 2)),
+        )
+
+
+def test_the_bottom_of_a_curved_valley_is_found():
+    solution = solve(Rosenbrock(), np.array([-1.2, 1.0]), SolverOptions(tolerance=1e-14))
+    assert solution.converged
+    np.testing.assert_allclose(solution.unknowns, [1.0, 1.0], atol=1e-5)
+    assert solution.cost == pytest.approx(0.5)
+
+
+def test_a_bound_in_the_valley_is_met():
+    solution = solve(Rosenbrock(wall=0.5), np.array([-1.2, 1.0]), SolverOptions(tolerance=1e-12))
+    assert solution.converged
+    np.testing.assert_allclose(solution.unknowns, [0.5, 0.25], atol=1e-6)
+    assert solution.kkt_residual < 1e-4
+
+
+@settings(max_examples=50, deadline=None)
+@given(st.floats(0.3, 3.0), st.floats(0.0, 6.28))
+def test_an_equality_holds_and_no_point_of_it_nearby_is_better(circle, angle):
+    program = Rosenbrock(circle=circle)
+    start = 2.0 * np.array([np.cos(angle), np.sin(angle)])
+    solution = solve(program, start, SolverOptions(tolerance=1e-10, max_iterations=300))
+    assert solution.converged
+    x = solution.unknowns
+    assert np.linalg.norm(x) == pytest.approx(circle, abs=1e-6)
+    turns = np.arctan2(x[1], x[0]) + np.linspace(-1e-2, 1e-2, 201)
+    costs = [program.evaluate(circle * np.array([np.cos(a), np.sin(a)])).cost for a in turns]
+    assert solution.cost <= min(costs) * (1.0 + 1e-6)
+
+
+def test_equalities_that_depend_on_each_other_are_met_once():
+    class Twice(Rosenbrock):
+        def evaluate(self, x):
+            at = super().evaluate(x)
+            at.equalities = np.tile(at.equalities, 2)
+            at.equality_rows = np.tile(at.equality_rows, (2, 1))
+            return at
+
+    options = SolverOptions(tolerance=1e-12)
+    once = solve(Rosenbrock(circle=1.5), np.ones(2), options)
+    twice = solve(Twice(circle=1.5), np.ones(2), options)
+    assert twice.converged
+    np.testing.assert_allclose(twice.unknowns, once.unknowns, atol=1e-5)
+
+
+def test_equalities_and_bounds_that_contradict_each_other_are_said():
+    # The circle of radius 3 meets x₁ ≤ −4 nowhere.
+    solution = solve(Rosenbrock(wall=-4.0, circle=3.0), np.array([-2.0, 1.0]))
+    assert not solution.converged
+    assert solution.infeasibility > 0.5
+
+
+def test_going_on_from_where_it_stopped_takes_fewer_evaluations():
+    program, motion = limited(BASES["joint"])
+    x = motion.weights / program.program.scales
+    whole = solve(program, x)
+    part = solve(program, x, SolverOptions(max_iterations=whole.iterations - 2))
+    rest = solve(program, part.unknowns, memory=part.memory)
+    assert rest.converged and rest.iterations <= 4
+    assert rest.cost == pytest.approx(whole.cost, rel=1e-4)
+
+
+def limited(basis, seed=0, rho=0.0):
+    """A motion program whose limits are far away."""
+    program, motion = compile_motion(basis, seed)
+    program.precision = rho * np.eye(program.expected.size)
+    tables = LimitTables(QuadratureTables(basis))
+    unlimited = dict.fromkeys(JOINTS, UNLIMITED)
+    ends = np.zeros((2, 4, 4))
+    return LimitedProgram(program, tables, arm_robot().limits(unlimited), ends), motion
+
+
+@pytest.mark.parametrize("name", BASES)
+@pytest.mark.parametrize("rho", [0.0, 0.01])
+def test_scipy_finds_nothing_better_nearby(name, rho):
+    for seed in range(3):
+        program, motion = limited(BASES[name], seed, rho)
+
+        def objective(x, program=program):
+            at = program.evaluate(x)
+            return at.cost, at.gradient
+
+        solution = solve(program, 0.5 * motion.weights / program.program.scales)
+        assert solution.converged
+        assert solution.cost <= solution.start_cost
+        better = minimize(objective, solution.unknowns, jac=True, method="BFGS")
+        assert solution.cost <= better.fun * 1.001
+
+
+@pytest.mark.parametrize("options", [SolverOptions(max_iterations=2), SolverOptions(max_time=0.0)])
+def test_running_out_of_iterations_or_time_is_said_and_never_worse_than_the_start(options):
+    program, motion = limited(BASES["joint"])
+    solution = solve(program, motion.weights / program.program.scales, options)
+    assert not solution.converged
+    assert solution.cost <= solution.start_cost
+
+
+def test_a_family_without_weights_is_solved_as_it_is():
+    primitive = arm_primitive()
+    basis = type(primitive.basis)(
+        primitive.mean_coefficients, primitive.component_coefficients[:0], np.zeros(0)
+    )
+    program, motion = limited(basis)
+    solution = solve(program, motion.weights)
+    assert solution.converged and solution.unknowns.size == 0
+    assert solution.cost > 0.0
+
+
+@settings(max_examples=200, deadline=None)
+@given(st.integers(0, 2**32 - 1), st.floats(1e-3, 1e3))
+def test_a_trust_region_step_solves_its_subproblem(seed, radius):
+    rng = np.random.default_rng(seed)
+    n = int(rng.integers(1, 7))
+    root = rng.normal(size=(n, n))
+    hessian, gradient = root + root.T, rng.normal(size=n)
+    step, predicted, shift, lowest = trust_region_step(hessian, gradient, radius)
+    assert shift >= lowest >= 0.0
+    assert np.linalg.eigvalsh(hessian + lowest * np.eye(n))[0] > 0.0
+    assert np.linalg.norm(step) <= 1.06 * radius
+    model = gradient @ step + 0.5 * step @ hessian @ step
+    assert predicted == pytest.approx(-model, rel=1e-6, abs=1e-12)
+    # No better than the best of many points in the region by more than the radius is loose.
+    others = rng.normal(size=(2000, n))
+    others *= (radius * rng.uniform(size=2000) ** (1 / n) / np.linalg.norm(others, axis=1))[:, None]
+    values = others @ gradient + 0.5 * np.einsum("ij,jk,ik->i", others, hessian, others)
+    assert -predicted <= values.min() + 0.12 * abs(values.min())

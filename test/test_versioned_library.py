@@ -1,0 +1,156 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Libraries that keep their history: round trips, two writers at once, and sudden death."""
+
+import json
+import random
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from arm import arm_demonstrations, arm_primitive
+
+from mp_pca_planner.cli.versioned_library import main
+from mp_pca_planner.exceptions import PrimitiveError
+from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
+from mp_pca_planner.primitives.file import save_primitive
+from mp_pca_planner.primitives.primitive import MovementPrimitive
+from mp_pca_planner.primitives.primitive_library import load_primitives
+from mp_pca_planner.primitives.versioned_library import VersionedLibrary
+
+pytest.importorskip("filelock", reason="the extra `library` is not installed")
+
+
+def primitive(n_components: int = 3, name: str = "reach") -> MovementPrimitive:
+    """One that differs from others by its number of components."""
+    options = PrimitiveOptions(n_components=n_components)
+    return build_primitive(arm_demonstrations(), name, options)
+
+
+def components(folder: Path) -> int:
+    (found,) = load_primitives([folder])
+    return found.n_components
+
+
+def test_versions_come_back(tmp_path: Path) -> None:
+    library = VersionedLibrary(tmp_path / "library")
+    for n in (2, 3, 4):
+        library.add(primitive(n), f"{n} components")
+    assert library.in_use() == {"reach": 3}
+    assert components(library.folder) == 4
+    library.roll_back("reach")
+    assert components(library.folder) == 3
+    library.roll_back("reach", 1)
+    assert components(library.folder) == 2
+    library.retire("reach")
+    assert library.in_use() == {}
+    assert not list(library.folder.glob("*.npz"))
+    library.roll_back("reach")
+    assert components(library.folder) == 2
+    assert [c.action for c in library.history()][-3:] == ["rollback", "retire", "rollback"]
+    assert library.history()[0].note == "2 components"
+    assert library.history()[0].provenance["recordings"][0] == "motion_0"
+
+
+def test_file_that_was_there_is_kept_as_a_version(tmp_path: Path) -> None:
+    save_primitive(primitive(2), tmp_path / "reach.npz")
+    library = VersionedLibrary(tmp_path)
+    library.add(primitive(3))
+    library.roll_back("reach")
+    assert components(tmp_path) == 2
+
+
+def test_what_a_killed_process_left_undone_is_done_by_the_next(tmp_path: Path) -> None:
+    library = VersionedLibrary(tmp_path)
+    library.add(primitive(2))
+    library.add(primitive(3))
+    # Killed after the journal was written, and after a version was that no line names.
+    (tmp_path / "reach.npz").unlink()
+    save_primitive(primitive(4), tmp_path / ".versions/reach/0003.npz")
+    again = VersionedLibrary(tmp_path)
+    assert components(tmp_path) == 3
+    assert again.add(primitive(2)).version == 4
+
+
+def test_refusals_name_what_is_wrong(tmp_path: Path) -> None:
+    library = VersionedLibrary(tmp_path)
+    library.add(primitive())
+    with pytest.raises(PrimitiveError, match="did you mean 'reach'"):
+        library.retire("reech")
+    with pytest.raises(PrimitiveError, match="no version 7; it has 1"):
+        library.roll_back("reach", 7)
+    with pytest.raises(PrimitiveError, match="no earlier version"):
+        library.roll_back("reach")
+    with pytest.raises(PrimitiveError, match="can't be the name of a file"):
+        library.add(primitive(2, "../reach"))
+    (tmp_path / ".versions/journal.jsonl").write_text("{}\n")
+    with pytest.raises(PrimitiveError, match="line 1 of .* is damaged"):
+        VersionedLibrary(tmp_path)
+
+
+WRITER = """
+import sys
+from mp_pca_planner.primitives.file import load_primitive
+from mp_pca_planner.primitives.versioned_library import VersionedLibrary
+found = load_primitive(sys.argv[2])
+print("ready", flush=True)
+while True:
+    VersionedLibrary(sys.argv[1]).add(found)
+    print("added", flush=True)
+"""
+
+
+def writer(folder: Path, file: Path) -> subprocess.Popen[str]:
+    return subprocess.Popen(
+        [sys.executable, "-c", WRITER, str(folder), str(file)], stdout=subprocess.PIPE, text=True
+    )
+
+
+def test_two_processes_and_sudden_death_lose_nothing(tmp_path: Path) -> None:
+    folder, rng = tmp_path / "library", random.Random(0)
+    files = [tmp_path / f"{name}.npz" for name in ("one", "two")]
+    for n, file in enumerate(files, start=2):
+        save_primitive(primitive(n, file.stem), file)
+    acknowledged = [0, 0]
+    for _ in range(3):
+        writers = [writer(folder, file) for file in files]
+        # They are killed while they go on adding, whatever they are at.
+        for process in writers:
+            assert process.stdout is not None
+            for _ in range(rng.randint(2, 6)):
+                process.stdout.readline()
+        for process in writers:
+            process.send_signal(signal.SIGKILL)
+            process.communicate()
+        library = VersionedLibrary(folder)
+        history = library.history()
+        for i, file in enumerate(files):
+            added = [c for c in history if c.name == file.stem]
+            assert len(added) > acknowledged[i]
+            acknowledged[i] = len(added)
+        found = load_primitives([folder])
+        assert {p.name: p.n_components for p in found} == {"one": 2, "two": 3}
+        for change in history:
+            assert (folder / ".versions" / change.name / f"{change.version:04}.npz").is_file()
+
+
+def test_command_adds_lists_and_rolls_back(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = str(tmp_path / "library")
+    for n in (2, 3):
+        save_primitive(primitive(n), tmp_path / "new.npz", overwrite=True)
+        assert main(["add", folder, str(tmp_path / "new.npz"), "--note", f"with {n}"]) == 0
+    assert main(["rollback", folder, "reach", "--json"]) == 0
+    changes = json.loads(capsys.readouterr().out.splitlines()[-1])["changes"]
+    assert [c["version"] for c in changes] == [1]
+    assert components(tmp_path / "library") == 2
+    assert main(["history", folder]) == 0
+    assert "with 3" in capsys.readouterr().out
+    assert main(["retire", folder]) == 2
+    assert "needs at least one" in capsys.readouterr().err
+    assert main(["list", str(tmp_path / "nothing")]) == 2
+    assert main(["list", folder]) == 0
+    assert arm_primitive().name not in capsys.readouterr().out
