@@ -68,7 +68,8 @@ def start(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[..., Cl
 
             scheduler = run("scheduler", "", "--port", "0", "--scheduler-file", str(file))
             deadline = time.monotonic() + MOST_SECONDS
-            while not file.exists():
+            # The scheduler makes the file empty, and fills it with a single write a moment later.
+            while not (file.exists() and file.stat().st_size):
                 assert scheduler.poll() is None and time.monotonic() < deadline, "no scheduler"
                 time.sleep(0.05)
             address = json.loads(file.read_text(encoding="utf-8"))["address"]
