@@ -5,11 +5,12 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Iterator
 
 import pytest
 
-from mp_pca_planner.ros.newest_goal import CancelledError, IsCancelled, NewestGoalThread
+from mp_pca_planner.ros.newest_goal import PAUSE, CancelledError, IsCancelled, NewestGoalThread
 
 TIMEOUT = 30.0
 
@@ -23,7 +24,8 @@ class Kitchen:
         self.dropped: list[int] = []
         self._changed = threading.Condition()
         self._n_allowed = 0
-        self.thread = NewestGoalThread(self._serve, self._drop)
+        self.n_rests = 0
+        self.thread = NewestGoalThread(self._serve, self._drop, self._rest)
 
     def allow(self) -> None:
         """Let one more be served to its end."""
@@ -58,6 +60,15 @@ class Kitchen:
             self.dropped.append(goal)
             self._changed.notify_all()
 
+    def _rest(self) -> None:
+        with self._changed:
+            self.n_rests += 1
+            self._changed.notify_all()
+
+    def wait_for_rest(self) -> None:
+        with self._changed:
+            assert self._changed.wait_for(lambda: self.n_rests, TIMEOUT)
+
 
 @pytest.fixture
 def kitchen() -> Iterator[Kitchen]:
@@ -74,6 +85,19 @@ def test_goals_one_after_the_other_are_all_served(kitchen: Kitchen) -> None:
         kitchen.wait_for(served=k + 1)
     assert kitchen.served == [0, 1, 2, 3, 4]
     assert not kitchen.dropped
+
+
+def test_thread_rests_once_when_goals_have_ceased(kitchen: Kitchen) -> None:
+    kitchen.thread.submit(0)
+    kitchen.wait_for(begun=1)
+    time.sleep(3.0 * PAUSE)
+    assert kitchen.n_rests == 0
+    kitchen.thread.submit(1)
+    kitchen.allow()
+    kitchen.wait_for_rest()
+    assert kitchen.served == [1]
+    time.sleep(3.0 * PAUSE)
+    assert kitchen.n_rests == 1
 
 
 def test_newer_goal_cancels_the_one_that_is_served(kitchen: Kitchen) -> None:

@@ -33,6 +33,7 @@ class GoalStatistics:
         self.n_served = 0
         self.n_refused = 0
         self.n_overtaken = 0
+        self._expected = _FIRST_LATENCY
         self._lock = threading.Lock()
         self._solve_times: deque[float] = deque(maxlen=_N_REMEMBERED)
         self._latencies: deque[float] = deque(maxlen=_N_REMEMBERED)
@@ -51,6 +52,8 @@ class GoalStatistics:
             self.n_served += 1
             self._solve_times.append(solve_time)
             self._latencies.append(latency)
+            recent = list(self._latencies)[-_N_RECENT:]
+            self._expected = _MARGIN * float(np.percentile(recent, 90))
 
     def refused(self) -> None:
         """Count a goal that could not be served."""
@@ -65,9 +68,7 @@ class GoalStatistics:
     @property
     def expected_latency(self) -> float:
         """Time from choosing a start to publishing that is hardly ever exceeded [s]."""
-        with self._lock:
-            recent = list(self._latencies)[-_N_RECENT:]
-        return _MARGIN * float(np.percentile(recent, 90)) if recent else _FIRST_LATENCY
+        return self._expected
 
     def solve_time_percentiles(self) -> dict[str, float]:
         """Percentiles of the latest solve times by name [s]; none before the first goal."""

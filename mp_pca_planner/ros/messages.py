@@ -9,7 +9,7 @@ from array import array
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from builtin_interfaces.msg import Duration, Time
+from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from geometry_msgs.msg import PoseStamped
 from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor
@@ -176,26 +176,26 @@ def to_joint_trajectory(
     efforts = trajectory.efforts if with_efforts else None
     if with_efforts and efforts is None:
         raise TrajectoryError("the trajectory has no efforts, so none can be published")
-    message = JointTrajectory(joint_names=list(trajectory.joint_names))
     stamps = np.rint(trajectory.times * _NANOSECONDS).astype(np.int64)
     if np.any(np.diff(stamps) <= 0):
         raise TrajectoryError("points of a trajectory must be at least 1 ns apart")
-    message.points = [
-        JointTrajectoryPoint(
-            positions=_numbers(trajectory.positions[k]),
-            velocities=_numbers(trajectory.velocities[k]),
-            accelerations=_numbers(trajectory.accelerations[k]),
-            time_from_start=Duration(
-                sec=int(stamp) // _NANOSECONDS, nanosec=int(stamp) % _NANOSECONDS
-            ),
-        )
-        for k, stamp in enumerate(stamps)
-        if k == len(stamps) - 1 or not last_point_only
-    ]
-    if efforts is not None:
-        for point, values in zip(message.points, efforts[-len(message.points) :], strict=True):
-            point.effort = _numbers(values)
-    return message
+    columns = (trajectory.positions, trajectory.velocities, trajectory.accelerations)
+    q, v, a = (_numbers(x) for x in columns)
+    tau = None if efforts is None else _numbers(efforts)
+    n = trajectory.n_joints
+    seconds, nanoseconds = (x.tolist() for x in np.divmod(stamps, _NANOSECONDS))
+    points = []
+    # A robot waits for this loop, and arguments of constructors take longer than assignments.
+    for k in range(trajectory.n_steps - 1 if last_point_only else 0, trajectory.n_steps):
+        row = slice(k * n, (k + 1) * n)
+        point = JointTrajectoryPoint()
+        point.positions, point.velocities, point.accelerations = q[row], v[row], a[row]
+        if tau is not None:
+            point.effort = tau[row]
+        time = point.time_from_start
+        time.sec, time.nanosec = seconds[k], nanoseconds[k]
+        points.append(point)
+    return JointTrajectory(joint_names=list(trajectory.joint_names), points=points)
 
 
 def to_trajectory(message: JointTrajectory) -> Trajectory:

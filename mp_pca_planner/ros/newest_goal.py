@@ -13,6 +13,10 @@ T = TypeVar("T")
 IsCancelled = Callable[[], bool]
 
 
+PAUSE = 0.02
+"""Time without goals after which there is time for other work [s]."""
+
+
 class CancelledError(Exception):
     """Work was given up because nobody wants its result any more."""
 
@@ -31,11 +35,19 @@ class NewestGoalThread(Generic[T]):
         time or raise `CancelledError`.
     drop :
         Called with each goal that was not served to its end.
+    rest :
+        Called when a goal was served and no other came for `PAUSE`: for work that can wait.
     """
 
-    def __init__(self, serve: Callable[[T, IsCancelled], None], drop: Callable[[T], None]) -> None:
+    def __init__(
+        self,
+        serve: Callable[[T, IsCancelled], None],
+        drop: Callable[[T], None],
+        rest: Callable[[], None],
+    ) -> None:
         self._serve = serve
         self._drop = drop
+        self._rest = rest
         self._changed = threading.Condition()
         self._waiting: T | None = None
         self._is_serving = False
@@ -64,10 +76,6 @@ class NewestGoalThread(Generic[T]):
         if dropped is not None:
             self._drop(dropped)
 
-    def has_waiting(self) -> bool:
-        """Whether a goal waits to be served."""
-        return self._waiting is not None
-
     def close(self, timeout: float = 5.0) -> None:
         """Give up everything and end the thread, within the timeout [s] if goals let it."""
         self.cancel()
@@ -77,13 +85,22 @@ class NewestGoalThread(Generic[T]):
         self._thread.join(timeout)
 
     def _run(self) -> None:
+        may_rest = False
         while True:
             with self._changed:
-                self._changed.wait_for(lambda: self._is_closed or self._waiting is not None)
-                if self._is_closed or self._waiting is None:
+                self._changed.wait_for(
+                    lambda: self._is_closed or self._waiting is not None,
+                    PAUSE if may_rest else None,
+                )
+                if self._is_closed:
                     return
                 goal, self._waiting = self._waiting, None
-                self._is_serving, self._is_cancelled = True, False
+                self._is_serving, self._is_cancelled = goal is not None, False
+            if goal is None:
+                self._rest()
+                may_rest = False
+                continue
+            may_rest = True
             try:
                 self._serve(goal, lambda: self._is_cancelled)
                 self._may_cancel = True

@@ -134,6 +134,7 @@ class PlannerNode(Node):
         self._fetching = threading.Lock()
         self._fetched = time.monotonic()
         self._last_served: Served | None = None
+        self._previewed: Served | None = None
         self._last_cost: float | None = None
         self._primitives: tuple[MovementPrimitive, ...] = ()
         self._primitives_problem = ""
@@ -147,7 +148,7 @@ class PlannerNode(Node):
         # Registered only now: the first values are judged together.
         self.add_on_set_parameters_callback(self._on_set_parameters)
         self._connect()
-        self._goals = NewestGoalThread(self._serve, self._on_overtaken)
+        self._goals = NewestGoalThread(self._serve, self._on_overtaken, self._preview)
 
     def destroy_node(self) -> None:
         """End the planning thread, then the node."""
@@ -318,8 +319,6 @@ class PlannerNode(Node):
         else:
             self._reports.publish(to_plan_report(served.plan, job.stamp))
             self._last_served, self._last_cost = served, None
-            if not self._goals.has_waiting():
-                self._preview(served)
 
     def _refuse(self, report: DiagnosticStatus) -> None:
         self._statistics.refused()
@@ -340,7 +339,11 @@ class PlannerNode(Node):
             )
         )
 
-    def _preview(self, served: Served) -> None:
+    def _preview(self) -> None:
+        served = self._last_served
+        if served is None or served is self._previewed:
+            return
+        self._previewed = served
         model = served.model
         robot, frame = model.planning_robot, model.end_effector
         try:
