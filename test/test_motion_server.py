@@ -21,7 +21,7 @@ from controller import Controller, RefusedMessageError
 from trajectory_msgs.msg import JointTrajectory
 
 from mp_pca_planner.exceptions import GoalError, PlannerError
-from mp_pca_planner.goal import JointGoal, JointState
+from mp_pca_planner.goal import JointGoal, JointState, SequenceGoal
 from mp_pca_planner.resources import config_file
 from mp_pca_planner.ros.assembly import Model, assemble_model
 from mp_pca_planner.ros.goal_statistics import GoalStatistics
@@ -91,7 +91,23 @@ class World:
 
         model = replace(self.model, planner=SimpleNamespace(plan=plan))
         goal = JointGoal(JointState(JOINTS, positions))
-        self.server.serve(lambda _: goal, model, lambda: False)
+        self.server.serve(JointGoal, lambda _: goal, model, lambda: False)
+
+    def serve_sequence(self, *targets: Any, times: tuple[float | None, ...] = ()) -> int:
+        """Plan a sequence while time passes; returns how often it was planned."""
+        model, n_plans = replace(self.model), 0
+        inner = model.sequence_planner
+
+        def plan(*request: Any) -> Any:
+            nonlocal n_plans
+            n_plans += 1
+            self.now += self.planning_time
+            return inner.plan(*request)
+
+        vars(model)["sequence_planner"] = SimpleNamespace(plan=plan)
+        goal = SequenceGoal(tuple(JointState(JOINTS, q) for q in targets), times)
+        self.server.serve(SequenceGoal, lambda _: goal, model, lambda: False)
+        return n_plans
 
     def names_all(self, message: bytes, joint_names: Any) -> bool:
         return True
@@ -221,7 +237,7 @@ def test_stop_needs_to_know_where_the_robot_is(world: World) -> None:
 def test_cancelled_goal_publishes_nothing(world: World) -> None:
     goal = JointGoal(JointState(JOINTS, GOAL))
     with pytest.raises(CancelledError):
-        world.server.serve(lambda _: goal, world.model, lambda: True)
+        world.server.serve(JointGoal, lambda _: goal, world.model, lambda: True)
     assert not world.sent
 
 
@@ -229,7 +245,7 @@ def test_goal_that_is_cancelled_during_the_solve_ends_it(world: World) -> None:
     asked = iter([False] * 5)
     goal = JointGoal(JointState(JOINTS, GOAL))
     with pytest.raises(CancelledError):
-        world.server.serve(lambda _: goal, world.model, lambda: next(asked, True))
+        world.server.serve(JointGoal, lambda _: goal, world.model, lambda: next(asked, True))
     assert next(asked, None) is None
 
 
@@ -240,6 +256,51 @@ def test_refused_goal_leaves_the_running_motion_alone(world: World) -> None:
         world.serve(GOAL + 100.0)
     world.controller.run_until(world.now + 5.0)
     np.testing.assert_allclose(world.controller.state[0], GOAL, atol=1e-12)
+
+
+def test_sequence_passes_its_vias_without_a_stop_or_a_jump(world: World) -> None:
+    via = START + 0.6 * (GOAL - START)
+    began = world.now
+    world.serve_sequence(via, GOAL, START, times=(None, 2.0, None))
+    world.controller.run_until(world.now + 10.0)
+    assert_smooth(world.controller)
+    q, v, _ = world.controller.commands().transpose(1, 0, 2)
+    passed = int(np.abs(q - via).max(axis=1).argmin())
+    # As near as commands are to each other.
+    assert np.abs(q[passed] - via).max() < MAX_VELOCITY * world.controller.period
+    assert np.abs(v[passed]).max() > 0.1
+    at_goal = round((world.now + 2.0 - began) / world.controller.period)
+    near = slice(at_goal - 3, at_goal + 3)
+    assert np.abs(q[near] - GOAL).max(axis=1).min() < MAX_VELOCITY * world.controller.period
+    np.testing.assert_allclose(q[-1], START, atol=1e-12)
+
+
+def test_sequence_takes_a_moving_robot_over_though_single_goals_were_faster(world: World) -> None:
+    world.serve(GOAL)
+    world.now += 0.3
+    world.planning_time = 0.5
+    assert world.serve_sequence(START + 0.5 * (GOAL - START), START) > 1
+    world.now += 0.3
+    # What sequences take is known by now.
+    assert world.serve_sequence(GOAL, START) == 1
+    world.controller.run_until(world.now + 10.0)
+    assert_smooth(world.controller)
+    np.testing.assert_allclose(world.controller.state[0], START, atol=1e-12)
+
+
+def test_sequence_that_is_cancelled_during_the_solve_publishes_nothing(world: World) -> None:
+    asked = iter([False] * 5)
+    goal = SequenceGoal((JointState(JOINTS, GOAL), JointState(JOINTS, START)))
+    with pytest.raises(CancelledError):
+        world.server.serve(SequenceGoal, lambda _: goal, world.model, lambda: next(asked, True))
+    assert next(asked, None) is None
+    assert not world.sent
+
+
+def test_sequence_that_breaks_limits_is_not_published(world: World) -> None:
+    with pytest.raises(UnexecutablePlanError, match="no motion within the limits was found"):
+        world.serve_sequence(GOAL, START, times=(0.05, 0.1))
+    assert not world.sent
 
 
 @pytest.mark.parametrize(

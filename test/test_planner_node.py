@@ -15,6 +15,7 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -136,7 +137,7 @@ def goal_message(
     return JointState(name=list(names), position=list(positions), **fields)
 
 
-def in_frame(message: JointState, frame_id: str) -> JointState:
+def in_frame(message: Any, frame_id: str) -> Any:
     message.header.frame_id = frame_id
     return message
 
@@ -352,6 +353,97 @@ def test_sequence_that_cannot_be_read_is_refused_with_a_reason(client: GoalClien
     assert_refused(client.send(JointTrajectory(joint_names=JOINTS, points=[point])), "velocities")
     point.velocities = point.positions[:2]
     assert_refused(client.send(JointTrajectory(joint_names=JOINTS[:3], points=[point])), "point 1")
+
+
+def sequence_message(*points: list[float], times: tuple[int, ...] = ()) -> JointTrajectory:
+    """A sequence of configurations; times in seconds, 0 for any."""
+    message = JointTrajectory(joint_names=JOINTS)
+    message.points = [JointTrajectoryPoint(positions=point) for point in points]
+    for point, seconds in zip(message.points, times, strict=False):
+        point.time_from_start.sec = seconds
+    return message
+
+
+VIA = arm_primitive().boundary_states[1][3].tolist()
+
+
+def test_sequence_is_one_motion_through_the_vias_that_stops_at_the_last(client: GoalClient) -> None:
+    client.previews.clear()
+    answer = client.send(sequence_message(VIA, GOAL, START, times=(2, 0, 5)))
+    trajectory = answer.trajectory
+    assert trajectory is not None, answer.report.message
+    assert answer.values["mode"] == "optimal"
+    assert answer.values["n_segments"] == "3"
+    for error in ("start_error", "via_error", "goal_error"):
+        assert float(answer.values[error]) <= 1e-12
+    stamps, q, v = (
+        times(trajectory),
+        column(trajectory, "positions"),
+        column(trajectory, "velocities"),
+    )
+    at_via = stamps.index(2 * 10**9)
+    assert q[at_via].tolist() == VIA
+    assert stamps[-1] == 5 * 10**9
+    assert q[0].tolist() == q[-1].tolist() == START
+    assert (q == GOAL).all(axis=1).any()
+    # It rests at the ends alone.
+    speeds = np.abs(v).max(axis=1)
+    assert speeds[0] == speeds[-1] == 0.0
+    assert speeds[1:-1].min() > 0.0
+    path = next(marker for marker in client.wait_for_preview().markers if marker.ns == "path")
+    wrist = arm_robot().frame_positions(np.array([START]), ["wrist"])[0, 0]
+    np.testing.assert_allclose([path.points[-1].x, path.points[-1].y], wrist[:2], atol=1e-9)
+
+
+def test_sequence_is_joined_in_real_time_if_the_parameter_says_so(client: GoalClient) -> None:
+    with parameters(client, sequence_mode="real_time"):
+        answer = client.send(sequence_message(VIA, GOAL))
+    assert answer.trajectory is not None
+    assert answer.values["mode"] == "real_time"
+    assert answer.values["iterations"] == "0"
+
+
+def test_sequence_whose_time_for_planning_is_short_is_served_with_a_warning(
+    client: GoalClient,
+) -> None:
+    with parameters(client, max_solve_time=1e-3):
+        answer = client.send(sequence_message(VIA, GOAL, VIA, START))
+    assert answer.trajectory is not None
+    assert answer.report.level == WARN
+    assert "time ran out" in answer.report.message
+
+
+def test_sequence_is_not_kept_as_a_primitive_and_says_why(
+    client: GoalClient, tmp_path: Path
+) -> None:
+    assert client.send(sequence_message(VIA, GOAL)).trajectory is not None
+    with parameters(client, save_folder=str(tmp_path)):
+        answer = client.save_motion()
+    assert not answer.success
+    assert "it is a sequence" in answer.message
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("message", "words"),
+    [
+        (sequence_message(), ["at least one target"]),
+        (sequence_message(GOAL, VIA, times=(2, 1)), ["increase", "1.0 after 2"]),
+        (sequence_message(GOAL, times=(-1,)), ["positive"]),
+        (sequence_message(GOAL, times=(10**6,)), ["600 s"]),
+        (sequence_message([*GOAL[:3], float("nan")]), ["point 1", "elbow", "nan"]),
+        (sequence_message(VIA, [*GOAL[:3], 9.0]), ["target 2", "elbow", "outside its limits"]),
+        (in_frame(sequence_message(GOAL), "reach"), ["reach", "arm_arm_4"]),
+        (
+            JointTrajectory(joint_names=["elbo"], points=[JointTrajectoryPoint(positions=[0.0])]),
+            ["elbo", "did you mean 'elbow'"],
+        ),
+    ],
+)
+def test_sequence_that_cannot_be_served_is_refused_with_a_reason(
+    client: GoalClient, message: JointTrajectory, words: list[str]
+) -> None:
+    assert_refused(client.send(message), *words)
 
 
 def test_stop_publishes_one_point_on_which_the_robot_comes_to_rest(client: GoalClient) -> None:

@@ -21,10 +21,10 @@ from mp_pca_planner.primitives.file import save_primitive
 from mp_pca_planner.resources import config_file
 
 
-def planner(**overrides: float) -> Planner:
+def planner(max_solve_time: float = np.inf, **overrides: float) -> Planner:
     robot = arm_robot()
     limits = robot.limits(dict.fromkeys(JOINTS, overrides) if overrides else {})
-    return Planner(robot, [arm_primitive()], limits)
+    return Planner(robot, [arm_primitive()], limits, max_solve_time=max_solve_time)
 
 
 def configurations(n: int, seed: int = 0) -> list[np.ndarray]:
@@ -143,6 +143,25 @@ def test_fixed_times_that_limits_forbid_are_infeasible_and_said_so() -> None:
     assert "no motion within the limits was found: velocity" in plan.message
 
 
+def test_best_motion_so_far_is_returned_when_time_runs_out() -> None:
+    goal, start = request(4)
+    quick = planner().plan(goal, start, REAL_TIME)
+    stopped = planner(1e-9).plan(goal, start)
+    assert stopped.is_executable
+    assert stopped.status == "stopped_early"
+    assert stopped.iterations == 1
+    assert "time ran out" in stopped.message
+    assert stopped.effort_cost == pytest.approx(quick.effort_cost)
+    assert not stopped.limit_check.violations
+
+
+def test_time_that_runs_out_before_limits_are_kept_is_no_motion() -> None:
+    goal, start = request(3)
+    plan = planner(1e-9, max_velocity=0.3).plan(goal, start)
+    assert plan.status == "infeasible"
+    assert plan.limit_check.violations
+
+
 def test_moving_start_is_taken_up() -> None:
     goal, start = request(2)
     moving = JointState(JOINTS, start.positions, np.full(4, 0.1), np.full(4, -0.2))
@@ -164,10 +183,17 @@ def test_unusable_requests_are_refused() -> None:
     goal, start = request(1)
     with pytest.raises(GoalError, match="is a pose"):
         planner().plan(SequenceGoal((Pose("hand", [0, 0, 0]),)), start)
-    with pytest.raises(GoalError, match="target 1: no joint is called 'elbo'"):
+    with pytest.raises(GoalError, match=r"target 1 .* no joint is called 'elbo'"):
         planner().plan(SequenceGoal((JointState(["elbo"], [0.0]),)), start)
     with pytest.raises(GoalError, match="outside its limits"):
         planner().plan(SequenceGoal((JointState(["elbow"], [9.0]),)), start)
+    there = goal.targets[0]
+    with pytest.raises(GoalError, match="1001 targets, at most 1000"):
+        planner().plan(SequenceGoal((there,) * 1001), start)
+    with pytest.raises(GoalError, match=r"time of 1e\+09 s, at most 600 s"):
+        planner().plan(SequenceGoal((there,), (1e9,)), start)
+    with pytest.raises(GoalError, match="sequence would take"):
+        planner().plan(SequenceGoal((there,) * 1000), start)
     with pytest.raises(GoalError, match="mode of a sequence"):
         planner().plan(goal, start, "fast")
 

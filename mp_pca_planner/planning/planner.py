@@ -30,6 +30,7 @@ from .objectives import Effort, Objective
 from .pose_search import POSE_TOLERANCE, configurations_at, nearest_configuration
 from .selection import Selection, Selector
 from .solver import SolverMemory, SolverOptions, solve
+from .states import check_within_limits, completed, in_order, unwrapped
 
 BASES = ("pca", "bspline")
 DEMONSTRATED, SHORTEST, FREE = "demonstrated", "shortest", "free"
@@ -43,9 +44,6 @@ LONGEST_DURATION = 600.0
 
 # So are motions of more points, which would exhaust the memory.
 _MOST_POINTS = 100_000
-
-# Where there is no limit: no robot has positions, velocities or accelerations beyond [SI].
-_NO_ROBOT = 1e6
 
 # Configurations that reach a pose to which motions are planned, the most natural first.
 _N_CONFIGURATIONS = 3
@@ -530,8 +528,8 @@ class Planner:
         A configuration can be reached with several primitives, the one expected to be cheapest
         first.
         """
-        here = _in_order(start, self.robot.joint_names)
-        self._check_end("present", here)
+        here = in_order(start, self.robot.joint_names)
+        check_within_limits("present", here, self.limits)
         self._check_size(goal.duration)
         selector = self._selector_for(goal.primitive)
         if isinstance(goal, JointGoal):
@@ -565,8 +563,8 @@ class Planner:
         return chosen
 
     def _joint_goal(self, goal: JointGoal, here: JointState) -> JointState:
-        there = self._goal_state(goal.state, here)
-        self._check_end("goal", there)
+        there = completed(goal.state, here, self.robot, "goal")
+        check_within_limits("goal", there, self.limits)
         if not self.options.allow_nonzero_end_velocity and np.any(there.velocities != 0.0):
             moving = there.joint_names[int(np.abs(there.velocities).argmax())]
             raise GoalError(
@@ -584,7 +582,7 @@ class Planner:
         near = np.linalg.norm(places - pose.position, axis=1).argsort(kind="stable")[:_N_ENDS]
         starts = [*ends[near], here.positions]
         found = configurations_at(self.robot, self.limits, pose, starts)
-        return [JointState(here.joint_names, self._unwrapped(q, here)) for q in found]
+        return [JointState(here.joint_names, unwrapped(q, here, self.robot)) for q in found]
 
     def _conditions(self, request: _Request, vias: Sequence[Via]) -> tuple[Condition, ...]:
         """What to meet on the way, and the pose to reach at the end."""
@@ -610,8 +608,8 @@ class Planner:
         if isinstance(target, Pose):
             self.robot.frame_positions(here.positions[None], [target.frame])
             return PoseTarget(self.robot, target)
-        state = self._goal_state(target, here, "via")
-        self._check_end("via", JointState(names, state.positions))
+        state = completed(target, here, self.robot, "via")
+        check_within_limits("via", JointState(names, state.positions), self.limits)
         index = np.array([names.index(name) for name in target.joint_names])
         return JointTarget(index, state.positions[index], len(names))
 
@@ -624,46 +622,6 @@ class Planner:
             valid = [p.name for p in self.primitives]
             raise GoalError(unknown_name("primitive", name, valid))
         return Selector(self.robot, found, self.options.objectives)
-
-    def _goal_state(self, goal: JointState, start: JointState, what: str = "goal") -> JointState:
-        names = self.robot.joint_names
-        for name in goal.joint_names:
-            if name not in names:
-                raise GoalError(f"the {what} can't be used: {unknown_name('joint', name, names)}")
-        q, v, a = start.positions.copy(), np.zeros(len(names)), np.zeros(len(names))
-        index = [names.index(name) for name in goal.joint_names]
-        q[index], v[index], a[index] = goal.positions, goal.velocities, goal.accelerations
-        absurd = np.flatnonzero(np.abs(q) > _NO_ROBOT)
-        if absurd.size:
-            # Before a joint that turns without end takes it for an angle, all digits lost.
-            j = int(absurd[0])
-            raise GoalError(
-                f"the {what} position of joint '{names[j]}' is {q[j]:.6g}, but no robot goes "
-                f"beyond ±{_NO_ROBOT:g}"
-            )
-        return JointState(names, self._unwrapped(q, start), v, a)
-
-    def _unwrapped(self, q: FloatArray, start: JointState) -> FloatArray:
-        """Positions to which joints that turn without end go the shorter way round."""
-        turns = np.round((start.positions - q) / (2.0 * np.pi))
-        return q + np.where(self.robot.continuous, 2.0 * np.pi * turns, 0.0)
-
-    def _check_end(self, what: str, state: JointState) -> None:
-        """Refuse an end of the motion that itself breaks a limit: no motion could mend it."""
-        limits = self.limits
-        for quantity, values, low, high in (
-            ("position", state.positions, limits.lower, limits.upper),
-            ("velocity", state.velocities, -limits.velocity, limits.velocity),
-            ("acceleration", state.accelerations, -limits.acceleration, limits.acceleration),
-        ):
-            low, high = np.maximum(low, -_NO_ROBOT), np.minimum(high, _NO_ROBOT)
-            outside = np.flatnonzero(~((low <= values) & (values <= high)))
-            if outside.size:
-                j = int(outside[0])
-                raise GoalError(
-                    f"the {what} {quantity} of joint '{state.joint_names[j]}' is {values[j]:.6g}, "
-                    f"outside its limits [{low[j]:.6g}, {high[j]:.6g}]"
-                )
 
     def _check_size(self, duration: float | None) -> None:
         if duration is None:
@@ -1007,20 +965,6 @@ def _deviation(attempt: _Attempt) -> float:
 
 def _largest(errors: FloatArray) -> float:
     return float(np.abs(errors).max(initial=0.0))
-
-
-def _in_order(state: JointState, names: Sequence[str]) -> JointState:
-    """The state of the named joints alone, in their order."""
-    missing = [name for name in names if name not in state.joint_names]
-    if missing:
-        raise GoalError(
-            f"the present state lacks {quote_names(missing)}; it has "
-            f"{quote_names(state.joint_names)}"
-        )
-    index = [state.joint_names.index(name) for name in names]
-    return JointState(
-        names, state.positions[index], state.velocities[index], state.accelerations[index]
-    )
 
 
 def _stretch(check: LimitCheck) -> float:

@@ -25,7 +25,6 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
-from scipy.interpolate import make_interp_spline
 from scipy.linalg import LinAlgError, cho_solve_banded, cholesky_banded
 
 from ..arrays import FloatArray
@@ -39,8 +38,11 @@ from ..robot import Robot
 from ..trajectory import Trajectory
 from ..validation import LimitCheck, check_executable, check_limits
 from .compiler import QuadratureTables
+from .conditions import JointTarget, Target
 from .motion import Motion
+from .planner import INFEASIBLE, LONGEST_DURATION, SOLVED, STOPPED_EARLY
 from .selection import Considered, Selector, effort_of
+from .states import check_within_limits, completed, in_order
 
 REAL_TIME, OPTIMAL = "real_time", "optimal"
 MODES = (REAL_TIME, OPTIMAL)
@@ -53,6 +55,7 @@ _DURATION_SPREAD = 0.3
 # far inside of the limits motions are kept.
 _PENALTIES = ((0.0, 0.0), (30.0, 0.02), (1e3, 0.02), (3e4, 0.03))
 _MOST_STRETCHES = 12
+_MOST_TARGETS = 1000
 # Passing velocities are lowered in these steps where a position limit is overshot.
 _SLOWER = (1.0, 0.5, 0.25, 0.0)
 
@@ -64,7 +67,8 @@ class SequencePlan:
     Attributes
     ----------
     status : str
-        'solved', or 'infeasible': must not be executed.
+        'solved'. 'stopped_early': executable, but time ran out before the least effort was found.
+        'infeasible': must not be executed.
     message : str
         One sentence for a person.
     mode : {'real_time', 'optimal'}
@@ -83,6 +87,9 @@ class SequencePlan:
         Passes over the segments.
     limit_check : LimitCheck
         Comparison with the limits on a grid of at most 1 ms.
+    start_error, goal_error, via_error : float
+        Largest distance of the trajectory from the present position, from the last target and
+        from those before [rad or m].
     solve_time : float
         Time taken to find the motion, without its checks [s].
     """
@@ -97,12 +104,15 @@ class SequencePlan:
     effort_cost: float
     iterations: int
     limit_check: LimitCheck
+    start_error: float
+    goal_error: float
+    via_error: float
     solve_time: float
 
     @property
     def is_executable(self) -> bool:
         """Whether the trajectory may be sent to a robot."""
-        return self.status == "solved"
+        return self.status != INFEASIBLE
 
     def summary(self) -> dict[str, str | float | int]:
         """Scalar facts, by the names of the package's public interface."""
@@ -118,6 +128,9 @@ class SequencePlan:
             "solve_time_s": self.solve_time,
             "in_span_score": self.in_span_score,
             "limit_violation": self.limit_check.worst_excess,
+            "start_error": self.start_error,
+            "goal_error": self.goal_error,
+            "via_error": self.via_error,
         }
 
 
@@ -136,6 +149,8 @@ class SequencePlanner:
         ρ, see :class:`.PlannerOptions`.
     sample_period : float
         Longest time between the points of a trajectory [s].
+    max_solve_time : float
+        Longest time for the search [s]; the best motion found by then is returned.
     """
 
     def __init__(
@@ -146,6 +161,7 @@ class SequencePlanner:
         *,
         naturalness: float = 1.0,
         sample_period: float = 0.01,
+        max_solve_time: float = float("inf"),
     ) -> None:
         self._robot = robot
         self._primitives = {p.name: p for p in primitives}
@@ -153,6 +169,7 @@ class SequencePlanner:
         self._limits = limits
         self._naturalness = naturalness
         self._period = sample_period
+        self._max_solve_time = max_solve_time
 
     def plan(self, goal: SequenceGoal, start: JointState, mode: str = OPTIMAL) -> SequencePlan:
         """Plan a motion through the configurations of a goal.
@@ -176,78 +193,78 @@ class SequencePlanner:
         if mode not in MODES:
             raise GoalError(f"the mode of a sequence must be one of {MODES}, got {mode!r}")
         began = time.perf_counter()
+        deadline = began + self._max_solve_time
         request = self._complete(goal, start)
         request.concatenate()
         found = time.perf_counter() - began
-        quick, check = self._within_limits(request)
+        quick, check = self._within_limits(request, deadline)
         iterations, chosen = 0, quick
         note = "motion concatenated in real time"
-        used = REAL_TIME
+        used, status = REAL_TIME, SOLVED
         if mode == OPTIMAL:
             began = time.perf_counter()
-            better, better_check, iterations = self._optimise(request, quick)
+            better, better_check, iterations = self._optimise(request, quick, deadline)
             found += time.perf_counter() - began
+            is_late = time.perf_counter() > deadline
+            status = STOPPED_EARLY if is_late else SOLVED
             if not better_check.violations:
                 chosen, check, used = better, better_check, OPTIMAL
                 note = "motion of least effort found"
+                if is_late:
+                    note = "time ran out before the least effort was found"
+            elif is_late:
+                note += ", for time ran out before a cheaper one within the limits was found"
             else:
                 note += ", for no cheaper one within the limits was found"
         usual = sum(request.durations)
         total = sum(x.duration for x in chosen)
         if total > usual * (1.0 + 1e-9):
             note += f"; to keep the limits, it was lengthened from {usual:.3g} to {total:.3g} s"
-        return self._judge(request, chosen, check, note, used, iterations, found)
+        return self._judge(request, chosen, check, status, note, used, iterations, found)
 
     def _complete(self, goal: SequenceGoal, start: JointState) -> _Request:
-        here = self._in_order(start)
+        self._check_size(goal)
+        names = self._robot.joint_names
+        here = in_order(start, names)
+        check_within_limits("present", here, self._limits)
         states, expected, primitives = [here], [], []
+        targets: list[Target] = []
         for number, target in enumerate(goal.targets, start=1):
             if not isinstance(target, JointState):
                 raise GoalError(
                     f"target {number} of the sequence is a pose: only configurations are accepted"
                 )
-            there = self._target_state(target, states[-1], number)
+            what = f"target {number}"
+            there = JointState(names, completed(target, states[-1], self._robot, what).positions)
+            check_within_limits(what, there, self._limits)
             chosen = self._select(states[-1], there, goal.primitive)
+            targets.append(JointTarget(np.arange(len(names)), there.positions, len(names)))
             states.append(there)
             expected.append(chosen.expected)
             primitives.append(chosen.primitive)
         durations = _fit_durations([e.duration for e in expected], goal.times)
-        groups = _groups(goal.times)
-        return _Request(tuple(states), tuple(primitives), tuple(expected), durations, groups)
-
-    def _in_order(self, state: JointState) -> JointState:
-        names = self._robot.joint_names
-        missing = [name for name in names if name not in state.joint_names]
-        if missing:
-            raise GoalError(f"the present state lacks joint '{missing[0]}'")
-        index = [state.joint_names.index(name) for name in names]
-        here = JointState(
-            names, state.positions[index], state.velocities[index], state.accelerations[index]
-        )
-        self._check_position("present", here.positions)
-        return here
-
-    def _target_state(self, target: JointState, before: JointState, number: int) -> JointState:
-        """The whole configuration of a target; what it doesn't name stays."""
-        names = self._robot.joint_names
-        q = before.positions.copy()
-        for name, position in zip(target.joint_names, target.positions, strict=True):
-            if name not in names:
-                raise GoalError(f"target {number}: {unknown_name('joint', name, names)}")
-            q[names.index(name)] = position
-        turns = np.round((before.positions - q) / (2.0 * np.pi))
-        q += np.where(self._robot.continuous, 2.0 * np.pi * turns, 0.0)
-        self._check_position(f"target {number}'s", q)
-        return JointState(names, q)
-
-    def _check_position(self, what: str, q: FloatArray) -> None:
-        low, high = self._limits.lower, self._limits.upper
-        outside = np.flatnonzero(~((low <= q) & (q <= high)))
-        if outside.size:
-            j = int(outside[0])
+        if sum(durations) > LONGEST_DURATION:
             raise GoalError(
-                f"the {what} position of joint '{self._robot.joint_names[j]}' is {q[j]:.6g}, "
-                f"outside its limits [{low[j]:.6g}, {high[j]:.6g}]"
+                f"the sequence would take {sum(durations):.4g} s, at most {LONGEST_DURATION:g} s "
+                "are accepted"
+            )
+        groups = _groups(goal.times)
+        return _Request(
+            tuple(states), tuple(targets), tuple(primitives), tuple(expected), durations, groups
+        )
+
+    def _check_size(self, goal: SequenceGoal) -> None:
+        """Refuse what would take all time or memory, before it does."""
+        if len(goal.targets) > _MOST_TARGETS:
+            raise GoalError(
+                f"the sequence has {len(goal.targets)} targets, at most {_MOST_TARGETS} are "
+                "accepted"
+            )
+        last = max((when for when in goal.times if when is not None), default=0.0)
+        if last > LONGEST_DURATION:
+            raise GoalError(
+                f"the sequence asks for a time of {last:.4g} s, at most {LONGEST_DURATION:g} s are "
+                "accepted"
             )
 
     def _select(self, here: JointState, there: JointState, wanted: str | None) -> Considered:
@@ -259,7 +276,9 @@ class SequencePlanner:
         only = Selector(self._robot, [self._primitives[wanted]])
         return only.choose(here.positions, there.positions).first
 
-    def _within_limits(self, request: _Request) -> tuple[tuple[Motion, ...], LimitCheck]:
+    def _within_limits(
+        self, request: _Request, deadline: float
+    ) -> tuple[tuple[Motion, ...], LimitCheck]:
         """Lengthen free durations, and lower passing velocities, until the limits are kept."""
         durations = list(request.durations)
         best: tuple[tuple[Motion, ...], LimitCheck] | None = None
@@ -269,8 +288,8 @@ class SequencePlanner:
                 check = check_limits(self._sample(motions), self._robot, self._limits)
                 if best is None or check.worst_excess < best[1].worst_excess:
                     best = motions, check
-                if not check.violations:
-                    return motions, check
+                if not check.violations or time.perf_counter() > deadline:
+                    return best
                 longer = _stretched(check, durations, request)
                 if longer == durations:
                     break
@@ -279,18 +298,18 @@ class SequencePlanner:
         return best
 
     def _optimise(
-        self, request: _Request, start: tuple[Motion, ...]
+        self, request: _Request, start: tuple[Motion, ...], deadline: float
     ) -> tuple[tuple[Motion, ...], LimitCheck, int]:
         """Minimise, with limits as penalties where they turn out broken."""
         program = _Program(self._robot, self._limits, request, start, self._naturalness)
         x, passes = program.start, 0
         motions, check = start, None
         for penalty, margin in _PENALTIES:
-            x, spent = program.minimise(x, penalty, margin)
+            x, spent = program.minimise(x, penalty, margin, deadline)
             passes += spent
             motions = program.motions(x)
             check = check_limits(self._sample(motions), self._robot, self._limits)
-            if not check.violations:
+            if not check.violations or time.perf_counter() > deadline:
                 break
         assert check is not None
         return motions, check, passes
@@ -312,16 +331,24 @@ class SequencePlanner:
         request: _Request,
         motions: tuple[Motion, ...],
         check: LimitCheck,
+        status: str,
         note: str,
         mode: str,
         iterations: int,
         solve_time: float,
     ) -> SequencePlan:
-        trajectory, status = self._sample(motions), "solved"
+        trajectory = self._sample(motions)
         try:
             check_executable(trajectory, check, request.states[0])
         except TrajectoryError as error:
-            status, note = "infeasible", f"no motion within the limits was found: {error}"
+            status, note = INFEASIBLE, f"no motion within the limits was found: {error}"
+        ends = np.cumsum([motion.duration for motion in motions])
+        rows = [int(np.abs(trajectory.times - end).argmin()) for end in ends]
+        *vias, last = (
+            float(np.abs(target.error(q)[0]).max())
+            for target, q in zip(request.targets, trajectory.positions[rows], strict=True)
+        )
+        jump = np.abs(trajectory.positions[0] - request.states[0].positions)
         return SequencePlan(
             status=status,
             message=note,
@@ -333,6 +360,9 @@ class SequencePlanner:
             effort_cost=sum(effort_of(self._robot, motion) for motion in motions),
             iterations=iterations,
             limit_check=check,
+            start_error=float(jump.max()),
+            goal_error=last,
+            via_error=max(vias, default=0.0),
             solve_time=solve_time,
         )
 
@@ -341,11 +371,13 @@ class SequencePlanner:
 class _Request:
     """A goal made complete.
 
-    states: at the start and at each target, at rest; durations: the usual ones, fitted to fixed
-    times; groups: segments between fixed times, with whether their sum is fixed by the goal.
+    states: at the start and at each target, at rest; targets: what these must meet; durations:
+    the usual ones, fitted to fixed times; groups: segments between fixed times, with whether
+    their sum is fixed by the goal.
     """
 
     states: tuple[JointState, ...]
+    targets: tuple[Target, ...]
     primitives: tuple[MovementPrimitive, ...]
     expected: tuple[Conditional, ...]
     durations: tuple[float, ...]
@@ -363,6 +395,9 @@ class _Request:
         share : float
             Factor of the velocities and accelerations at the vias.
         """
+        # Takes long to import, and a node may never be asked for a sequence.
+        from scipy.interpolate import make_interp_spline
+
         durations = self.durations if durations is None else durations
         times = np.concatenate([[0.0], np.cumsum(durations)])
         first, last = self.states[0], self.states[-1]
@@ -624,11 +659,13 @@ class _Program:
             scaled[d, :stop] *= self._scales[:stop] * self._scales[d:]
         return cost, gradient * self._scales, scaled
 
-    def minimise(self, x: FloatArray, penalty: float, margin: float) -> tuple[FloatArray, int]:
+    def minimise(
+        self, x: FloatArray, penalty: float, margin: float, deadline: float = float("inf")
+    ) -> tuple[FloatArray, int]:
         """Levenberg–Marquardt steps downhill from x, within fixed sums of durations."""
         cost, gradient, band = self._assemble(x, penalty, margin)
         damping, passes = 1e-3 * float(np.mean(band[0])), 1
-        while passes < _MOST_ITERATIONS:
+        while passes < _MOST_ITERATIONS and time.perf_counter() < deadline:
             step = self._step(x, gradient, band, damping)
             if step is None:
                 damping *= 10.0

@@ -6,12 +6,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 from ..arrays import FloatArray
 from ..exceptions import unknown_name
 from ..limits import JointLimits, read_limits_file
 from ..planning.planner import Planner
+from ..planning.sequence import SequencePlanner
 from ..primitives.primitive import MovementPrimitive
 from ..robot import Robot
 from .newest_goal import CancelledError
@@ -73,6 +75,18 @@ class Model:
     settings: Settings
     end_effector: str
     urdf: str
+
+    @cached_property
+    def sequence_planner(self) -> SequencePlanner:
+        """For the planning thread alone; set up when the first sequence is asked for."""
+        return SequencePlanner(
+            self.planning_robot,
+            self.planner.primitives,
+            self.limits,
+            naturalness=self.settings.naturalness,
+            sample_period=self.settings.sample_period,
+            max_solve_time=self.settings.max_solve_time,
+        )
 
 
 def assemble_model(urdf: str, primitives: Sequence[MovementPrimitive], settings: Settings) -> Model:

@@ -5,13 +5,15 @@
 from __future__ import annotations
 
 import threading
-from collections import deque
+from collections import defaultdict, deque
 
 import numpy as np
 
+from ..goal import Goal
+
 # Enough for a 99th percentile; older ones say little about the present.
 _N_REMEMBERED = 1000
-# The latest of them tell how long the next goal may take, …
+# The latest of each kind tell how long the next one of it may take, …
 _N_RECENT = 100
 # … with a margin; before the first there is only this guess [s].
 _MARGIN = 1.5
@@ -33,16 +35,21 @@ class GoalStatistics:
         self.n_served = 0
         self.n_refused = 0
         self.n_overtaken = 0
-        self._expected = _FIRST_LATENCY
         self._lock = threading.Lock()
         self._solve_times: deque[float] = deque(maxlen=_N_REMEMBERED)
-        self._latencies: deque[float] = deque(maxlen=_N_REMEMBERED)
+        # Sequences take longer than single goals.
+        self._latencies: defaultdict[type[Goal], deque[float]] = defaultdict(
+            lambda: deque(maxlen=_N_RECENT)
+        )
+        self._expected: defaultdict[type[Goal], float] = defaultdict(lambda: _FIRST_LATENCY)
 
-    def served(self, solve_time: float, latency: float) -> None:
+    def served(self, kind: type[Goal], solve_time: float, latency: float) -> None:
         """Count a goal whose motion was published.
 
         Parameters
         ----------
+        kind : type
+            Kind of the goal.
         solve_time : float
             Time that the planner took [s].
         latency : float
@@ -51,9 +58,9 @@ class GoalStatistics:
         with self._lock:
             self.n_served += 1
             self._solve_times.append(solve_time)
-            self._latencies.append(latency)
-            recent = list(self._latencies)[-_N_RECENT:]
-            self._expected = _MARGIN * float(np.percentile(recent, 90))
+            recent = self._latencies[kind]
+            recent.append(latency)
+            self._expected[kind] = _MARGIN * float(np.percentile(recent, 90))
 
     def refused(self) -> None:
         """Count a goal that could not be served."""
@@ -65,10 +72,9 @@ class GoalStatistics:
         with self._lock:
             self.n_overtaken += 1
 
-    @property
-    def expected_latency(self) -> float:
-        """Time from choosing a start to publishing that is hardly ever exceeded [s]."""
-        return self._expected
+    def expected_latency(self, kind: type[Goal]) -> float:
+        """Time from choosing a start to publishing that a kind of goal hardly ever exceeds [s]."""
+        return self._expected[kind]
 
     def solve_time_percentiles(self) -> dict[str, float]:
         """Percentiles of the latest solve times by name [s]; none before the first goal."""

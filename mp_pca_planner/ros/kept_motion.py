@@ -13,6 +13,7 @@ from typing import Any
 from ..exceptions import GoalError
 from ..learning.family import family_around
 from ..learning.refined_motion import RefinedMotion
+from ..planning.sequence import SequencePlan
 from ..primitives.file import save_primitive
 from .motion_server import Served
 
@@ -32,22 +33,22 @@ def keep_motion(served: Served, folder: Path, provenance: Mapping[str, Any]) -> 
     Raises
     ------
     PlannerError
-        If the motion is not made from one primitive, or the file can't be written.
+        If the motion is a sequence, or the file can't be written.
     """
-    planner = served.model.planner
-    known = {primitive.name: primitive for primitive in planner.primitives}
-    primitive = known.get(served.plan.primitive)
-    if primitive is None:
+    plan = served.plan
+    if isinstance(plan, SequencePlan):
         raise GoalError(
-            "the last motion can't be kept: only a motion made from one primitive can, not a "
-            "sequence"
+            "the last motion can't be kept: it is a sequence, and a primitive is made of the "
+            "motion to a single goal"
         )
+    known = {primitive.name: primitive for primitive in served.model.planner.primitives}
+    primitive = known[plan.primitive]
     # Names may hold anything, a path for example.
     stem = re.sub(r"[^A-Za-z0-9_-]+", "_", primitive.name)[:100]
     for number in count(1):
         name, file = f"{primitive.name}_{number}", folder / f"{stem}_{number}.npz"
         if name not in known and not file.exists():
             break
-    motion = RefinedMotion([served.plan.motion])
+    motion = RefinedMotion([plan.motion])
     save_primitive(family_around(primitive, motion, name, provenance), file)
     return file

@@ -20,6 +20,7 @@ from ..arrays import FloatArray
 from ..exceptions import GoalError, TrajectoryError
 from ..goal import JointGoal, JointState, Pose, PoseGoal, SequenceGoal
 from ..planning.planner import STOPPED_EARLY, Plan
+from ..planning.sequence import SequencePlan
 from ..trajectory import Trajectory
 from .parameters import Declaration
 
@@ -106,6 +107,12 @@ def to_sequence_goal(message: JointTrajectory) -> SequenceGoal:
                 f"the goal names {n_joints} joints and point {k} has {len(point.positions)} "
                 "positions, one for each joint is accepted"
             )
+        for name, value in zip(message.joint_names, point.positions, strict=True):
+            if not math.isfinite(value):
+                raise GoalError(
+                    f"point {k} of the goal puts joint '{name}' at {value}, "
+                    "but only finite numbers are accepted"
+                )
         for field in ("velocities", "accelerations", "effort"):
             if any(getattr(point, field)):
                 raise GoalError(
@@ -222,7 +229,7 @@ def _numbers(values: FloatArray) -> array[float]:
     return array("d", values.tobytes())
 
 
-def to_plan_report(plan: Plan, goal_stamp: Time) -> DiagnosticStatus:
+def to_plan_report(plan: Plan | SequencePlan, goal_stamp: Time) -> DiagnosticStatus:
     """Report a motion that was published: OK, or WARN with what is unusual about it."""
     remarks = []
     if plan.status == STOPPED_EARLY:
@@ -242,13 +249,19 @@ def to_overtaken_report(goal_stamp: Time) -> DiagnosticStatus:
     return _report(DiagnosticStatus.WARN, text, goal_stamp, None, OVERTAKEN)
 
 
-def to_refusal(reason: str, goal_stamp: Time, plan: Plan | None = None) -> DiagnosticStatus:
+def to_refusal(
+    reason: str, goal_stamp: Time, plan: Plan | SequencePlan | None = None
+) -> DiagnosticStatus:
     """Report a goal for which nothing was published, with the plan if it came to one."""
     return _report(DiagnosticStatus.ERROR, _one_line(reason), goal_stamp, plan)
 
 
 def _report(
-    level: bytes, text: str, goal_stamp: Time, plan: Plan | None, status: str = "refused"
+    level: bytes,
+    text: str,
+    goal_stamp: Time,
+    plan: Plan | SequencePlan | None,
+    status: str = "refused",
 ) -> DiagnosticStatus:
     values = plan.summary() if plan else {"status": status}
     stamp = to_stamp_text(goal_stamp)

@@ -11,9 +11,10 @@ import threading
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from ..exceptions import GoalError, TrajectoryError
+from ..exceptions import TrajectoryError
 from ..goal import Goal, JointState, SequenceGoal
 from ..planning.planner import Plan
+from ..planning.sequence import SequencePlan
 from ..trajectory import Trajectory
 from ..validation import check_executable, check_limits
 from .assembly import Model
@@ -33,7 +34,7 @@ _MOST_ATTEMPTS = 3
 class UnexecutablePlanError(TrajectoryError):
     """A plan that must not be published."""
 
-    def __init__(self, plan: Plan) -> None:
+    def __init__(self, plan: Plan | SequencePlan) -> None:
         super().__init__(plan.message)
         self.plan = plan
 
@@ -44,13 +45,13 @@ class Served:
 
     Attributes
     ----------
-    plan : Plan
+    plan : Plan or SequencePlan
         The plan.
     model : Model
         What it was made with.
     """
 
-    plan: Plan
+    plan: Plan | SequencePlan
     model: Model
 
 
@@ -84,11 +85,15 @@ class MotionServer:
         # Goals are served in a thread of their own, stops in that of the callbacks.
         self._publishing = threading.Lock()
 
-    def serve(self, make_goal: MakeGoal, model: Model, is_cancelled: IsCancelled) -> Served:
+    def serve(
+        self, kind: type[Goal], make_goal: MakeGoal, model: Model, is_cancelled: IsCancelled
+    ) -> Served:
         """Plan and publish a motion.
 
         Parameters
         ----------
+        kind :
+            The kind of the goal: some take longer than others.
         make_goal :
             The goal, for a motion that starts at this state.
         model :
@@ -103,11 +108,11 @@ class MotionServer:
         CancelledError
             If it is cancelled before it is published.
         """
-        latency = self._statistics.expected_latency
+        latency = self._statistics.expected_latency(kind)
         for attempt in range(1, _MOST_ATTEMPTS + 1):
             began = self._clock()
             try:
-                return self._serve_once(make_goal, model, is_cancelled, latency)
+                return self._serve_once(kind, make_goal, model, is_cancelled, latency)
             except TooLateError:
                 if attempt == _MOST_ATTEMPTS:
                     raise
@@ -143,6 +148,7 @@ class MotionServer:
 
     def _serve_once(
         self,
+        kind: type[Goal],
         make_goal: MakeGoal,
         model: Model,
         is_cancelled: IsCancelled,
@@ -155,16 +161,20 @@ class MotionServer:
         )
         model.planning_robot.is_cancelled = is_cancelled
         goal = make_goal(start.state)
-        if isinstance(goal, SequenceGoal):
-            raise GoalError("sequences can't be planned by this release, send one goal at a time")
-        plan = model.planner.plan(goal, start.state)
+        plan = (
+            model.sequence_planner.plan(goal, start.state, settings.sequence_mode)
+            if isinstance(goal, SequenceGoal)
+            else model.planner.plan(goal, start.state)
+        )
         if not plan.is_executable:
             raise UnexecutablePlanError(plan)
         self._publish(plan, start, model, is_cancelled)
-        self._statistics.served(plan.solve_time, self._clock() - began)
+        self._statistics.served(kind, plan.solve_time, self._clock() - began)
         return Served(plan, model)
 
-    def _publish(self, plan: Plan, start: Start, model: Model, is_cancelled: IsCancelled) -> None:
+    def _publish(
+        self, plan: Plan | SequencePlan, start: Start, model: Model, is_cancelled: IsCancelled
+    ) -> None:
         """Publish a plan from where the robot is: the only place where motions are published."""
         timeout = model.settings.state_timeout
         check = plan.limit_check

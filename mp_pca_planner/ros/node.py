@@ -30,7 +30,7 @@ from trajectory_msgs.msg import JointTrajectory
 from visualization_msgs.msg import MarkerArray
 
 from ..exceptions import GoalError, PlannerError, quote_names, unknown_name
-from ..goal import Goal
+from ..goal import Goal, JointGoal, PoseGoal, SequenceGoal
 from ..primitives.primitive import MovementPrimitive
 from ..primitives.primitive_library import load_primitives
 from ..robot import Robot
@@ -102,8 +102,9 @@ class _FetchedByHand(CallbackGroup):
 
 @dataclass(frozen=True, eq=False)
 class _Job:
-    """A goal to be served: how to make it for a start state, with what model, and its stamp."""
+    """A goal to be served: its kind, how to make it for a start state, the model, its stamp."""
 
+    kind: type[Goal]
     make_goal: MakeGoal
     model: Model
     stamp: Time
@@ -203,17 +204,17 @@ class PlannerNode(Node):
     # Callbacks
 
     def _on_goal(self, message: JointStateMessage) -> None:
-        self._take(lambda _: _fixed(to_goal(message, self._settings.duration)), message)
+        self._take(JointGoal, lambda _: _fixed(to_goal(message, self._settings.duration)), message)
 
     def _on_goal_sequence(self, message: JointTrajectory) -> None:
-        self._take(lambda _: _fixed(to_sequence_goal(message)), message)
+        self._take(SequenceGoal, lambda _: _fixed(to_sequence_goal(message)), message)
 
     def _on_goal_pose(self, message: PoseStamped) -> None:
         def read(model: Model) -> MakeGoal:
             goal = to_pose_goal(message, model.end_effector, self._settings.duration)
             return stated_in(goal, message.header.frame_id, model.planning_robot)
 
-        self._take(read, message)
+        self._take(PoseGoal, read, message)
 
     def _on_trial_cost(self, message: Float64) -> None:
         if self._last_served is None or not math.isfinite(message.data):
@@ -290,7 +291,7 @@ class PlannerNode(Node):
 
     # Goals
 
-    def _take(self, read: Callable[[Model], MakeGoal], message: Any) -> None:
+    def _take(self, kind: type[Goal], read: Callable[[Model], MakeGoal], message: Any) -> None:
         """Have a goal served; one that is wrong as it stands doesn't disturb another one."""
         stamp = message.header.stamp
         try:
@@ -299,12 +300,12 @@ class PlannerNode(Node):
         except PlannerError as error:
             self._refuse(to_refusal(str(error), stamp))
         else:
-            self._goals.submit(_Job(make_goal, model, stamp))
+            self._goals.submit(_Job(kind, make_goal, model, stamp))
 
     def _serve(self, job: _Job, is_cancelled: IsCancelled) -> None:
         """Plan, publish and report: in the planning thread."""
         try:
-            served = self._server.serve(job.make_goal, job.model, is_cancelled)
+            served = self._server.serve(job.kind, job.make_goal, job.model, is_cancelled)
         except UnexecutablePlanError as error:
             self._refuse(to_refusal(str(error), job.stamp, error.plan))
         except PlannerError as error:

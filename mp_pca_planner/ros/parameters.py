@@ -13,6 +13,7 @@ from typing import Any
 
 from ..exceptions import PlannerError, quote_names, unknown_name
 from ..planning.planner import BASES, LONGEST_DURATION, PlannerOptions
+from ..planning.sequence import MODES, OPTIMAL
 
 MEASURED = "measured"
 COMMANDED = "commanded"
@@ -126,15 +127,21 @@ class Settings:
     )
     duration: float = _declared(
         0.0,
-        """Duration of every motion [s]; 0: as the demonstrations suggest, longer if the limits
-        ask for it.""",
+        """Duration of every motion to a single goal [s]; 0: as the demonstrations suggest, longer
+        if the limits ask for it. Sequences say their own times.""",
         high=LONGEST_DURATION,
     )
     basis: str = _declared(
         BASES[0],
         """Functions that motions are made of: 'pca' (components of the primitive) or 'bspline'
-        (6 control points per joint).""",
+        (6 control points per joint); sequences are always made of components.""",
         choices=BASES,
+    )
+    sequence_mode: str = _declared(
+        OPTIMAL,
+        """How ~/goal_sequence is planned: 'optimal' (least effort of the whole) or 'real_time'
+        (expected motions joined without optimisation, in milliseconds).""",
+        choices=MODES,
     )
     naturalness: float = _declared(
         PlannerOptions.naturalness,

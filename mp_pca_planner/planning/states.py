@@ -1,0 +1,104 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""States that requests name: made complete, and refused if no motion could begin or end there."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..arrays import FloatArray
+from ..exceptions import GoalError, quote_names, unknown_name
+from ..goal import JointState
+from ..limits import JointLimits
+from ..robot import Robot
+
+# Where there is no limit: no robot has positions, velocities or accelerations beyond [SI].
+_NO_ROBOT = 1e6
+
+
+def in_order(state: JointState, names: Sequence[str]) -> JointState:
+    """The present state of the named joints alone, in their order.
+
+    Raises
+    ------
+    GoalError
+        If it lacks one.
+    """
+    missing = [name for name in names if name not in state.joint_names]
+    if missing:
+        raise GoalError(
+            f"the present state lacks {quote_names(missing)}; it has "
+            f"{quote_names(state.joint_names)}"
+        )
+    index = [state.joint_names.index(name) for name in names]
+    return JointState(
+        names, state.positions[index], state.velocities[index], state.accelerations[index]
+    )
+
+
+def completed(state: JointState, before: JointState, robot: Robot, what: str) -> JointState:
+    """A state to reach, of all joints; those that it doesn't name stay where they are at rest.
+
+    Parameters
+    ----------
+    state : JointState
+        What is asked for.
+    before : JointState
+        Where the robot comes from, of all joints in the robot's order.
+    robot : Robot
+        Joints of it that turn without end go the shorter way round.
+    what : str
+        What the state is called in messages.
+
+    Raises
+    ------
+    GoalError
+        If it names an unknown joint, or a position that no robot has.
+    """
+    names = robot.joint_names
+    for name in state.joint_names:
+        if name not in names:
+            raise GoalError(f"the {what} can't be used: {unknown_name('joint', name, names)}")
+    q, v, a = before.positions.copy(), np.zeros(len(names)), np.zeros(len(names))
+    index = [names.index(name) for name in state.joint_names]
+    q[index], v[index], a[index] = state.positions, state.velocities, state.accelerations
+    absurd = np.flatnonzero(np.abs(q) > _NO_ROBOT)
+    if absurd.size:
+        # Before a joint that turns without end takes it for an angle, all digits lost.
+        j = int(absurd[0])
+        raise GoalError(
+            f"the {what} position of joint '{names[j]}' is {q[j]:.6g}, but no robot goes "
+            f"beyond ±{_NO_ROBOT:g}"
+        )
+    return JointState(names, unwrapped(q, before, robot), v, a)
+
+
+def unwrapped(q: FloatArray, before: JointState, robot: Robot) -> FloatArray:
+    """Positions to which joints that turn without end go the shorter way round."""
+    turns = np.round((before.positions - q) / (2.0 * np.pi))
+    return np.asarray(q + np.where(robot.continuous, 2.0 * np.pi * turns, 0.0))
+
+
+def check_within_limits(what: str, state: JointState, limits: JointLimits) -> None:
+    """Refuse an end of a motion that itself breaks a limit: no motion could mend it.
+
+    Raises
+    ------
+    GoalError
+        If it breaks one.
+    """
+    for quantity, values, low, high in (
+        ("position", state.positions, limits.lower, limits.upper),
+        ("velocity", state.velocities, -limits.velocity, limits.velocity),
+        ("acceleration", state.accelerations, -limits.acceleration, limits.acceleration),
+    ):
+        low, high = np.maximum(low, -_NO_ROBOT), np.minimum(high, _NO_ROBOT)
+        outside = np.flatnonzero(~((low <= values) & (values <= high)))
+        if outside.size:
+            j = int(outside[0])
+            raise GoalError(
+                f"the {what} {quantity} of joint '{state.joint_names[j]}' is {values[j]:.6g}, "
+                f"outside its limits [{low[j]:.6g}, {high[j]:.6g}]"
+            )
