@@ -21,7 +21,7 @@ from sensor_msgs.msg import JointState as JointStateMessage
 from trajectory_msgs.msg import JointTrajectory
 
 from mp_pca_planner.exceptions import GoalError, TrajectoryError
-from mp_pca_planner.goal import JointGoal, JointState
+from mp_pca_planner.goal import JointGoal, JointState, Pose, SequenceGoal
 from mp_pca_planner.planning.planner import Plan, Planner
 from mp_pca_planner.ros.messages import (
     to_descriptor,
@@ -29,6 +29,8 @@ from mp_pca_planner.ros.messages import (
     to_joint_trajectory,
     to_plan_report,
     to_refusal,
+    to_sequence_goal,
+    to_sequence_message,
     to_state,
     to_trajectory,
 )
@@ -66,6 +68,29 @@ def test_goal_takes_positions_velocities_and_the_primitive_from_the_frame() -> N
     assert goal.state.positions.tolist() == [1.0, 2.0]
     assert goal.state.velocities.tolist() == [3.0, 4.0]
     assert (goal.duration, goal.primitive) == (1.5, "reach")
+
+
+def test_sequence_survives_the_way_through_a_message() -> None:
+    states = tuple(JointState(["a", "b"], q) for q in ([0.1, 0.2], [0.3, -0.4], [0.0, 1.0]))
+    goal = SequenceGoal(states, (None, 0.25, 1e9 + 0.5), "reach")
+    raw = serialize_message(to_sequence_message(goal))
+    back = to_sequence_goal(deserialize_message(raw, JointTrajectory))
+    assert back.times == goal.times
+    assert back.primitive == "reach"
+    for before, after in zip(states, back.targets, strict=True):
+        assert isinstance(after, JointState)
+        assert after.joint_names == before.joint_names
+        assert np.array_equal(after.positions, before.positions)
+
+
+def test_sequence_that_no_message_can_say_is_refused() -> None:
+    state = JointState(["a"], [0.0])
+    with pytest.raises(GoalError, match="same joints"):
+        to_sequence_message(SequenceGoal((state, Pose("hand", [0, 0, 0]))))
+    with pytest.raises(GoalError, match="same joints"):
+        to_sequence_message(SequenceGoal((state, JointState(["b"], [0.0]))))
+    with pytest.raises(GoalError, match="longer than a message"):
+        to_sequence_message(SequenceGoal((state,), (1e10,)))
 
 
 def test_duration_zero_and_empty_frame_leave_the_choice_to_the_planner() -> None:

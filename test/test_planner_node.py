@@ -511,6 +511,17 @@ def test_command_sends_a_goal_in_degrees_and_prints_the_report(
     np.testing.assert_allclose(end, [*START[:3], GOAL[3]], atol=1e-12)
 
 
+def test_command_sends_a_sequence(client: GoalClient, capsys: pytest.CaptureFixture[str]) -> None:
+    with parameters(client, state_timeout=0.0):
+        assert send_goal(["elbow=-0.3@2", "--via", "elbow=-0.6@1", "--json"]) == 0
+        report = json.loads(capsys.readouterr().out)
+        assert report["n_segments"] == "2"
+        client.wait_for_diagnostics()
+    trajectory = client.trajectories[-1]
+    assert trajectory.points[times(trajectory).index(10**9)].positions[3] == -0.6
+    assert trajectory.points[times(trajectory).index(2 * 10**9)].positions[3] == -0.3
+
+
 def test_bag_of_the_topics_of_the_node_holds_what_was_sent(
     client: GoalClient, tmp_path: Path
 ) -> None:

@@ -10,19 +10,24 @@ from mp_pca_planner.cli.send_goal import main
 
 
 @pytest.mark.parametrize(
-    ("goal", "words"),
+    ("arguments", "words"),
     [
-        ("elbow", "name=value"),
-        ("elbow=x", "'x', not a number"),
-        ("elbow=nan", "finite"),
-        ("elbow=1,elbow=2", "more than once"),
-        ("", "name=value"),
+        (["elbow"], "name=value"),
+        (["elbow=x"], "'x', not a number"),
+        (["elbow=nan"], "finite"),
+        (["elbow=1,elbow=2"], "more than once"),
+        ([""], "name=value"),
+        (["elbow=1@soon"], "number of seconds"),
+        (["elbow=1@-1"], "positive"),
+        (["elbow=1@1", "--via", "elbow=2@2"], "increase"),
+        (["elbow=1", "--via", "shoulder=2"], "no joint of the goal is called 'shoulder'"),
+        (["elbow=1,wrist=2", "--via", "elbow=2"], "lacks 'wrist'"),
     ],
 )
 def test_goal_that_is_no_goal_is_refused_in_one_line(
-    goal: str, words: str, capsys: pytest.CaptureFixture[str]
+    arguments: list[str], words: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main([goal]) == 2
+    assert main(arguments) == 2
     output = capsys.readouterr()
     assert output.out == ""
     assert output.err.count("\n") == 1

@@ -174,6 +174,23 @@ def joint_values(
     return values
 
 
+def split_time(text: str, what: str) -> tuple[str, float | None]:
+    """Split ``VALUES@T`` into the values and the time T [s]; None if there is no ``@``.
+
+    Raises
+    ------
+    GoalError
+        If the time is no number.
+    """
+    values, at, moment = text.partition("@")
+    try:
+        return values, float(moment) if at else None
+    except ValueError:
+        raise GoalError(
+            f"{what} '{text}' must end in @ and a number of seconds, if in @ at all"
+        ) from None
+
+
 def _finite(text: str, what: str) -> float:
     try:
         value = float(text)

@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""`send_goal`: give the node a goal configuration and print what it answers."""
+"""`send_goal`: give the node a goal, or a sequence of them, and print what it answers."""
 
 from __future__ import annotations
 
@@ -11,8 +11,18 @@ import time
 from collections.abc import Sequence
 from importlib.util import find_spec
 
-from ..exceptions import GoalError, MissingDependencyError
-from .common import DONE, FAILED, REFUSED, CommandParser, joint_values, print_json, run
+from ..exceptions import GoalError, MissingDependencyError, quote_names
+from ..goal import JointState, SequenceGoal
+from .common import (
+    DONE,
+    FAILED,
+    REFUSED,
+    CommandParser,
+    joint_values,
+    print_json,
+    run,
+    split_time,
+)
 
 _NANOSECONDS = 10**9
 
@@ -21,10 +31,19 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run the command; returns the exit status."""
     parser = CommandParser(
         "send_goal",
-        "Send a goal configuration to the running planner node, wait for its report and print it. "
-        "Status 0: the motion was published; 1: no answer, or a newer goal came; 2: refused.",
+        "Send a goal configuration, or a sequence of them, to the running planner node, wait for "
+        "its report and print it. Status 0: the motion was published; 1: no answer, or a newer "
+        "goal came; 2: refused.",
     )
     parser.add_argument("goal", metavar="NAME=VALUE,...", help="positions [rad or m] by joint name")
+    parser.add_argument(
+        "--via",
+        action="append",
+        default=[],
+        metavar="NAME=VALUE,...[@T]",
+        help="positions of the same joints to pass on the way, again for each; with @T, also of "
+        "the goal, T s after the motion has begun",
+    )
     parser.add_argument(
         "--degrees", action="store_true", help="positions are in degrees, not in radians"
     )
@@ -41,20 +60,29 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _send(arguments: argparse.Namespace) -> int:
-    names = [part.partition("=")[0].strip() for part in arguments.goal.split(",") if "=" in part]
+    goal_text, when = split_time(arguments.goal, "the goal")
+    names = [part.partition("=")[0].strip() for part in goal_text.split(",") if "=" in part]
     if not names:
         # The order of joints is the node's business, a list without names can't be sent.
         raise GoalError(f"the goal '{arguments.goal}' must be name=value,…")
-    values = joint_values(arguments.goal, names, "the goal")
+    unit = math.pi / 180.0 if arguments.degrees else 1.0
+    values = joint_values(goal_text, names, "the goal")
+    last = JointState(names, [unit * values[name] for name in names])
+    vias = [_via(text, names, unit) for text in arguments.via]
+    targets, times = zip(*vias, (last, when), strict=True)
+    sequence = SequenceGoal(targets, times)
     if find_spec("rclpy") is None:
         raise MissingDependencyError("rclpy", "ros", "the command 'send_goal'")
     from diagnostic_msgs.msg import DiagnosticStatus
-    from sensor_msgs.msg import JointState
+    from sensor_msgs.msg import JointState as JointStateMessage
 
     from ..ros.client import GoalClient, NoAnswerError, is_served
+    from ..ros.messages import to_sequence_message
 
-    unit = math.pi / 180.0 if arguments.degrees else 1.0
-    goal = JointState(name=list(values), position=[unit * value for value in values.values()])
+    if vias or when is not None:
+        goal = to_sequence_message(sequence)
+    else:
+        goal = JointStateMessage(name=names, position=last.positions.tolist())
     goal.header.frame_id = arguments.primitive
     # By its stamp the report is told from those of other goals.
     seconds, nanoseconds = divmod(time.time_ns(), _NANOSECONDS)
@@ -75,3 +103,16 @@ def _send(arguments: argparse.Namespace) -> int:
     if report.level == DiagnosticStatus.ERROR:
         return REFUSED
     return DONE if is_served(report) else FAILED
+
+
+def _via(text: str, names: Sequence[str], unit: float) -> tuple[JointState, float | None]:
+    """What to pass, in the order of the goal's joints, and when."""
+    via, when = split_time(text, "--via")
+    values = joint_values(via, names, "--via", "joint of the goal")
+    missing = [name for name in names if name not in values]
+    if missing:
+        raise GoalError(
+            f"--via '{text}' lacks {quote_names(missing)}: the points of a sequence name the "
+            "same joints"
+        )
+    return JointState(names, [unit * values[name] for name in names]), when

@@ -8,14 +8,13 @@ import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
-from ..exceptions import GoalError
 from ..goal import JointState, SequenceGoal
 from ..limits import read_limits_file
 from ..planning.planner import PlannerOptions
 from ..planning.sequence import MODES, OPTIMAL, SequencePlan, SequencePlanner
 from ..primitives.primitive_library import load_primitives
 from ..robot import Robot
-from .common import DONE, FAILED, CommandParser, joint_values, print_json, run
+from .common import DONE, FAILED, CommandParser, joint_values, print_json, run, split_time
 from .drawing import draw_motion
 from .plan import check_outputs, trajectory_columns, write_trajectory
 
@@ -107,15 +106,10 @@ def _sequence(arguments: argparse.Namespace) -> int:
 def _goal(arguments: argparse.Namespace, names: Sequence[str]) -> SequenceGoal:
     targets, times = [], []
     for option, text in [*(("--via", via) for via in arguments.via), ("--goal", arguments.goal)]:
-        values, at, moment = text.partition("@")
+        values, moment = split_time(text, option)
         positions = joint_values(values, names, option)
         targets.append(JointState(list(positions), list(positions.values())))
-        try:
-            times.append(float(moment) if at else None)
-        except ValueError:
-            raise GoalError(
-                f"{option} '{text}' must end in @ and a number of seconds, if in @ at all"
-            ) from None
+        times.append(moment)
     return SequenceGoal(tuple(targets), tuple(times), arguments.use)
 
 

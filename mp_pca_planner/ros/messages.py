@@ -32,6 +32,7 @@ OVERTAKEN = "overtaken"
 
 _NANOSECONDS = 10**9
 _LONGEST_TEXT = 1000
+_LONGEST_TIME = 2**31
 
 
 def to_goal(message: JointStateMessage, duration: float) -> JointGoal:
@@ -123,6 +124,34 @@ def to_sequence_goal(message: JointTrajectory) -> SequenceGoal:
         since = point.time_from_start
         times.append(since.sec + since.nanosec / _NANOSECONDS or None)
     return SequenceGoal(tuple(targets), tuple(times), message.header.frame_id or None)
+
+
+def to_sequence_message(goal: SequenceGoal) -> JointTrajectory:
+    """Write a sequence of configurations of the same joints.
+
+    Raises
+    ------
+    GoalError
+        If there is a pose among them, they differ in joints, or a time is too long for a message.
+    """
+    message = JointTrajectory()
+    message.header.frame_id = goal.primitive or ""
+    for target, when in zip(goal.targets, goal.times, strict=True):
+        if not isinstance(target, JointState) or (
+            message.points and target.joint_names != tuple(message.joint_names)
+        ):
+            raise GoalError(
+                "the targets of a sequence that is sent must be configurations of the same joints"
+            )
+        message.joint_names = list(target.joint_names)
+        message.points.append(JointTrajectoryPoint(positions=_numbers(target.positions)))
+        if when is None:
+            continue
+        if when >= _LONGEST_TIME:
+            raise GoalError(f"the time {when:g} s of a target is longer than a message can say")
+        since = message.points[-1].time_from_start
+        since.sec, since.nanosec = divmod(round(when * _NANOSECONDS), _NANOSECONDS)
+    return message
 
 
 def to_state(message: JointStateMessage, joint_names: Sequence[str]) -> JointState:
