@@ -13,11 +13,8 @@ import numpy as np
 import pytest
 import yaml
 from conftest import EPOCH, FORMATS, Message, S, reaching, stamped, write_bag
+from embedded_bags import write_embedded_bag
 from rosbags.highlevel import AnyReader
-from rosbags.rosbag1 import Writer as Writer1
-from rosbags.rosbag2 import StoragePlugin
-from rosbags.rosbag2 import Writer as Writer2
-from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from mp_pca_planner.exceptions import PlannerError, RecordingError
 from mp_pca_planner.recordings.bags import (
@@ -134,63 +131,11 @@ def test_fewer_messages_than_the_index_says_are_refused(tmp_path: Path) -> None:
         read_joint_states(path, "/joint_states")
 
 
-MULTI = """std_msgs/Header header
-my_msgs/Arm arm
-================================================================================
-MSG: my_msgs/Arm
-string label
-sensor_msgs/JointState jointStates
-================================================================================
-MSG: sensor_msgs/JointState
-std_msgs/Header header
-string[] name
-float64[] position
-float64[] velocity
-float64[] effort
-================================================================================
-MSG: std_msgs/Header
-{header}time stamp
-string frame_id
-"""
-
-
 @pytest.fixture
 def multi(tmp_path: Path, bag_format: str) -> Path:
     """Joint states inside of messages that only the bag defines."""
-    ros1 = bag_format == "rosbag1"
-    text = MULTI.format(header="uint32 seq\n" if ros1 else "builtin_interfaces/Time ")
-    text = (
-        text
-        if ros1
-        else text.replace("Time time stamp", "Time stamp")
-        + ("=" * 80 + "\nMSG: builtin_interfaces/Time\nint32 sec\nuint32 nanosec\n")
-    )
-    store = get_typestore(Stores.EMPTY)
-    store.register(get_types_from_msg(text, "my_msgs/msg/Multi"))
-    types = store.types
-    path = tmp_path / ("x.bag" if ros1 else "x")
-    writer = (
-        Writer1(path)
-        if ros1
-        else Writer2(
-            path,
-            version=9,
-            storage_plugin=StoragePlugin.MCAP if bag_format == "mcap" else StoragePlugin.SQLITE3,
-        )
-    )
-    serialise = store.serialize_ros1 if ros1 else store.serialize_cdr
-    with writer:
-        connection = writer.add_connection("/multi", "my_msgs/msg/Multi", typestore=store)
-        for index in range(400):
-            stamp = types["builtin_interfaces/msg/Time"](5, index)
-            header = types["std_msgs/msg/Header"](*((0,) if ros1 else ()), stamp, "")
-            numbers = np.array([index, -index], dtype=float)
-            state = types["sensor_msgs/msg/JointState"](
-                header, ["a", "b"], numbers, np.empty(0), np.empty(0)
-            )
-            message = types["my_msgs/msg/Multi"](header, types["my_msgs/msg/Arm"]("left", state))
-            writer.write(connection, EPOCH + index, serialise(message, "my_msgs/msg/Multi"))
-    return path
+    states = [Message(("a", "b"), (i, -i), 5 * S + i, EPOCH + i) for i in range(400)]
+    return write_embedded_bag(tmp_path / "x", bag_format, states)
 
 
 def test_joint_states_inside_of_other_messages_are_read(multi: Path) -> None:

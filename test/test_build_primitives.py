@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from conftest import reaching, stamped, write_bag
+from embedded_bags import FIELD, TOPIC, write_embedded_bag
 
 from mp_pca_planner.cli.main import main
 from mp_pca_planner.primitives.build import build_primitive
@@ -87,6 +88,22 @@ def test_written_segments_fed_back_give_the_same_motions(bags: Path, tmp_path: P
     assert spans(first) == spans(second)
     for name, array in load_primitive(first).arrays().items():
         np.testing.assert_array_equal(array, load_primitive(second).arrays()[name])
+
+
+def test_joint_states_in_a_field_give_the_same_primitive_as_on_a_topic(
+    tmp_path: Path, bag_format: str
+) -> None:
+    plain, embedded = tmp_path / "plain.npz", tmp_path / "embedded.npz"
+    states = stamped(reaching(GOALS[0]))
+    (tmp_path / "a").mkdir()
+    bag = write_bag(tmp_path / "a" / "x", bag_format, states)
+    build(bag, "--name", "p", "--output", plain)
+    bag = write_embedded_bag(tmp_path / "x", bag_format, states)
+    built = build(bag, "--name", "p", "--output", embedded, "--topic", TOPIC, "--field", FIELD)
+    assert built["n_motions"] == 3
+    expected = load_primitive(plain).arrays()
+    for name, array in load_primitive(embedded).arrays().items():
+        np.testing.assert_array_equal(array, expected[name])
 
 
 def test_segments_are_not_overwritten_unless_told(bags: Path, tmp_path: Path) -> None:
