@@ -13,12 +13,13 @@ from scipy.spatial.transform import Rotation
 
 from mp_pca_planner.cli.build_primitives import main
 from mp_pca_planner.exceptions import PlannerError, RecordingError, RobotError
-from mp_pca_planner.recordings.bags import read_joint_states
+from mp_pca_planner.recordings.bags import read_joint_states, write_markers
 from mp_pca_planner.recordings.load import load_recordings
 from mp_pca_planner.recordings.marker_joint_states import (
     MarkerSource,
     SolvedMarkers,
     marker_source,
+    place_markers,
     solve_markers,
 )
 from mp_pca_planner.resources import config_file
@@ -90,6 +91,18 @@ def test_angles_of_a_moving_person_are_found_whatever_the_lengths(tmp_path: Path
         "joint 'wrist_joint' fits the markers best at (0.0, 0.0, -260.0) mm in its parent link; "
         "the URDF has it at (0.0, 0.0, -307.4) mm",
     ]
+
+
+def test_placed_markers_are_those_of_the_arm_and_give_its_motion_back(tmp_path: Path) -> None:
+    source = marker_source("/markers", URDF, MAP)
+    names, positions = place_markers(motion(), source)
+    expected = markers(base="identity")
+    assert set(names) == set(expected)
+    for name, places in zip(names, positions.transpose(1, 0, 2), strict=True):
+        np.testing.assert_allclose(places, expected[name], atol=1e-12)
+    stamps = 10_000_000 * np.arange(N)
+    write_markers(tmp_path / "x", names, stamps, positions)
+    np.testing.assert_allclose(solved(tmp_path / "x", source)[0], motion(), atol=1e-4)
 
 
 def test_without_the_fit_wrong_lengths_show_in_the_residuals(tmp_path: Path) -> None:

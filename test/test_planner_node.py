@@ -49,6 +49,10 @@ START, GOAL = MOTION[0].tolist(), MOTION[3].tolist()
 URDF = config_file("human_arm.urdf").read_text(encoding="utf-8")
 
 
+# Tests publish a state once, and the machine may be busy: states are good for so long [s].
+PATIENCE = 60.0
+
+
 @contextmanager
 def running_node(log: Path, *ros_arguments: str) -> Iterator[subprocess.Popen[str]]:
     """A node that has to end cleanly."""
@@ -89,7 +93,8 @@ def node(
     with pytest.MonkeyPatch.context() as patch:
         set_domain(patch, 0)
         log = tmp_path_factory.mktemp("log") / "node.txt"
-        with running_node(log, "-p", f"primitives:=['{primitives}']") as process:
+        arguments = ("-p", f"primitives:=['{primitives}']", "-p", f"state_timeout:={PATIENCE}")
+        with running_node(log, *arguments) as process:
             yield process
 
 
@@ -121,6 +126,7 @@ def parameters(client: GoalClient, **values: object) -> Iterator[None]:
         ]
 
     defaults = {d.name: d.default for d in (*DECLARATIONS, *limit_declarations(JOINTS))}
+    defaults["state_timeout"] = PATIENCE
     before = {name: defaults[name.replace("__", ".")] for name in values}
     for result in client.set_parameters(*to_messages(values)):
         assert result.successful, result.reason

@@ -14,13 +14,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from ..exceptions import PlannerError, RecordingError
 from ..files import exists_already, write_whole
-from ..recordings.bags import write_joint_states
+from ..recordings.bags import write_markers
 from ..recordings.load import RecordingSet, load_recordings
-from ..recordings.marker_joint_states import marker_source
-from ..recordings.synthetic import JOINT_NAMES, continuous_recording, generate_motions
+from ..recordings.marker_joint_states import MarkerSource, marker_source, place_markers
+from ..recordings.synthetic import continuous_recording, generate_motions
 from ..resources import config_file
 from ..robot import Robot
 from ..studies.case_study import CaseStudy, study
@@ -33,6 +34,10 @@ _N_GENERATED = 60
 _SEED = 11
 _RATE = 100.0
 _EPOCH_NS = 1_700_000_000_000_000_000
+# A person who stands: amplitudes [m, rad] about each axis and angular frequencies [rad/s].
+_SWAY, _SWAY_ANGLE = 0.01, 0.03
+_SWAY_RATES = np.array([0.7, 1.1, 0.4])
+_MARKER_NOISE = 2e-4  # of an optical system: standard deviation [m]
 _PAGE = "case_study.html"
 
 
@@ -51,7 +56,7 @@ def _parser() -> CommandParser:
         "--recordings",
         nargs="+",
         metavar="BAG",
-        help="recordings of markers, folders of them (default: joint states made up for it)",
+        help="recordings of markers, folders of them (default: markers made up for it)",
     )
     parser.add_argument("--markers", default="/markers", metavar="TOPIC", help="their topic")
     parser.add_argument(
@@ -117,10 +122,16 @@ def _recordings(
             raise RecordingError("--segments is for --recordings: the generated ones have no table")
         with tempfile.TemporaryDirectory() as folder:
             bag = Path(folder) / "generated"
-            _generate(bag)
-            found = load_recordings([bag], joints=JOINT_NAMES, jobs=1, progress=progress)
+            markers = marker_source(
+                arguments.markers,
+                config_file("human_arm.urdf"),
+                config_file("human_arm_markers.yaml"),
+            )
+            _generate(bag, markers)
+            found = load_recordings([bag], markers=markers, jobs=1, progress=progress)
         return found, (
-            "Generated joint states, not real motions: give --recordings for those of people."
+            "Joint angles by inverse kinematics from generated markers, not those of real motions: "
+            "give --recordings for those of people."
         )
     names = ", ".join(map(str, arguments.recordings))
     if arguments.joint_states is not None:
@@ -138,11 +149,17 @@ def _recordings(
     return found, f"Joint angles by inverse kinematics from the markers recorded in {names}."
 
 
-def _generate(bag: Path) -> None:
-    """Record made-up arm-raising motions, there and back."""
+def _generate(bag: Path, source: MarkerSource) -> None:
+    """Record markers of made-up arm-raising motions, there and back, of a chest that sways."""
     recording = continuous_recording(generate_motions(_N_GENERATED, _SEED), _RATE, seed=_SEED)
+    names, positions = place_markers(recording.positions, source)
+    sway = np.sin(recording.times[:, None] * _SWAY_RATES)
+    turns = Rotation.from_rotvec(_SWAY_ANGLE * sway)
+    swayed = turns.as_matrix()[:, None] @ positions[..., None]
+    measured = swayed[..., 0] + _SWAY * sway[:, None]
+    measured += np.random.default_rng(_SEED).normal(0.0, _MARKER_NOISE, measured.shape)
     stamps = _EPOCH_NS + np.round(recording.times * 1e9).astype(np.int64)
-    write_joint_states(bag, "mcap", recording.joint_names, stamps, recording.positions)
+    write_markers(bag, names, stamps, measured, source.topic)
 
 
 def _write(

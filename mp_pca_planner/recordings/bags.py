@@ -40,7 +40,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.msg import normalize_msgtype
 from rosbags.typesys.store import Typestore
 
-from ..arrays import frozen_array, unique_names
+from ..arrays import FloatArray, frozen_array, unique_names
 from ..exceptions import DamagedRecordingError, RecordingError, quote_names, unknown_name
 from ..files import exists_already
 from ..trajectory import Trajectory
@@ -55,6 +55,7 @@ BagFormat = Literal["rosbag1", "sqlite3", "mcap"]
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
 JOINT_TRAJECTORY = "trajectory_msgs/msg/JointTrajectory"
+MARKER_ARRAY = "visualization_msgs/msg/MarkerArray"
 METADATA = "metadata.yaml"
 METADATA_VERSION = 9
 FORMAT_OF_SUFFIX: dict[str, BagFormat] = {".bag": "rosbag1", ".db3": "sqlite3", ".mcap": "mcap"}
@@ -66,6 +67,9 @@ MAX_STAMP = 1 << 63
 
 PART_MESSAGES = 1 << 16
 """Joint states are handed on in parts of so many messages."""
+
+# Of visualization_msgs/Marker.
+_SPHERE, _ADD = 2, 0
 
 Result = TypeVar("Result")
 
@@ -609,6 +613,92 @@ def write_joint_trajectory(
     _write(target, bag_format, topic, JOINT_TRAJECTORY, [(0, message)], overwrite)
 
 
+def write_markers(
+    path: str | Path,
+    names: Sequence[str],
+    stamps_ns: ArrayLike,
+    positions: ArrayLike,
+    topic: str = "/markers",
+    *,
+    frame_id: str = "world",
+    overwrite: bool = False,
+) -> None:
+    """Write positions of markers as a rosbag2 folder (mcap) of MarkerArray, whole or not at all.
+
+    Parameters
+    ----------
+    path :
+        Where to write.
+    names :
+        Namespaces of the markers.
+    stamps_ns : array of int, shape (n_frames,)
+        Header stamps [ns].
+    positions : array, shape (n_frames, n_markers, 3)
+        Positions [m]; a marker of which one is NaN is left out of that frame.
+    topic :
+        Name of the topic.
+    frame_id :
+        The frame of the positions.
+    overwrite :
+        Replace what is there.
+
+    Raises
+    ------
+    RecordingError
+        If the shapes disagree.
+    PlannerError
+        If there is something at the path already, or it can't be written.
+    """
+    stamps, places = np.asarray(stamps_ns, dtype=np.int64), np.asarray(positions, dtype=np.float64)
+    if stamps.ndim != 1 or places.shape != (stamps.size, len(names), 3):
+        raise RecordingError(
+            f"positions of markers to write must have the shape ({stamps.size}, {len(names)}, 3), "
+            f"got {places.shape}"
+        )
+    types = _typestore("mcap").types
+    nothing = np.empty(0, dtype=np.uint8)
+    point, vector = types["geometry_msgs/msg/Point"], types["geometry_msgs/msg/Vector3"]
+    pose, upright = types["geometry_msgs/msg/Pose"], types["geometry_msgs/msg/Quaternion"]
+    kind = types["visualization_msgs/msg/Marker"]
+    unstamped = _header("mcap", 0)
+    same_for_all: dict[str, Any] = {
+        "type": _SPHERE,
+        "action": _ADD,
+        "scale": vector(0.02, 0.02, 0.02),
+        "color": types["std_msgs/msg/ColorRGBA"](1.0, 1.0, 1.0, 1.0),
+        "lifetime": types["builtin_interfaces/msg/Duration"](0, 0),
+        "frame_locked": False,
+        "points": [],
+        "colors": [],
+        "texture_resource": "",
+        "texture": types["sensor_msgs/msg/CompressedImage"](unstamped, "", nothing),
+        "uv_coordinates": [],
+        "text": "",
+        "mesh_resource": "",
+        "mesh_file": types["visualization_msgs/msg/MeshFile"]("", nothing),
+        "mesh_use_embedded_materials": False,
+    }
+
+    def frame(stamp: int, seen: FloatArray) -> object:
+        header = _header("mcap", stamp, frame_id)
+        return types[MARKER_ARRAY](
+            [
+                kind(
+                    header=header,
+                    ns=name,
+                    id=number,
+                    pose=pose(point(*place), upright(0.0, 0.0, 0.0, 1.0)),
+                    **same_for_all,
+                )
+                for number, (name, place) in enumerate(zip(names, seen.tolist(), strict=True))
+                if np.isfinite(place).all()
+            ]
+        )
+
+    messages = ((int(t), frame(int(t), seen)) for t, seen in zip(stamps, places, strict=True))
+    _write(Path(path), "mcap", topic, MARKER_ARRAY, messages, overwrite)
+
+
 def _glob(path: str | Path) -> list[Path]:
     # An existing path is meant as it is, also with brackets in its name.
     if Path(path).exists():
@@ -943,10 +1033,10 @@ def _n_empty(value: Any) -> int:
     return sum(map(_n_empty, vars(value).values())) if hasattr(value, "__msgtype__") else 0
 
 
-def _header(bag_format: BagFormat, stamp_ns: int) -> Any:
+def _header(bag_format: BagFormat, stamp_ns: int, frame_id: str = "") -> Any:
     types = _typestore(bag_format).types
     stamp = types["builtin_interfaces/msg/Time"](*divmod(stamp_ns, NS_PER_S))
-    fields: dict[str, Any] = {"stamp": stamp, "frame_id": ""}
+    fields: dict[str, Any] = {"stamp": stamp, "frame_id": frame_id}
     if bag_format == "rosbag1":
         fields["seq"] = 0
     return types["std_msgs/msg/Header"](**fields)

@@ -161,6 +161,31 @@ def solve_trajectories(recorded: MarkerTrajectories, source: MarkerSource) -> So
     return SolvedMarkers(_joint_states(recorded, source.joint_names, q, notes), found)
 
 
+def place_markers(q: FloatArray, source: MarkerSource) -> tuple[tuple[str, ...], FloatArray]:
+    """Where the markers are in a motion: what :func:`solve_trajectories` undoes.
+
+    Parameters
+    ----------
+    q : array, shape (n_frames, n_joints)
+        Positions of the joints of the source [rad or m].
+    source :
+        The model.
+
+    Returns
+    -------
+    names : tuple of str
+        What the markers are called in recordings, first those on the base.
+    positions : array, shape (n_frames, n_markers, 3)
+        Their positions in the base frame [m].
+    """
+    markers = (*source.on_base, *source.moved)
+    robot = Robot(source.urdf, source.joint_names)
+    attached = robot.attach_points(
+        [m.link for m in markers], np.array([m.position for m in markers])
+    )
+    return tuple(m.body for m in markers), attached.positions_and_jacobians(q)[0]
+
+
 def _split(
     robot: Robot, chosen: MarkerMap
 ) -> tuple[tuple[MarkerPlacement, ...], tuple[MarkerPlacement, ...]]:

@@ -21,11 +21,10 @@ import numpy as np
 
 from ..arrays import FloatArray
 from ..exceptions import RecordingError, quote_names, unknown_name
-from .bags import NS_PER_S, Bag, IntArray, Stored, Topic, open_bag
+from .bags import MARKER_ARRAY, NS_PER_S, Bag, IntArray, Stored, Topic, open_bag
 from .marker_map import MarkerPlacement
 from .repair import MAX_POSITION
 
-MARKER_ARRAY = "visualization_msgs/msg/MarkerArray"
 POINT = "geometry_msgs/msg/PointStamped"
 POSE = "geometry_msgs/msg/PoseStamped"
 TF = "tf2_msgs/msg/TFMessage"
