@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 from arm import JOINTS, arm_demonstrations, arm_primitive, arm_robot
 from scipy.integrate import trapezoid
+from scipy.spatial.transform import Rotation
 
 from mp_pca_planner.cli.sequence import main
-from mp_pca_planner.exceptions import GoalError
+from mp_pca_planner.exceptions import GoalError, RobotError
 from mp_pca_planner.goal import JointState, Pose, SequenceGoal
 from mp_pca_planner.planning import sequence
 from mp_pca_planner.planning.sequence import MODES, OPTIMAL, REAL_TIME, SequencePlan
@@ -83,8 +84,9 @@ def test_optimal_takes_less_effort_in_the_same_time() -> None:
     assert best.effort_cost == pytest.approx(integral, rel=5e-3)
 
 
-def test_gradient_and_hessian_agree_with_finite_differences() -> None:
-    goal, start = request(3)
+@pytest.mark.parametrize("posed", [False, True])
+def test_gradient_and_hessian_agree_with_finite_differences(posed: bool) -> None:
+    goal, start = with_poses() if posed else request(3)
     tight = planner(max_velocity=1.0, max_acceleration=4.0)
     wanted = tight._complete(goal, start)
     program = sequence._Program(
@@ -170,6 +172,69 @@ def test_moving_start_is_taken_up() -> None:
     assert np.array_equal(plan.trajectory.accelerations[0], moving.accelerations)
 
 
+def wrist_pose(q: np.ndarray, *, turned: bool = False) -> Pose:
+    """Where a configuration has the wrist."""
+    points = arm_robot().attach_points(["wrist"] * 4, np.vstack([np.zeros(3), np.eye(3)]))
+    (corners,), _ = points.positions_and_jacobians(q[None])
+    axes = Rotation.from_matrix((corners[1:] - corners[0]).T)
+    return Pose("wrist", corners[0], axes.as_quat() if turned else None)
+
+
+def with_poses(*, turned: bool = False) -> tuple[SequenceGoal, JointState]:
+    """Pose, configuration, pose, pose."""
+    start, *ends = configurations(5, seed=3)
+    first, last, final = (wrist_pose(ends[k], turned=turned) for k in (0, 2, 3))
+    targets = (first, JointState(JOINTS, ends[1]), last, final)
+    return SequenceGoal(targets, (None, 2.0, None, None)), JointState(JOINTS, start)
+
+
+@pytest.mark.parametrize("mode", MODES)
+@pytest.mark.parametrize("turned", [False, True])
+def test_poses_are_reached_on_the_way_and_at_the_end(mode: str, turned: bool) -> None:
+    goal, start = with_poses(turned=turned)
+    plan = planner().plan(goal, start, mode)
+    assert plan.is_executable, plan.message
+    assert plan.mode == mode
+    assert joints(plan) < 1e-9
+    assert max(plan.via_error, plan.goal_error) < 1e-6
+    times = np.cumsum([motion.duration for motion in plan.motions])
+    assert times[1] == pytest.approx(2.0, abs=1e-9)
+    for target, moment in zip(goal.targets, times, strict=True):
+        row = int(np.abs(plan.trajectory.times - moment).argmin())
+        q = plan.trajectory.positions[row]
+        if isinstance(target, Pose):
+            reached = wrist_pose(q, turned=turned)
+            np.testing.assert_allclose(reached.position, target.position, atol=1e-6)
+            if turned:
+                ways = Rotation.from_quat([reached.orientation, target.orientation])
+                assert (ways[0].inv() * ways[1]).magnitude() < 1e-6
+        else:
+            assert np.array_equal(q, target.positions)
+
+
+def test_optimiser_moves_configurations_along_their_poses() -> None:
+    goal, start = with_poses()
+    free = planner().plan(goal, start)
+    joined = planner().plan(goal, start, REAL_TIME)
+    there = tuple(JointState(JOINTS, motion.goal.positions) for motion in joined.motions)
+    fixed = planner().plan(SequenceGoal(there, goal.times), start)
+    moved = [a.goal.positions - b.positions for a, b in zip(free.motions, there, strict=True)]
+    assert max(np.abs(moved[k]).max() for k in (0, 2, 3)) > 0.01
+    assert not moved[1].any()
+    assert free.effort_cost < 0.999 * fixed.effort_cost
+
+
+def test_most_demonstrated_of_several_configurations_is_chosen() -> None:
+    ends = configurations(6, seed=1)
+    for start, middle, end in zip(ends[:2], ends[2:4], ends[4:], strict=True):
+        goal = SequenceGoal((wrist_pose(middle), JointState(JOINTS, end)))
+        plan = planner().plan(goal, JointState(JOINTS, start), REAL_TIME)
+        # The demonstrations hold one, so that a worse one would be a mistake.
+        known = SequenceGoal((JointState(JOINTS, middle), goal.targets[1]))
+        usual = planner().plan(known, JointState(JOINTS, start), REAL_TIME)
+        assert plan.in_span_score < 1.5 * usual.in_span_score + 0.5
+
+
 def test_joints_that_targets_leave_out_keep_their_position() -> None:
     start = configurations(1)[0]
     goal = SequenceGoal((JointState(["elbow"], [-0.5]), JointState(["shoulder1"], [-0.3])))
@@ -181,8 +246,10 @@ def test_joints_that_targets_leave_out_keep_their_position() -> None:
 
 def test_unusable_requests_are_refused() -> None:
     goal, start = request(1)
-    with pytest.raises(GoalError, match="is a pose"):
+    with pytest.raises(RobotError, match="no link is called 'hand'"):
         planner().plan(SequenceGoal((Pose("hand", [0, 0, 0]),)), start)
+    with pytest.raises(GoalError, match="target 2: no configuration within the joint limits"):
+        planner().plan(SequenceGoal((goal.targets[0], Pose("wrist", [9, 9, 9]))), start)
     with pytest.raises(GoalError, match=r"target 1 .* no joint is called 'elbo'"):
         planner().plan(SequenceGoal((JointState(["elbo"], [0.0]),)), start)
     with pytest.raises(GoalError, match="outside its limits"):
@@ -209,5 +276,16 @@ def test_command_plans_through_vias(tmp_path: Path, capsys: pytest.CaptureFixtur
     assert facts["n_segments"] == 2
     assert facts["durations"][0] == pytest.approx(1.5)
     assert len(output.read_text().splitlines()) == len(facts["times"]) + 1
+    pose = wrist_pose(configurations(4)[3]).position
+    x, y, z = pose
+    arguments[-1] = f"wrist: {x} {y} {z}"
+    assert main([*arguments, "--via", f"wrist: {x} {y} {z + 0.05} @2", "--json"]) == 0
+    facts = json.loads(capsys.readouterr().out)
+    assert facts["n_segments"] == 3
+    assert facts["via_error"] < 1e-6
+    reached = wrist_pose(np.array(facts["positions"][-1])).position
+    np.testing.assert_allclose(reached, pose, atol=1e-6)
+    assert main([*arguments, "--via", "wrist: 1 2"]) == 2
+    assert "2 numbers" in capsys.readouterr().err
     assert main([*arguments, "--via", f"{via}@soon"]) == 2
     assert "number of seconds" in capsys.readouterr().err

@@ -247,11 +247,22 @@ def _pose(frame: str, text: str, option: str) -> Pose:
 def _via(text: str, names: Sequence[str]) -> Via:
     where, _, when = text.partition("@")
     phase = number_list(when, "the phase of --via")[0] if when else None
-    frame, is_pose, numbers = where.partition(":")
+    return Via(target(where, names, "--via"), phase)
+
+
+def target(text: str, names: Sequence[str], option: str) -> JointState | Pose:
+    """Read a configuration (name=value,…) or a pose ('FRAME: X Y Z' or with a quaternion).
+
+    Raises
+    ------
+    GoalError
+        If it is neither.
+    """
+    frame, is_pose, numbers = text.partition(":")
     if is_pose:
-        return Via(_pose(frame.strip(), numbers, "--via"), phase)
-    q = joint_values(where, names, "--via")
-    return Via(JointState(list(q), list(q.values())), phase)
+        return _pose(frame.strip(), numbers, option)
+    q = joint_values(text, names, option)
+    return JointState(list(q), list(q.values()))
 
 
 def _duration(text: str | None) -> float | None:

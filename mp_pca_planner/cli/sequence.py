@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""`sequence`: one motion through several configurations, offline, from primitive files."""
+"""`sequence`: one motion through configurations and poses, offline, from primitive files."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from ..primitives.primitive_library import load_primitives
 from ..robot import Robot
 from .common import DONE, FAILED, CommandParser, joint_values, print_json, run, split_time
 from .drawing import draw_motion
-from .plan import check_outputs, trajectory_columns, write_trajectory
+from .plan import check_outputs, target, trajectory_columns, write_trajectory
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -27,7 +27,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _parser() -> CommandParser:
     defaults = PlannerOptions()
     parser = CommandParser(
-        "sequence", "Plan one motion through several configurations that stops only at the last."
+        "sequence", "Plan one motion through configurations and poses that stops only at the last."
     )
     parser.add_argument("primitives", nargs="+", metavar="FILE", help="primitive files or folders")
     parser.add_argument("--robot", required=True, type=Path, metavar="URDF", help="the robot")
@@ -37,8 +37,9 @@ def _parser() -> CommandParser:
         "--via",
         action="append",
         default=[],
-        help=f"configuration to pass, again for each: {values}, then @T to be there T s after "
-        "the start; joints left out stay",
+        metavar="V[@T]",
+        help=f"configuration ({values}; joints left out stay) or pose ('FRAME: X Y Z' or with a "
+        "quaternion) to pass, again for each; with @T, T s after the start",
     )
     parser.add_argument("--goal", required=True, help="where to stop, likewise")
     parser.add_argument("--mode", choices=MODES, default=OPTIMAL, help="optimise, or only join")
@@ -107,8 +108,7 @@ def _goal(arguments: argparse.Namespace, names: Sequence[str]) -> SequenceGoal:
     targets, times = [], []
     for option, text in [*(("--via", via) for via in arguments.via), ("--goal", arguments.goal)]:
         values, moment = split_time(text, option)
-        positions = joint_values(values, names, option)
-        targets.append(JointState(list(positions), list(positions.values())))
+        targets.append(target(values, names, option))
         times.append(moment)
     return SequenceGoal(tuple(targets), tuple(times), arguments.use)
 
@@ -123,6 +123,7 @@ def _text(plan: SequencePlan) -> str:
             f"duration     {facts['duration']:.3f} s ({durations})",
             f"effort       {facts['effort_cost']:.4g} N²m²s",
             f"solve time   {1e3 * plan.solve_time:.2f} ms, {facts['iterations']} iterations",
+            f"target error {max(plan.via_error, plan.goal_error):.2g} rad or m",
             f"worst limit violation  {facts['limit_violation']:.2g} (relative, 1 ms grid)",
         ]
     )

@@ -27,7 +27,7 @@ from .constraints import LimitedProgram, LimitTables
 from .families import Family, component_family, corrected_family, spline_family
 from .motion import Motion
 from .objectives import Effort, Objective
-from .pose_search import POSE_TOLERANCE, configurations_at, nearest_configuration
+from .pose_search import POSE_TOLERANCE, configurations_at, nearest_configuration, starts_near
 from .selection import Selection, Selector
 from .solver import SolverMemory, SolverOptions, solve
 from .states import check_within_limits, completed, in_order, unwrapped
@@ -47,8 +47,6 @@ _MOST_POINTS = 100_000
 
 # Configurations that reach a pose to which motions are planned, the most natural first.
 _N_CONFIGURATIONS = 3
-# Demonstrations whose end points are tried as configurations that reach a pose.
-_N_ENDS = 10
 # Share of the time that goes to the duration that was asked for.
 _SHARE_OF_FIXED = 0.6
 # The search for the shortest duration: first step, precision, and passes over the nodes of
@@ -578,9 +576,7 @@ class Planner:
     ) -> list[JointState]:
         """Configurations that reach the pose, from where the demonstrations end and from here."""
         ends = np.concatenate([p.boundary_states[:, 3] for p in candidates])
-        places = self.robot.frame_positions(ends, [pose.frame])[:, 0]
-        near = np.linalg.norm(places - pose.position, axis=1).argsort(kind="stable")[:_N_ENDS]
-        starts = [*ends[near], here.positions]
+        starts = [*starts_near(self.robot, pose, ends), here.positions]
         found = configurations_at(self.robot, self.limits, pose, starts)
         return [JointState(here.joint_names, unwrapped(q, here, self.robot)) for q in found]
 

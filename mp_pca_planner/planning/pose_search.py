@@ -25,10 +25,34 @@ POSE_TOLERANCE = 1e-6
 _MOST_STEPS = 100
 _REACHED = 1e-10
 _FIRST_DAMPING, _MOST_DAMPING = 1e-3, 1e8
+# Known configurations that are searched from.
+_N_KNOWN = 10
 # Further starts, spread over the limits, if those that are given come to nothing.
 _N_RANDOM = 40
 # Configurations that are nearer to each other [rad or m] are taken for one.
 _DISTINCT = 0.05
+
+
+def starts_near(robot: Robot, pose: Pose, known: FloatArray) -> list[FloatArray]:
+    """Those of known configurations whose frame is nearest to a pose, to search from.
+
+    Parameters
+    ----------
+    robot : Robot
+        The model.
+    pose : Pose
+        What to reach.
+    known : array, shape (n_configurations, n_joints)
+        Ends of demonstrations, for example.
+
+    Raises
+    ------
+    RobotError
+        If there is no such frame.
+    """
+    places = robot.frame_positions(known, [pose.frame])[:, 0]
+    distances = np.linalg.norm(places - pose.position, axis=1)
+    return list(known[distances.argsort(kind="stable")[:_N_KNOWN]])
 
 
 def configurations_at(

@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Sequences of primitives through via configurations, joined to the second derivative.
+"""Sequences of primitives through configurations and poses, joined to the second derivative.
 
 Between the vias, each segment is a motion q(s) = h(s) + μ(s) + Σ wₖ φₖ(s) of the primitive whose
 demonstrations are nearest. As shapes vanish with two derivatives at both ends, segments join in
@@ -15,6 +15,10 @@ segments together, by a Levenberg–Marquardt method on the sum of squares ½∫
 naturalness of each segment. A segment shares unknowns with its neighbours only, so that the
 Hessian is banded, and an iteration costs time linear in the number of segments. The durations
 between two fixed times keep their sum.
+
+A pose is first reached in that of several configurations which makes the sequence most like the
+demonstrations. In an optimal sequence its configuration is one more unknown, which steps keep,
+to first order, at the pose; each is then brought back to it to the last digits.
 """
 
 from __future__ import annotations
@@ -25,11 +29,12 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg import LinAlgError, cho_solve_banded, cholesky_banded
 
 from ..arrays import FloatArray
 from ..exceptions import GoalError, TrajectoryError, unknown_name
-from ..goal import JointState, SequenceGoal
+from ..goal import JointState, Pose, SequenceGoal
 from ..limits import JointLimits
 from ..primitives.boundary import boundary_values
 from ..primitives.primitive import MovementPrimitive
@@ -38,11 +43,17 @@ from ..robot import Robot
 from ..trajectory import Trajectory
 from ..validation import LimitCheck, check_executable, check_limits
 from .compiler import QuadratureTables
-from .conditions import JointTarget, Target
+from .conditions import JointTarget, PoseTarget, Target
 from .motion import Motion
 from .planner import INFEASIBLE, LONGEST_DURATION, SOLVED, STOPPED_EARLY
-from .selection import Considered, Selector, effort_of
-from .states import check_within_limits, completed, in_order
+from .pose_search import (
+    POSE_TOLERANCE,
+    configurations_at,
+    nearest_configuration,
+    starts_near,
+)
+from .selection import Selector, effort_of
+from .states import check_within_limits, completed, in_order, unwrapped
 
 REAL_TIME, OPTIMAL = "real_time", "optimal"
 MODES = (REAL_TIME, OPTIMAL)
@@ -56,6 +67,8 @@ _DURATION_SPREAD = 0.3
 _PENALTIES = ((0.0, 0.0), (30.0, 0.02), (1e3, 0.02), (3e4, 0.03))
 _MOST_STRETCHES = 12
 _MOST_TARGETS = 1000
+# Configurations that reach a pose which are weighed against each other.
+_MOST_CONFIGURATIONS = 6
 # Passing velocities are lowered in these steps where a position limit is overshot.
 _SLOWER = (1.0, 0.5, 0.25, 0.0)
 
@@ -135,7 +148,7 @@ class SequencePlan:
 
 
 class SequencePlanner:
-    """Plans motions through several configurations.
+    """Plans motions through several configurations and poses.
 
     Parameters
     ----------
@@ -172,12 +185,12 @@ class SequencePlanner:
         self._max_solve_time = max_solve_time
 
     def plan(self, goal: SequenceGoal, start: JointState, mode: str = OPTIMAL) -> SequencePlan:
-        """Plan a motion through the configurations of a goal.
+        """Plan a motion through the configurations and poses of a goal.
 
         Parameters
         ----------
         goal : SequenceGoal
-            Where to go; its targets must be configurations. The last is reached at rest.
+            Where to go. The last target is reached at rest.
         start : JointState
             Present state of all joints.
         mode : {'real_time', 'optimal'}
@@ -189,6 +202,8 @@ class SequencePlanner:
         ------
         GoalError
             If the goal or the state can't be used.
+        RobotError
+            If a pose is of no frame of the robot.
         """
         if mode not in MODES:
             raise GoalError(f"the mode of a sequence must be one of {MODES}, got {mode!r}")
@@ -224,24 +239,12 @@ class SequencePlanner:
 
     def _complete(self, goal: SequenceGoal, start: JointState) -> _Request:
         self._check_size(goal)
-        names = self._robot.joint_names
-        here = in_order(start, names)
+        here = in_order(start, self._robot.joint_names)
         check_within_limits("present", here, self._limits)
-        states, expected, primitives = [here], [], []
-        targets: list[Target] = []
-        for number, target in enumerate(goal.targets, start=1):
-            if not isinstance(target, JointState):
-                raise GoalError(
-                    f"target {number} of the sequence is a pose: only configurations are accepted"
-                )
-            what = f"target {number}"
-            there = JointState(names, completed(target, states[-1], self._robot, what).positions)
-            check_within_limits(what, there, self._limits)
-            chosen = self._select(states[-1], there, goal.primitive)
-            targets.append(JointTarget(np.arange(len(names)), there.positions, len(names)))
-            states.append(there)
-            expected.append(chosen.expected)
-            primitives.append(chosen.primitive)
+        selector = self._selector_for(goal.primitive)
+        states = self._route(goal, here, selector)
+        chosen = [selector.choose(a.positions, b.positions).first for a, b in pairwise(states)]
+        expected = [one.expected for one in chosen]
         durations = _fit_durations([e.duration for e in expected], goal.times)
         if sum(durations) > LONGEST_DURATION:
             raise GoalError(
@@ -250,8 +253,78 @@ class SequencePlanner:
             )
         groups = _groups(goal.times)
         return _Request(
-            tuple(states), tuple(targets), tuple(primitives), tuple(expected), durations, groups
+            tuple(states),
+            tuple(map(self._target, goal.targets, states[1:])),
+            tuple(one.primitive for one in chosen),
+            tuple(expected),
+            durations,
+            groups,
         )
+
+    def _target(self, target: JointState | Pose, there: JointState) -> Target:
+        if isinstance(target, Pose):
+            return PoseTarget(self._robot, target)
+        n = self._robot.n_joints
+        return JointTarget(np.arange(n), there.positions, n)
+
+    def _route(
+        self, goal: SequenceGoal, here: JointState, selector: Selector
+    ) -> tuple[JointState, ...]:
+        """The states at the start and the targets, most like the demonstrations.
+
+        Where poses leave a choice, the sum of squared in-span scores is least (dynamic
+        programming over the configurations that were found).
+        """
+        known = np.concatenate([p.boundary_states[:, [0, 3]] for p in selector.primitives])
+        known = known.reshape(-1, self._robot.n_joints)
+        routes = [_Route(0.0, (here,))]
+        for number, target in enumerate(goal.targets, start=1):
+            if isinstance(target, Pose):
+                routes = self._through(target, number, routes, known, selector)
+                continue
+            what = f"target {number}"
+            longer = []
+            for route in routes:
+                positions = completed(target, route.states[-1], self._robot, what).positions
+                there = JointState(here.joint_names, positions)
+                check_within_limits(what, there, self._limits)
+                longer.append(route.to(there, selector))
+            named_all = len(target.joint_names) == self._robot.n_joints
+            routes = [min(longer, key=lambda route: route.cost)] if named_all else longer
+        return min(routes, key=lambda route: route.cost).states
+
+    def _through(
+        self,
+        pose: Pose,
+        number: int,
+        routes: Sequence[_Route],
+        known: FloatArray,
+        selector: Selector,
+    ) -> list[_Route]:
+        """The best route to each of the configurations that reach a pose."""
+        starts = [route.states[-1].positions for route in routes]
+        starts += starts_near(self._robot, pose, known)
+        try:
+            found = configurations_at(self._robot, self._limits, pose, starts)
+        except GoalError as error:
+            raise GoalError(f"target {number}: {error}") from None
+        longer = []
+        for q in found[:_MOST_CONFIGURATIONS]:
+            ways = []
+            for route in routes:
+                before = route.states[-1]
+                there = JointState(before.joint_names, unwrapped(q, before, self._robot))
+                ways.append(route.to(there, selector))
+            longer.append(min(ways, key=lambda route: route.cost))
+        return longer
+
+    def _selector_for(self, name: str | None) -> Selector:
+        """Among all primitives, or the only one that the goal names."""
+        if name is None:
+            return self._selector
+        if name not in self._primitives:
+            raise GoalError(unknown_name("primitive", name, self._primitives))
+        return Selector(self._robot, [self._primitives[name]])
 
     def _check_size(self, goal: SequenceGoal) -> None:
         """Refuse what would take all time or memory, before it does."""
@@ -266,15 +339,6 @@ class SequencePlanner:
                 f"the sequence asks for a time of {last:.4g} s, at most {LONGEST_DURATION:g} s are "
                 "accepted"
             )
-
-    def _select(self, here: JointState, there: JointState, wanted: str | None) -> Considered:
-        """The primitive for a segment, and what it expects."""
-        if wanted is None:
-            return self._selector.choose(here.positions, there.positions).first
-        if wanted not in self._primitives:
-            raise GoalError(unknown_name("primitive", wanted, self._primitives))
-        only = Selector(self._robot, [self._primitives[wanted]])
-        return only.choose(here.positions, there.positions).first
 
     def _within_limits(
         self, request: _Request, deadline: float
@@ -313,6 +377,10 @@ class SequencePlanner:
                 break
         assert check is not None
         return motions, check, passes
+
+    def _in_span_score(self, primitive: MovementPrimitive, motion: Motion) -> float:
+        scores = self._selector.scores(motion.start.positions, motion.goal.positions)
+        return float(scores[self._selector.primitives.index(primitive)])
 
     def _sample(self, motions: Sequence[Motion]) -> Trajectory:
         times, states, began = [], [], 0.0
@@ -356,7 +424,10 @@ class SequencePlanner:
             trajectory=trajectory,
             motions=motions,
             primitives=tuple(p.name for p in request.primitives),
-            in_span_score=max(e.in_span_score for e in request.expected),
+            in_span_score=max(
+                self._in_span_score(p, motion)
+                for p, motion in zip(request.primitives, motions, strict=True)
+            ),
             effort_cost=sum(effort_of(self._robot, motion) for motion in motions),
             iterations=iterations,
             limit_check=check,
@@ -365,6 +436,19 @@ class SequencePlanner:
             via_error=max(vias, default=0.0),
             solve_time=solve_time,
         )
+
+
+@dataclass(frozen=True, eq=False)
+class _Route:
+    """States up to a target, and the sum of squared in-span scores of the ways between them."""
+
+    cost: float
+    states: tuple[JointState, ...]
+
+    def to(self, there: JointState, selector: Selector) -> _Route:
+        """Go on to a state."""
+        scores = selector.scores(self.states[-1].positions, there.positions)
+        return _Route(self.cost + float(scores.min()) ** 2, (*self.states, there))
 
 
 @dataclass(frozen=True, eq=False)
@@ -470,8 +554,9 @@ def _stretched(check: LimitCheck, durations: list[float], request: _Request) -> 
 class _Segment:
     """One segment's part of the program.
 
-    Its unknowns are, in this order: velocity and acceleration at its start, scaled weights, the
-    logarithm of its duration, velocity and acceleration at its end; 4 n + m + 1 of them.
+    Its unknowns are, in this order: position, velocity and acceleration at its start, scaled
+    weights, the logarithm of its duration, position, velocity and acceleration at its end;
+    6 n + m + 1 of them.
     """
 
     def __init__(self, robot: Robot, limits: JointLimits, motion: Motion, tables: QuadratureTables):
@@ -483,42 +568,54 @@ class _Segment:
         self._centre = np.stack([centre, *np.zeros((3, self.n))])
         self._bounds = np.stack([half, limits.velocity, limits.acceleration, limits.effort])
 
-    def linearise(
-        self, u: FloatArray, penalty: float, margin: float
-    ) -> tuple[FloatArray, FloatArray]:
-        """Residuals of effort and of broken limits, and their derivatives by the unknowns."""
-        n, m, tables = self.n, self.m, self._tables
-        duration = float(np.exp(u[2 * n + m]))
-        powers = np.array([0.0, 1.0, 2.0, 0.0, 1.0, 2.0])
-        ends = boundary_values(
-            (self.motion.start.positions, u[:n], u[n : 2 * n]),
-            (self.motion.goal.positions, u[2 * n + m + 1 : 3 * n + m + 1], u[3 * n + m + 1 :]),
-            duration,
+    def unknowns(self) -> FloatArray:
+        """Their values for the motion."""
+        motion = self.motion
+        begin, end = (
+            np.concatenate([state.positions, state.velocities, state.accelerations])
+            for state in (motion.start, motion.goal)
         )
+        own = np.append(motion.weights / motion.basis.scales, np.log(motion.duration))
+        return np.concatenate([begin, own, end])
+
+    def scales(self) -> FloatArray:
+        """Usual sizes of their changes."""
+        n, duration = self.n, self.motion.duration
+        end = np.repeat([1.0, 1.0 / duration, 5.0 / duration**2], n)
+        return np.concatenate([end, np.ones(self.m + 1), end])
+
+    def linearise(
+        self, u: FloatArray, free: NDArray[np.intp], penalty: float, margin: float
+    ) -> tuple[FloatArray, FloatArray]:
+        """Residuals of effort and of broken limits, and their derivatives by free unknowns."""
+        n, m, tables = self.n, self.m, self._tables
+        clock = 3 * n + m
+        begin = u[:n], u[n : 2 * n], u[2 * n : 3 * n]
+        end = u[clock + 1 : -2 * n], u[-2 * n : -n], u[-n:]
+        duration = float(np.exp(u[clock]))
+        powers = np.array([0.0, 1.0, 2.0, 0.0, 1.0, 2.0])
+        ends = boundary_values(begin, end, duration)
         rates = duration ** -np.arange(3.0)
         hermite, functions = tables.hermite[:3], tables.functions[:, :3]
-        shape = tables.mean[:3] + (functions @ u[2 * n : 2 * n + m]).transpose(1, 0, 2)
+        shape = tables.mean[:3] + (functions @ u[3 * n : clock]).transpose(1, 0, 2)
         states = (hermite @ ends + shape) * rates[:, None, None]
-        by = np.zeros((hermite.shape[1], 3, n, 4 * n + m + 1))
+        by = np.zeros((hermite.shape[1], 3, n, u.size))
         eye = np.eye(n)
-        for column, function, power in (
-            (0, 1, 1),
-            (n, 2, 2),
-            (2 * n + m + 1, 4, 1),
-            (3 * n + m + 1, 5, 2),
-        ):
+        for function, power in enumerate(powers):
+            column = function * n if function < 3 else clock + 1 + (function - 3) * n
             values = (hermite[:, :, function] * (duration**power * rates)[:, None]).T
             by[:, :, :, column : column + n] = values[:, :, None, None] * eye
-        by[..., 2 * n : 2 * n + m] = functions * rates[:, None, None]
+        by[..., 3 * n : clock] = functions * rates[:, None, None]
         growth = (hermite @ (powers[:, None] * ends)) * rates[:, None, None]
         growth -= np.arange(3.0)[:, None, None] * states
-        by[..., 2 * n + m] = growth.transpose(1, 0, 2)
+        by[..., clock] = growth.transpose(1, 0, 2)
+        by = by[..., free]
         tau, dtau = self._robot.inverse_dynamics_derivatives(*states)
         by_effort = dtau @ by.reshape(len(tau), 3 * n, -1)
         root = np.sqrt(tables.quadrature * duration)[:, None]
         residual = [(tau * root).ravel()]
         jacobian = by_effort * root[:, :, None]
-        jacobian[..., 2 * n + m] += 0.5 * tau * root
+        jacobian[..., free == clock] += (0.5 * tau * root)[..., None]
         jacobians = [jacobian.reshape(tau.size, -1)]
         if penalty > 0.0:
             values = np.concatenate([states, tau[None]])
@@ -535,7 +632,11 @@ class _Segment:
 
 
 class _Program:
-    """The whole sequence: unknowns in the order segment, via, segment, via, …, segment."""
+    """The whole sequence: unknowns in the order segment, target, segment, …, target.
+
+    Those of a segment are its weights and its duration; those of a target its position, if it is
+    a pose, and velocity and acceleration, unless it is the last.
+    """
 
     def __init__(
         self,
@@ -547,33 +648,44 @@ class _Program:
     ) -> None:
         n = robot.n_joints
         self._n, self._start_motions = n, start
+        self._robot, self._limits = robot, limits
         tables = {p.name: QuadratureTables(p.basis) for p in request.primitives}
         self.segments = [
             _Segment(robot, limits, motion, tables[primitive.name])
             for motion, primitive in zip(start, request.primitives, strict=True)
         ]
-        # Where the weights and the duration of each segment, and each via, are among the unknowns.
-        self._offsets, at = [], 0
-        for segment in self.segments:
-            self._offsets.append(at)
-            at += segment.m + 1 + 2 * n
-        self.size = at - 2 * n
+        # Of each segment: all of its unknowns, which of them are free, where those are among all
+        # free ones, and where its weights and its duration are. Of poses: where positions are.
+        self._locals = [segment.unknowns() for segment in self.segments]
+        self._free: list[NDArray[np.intp]] = []
+        self._where: list[slice] = []
+        self._own: list[slice] = []
+        self._posed: list[tuple[slice, PoseTarget]] = []
+        at, before = 0, np.arange(0)
+        for i, (segment, target) in enumerate(zip(self.segments, request.targets, strict=True)):
+            own = 3 * n + np.arange(segment.m + 1)
+            after = np.arange(3 * n if i + 1 < len(start) else n)
+            self._own.append(slice(at, at + own.size))
+            at += own.size
+            if isinstance(target, PoseTarget):
+                self._posed.append((slice(at, at + n), target))
+            else:
+                after = after[n:]
+            at += after.size
+            self._free.append(np.concatenate([before, own, own[-1] + 1 + after]))
+            self._where.append(slice(at - self._free[-1].size, at))
+            before = after
+        self.size = at
+        self._band = min(max(free.size for free in self._free), self.size) - 1
         self._scales = np.ones(self.size)
         x = np.zeros(self.size)
-        for i, (segment, motion) in enumerate(zip(self.segments, start, strict=True)):
-            at, m = self._offsets[i], segment.m
-            x[at : at + m] = motion.weights / motion.basis.scales
-            x[at + m] = np.log(motion.duration)
-            if i + 1 < len(start):
-                via = at + m + 1
-                x[via : via + n] = motion.goal.velocities
-                x[via + n : via + 2 * n] = motion.goal.accelerations
-                self._scales[via : via + n] = 1.0 / motion.duration
-                self._scales[via + n : via + 2 * n] = 5.0 / motion.duration**2
+        for segment, local, free, where in zip(
+            self.segments, self._locals, self._free, self._where, strict=True
+        ):
+            x[where], self._scales[where] = local[free], segment.scales()[free]
         self.start = x
         self._groups = [group for group, _ in request.groups]
         self._durations = [motion.duration for motion in start]
-        self._band = min(max(s.m for s in self.segments) + 4 * n, self.size - 1)
         self._priors = []
         for segment, motion, expected in zip(self.segments, start, request.expected, strict=True):
             usual = effort_of(robot, motion)
@@ -585,15 +697,11 @@ class _Program:
             self._priors.append((naturalness * usual * precision, centre))
         self._reference = sum(effort_of(robot, motion) for motion in start)
 
-    def _local(self, x: FloatArray, i: int) -> tuple[FloatArray, slice]:
-        """The unknowns of a segment, and where those among them that are free are in x."""
-        n, m, at = self._n, self.segments[i].m, self._offsets[i]
-        first, last = i == 0, i == len(self.segments) - 1
-        motion = self._start_motions[i]
-        head = [motion.start.velocities, motion.start.accelerations] if first else []
-        tail = [motion.goal.velocities, motion.goal.accelerations] if last else []
-        where = slice(at - (0 if first else 2 * n), at + m + 1 + (0 if last else 2 * n))
-        return np.concatenate([*head, x[where], *tail]), where
+    def _local(self, x: FloatArray, i: int) -> FloatArray:
+        """All unknowns of a segment."""
+        u = self._locals[i].copy()
+        u[self._free[i]] = x[self._where[i]]
+        return u
 
     def motions(self, x: FloatArray) -> tuple[Motion, ...]:
         """The segments that unknowns stand for."""
@@ -602,17 +710,16 @@ class _Program:
         names = self._start_motions[0].start.joint_names
         before = self._start_motions[0].start
         for i, (segment, old) in enumerate(zip(self.segments, self._start_motions, strict=True)):
-            u, _ = self._local(x, i)
-            m = segment.m
-            tail = u[2 * n + m + 1 :]
-            goal = JointState(names, old.goal.positions, tail[:n], tail[n:])
+            u = self._local(x, i)
+            clock = 3 * n + segment.m
+            goal = JointState(names, *u[clock + 1 :].reshape(3, n))
             motions.append(
                 replace(
                     old,
                     start=before,
                     goal=goal,
                     duration=durations[i],
-                    weights=u[2 * n : 2 * n + m] * old.basis.scales,
+                    weights=u[3 * n : clock] * old.basis.scales,
                 )
             )
             before = goal
@@ -620,7 +727,7 @@ class _Program:
 
     def _exact_durations(self, x: FloatArray) -> list[float]:
         """Durations, their sums over groups to the last bits."""
-        durations = [float(np.exp(x[self._offsets[i] + s.m])) for i, s in enumerate(self.segments)]
+        durations = [float(np.exp(x[own.stop - 1])) for own in self._own]
         for group in self._groups:
             factor = sum(self._durations[i] for i in group) / sum(durations[i] for i in group)
             for i in group:
@@ -631,27 +738,25 @@ class _Program:
         self, x: FloatArray, penalty: float, margin: float
     ) -> tuple[float, FloatArray, FloatArray]:
         """Cost, gradient and Gauss–Newton Hessian (lower band) by scaled unknowns."""
-        n, cost = self._n, 0.0
+        cost = 0.0
         gradient = np.zeros(self.size)
         band = np.zeros((self._band + 1, self.size))
         for i, segment in enumerate(self.segments):
-            u, where = self._local(x, i)
-            residual, jacobian = segment.linearise(u, penalty * self._reference, margin)
-            first = 2 * n if i == 0 else 0
-            free = slice(first, first + where.stop - where.start)
-            jacobian = jacobian[:, free]
+            where, own = self._where[i], self._own[i]
+            residual, jacobian = segment.linearise(
+                self._local(x, i), self._free[i], penalty * self._reference, margin
+            )
             hessian = jacobian.T @ jacobian
             slope = jacobian.T @ residual
             precision, centre = self._priors[i]
-            own = slice(2 * n - first, 2 * n - first + segment.m + 1)
-            deviation = u[2 * n : 2 * n + segment.m + 1] - centre
+            deviation = x[own] - centre
             pull = precision @ deviation
-            hessian[own, own] += precision
-            slope[own] += pull
+            inside = slice(own.start - where.start, own.stop - where.start)
+            hessian[inside, inside] += precision
+            slope[inside] += pull
             cost += 0.5 * float(residual @ residual + deviation @ pull)
             gradient[where] += slope
-            size = len(slope)
-            for d in range(size):
+            for d in range(len(slope)):
                 band[d, where.start : where.stop - d] += np.diagonal(hessian, -d)
         scaled = band.copy()
         for d in range(self._band + 1):
@@ -672,6 +777,9 @@ class _Program:
                 continue
             predicted = -float(gradient @ step) - 0.5 * _quadratic(band, step)
             new = self._shifted(x, step)
+            if new is None:
+                damping *= 5.0
+                continue
             new_cost, new_gradient, new_band = self._assemble(new, penalty, margin)
             passes += 1
             decrease = cost - new_cost
@@ -687,31 +795,42 @@ class _Program:
                     break
         return x, passes
 
-    def _shifted(self, x: FloatArray, step: FloatArray) -> FloatArray:
-        """Take a step, with the sums of durations restored."""
+    def _shifted(self, x: FloatArray, step: FloatArray) -> FloatArray | None:
+        """Take a step, with poses and sums of durations restored; None if a pose can't be."""
         new = np.asarray(x + self._scales * step)
+        for where, target in self._posed:
+            pose = target.pose
+            new[where], error = nearest_configuration(self._robot, self._limits, pose, new[where])
+            if np.abs(error).max() > POSE_TOLERANCE:
+                return None
         for i, duration in enumerate(self._exact_durations(new)):
-            new[self._offsets[i] + self.segments[i].m] = np.log(duration)
+            new[self._own[i].stop - 1] = np.log(duration)
         return new
 
     def _step(
         self, x: FloatArray, gradient: FloatArray, band: FloatArray, damping: float
     ) -> FloatArray | None:
-        """The damped Newton step that keeps, to first order, the sums of durations."""
+        """The damped Newton step that keeps, to first order, poses and sums of durations."""
         damped = band.copy()
         damped[0] += damping
         try:
             factor = cholesky_banded(damped, lower=True, check_finite=False)
         except LinAlgError:
             return None
-        rows = np.zeros((self.size, len(self._groups)))
-        for column, group in enumerate(self._groups):
+        kept = np.zeros((len(self._groups), self.size))
+        for row, group in zip(kept, self._groups, strict=True):
             for i in group:
-                place = self._offsets[i] + self.segments[i].m
-                rows[place, column] = np.exp(x[place])
-        solved = cho_solve_banded((factor, True), np.column_stack([gradient, rows]))
+                place = self._own[i].stop - 1
+                row[place] = np.exp(x[place])
+        for where, target in self._posed:
+            slopes = target.error(x[where])[1]
+            rows = np.zeros((len(slopes), self.size))
+            rows[:, where] = slopes
+            kept = np.vstack([kept, rows])
+        solved = cho_solve_banded((factor, True), np.column_stack([gradient, kept.T]))
         free, across = solved[:, 0], solved[:, 1:]
-        multipliers = np.linalg.solve(rows.T @ across, rows.T @ free)
+        # A pose may have more equations than joints.
+        multipliers = np.linalg.lstsq(kept @ across, kept @ free, rcond=None)[0]
         return np.asarray(across @ multipliers - free)
 
 
