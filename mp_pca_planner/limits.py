@@ -118,6 +118,7 @@ def read_limits_file(path: str | Path, joint_names: Sequence[str]) -> dict[str, 
     path :
         A YAML file with a mapping ``joint_limits: {joint: {max_velocity: …}}``, MoveIt's
         ``has_…_limits`` switches included; ``max_effort`` and ``max_jerk`` are accepted too.
+        Its default scaling factors are what MoveIt asks for, no limits: they are not applied.
     joint_names :
         Joints of the robot; an entry for another one is refused.
 
