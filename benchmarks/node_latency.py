@@ -9,16 +9,17 @@ The time from sending a goal to receiving its trajectory is measured; run it as
 from __future__ import annotations
 
 import argparse
+import os
 import time
 from subprocess import Popen
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
-from node_setup import URDF, joint_states, processor_time, running_node, use_own_domain
+from node_setup import URDF, joint_states, processor_time, running_node
 from sensor_msgs.msg import JointState
 
 from mp_pca_planner.recordings.synthetic import JOINT_NAMES, SyntheticMotion, generate_motions
-from mp_pca_planner.ros.client import Answer, GoalClient
+from mp_pca_planner.ros.client import Answer, GoalClient, this_machine_only
 
 RATES = (20.0, 1000.0)
 _N_ROUNDS = 4
@@ -30,7 +31,7 @@ def main() -> None:
     parser.add_argument("--goals", type=int, default=400, help="number of goals for each rate")
     parser.add_argument("--idle", type=float, default=5.0, help="time without goals [s]")
     arguments = parser.parse_args()
-    use_own_domain()
+    os.environ.update(this_machine_only())
     motions = generate_motions(arguments.goals // _N_ROUNDS, seed=2)
     answers: dict[float, list[Answer]] = {rate: [] for rate in RATES}
     shares: dict[float, list[float]] = {rate: [] for rate in RATES}

@@ -25,12 +25,6 @@ URDF = config_file("human_arm.urdf")
 PROCESSES = multiprocessing.get_context("spawn")
 
 
-def use_own_domain() -> None:
-    """Keep away from other robots."""
-    os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
-    os.environ.setdefault("ROS_DOMAIN_ID", str(1 + os.getpid() % 101))
-
-
 @contextmanager
 def primitive_file() -> Iterator[Path]:
     """A primitive of that arm."""

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import argparse
 import itertools
+import os
 import sys
 import time
 from multiprocessing import Queue
@@ -22,12 +23,11 @@ from node_setup import (
     joint_states,
     resident_megabytes,
     running_node,
-    use_own_domain,
 )
 from sensor_msgs.msg import JointState
 
 from mp_pca_planner.recordings.synthetic import JOINT_NAMES, generate_motions
-from mp_pca_planner.ros.client import GoalClient, NoAnswerError, is_served
+from mp_pca_planner.ros.client import GoalClient, NoAnswerError, is_served, this_machine_only
 
 _KINDS = ("good", "bad", "mixed")
 _MOST_MEGABYTES = 5.0
@@ -40,7 +40,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--goals", type=int, default=21_000, help="number of goals")
     n_goals = parser.parse_args().goals // len(_KINDS)
-    use_own_domain()
+    os.environ.update(this_machine_only())
     start = generate_motions(1, seed=2)[0].positions[0].tolist()
     answers: Queue[tuple[str, str, float, float]] = PROCESSES.Queue()
     with (

@@ -57,11 +57,9 @@ def main() -> None:
     arguments = parser.parse_args()
     folder = arguments.output
     (folder / "primitives").mkdir(parents=True, exist_ok=True)
-    # Nobody else's robots: this machine only, and a domain of our own unless one is set.
-    os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
-    os.environ.setdefault("ROS_DOMAIN_ID", str(1 + os.getpid() % 101))
-    from mp_pca_planner.ros.client import GoalClient, start_node
+    from mp_pca_planner.ros.client import GoalClient, start_node, this_machine_only
 
+    os.environ.update(this_machine_only())
     urdf = config_file("human_arm.urdf").read_text(encoding="utf-8")
     model = Robot(urdf, JOINT_NAMES)
     request = generate_motions(1, 5)[0].positions

@@ -12,6 +12,7 @@ import re
 import signal
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -40,7 +41,7 @@ from mp_pca_planner.primitives.build import build_primitive
 from mp_pca_planner.primitives.file import load_primitive, save_primitive
 from mp_pca_planner.recordings.demonstration import Demonstration
 from mp_pca_planner.resources import config_file
-from mp_pca_planner.ros.client import Answer, GoalClient, start_node
+from mp_pca_planner.ros.client import Answer, GoalClient, start_node, this_machine_only
 from mp_pca_planner.ros.parameters import DECLARATIONS, limit_declarations
 
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
@@ -72,8 +73,8 @@ def running_node(log: Path, *ros_arguments: str) -> Iterator[subprocess.Popen[st
 
 def set_domain(patch: pytest.MonkeyPatch, offset: int) -> None:
     """Meet only nodes of this test run: those of the same offset."""
-    patch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-    patch.setenv("ROS_DOMAIN_ID", str(1 + (os.getpid() + offset) % 101))
+    for name, value in this_machine_only(1 + (os.getpid() + offset) % 101).items():
+        patch.setenv(name, value)
 
 
 @pytest.fixture(scope="module")
@@ -806,15 +807,19 @@ def test_wrong_arguments_end_the_node_with_one_line_and_status_2(primitives: Pat
 
 
 @pytest.mark.usefixtures("own_domain")
-def test_sigterm_ends_the_node_as_cleanly_as_sigint(tmp_path: Path) -> None:
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_node_ends_cleanly_however_often_it_is_told_to(tmp_path: Path, number: int) -> None:
     log = tmp_path / "log.txt"
     with log.open("w") as output:
         process = start_node(output=output)
     try:
         with GoalClient() as client:
             client.wait_for_node()
-        process.terminate()
-        assert process.wait(timeout=20.0) == 0
+        deadline = time.monotonic() + 20.0
+        while process.poll() is None and time.monotonic() < deadline:
+            process.send_signal(number)
+            time.sleep(0.005)
+        assert process.returncode == 0
     finally:
         process.kill()
     assert "Traceback" not in log.read_text()

@@ -122,11 +122,9 @@ class _Served:
 
 def _plan_over_topics(folder: Path, primitive_file: Path) -> list[_Served]:
     """Start the node in a process of its own and act as its robot and its user."""
-    # Nobody else's robots: this machine only, and a domain of our own unless one is set.
-    os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
-    os.environ.setdefault("ROS_DOMAIN_ID", str(1 + os.getpid() % 101))
-    from ..ros.client import GoalClient, start_node
+    from ..ros.client import GoalClient, start_node, this_machine_only
 
+    os.environ.update(this_machine_only())
     parameters = folder / "planner.yaml"
     description = config_file("human_arm.urdf").read_text(encoding="utf-8")
     values = {"primitives": [str(primitive_file)], "robot_description": description}

@@ -15,7 +15,6 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import BarycentricInterpolator
 
 from ..arrays import FloatArray
 from ..limits import JointLimits
@@ -107,6 +106,9 @@ def _hermite_tables(n_points: int) -> FloatArray:
 @lru_cache(maxsize=16)
 def _interpolation(nodes: bytes, breakpoints: bytes, points: bytes) -> FloatArray:
     """Matrix from values at nodes to those, in each piece, of the polynomial through them."""
+    # Late, so that the node starts fast.
+    from scipy.interpolate import BarycentricInterpolator
+
     known, edges, wanted = (np.frombuffer(x) for x in (nodes, breakpoints, points))
     matrix = np.zeros((wanted.size, known.size))
     piece_of_node, piece_of_point = (np.searchsorted(edges[1:-1], x) for x in (known, wanted))

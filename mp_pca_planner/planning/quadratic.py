@@ -15,7 +15,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import lapack
-from scipy.optimize import nnls
 
 from ..arrays import FloatArray
 
@@ -60,6 +59,9 @@ def solve_quadratic(
     solution : QuadraticSolution or None
         None if the constraints contradict each other (or H is not positive definite).
     """
+    # Late, so that the node starts fast.
+    from scipy.optimize import nnls
+
     factor, failed = lapack.dpotrf(hessian, lower=1)
     if failed:
         return None

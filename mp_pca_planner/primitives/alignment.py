@@ -11,13 +11,17 @@ are kept with the primitive, so that each demonstration is known with its own ti
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.interpolate import CubicHermiteSpline, PchipInterpolator
 
 from ..arrays import FloatArray
-from ..recordings.demonstration import Demonstration
 from .boundary import hermite_functions
+
+if TYPE_CHECKING:
+    from scipy.interpolate import PchipInterpolator
+
+    from ..recordings.demonstration import Demonstration
 
 ALIGNMENTS = ("linear", "arc_length", "dtw")
 """Ways to align: equal shares of the time; equal shares of the way; nearest to the mean shape."""
@@ -144,14 +148,21 @@ def aligned_positions(
     phases : array, shape (n_steps,)
         Aligned phases in [0, 1].
     """
+    # Late, so that the node starts fast.
+    from scipy.interpolate import CubicHermiteSpline
+
     spline = CubicHermiteSpline(
         demonstration.times, demonstration.positions, demonstration.velocities, axis=0
     )
     return np.asarray(spline(demonstration.duration * own_phases(warp, phases)), dtype=np.float64)
 
 
-def _curve(warp: FloatArray) -> PchipInterpolator:
-    return PchipInterpolator(np.linspace(0.0, 1.0, len(warp)), warp)
+def _curve(values: FloatArray) -> PchipInterpolator:
+    """Monotone cubics through values at even steps from 0 to 1."""
+    # Late, so that the node starts fast.
+    from scipy.interpolate import PchipInterpolator
+
+    return PchipInterpolator(np.linspace(0.0, 1.0, len(values)), values)
 
 
 def _minimum_jerk(phases: FloatArray) -> FloatArray:
@@ -160,10 +171,9 @@ def _minimum_jerk(phases: FloatArray) -> FloatArray:
 
 def _dtw_warps(motions: FloatArray) -> FloatArray:
     """Warps of motions of shape (n_demonstrations, n_instants, n_joints)."""
-    instants = np.linspace(0.0, 1.0, motions.shape[1])
     way = motions[:, -1:] - motions[:, :1]
     straight = motions[:, :1] + _minimum_jerk(_KNOTS)[None, :, None] * way
-    curves = [PchipInterpolator(instants, motion) for motion in motions]
+    curves = [_curve(motion) for motion in motions]
     warps = np.tile(_KNOTS, (len(motions), 1))
     for _ in range(_N_ROUNDS):
         aligned = np.array([curve(warp) for curve, warp in zip(curves, warps, strict=True)])

@@ -13,8 +13,6 @@ from typing import Protocol
 
 import numpy as np
 from numpy.polynomial import legendre
-from scipy.interpolate import BSpline
-from scipy.special import eval_jacobi
 
 from ..arrays import FloatArray
 
@@ -126,6 +124,9 @@ class BSplineBasis:
     """
 
     def __init__(self, n_joints: int, n_control_points: int = 6, degree: int = 5) -> None:
+        # Late, so that the node starts fast.
+        from scipy.interpolate import BSpline
+
         self.n_joints = n_joints
         n_functions = n_control_points + N_END_CONDITIONS
         self.breakpoints = np.linspace(0.0, 1.0, n_functions - degree + 1)
@@ -285,6 +286,9 @@ def end_vanishing_coefficients(degree: int) -> FloatArray:
     coefficients : array, shape (degree - 5, degree + 1)
         One function per row.
     """
+    # Late, so that the node starts fast.
+    from scipy.special import eval_jacobi
+
     x, quadrature = legendre.leggauss(degree + 1)
     s = (x + 1.0) / 2.0
     values = np.array(

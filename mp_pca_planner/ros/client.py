@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 import time
@@ -26,6 +27,7 @@ from trajectory_msgs.msg import JointTrajectory
 from visualization_msgs.msg import MarkerArray
 
 from ..exceptions import PlannerError
+from ..resources import config_file
 from .messages import OVERTAKEN, to_stamp_text
 from .node import NODE_NAME
 
@@ -58,6 +60,23 @@ class Answer:
     def values(self) -> dict[str, str]:
         """The values of the report by name."""
         return _values(self.report)
+
+
+def this_machine_only(domain: int | None = None) -> dict[str, str]:
+    """Environment variables that keep nodes away from everybody else's robots.
+
+    Parameters
+    ----------
+    domain :
+        The DDS domain, 0 to 101; by default the one that is set, or one of this process's own.
+    """
+    if domain is None:
+        domain = int(os.environ.get("ROS_DOMAIN_ID", 1 + os.getpid() % 101))
+    return {
+        "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+        "ROS_DOMAIN_ID": str(domain),
+        "FASTRTPS_DEFAULT_PROFILES_FILE": str(config_file("quick_discovery.xml")),
+    }
 
 
 def start_node(*ros_arguments: str, output: IO[str] | None = None) -> subprocess.Popen[str]:

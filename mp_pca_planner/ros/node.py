@@ -150,6 +150,8 @@ class PlannerNode(Node):
         self.add_on_set_parameters_callback(self._on_set_parameters)
         self._connect()
         self._goals = NewestGoalThread(self._serve, self._on_overtaken, self._preview)
+        if not self._primitives_problem:
+            self._log_readiness()
 
     def destroy_node(self) -> None:
         """End the planning thread, then the node."""
@@ -256,6 +258,8 @@ class PlannerNode(Node):
             # The robot is another one than before, so the old model is of no use.
             self._model, self._model_problem = None, str(error)
             self.get_logger().error(str(error))
+        else:
+            self._log_readiness()
 
     def _on_reload(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         try:
@@ -386,6 +390,9 @@ class PlannerNode(Node):
         if self._model is None:
             raise GoalError(self._what_is_missing())
         return self._model
+
+    def _log_readiness(self) -> None:
+        self.get_logger().info(self._what_is_missing() or "ready for goals")
 
     def _what_is_missing(self) -> str:
         """Why there is no model; empty if there is one."""

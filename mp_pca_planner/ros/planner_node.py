@@ -17,6 +17,7 @@ DONE, REFUSED = 0, 2
 
 _PROGRAM = "mp_pca_planner planner_node"
 _ROS_ARGUMENTS = "--ros-args"
+_ENDING_SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
 def main(args: Sequence[str] | None = None) -> int:
@@ -39,13 +40,17 @@ def main(args: Sequence[str] | None = None) -> int:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     # Before anything else is imported, which takes long enough to be interrupted.
     stop = threading.Event()
-    for number in (signal.SIGINT, signal.SIGTERM):
+    for number in _ENDING_SIGNALS:
         signal.signal(number, lambda *_: stop.set())
     try:
         _run(arguments, unknown, stop)
     except PlannerError as error:
         print(f"{_PROGRAM}: {error}", file=sys.stderr)
         return REFUSED
+    finally:
+        # Python drops handlers before all else when it ends: one more signal would kill it then.
+        for number in _ENDING_SIGNALS:
+            signal.signal(number, signal.SIG_IGN)
     return DONE
 
 

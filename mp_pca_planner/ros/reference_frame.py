@@ -8,7 +8,6 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from ..exceptions import GoalError, unknown_name
 from ..goal import JointState, Pose, PoseGoal
@@ -51,6 +50,9 @@ def stated_in(goal: PoseGoal, reference: str, robot: Robot) -> Callable[[JointSt
         pose = goal.pose
         orientation = pose.orientation
         if orientation is not None:
+            # Late, so that the node starts fast.
+            from scipy.spatial.transform import Rotation
+
             turned = Rotation.from_matrix(axes) * Rotation.from_quat(orientation)
             orientation = turned.as_quat()
         position = ends[0] + axes @ pose.position
