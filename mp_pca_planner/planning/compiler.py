@@ -16,9 +16,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from numpy.polynomial import legendre
+from numpy.typing import NDArray
 
 from ..arrays import FloatArray
 from ..primitives.basis import Basis
@@ -168,6 +170,22 @@ class Unknowns:
         return boundary, _POWERS[:, None] * boundary
 
 
+class Rows(NamedTuple):
+    """Which states a :class:`StateMap` is of: a derivative of a joint's position each.
+
+    Attributes
+    ----------
+    orders, joints : array of int, shape (n_rows,)
+        Order of the derivative (0: the position), and the joint.
+    units : array, shape (n_rows,)
+        In which the state is told [rad or m, /s, …].
+    """
+
+    orders: NDArray[np.intp]
+    joints: NDArray[np.intp]
+    units: FloatArray
+
+
 class StateMap:
     """States at some phases as functions of the unknowns.
 
@@ -181,51 +199,67 @@ class StateMap:
         The same of the mean shape.
     functions : array, shape (4, n_phases, n_joints, n_weights)
         The same of the basis functions, times the scales of their weights.
+    rows : Rows, optional
+        Which states; all, in SI units, order by order, unless given.
     """
 
     def __init__(
-        self, unknowns: Unknowns, hermite: FloatArray, mean: FloatArray, functions: FloatArray
+        self,
+        unknowns: Unknowns,
+        hermite: FloatArray,
+        mean: FloatArray,
+        functions: FloatArray,
+        rows: Rows | None = None,
     ) -> None:
-        self._unknowns, self._hermite, self._mean = unknowns, hermite, mean
         n_joints = mean.shape[2]
+        if rows is None:
+            every = np.arange(N_RATES * n_joints)
+            rows = Rows(every // n_joints, every % n_joints, np.ones(every.size))
+        orders, self._joints, self._units = rows
+        self._unknowns, self._hermite, self._orders = unknowns, hermite[orders], orders[:, None]
+        self._mean = mean[orders, :, self._joints]
+        columns = functions[orders, :, self._joints]
         if unknowns.goal_is_free:
-            moved = GOAL_SCALE * hermite[:, :, 3, None, None] * np.eye(n_joints)
-            functions = np.concatenate([functions, moved], axis=3)
-        self._columns = functions
-        if not unknowns.duration_is_free:
-            n_unknowns, rates = unknowns.scales.size, _rates(unknowns.duration)
-            columns = np.zeros((*functions.shape[:3], n_unknowns))
-            columns[..., : unknowns.n_linear] = functions * rates[..., None]
-            self._constant = columns.reshape(mean.size, n_unknowns)
-            self._fixed = (hermite @ unknowns.boundary + mean) * rates
+            moved = GOAL_SCALE * np.eye(n_joints)[self._joints]
+            moved = self._hermite[:, :, 3, None] * moved[:, None, :]
+            columns = np.concatenate([columns, moved], axis=2)
+        if unknowns.duration_is_free:
+            self._columns = columns
+            return
+        rates = self._rates(unknowns.duration)
+        rows_of_all = np.zeros((*columns.shape[:2], unknowns.scales.size))
+        np.multiply(columns, rates[:, :, None], out=rows_of_all[:, :, : unknowns.n_linear])
+        self._constant = rows_of_all.reshape(self._mean.size, unknowns.scales.size)
+        self._fixed = (self._boundary_part(unknowns.boundary) + self._mean) * rates
+
+    def _rates(self, duration: float) -> FloatArray:
+        """What derivatives by phase are to be multiplied by, shape (n_rows, 1)."""
+        return np.asarray(duration ** -self._orders.astype(float) / self._units[:, None])
+
+    def _boundary_part(self, boundary: FloatArray) -> FloatArray:
+        return np.asarray((self._hermite @ boundary.T[self._joints][:, :, None])[:, :, 0])
 
     def values(self, x: FloatArray) -> FloatArray:
-        """Positions, velocities, accelerations and jerks, shape (4, n_phases, n_joints)."""
+        """The states, shape (n_rows, n_phases)."""
         if not self._unknowns.duration_is_free:
             return np.asarray(self._fixed + (self._constant @ x).reshape(self._fixed.shape))
         boundary, _ = self._unknowns.boundary_at(x)
         weights = x[: self._unknowns.n_weights]
-        shape = self._columns[..., : weights.size] @ weights
-        phased = self._hermite @ boundary + self._mean + shape
-        return np.asarray(phased * _rates(self._unknowns.duration_at(x)))
+        shape = self._mean + self._columns[:, :, : weights.size] @ weights
+        rates = self._rates(self._unknowns.duration_at(x))
+        return np.asarray((self._boundary_part(boundary) + shape) * rates)
 
     def jacobian(self, x: FloatArray, values: FloatArray) -> FloatArray:
-        """Their derivatives at x, shape (4 * n_phases * n_joints, n_unknowns)."""
+        """Their derivatives at x, shape (n_rows * n_phases, n_unknowns)."""
         unknowns = self._unknowns
         if not unknowns.duration_is_free:
             return self._constant
-        rates, (_, growth) = _rates(unknowns.duration_at(x)), unknowns.boundary_at(x)
+        rates, (_, growth) = self._rates(unknowns.duration_at(x)), unknowns.boundary_at(x)
         columns = np.zeros((*values.shape, x.size))
-        columns[..., : unknowns.n_linear] = self._columns * rates[..., None]
-        order = np.arange(N_RATES)[:, None, None]
-        by_log_duration = (self._hermite @ growth) * rates - order * values
-        columns[..., unknowns.n_linear] = unknowns.log_duration_slope(x) * by_log_duration
+        columns[:, :, : unknowns.n_linear] = self._columns * rates[:, :, None]
+        by_log_duration = self._boundary_part(growth) * rates - self._orders * values
+        columns[:, :, unknowns.n_linear] = unknowns.log_duration_slope(x) * by_log_duration
         return columns.reshape(values.size, x.size)
-
-
-def _rates(duration: float) -> FloatArray:
-    """What derivatives by phase are to be multiplied by, shape (4, 1, 1)."""
-    return np.asarray(duration ** -np.arange(float(N_RATES))[:, None, None])
 
 
 @dataclass(frozen=True, eq=False)
@@ -321,10 +355,11 @@ class MotionProgram:
 
     def _stack(self, state_jacobian: FloatArray) -> FloatArray:
         """Derivatives of (q, v, a) at each node, shape (n_nodes, 3 n_joints, n_unknowns)."""
-        n_joints = self._robot.n_joints
-        by_rate = state_jacobian.reshape(N_RATES, self.n_nodes, n_joints, self.scales.size)[:3]
-        shape = (self.n_nodes, 3 * n_joints, self.scales.size)
-        return np.ascontiguousarray(by_rate.transpose(1, 0, 2, 3)).reshape(shape)
+        n_rows = 3 * self._robot.n_joints
+        by_row = state_jacobian[: n_rows * self.n_nodes].reshape(
+            n_rows, self.n_nodes, self.scales.size
+        )
+        return np.ascontiguousarray(by_row.transpose(1, 0, 2))
 
     @property
     def n_nodes(self) -> int:
@@ -342,8 +377,9 @@ class MotionProgram:
 
     def linearise(self, x: FloatArray) -> Linearisation:
         """The residual and its Jacobian."""
-        states = self.states(x)
-        state_jacobian = self._states.jacobian(x, states)
+        by_row = self._states.values(x)
+        state_jacobian = self._states.jacobian(x, by_row)
+        states = self._in_order(by_row)
         timed = self.unknowns.duration_is_free
         stacked = self._stack(state_jacobian) if timed else self._stacked
         q, v, a, jerk = states
@@ -351,8 +387,10 @@ class MotionProgram:
         by_unknown = dtau @ stacked
         ends = self.unknowns.boundary[0], self.unknowns.boundary[3]
         nodes = Nodes(self._robot, q, v, a, jerk, tau, *ends)
-        by_rate = state_jacobian.reshape(*states.shape, x.size)
-        by_quantity = dict(zip(QUANTITIES, (*by_rate, by_unknown), strict=True))
+        by_rate = state_jacobian.reshape(N_RATES, self._robot.n_joints, self.n_nodes, x.size)
+        by_quantity = dict(
+            zip(QUANTITIES, (*by_rate.transpose(0, 2, 1, 3), by_unknown), strict=True)
+        )
         root = np.sqrt(self._tables.quadrature * self.unknowns.duration_at(x))[:, None]
         slope = self.unknowns.log_duration_slope(x) if timed else 0.0
         parts = [
@@ -377,9 +415,8 @@ class MotionProgram:
             jacobian += partial * by_unknown if np.ndim(partial) == 0 else partial @ by_unknown
         if slope:  # the time that each node stands for grows with T
             jacobian[:, :, self.unknowns.n_linear] += 0.5 * slope * values
-        return (values * root).ravel(), (jacobian * root[:, :, None]).reshape(
-            values.size, self.scales.size
-        )
+        jacobian *= root[:, :, None]
+        return (values * root).ravel(), jacobian.reshape(values.size, self.scales.size)
 
     def cost(self, x: FloatArray) -> float:
         """The whole objective, naturalness included."""
@@ -396,7 +433,12 @@ class MotionProgram:
 
     def states(self, x: FloatArray) -> FloatArray:
         """Positions to jerks at the nodes, shape (4, n_nodes, n_joints)."""
-        return self._states.values(x)
+        return self._in_order(self._states.values(x))
+
+    def _in_order(self, by_row: FloatArray) -> FloatArray:
+        """The states from rows of them, shape (4, n_nodes, n_joints)."""
+        by_joint = by_row.reshape(N_RATES, self._robot.n_joints, self.n_nodes)
+        return by_joint.transpose(0, 2, 1)
 
     def equalities(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """What the conditions are missed by, shape (m,), and the derivative, (m, n_unknowns)."""

@@ -20,7 +20,7 @@ from ..arrays import FloatArray
 from ..limits import JointLimits
 from ..primitives.boundary import hermite_functions
 from ..validation import Violation
-from .compiler import Linearisation, MotionProgram, QuadratureTables, StateMap
+from .compiler import N_RATES, Linearisation, MotionProgram, QuadratureTables, Rows, StateMap
 
 # Motions are kept this share of the limit away from it, so that what happens between points
 # of the grid (see the check on the dense grid) has room.
@@ -32,8 +32,6 @@ _EXTRA = 2e-5
 
 QUANTITIES = ("position", "velocity", "acceleration", "jerk", "effort")
 """What is limited, in the order of the constraints; the last is not linear in the weights."""
-
-_N_STATES = 4
 
 
 class LimitTables:
@@ -82,7 +80,7 @@ class LimitTables:
 
     @cached_property
     def _values(self) -> FloatArray:
-        return self._tables.basis.tables(self._phases, _N_STATES - 1)
+        return self._tables.basis.tables(self._phases, N_RATES - 1)
 
     @cached_property
     def from_nodes(self) -> FloatArray:
@@ -100,7 +98,7 @@ def _even_phases(n_points: int) -> FloatArray:
 @lru_cache(maxsize=4)
 def _hermite_tables(n_points: int) -> FloatArray:
     phases = _even_phases(n_points)
-    return np.array([hermite_functions(phases, d) for d in range(_N_STATES)])
+    return np.array([hermite_functions(phases, d) for d in range(N_RATES)])
 
 
 @lru_cache(maxsize=16)
@@ -140,8 +138,8 @@ class LimitedProgram:
     lower, upper : array, shape (n_inequalities,)
         The bounds, as shares of the limit (or of half the range of positions).
     groups : array of int, shape (n_inequalities,)
-        Constraints of one quantity of one joint are of one group, which is
-        n_joints · (index in `QUANTITIES`) + joint.
+        Constraints of one quantity of one joint, in the order of the phases, are of one group,
+        which is n_joints · (index in `QUANTITIES`) + joint.
     """
 
     def __init__(
@@ -157,29 +155,36 @@ class LimitedProgram:
             self._leave_unbounded()
             return
         self._joint_names = limits.joint_names
-        n_points, n_joints = tables.n_points, len(limits.joint_names)
         lower, upper, scale, room = _bounds(limits, end_states)
         self._end_room = room.ravel()
-        bounded = np.isfinite(lower) | np.isfinite(upper)
-        shape = (_N_STATES + 1, n_points, n_joints)
-        chosen = np.broadcast_to(bounded[:, None], shape)
-        self.lower, self.upper, by_constraint = (
-            np.broadcast_to(x[:, None], shape)[chosen] for x in (lower, upper, scale)
+        quantities, joints = np.nonzero(np.isfinite(lower) | np.isfinite(upper))
+        self._group_of_row = quantities * len(limits.joint_names) + joints
+        self.lower, self.upper = (
+            np.repeat(x[quantities, joints], tables.n_points) for x in (lower, upper)
         )
-        groups = np.arange(bounded.size).reshape(_N_STATES + 1, 1, n_joints)
-        self.groups: NDArray[np.intp] = np.broadcast_to(groups, shape)[chosen]
-        states = np.flatnonzero(chosen[:_N_STATES])
-        self._states = StateMap(program.unknowns, tables.hermite, tables.mean, tables.functions)
-        self._state_index, self._state_scale = states, by_constraint[: states.size]
+        n_state_rows = int(np.count_nonzero(quantities < N_RATES))
+        of_states, of_efforts = slice(n_state_rows), slice(n_state_rows, None)
+        units = scale[quantities, joints]
+        self._states = StateMap(
+            program.unknowns,
+            tables.hermite,
+            tables.mean,
+            tables.functions,
+            Rows(quantities[of_states], joints[of_states], units[of_states]),
+        )
         # While no duration is free they are linear in the unknowns.
         self._linear = None if program.unknowns.duration_is_free else self._expand(program.expected)
-        self._effort_index = np.flatnonzero(chosen[_N_STATES])
-        self._effort_scale = by_constraint[states.size :]
+        self._effort_joints, self._effort_units = joints[of_efforts], units[of_efforts]
 
     def _leave_unbounded(self) -> None:
-        self.lower = self.upper = self._effort_scale = np.zeros(0)
-        self.groups = self._effort_index = np.zeros(0, dtype=np.intp)
+        self.lower = self.upper = self._effort_units = np.zeros(0)
+        self._group_of_row = self._effort_joints = np.zeros(0, dtype=np.intp)
         self._linear = (np.zeros(0), np.zeros((0, self.program.scales.size)))
+
+    @property
+    def groups(self) -> NDArray[np.intp]:
+        """See the class."""
+        return np.repeat(self._group_of_row, self._tables.n_points)
 
     def tightened(self, violations: Iterable[Violation]) -> LimitedProgram:
         """The same with bounds drawn in, for peaks that lie between points of the grid.
@@ -199,8 +204,8 @@ class LimitedProgram:
             excess = violation.excess * (2.0 if violation.quantity == "position" else 1.0)
             amount[group] = min(1.1 * excess + _EXTRA, 0.5 * self._end_room[group])
         tighter = copy(self)
-        tighter.lower = self.lower + amount[self.groups]
-        tighter.upper = self.upper - amount[self.groups]
+        by_constraint = amount[self.groups]
+        tighter.lower, tighter.upper = self.lower + by_constraint, self.upper - by_constraint
         tighter._end_room = self._end_room - amount
         return tighter
 
@@ -211,29 +216,27 @@ class LimitedProgram:
     def _expand(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Bounded states as c + R·x near x: c, shape (n_states,), and R, (n_states, n)."""
         states = self._states.values(x)
-        rows = self._states.jacobian(x, states)[self._state_index] / self._state_scale[:, None]
-        return states.ravel()[self._state_index] / self._state_scale - rows @ x, rows
+        rows = self._states.jacobian(x, states)
+        return states.ravel() - rows @ x, rows
 
     def _efforts(self, node_efforts: FloatArray) -> FloatArray:
-        """Bounded efforts from those at the nodes, shape (n_efforts,)."""
-        if not self._effort_index.size:
-            return np.zeros(0)
-        efforts = (self._tables.from_nodes @ node_efforts).ravel()[self._effort_index]
-        return np.asarray(efforts / self._effort_scale)
+        """Bounded efforts from those at the nodes, shape (n_effort_joints, n_points)."""
+        shares = node_efforts[:, self._effort_joints] / self._effort_units
+        return np.asarray(shares.T @ self._tables.from_nodes.T)
 
     def _rows(
         self, chosen: NDArray[np.intp], state_rows: FloatArray, at: Linearisation
     ) -> FloatArray:
         n_states = len(state_rows)
-        rows = np.empty((chosen.size, state_rows.shape[1]))
         linear = chosen < n_states
+        if linear.all():
+            return state_rows[chosen]
+        rows = np.empty((chosen.size, state_rows.shape[1]))
         rows[linear] = state_rows[chosen[linear]]
-        index = chosen[~linear] - n_states
-        n_joints = at.efforts.shape[1]
-        for row, i in zip(np.flatnonzero(~linear), index, strict=True):
-            point, joint = divmod(int(self._effort_index[i]), n_joints)
-            by_weight = self._tables.from_nodes[point] @ at.effort_jacobian[:, joint]
-            rows[row] = by_weight / self._effort_scale[i]
+        row, point = np.divmod(chosen[~linear] - n_states, self._tables.n_points)
+        from_nodes = self._tables.from_nodes[point] / self._effort_units[row, None]
+        by_joint = at.effort_jacobian.transpose(1, 0, 2)[self._effort_joints[row]]
+        rows[~linear] = (from_nodes[:, None] @ by_joint)[:, 0]
         return rows
 
 
@@ -258,10 +261,10 @@ class LimitedPoint:
 
     def __init__(self, owner: LimitedProgram, x: FloatArray, at: Linearisation) -> None:
         self._owner, self._x, self._at = owner, x, at
-        pull = owner.program.precision @ (x - owner.program.expected)
         deviation = x - owner.program.expected
+        pull = owner.program.precision @ deviation
         self.cost = 0.5 * float(at.residual @ at.residual + pull @ deviation)
-        self.gradient = at.jacobian.T @ at.residual + pull
+        self.gradient = at.residual @ at.jacobian + pull
         self._constant, self._state_rows = owner._linear or owner._expand(x)
         self.inequalities = self._values(x, at.efforts)
         self.equalities, self.equality_rows = owner.program.equalities(x)
@@ -277,12 +280,17 @@ class LimitedPoint:
 
     def inequalities_after(self, step: FloatArray) -> FloatArray:
         """Their linear prediction, exact but for the efforts."""
-        efforts = self._at.efforts + self._at.effort_jacobian @ step
-        return self._values(self._x + step, efforts)
+        by_unknown = self._at.effort_jacobian.reshape(-1, step.size)
+        change = (by_unknown @ step).reshape(self._at.efforts.shape)
+        return self._values(self._x + step, self._at.efforts + change)
 
     def _values(self, x: FloatArray, node_efforts: FloatArray) -> FloatArray:
-        states = self._constant + self._state_rows @ x
-        return np.concatenate([states, self._owner._efforts(node_efforts)])
+        n_states = len(self._constant)
+        values = np.empty(self._owner.lower.size)
+        np.add(self._constant, self._state_rows @ x, out=values[:n_states])
+        if n_states < values.size:
+            values[n_states:] = self._owner._efforts(node_efforts).ravel()
+        return values
 
 
 def _bounds(

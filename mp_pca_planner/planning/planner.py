@@ -678,7 +678,8 @@ class Planner:
         # Limits hardly ever matter near the expected motion; that they don't is checked.
         unbounded = naturalness >= _NEAR_EXPECTED and family.precision is not None
         limited = limited_by(None if unbounded else self.limits)
-        first, memory, passes = x, SolverMemory.blank(x.size), 0
+        first, passes = x, 0
+        memory: SolverMemory | None = None
         for _ in range(_MOST_REFINEMENTS):
             left = max(deadline - time.perf_counter(), 0.0)
             stop = SolverOptions(max_iterations=iterations, max_time=left)
@@ -691,7 +692,7 @@ class Planner:
             check = check_limits(trajectory, self.robot, self.limits)
             if check.violations and unbounded:
                 unbounded, limited = False, limited_by(self.limits)
-                x, memory = first, SolverMemory.blank(first.size)
+                x, memory = first, None
                 continue
             if not check.violations or not found.converged:
                 break

@@ -4,7 +4,9 @@
 
 A program is: minimise f(x) subject to l ≤ c(x) ≤ u and e(x) = 0. Its unknowns x (weights, a
 goal configuration, a log duration, …) are to be scaled so that usual steps are of order 1,
-its inequalities to shares of their bounds, its equalities to SI units.
+its inequalities to shares of their bounds, its equalities to SI units. Inequalities that are
+alike, one limit along a motion, are neighbours: where several in a row are broken, only the
+worst of them need matter.
 """
 
 from __future__ import annotations
@@ -65,13 +67,6 @@ class Program(Protocol):
     @property
     def upper(self) -> FloatArray:
         """Upper bounds u of the inequalities, shape (n_inequalities,); may be ∞."""
-
-    @property
-    def groups(self) -> NDArray[np.intp]:
-        """Inequalities of the same number are alike (one limit along a motion).
-
-        Shape (n_inequalities,). Of each group, the worst is added to a quadratic program.
-        """
 
     def evaluate(self, x: FloatArray) -> Point:
         """Value and derivatives at x, shape (n,)."""

@@ -65,22 +65,26 @@ def solve_quadratic(
     factor, failed = lapack.dpotrf(hessian, lower=1)
     if failed:
         return None
+    n = len(gradient)
     # With u = Lᵀp + L⁻¹g the objective is ½‖u‖² up to a constant.
-    whole, _ = lapack.dtrtrs(factor, np.column_stack([gradient, rows.T]), lower=1)
+    whole = np.empty((n, 1 + len(bounds)), order="F")
+    whole[:, 0], whole[:, 1:] = gradient, rows.T
+    whole, _ = lapack.dtrtrs(factor, whole, lower=1, overwrite_b=1)
     shifted, whitened = whole[:, 0], whole[:, 1:]
-    distance = bounds + whitened.T @ shifted
     # Lengths of the rows don't matter to the problem, but to the rounding.
-    lengths = np.maximum(np.linalg.norm(whitened, axis=0), 1e-12)
-    system = -np.vstack([whitened / lengths, distance / lengths])
-    target = np.zeros(len(gradient) + 1)
-    target[-1] = 1.0
+    lengths = np.maximum(np.sqrt(np.sum(whitened * whitened, axis=0)), 1e-12)
+    system = np.empty((n + 1, len(bounds)))
+    np.divide(whitened, -lengths, out=system[:n])
+    np.divide(bounds + shifted @ whitened, -lengths, out=system[n])
+    target = np.zeros(n + 1)
+    target[n] = 1.0
     try:
         dual, _ = nnls(system, target)
     except RuntimeError:  # too many iterations: rows that depend on each other almost exactly
         return None
     residual = system @ dual - target
-    if -residual[-1] <= _INFEASIBLE:
+    if -residual[n] <= _INFEASIBLE:
         return None
-    u = -residual[:-1] / residual[-1]
+    u = -residual[:n] / residual[n]
     step, _ = lapack.dtrtrs(factor, u - shifted, lower=1, trans=1)
-    return QuadraticSolution(step, dual / -residual[-1] / lengths)
+    return QuadraticSolution(step, dual / -residual[n] / lengths)

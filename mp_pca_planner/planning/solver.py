@@ -27,9 +27,9 @@ from ..arrays import FloatArray
 from .program import Point, Program
 from .quadratic import solve_quadratic
 
-# The unknowns are scaled to about 1, so a radius of 4 trusts the first model about as far as
-# demonstrations spread.
-_FIRST_RADIUS = 4.0
+# The unknowns are scaled to about 1, but where efforts alone count, optima lie tens of usual
+# weights away, and a model of efforts is good that far. Equalities may be far more curved.
+_FIRST_RADIUS, _FIRST_RADIUS_TO_EQUALITIES = 30.0, 4.0
 _SMALLEST_RADIUS = 1e-9
 _TINY = float(np.finfo(float).tiny)
 # Sum of what is out of bounds, as shares of the limits, and of the equalities that is rounding.
@@ -60,7 +60,7 @@ class SolverOptions:
         Longest time [s].
     """
 
-    tolerance: float = 1e-5
+    tolerance: float = 3e-5
     max_iterations: int = 60
     max_time: float = float("inf")
 
@@ -75,15 +75,19 @@ class SolverMemory:
         Estimate S of the unknown part of the Lagrangian's Hessian.
     radius : float
         Radius of the trust region.
+    sides : array of int, shape (n_held,)
+        Sides of inequalities that held the last step, see `_peaks`.
     """
 
     curvature: FloatArray
     radius: float
+    sides: NDArray[np.intp]
 
     @classmethod
-    def blank(cls, n: int) -> SolverMemory:
-        """Of a program of n unknowns that is new."""
-        return cls(np.zeros((n, n)), _FIRST_RADIUS)
+    def blank(cls, start: Point) -> SolverMemory:
+        """Of a program that is new."""
+        radius = _FIRST_RADIUS_TO_EQUALITIES if start.equalities.size else _FIRST_RADIUS
+        return cls(np.zeros_like(start.hessian), radius, np.zeros(0, dtype=np.intp))
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,16 +150,16 @@ def solve(
         Without constraints never worse than the start.
     """
     deadline = time.perf_counter() + options.max_time
-    memory = memory or SolverMemory.blank(start.size)
-    curvature, radius, weight = memory.curvature, memory.radius, 0.0
-    x, here = start, program.evaluate(start)
+    x, here, weight = start, program.evaluate(start), 0.0
+    memory = memory or SolverMemory.blank(here)
+    curvature, radius, sides = memory.curvature, memory.radius, memory.sides
     broken = _infeasibility(program, here)
     start_cost, pull = here.cost, here.gradient
     iterations, converged = 1, start.size == 0
     while not converged and iterations < options.max_iterations:
         subproblem = _Subproblem(program, here, here.hessian + curvature, radius)
-        step = subproblem.solve()
-        pull = step.lagrangian_gradient(here)
+        step = subproblem.solve(sides)
+        pull, sides = step.pull, step.sides
         # An exact penalty needs a weight above every multiplier.
         weight = max(weight, 2.0 * step.largest_multiplier)
         predicted = step.decrease + weight * (broken - step.infeasibility)
@@ -193,35 +197,34 @@ def solve(
         iterations=iterations,
         kkt_residual=float(np.linalg.norm(pull)) / max(here.cost, _TINY),
         start_cost=start_cost,
-        memory=SolverMemory(curvature, radius),
+        memory=SolverMemory(curvature, radius, sides),
     )
 
 
 def _infeasibility(program: Program, at: Point) -> float:
-    outside = _excess(program, at.inequalities)
-    return float(outside.sum() + np.abs(at.equalities).sum())
+    outside = _outside(program, at.inequalities)
+    return float(np.maximum(outside, 0.0).sum() + np.abs(at.equalities).sum())
 
 
-def _excess(program: Program, values: FloatArray) -> FloatArray:
-    """By how much inequalities are out of bounds, 0 where they are not."""
-    outside: FloatArray = np.maximum(values - program.upper, program.lower - values)
-    return np.maximum(outside, 0.0)
+def _outside(program: Program, values: FloatArray) -> FloatArray:
+    """How far inequalities are out of their nearer bounds, negative within them."""
+    outside: FloatArray = values - program.upper
+    return np.maximum(outside, program.lower - values, out=outside)
 
 
-def _worst(program: Program, values: FloatArray) -> NDArray[np.intp]:
-    """Sides of inequalities that are broken, of each group that is most so.
+def _peaks(program: Program, values: FloatArray, outside: FloatArray) -> NDArray[np.intp]:
+    """Sides of inequalities that are broken, of neighbours those that are most so.
 
     The side 2i is the lower one of inequality i, 2i + 1 the upper one.
     """
-    outside = _excess(program, values)
     broken = np.flatnonzero(outside > _ROUNDING)
     if not broken.size:
         return broken
-    order = broken[np.argsort(-outside[broken], kind="stable")]
-    first: dict[int, int] = {}
-    for group, index in zip(program.groups[order].tolist(), order.tolist(), strict=True):
-        first.setdefault(group, index)
-    worst = np.array(list(first.values()), dtype=np.intp)
+    at, last = outside[broken], outside.size - 1
+    before = outside[np.maximum(broken - 1, 0)]
+    after = outside[np.minimum(broken + 1, last)]
+    peak = ((at > before) | (broken == 0)) & ((at >= after) | (broken == last))
+    worst = broken[peak]
     return np.asarray(2 * worst + (values[worst] > program.upper[worst]))
 
 
@@ -255,6 +258,8 @@ class _Step:
     sides: NDArray[np.intp]
     multipliers: FloatArray
     equality_multipliers: FloatArray
+    # ∇f + Σ multiplier · ∇constraint where it starts.
+    pull: FloatArray
 
     @property
     def largest_multiplier(self) -> float:
@@ -262,7 +267,7 @@ class _Step:
         return float(both.max(initial=0.0))
 
     def lagrangian_gradient(self, at: Point) -> FloatArray:
-        """∇f + Σ multiplier · ∇constraint at a point."""
+        """∇f + Σ multiplier · ∇constraint at a point, with the multipliers of this step."""
         gradient = at.gradient
         if self.sides.size:
             gradient = gradient + self.multipliers @ _rows_of_sides(at, self.sides)
@@ -288,45 +293,49 @@ class _Subproblem:
             self._gradient = directions.T @ (here.gradient + hessian @ normal)
             self._radius = math.sqrt(max(radius**2 - float(normal @ normal), 0.0))
 
-    def solve(self) -> _Step:
+    def solve(self, sides: NDArray[np.intp]) -> _Step:
         """The step within the linearised constraints.
 
-        Only the sides of inequalities that the step would break, and those found so before,
-        go into the quadratic program: of the thousands there are, few matter.
+        Only those sides of inequalities that held the step before (given), and those that the
+        step would break otherwise, go into the quadratic program: of the thousands there are,
+        few matter.
         """
         here, program = self._here, self._program
         free = trust_region_step(self._hessian, self._gradient, self._radius)
-        change, multipliers = self._lifted(free.step), np.zeros(0)
-        sides = np.zeros(0, dtype=np.intp)
-        rows, bounds = np.zeros((0, change.size)), np.zeros(0)
-        after = here.inequalities_after(change)
         convex = self._hessian if free.lowest_shift == 0.0 else _convexified(self._hessian)
-        feasible = bool(free.step.size)
-        for _ in range(_MOST_ROUNDS):
-            worst = _worst(program, after)
-            added = worst[[side not in sides for side in worst]] if sides.size else worst
-            if not (added.size and feasible):
+        y, multipliers, shift, feasible = free.step, np.zeros(0), 0.0, bool(free.step.size)
+        sides = sides if feasible else sides[:0]
+        rows, bounds = _rows_of_sides(here, sides), _room_at_sides(program, here, sides)
+        for left in reversed(range(_MOST_ROUNDS)):
+            if sides.size:
+                reduced = self._reduced(rows, bounds)
+                y, multipliers, shift, feasible = self._held(convex, free.shift, shift, *reduced)
+            change = self._lifted(y)
+            after = here.inequalities_after(change)
+            outside = _outside(program, after)
+            broken = _peaks(program, after, outside)
+            added = broken[~(broken[:, None] == sides).any(axis=1)]
+            if not (added.size and feasible and left):
                 break
             sides = np.concatenate([sides, added])
             rows = np.concatenate([rows, _rows_of_sides(here, added)])
             bounds = np.concatenate([bounds, _room_at_sides(program, here, added)])
-            y, multipliers, feasible = self._held(convex, free.shift, *self._reduced(rows, bounds))
-            change = self._lifted(y)
-            after = here.inequalities_after(change)
-        slope = here.gradient + self._whole @ change
+        holding = multipliers > 0.0
+        curved = self._whole @ change
+        pull = here.gradient + multipliers[holding] @ rows[holding]
         equality_multipliers, missed = np.zeros(0), 0.0
         if self._tangent is not None:
-            pull = slope + multipliers @ rows
-            equality_multipliers = -self._tangent.pseudo_inverse.T @ pull
+            equality_multipliers = -self._tangent.pseudo_inverse.T @ (pull + curved)
             missed = float(np.abs(here.equalities + here.equality_rows @ change).sum())
-        holding = multipliers > 0.0
+            pull = pull + equality_multipliers @ here.equality_rows
         return _Step(
             change=change,
-            decrease=-0.5 * float((here.gradient + slope) @ change),
-            infeasibility=float(_excess(program, after).sum()) + missed,
+            decrease=-float((here.gradient + 0.5 * curved) @ change),
+            infeasibility=float(np.maximum(outside, 0.0).sum()) + missed,
             sides=sides[holding],
             multipliers=multipliers[holding],
             equality_multipliers=equality_multipliers,
+            pull=pull,
         )
 
     def way_back(self, there: Point) -> FloatArray:
@@ -346,24 +355,30 @@ class _Subproblem:
         return rows @ self._tangent.directions, bounds - rows @ self._tangent.normal
 
     def _held(
-        self, hessian: FloatArray, free_shift: float, rows: FloatArray, bounds: FloatArray
-    ) -> tuple[FloatArray, FloatArray, bool]:
-        """The y within rows · y ≤ bounds, its multipliers, and whether there is any."""
-        identity = np.eye(len(hessian))
+        self,
+        hessian: FloatArray,
+        free_shift: float,
+        shift: float,
+        rows: FloatArray,
+        bounds: FloatArray,
+    ) -> tuple[FloatArray, FloatArray, float, bool]:
+        """The y within rows · y ≤ bounds, its multipliers, the damping, and whether there is any.
+
+        The constraints themselves keep most steps short: no more damping than was needed with
+        fewer of them, if it is enough.
+        """
         least = max(0.03 * free_shift, 1e-4 * float(np.trace(hessian)) / len(hessian))
         must_mend = float(bounds.min()) < -_FEASIBLE
-        # The constraints themselves keep most steps short: as little damping as possible.
-        shift = 0.0
         for _ in range(_MOST_DAMPINGS):
-            regular = hessian + shift * identity
+            regular = hessian + shift * np.eye(len(hessian)) if shift else hessian
             found = solve_quadratic(regular, self._gradient, rows, bounds)
             if found is None:
-                return *_nearest(regular, self._gradient, rows, bounds), False
+                return *_nearest(regular, self._gradient, rows, bounds), shift, False
             step, multipliers = found.step, found.multipliers
             if must_mend or step @ step <= (1.5 * self._radius) ** 2:
                 break
             shift = max(4.0 * shift, least)
-        return step, multipliers, True
+        return step, multipliers, shift, True
 
 
 def _convexified(hessian: FloatArray) -> FloatArray:
