@@ -125,6 +125,45 @@ def test_text_says_what_was_gained(primitive):
     assert lines[-1].endswith("not kept (name --output to keep it)")
 
 
+def joint_list(q):
+    return ",".join(map(str, q))
+
+
+def test_sequence_is_refined_and_kept_segment_by_segment(primitive, tmp_path):
+    via = arm_primitive().boundary_states[1][3]
+    new = tmp_path / "new.npz"
+    facts = refine(primitive, "--via", joint_list(via), "--output", new)
+    assert facts["cost"] < 0.99 * facts["original_cost"]
+    assert facts["kept"] and facts["limit_violation"] == 0.0
+    assert len(facts["parameters"]) == 2
+    times, q, v = (np.array(facts[key]) for key in ("times", "positions", "velocities"))
+    # It goes through the via, and not from rest to rest.
+    passed = np.abs(q - via).max(axis=1)
+    moment = int(passed.argmin())
+    speed = np.abs(v[moment]).max()
+    assert passed[moment] <= speed * np.diff(times).max()
+    assert speed > 0.05
+    assert q[-1].tolist() == [-1.2, via[1], via[2], -0.9]
+    families = [load_primitive(tmp_path / f"new_{k}.npz") for k in (1, 2)]
+    assert [family.name for family in families] == [
+        f"{arm_primitive().name}_refined_{k}" for k in (1, 2)
+    ]
+    ends = [family.metadata["refined_from"] for family in families]
+    assert ends[0]["goal"] == ends[1]["start"] == via.tolist()
+    assert not new.exists()
+
+
+def test_pose_on_the_way_is_still_passed_after_refinement(primitive):
+    wrist = arm_robot().frame_positions(arm_primitive().boundary_states[1][3:4], ["wrist"])[0, 0]
+    facts = refine(primitive, "--via", "wrist: {} {} {}".format(*wrist))
+    assert facts["gain"] > 0.0
+    q, v = np.array(facts["positions"]), np.array(facts["velocities"])
+    way = arm_robot().frame_positions(q, ["wrist"])[:, 0]
+    missed = np.linalg.norm(way - wrist, axis=1)
+    # Points are 10 ms apart, and the arm is less than a metre long.
+    assert missed.min() < 0.01 * np.abs(v).sum(axis=1).max()
+
+
 # By trials
 
 
@@ -142,6 +181,17 @@ def test_trials_go_on_from_call_to_call_until_one_is_kept(primitive, tmp_path):
     assert third["n_trials"] == 2
     assert third["gain"] == pytest.approx(0.2)
     assert third["kept"] and load_primitive(new).metadata["refined_from"]["cost"] == 8.0
+
+
+def test_trials_of_a_sequence_pass_its_vias(primitive, tmp_path):
+    pytest.importorskip("cmaes", reason="cmaes (extra 'learn') is not installed")
+    via = arm_primitive().boundary_states[1][3]
+    options = ("--via", joint_list(via), "--trials", tmp_path / "t.json")
+    for cost in (None, "10.0", "9.0", "8.0"):
+        facts = refine(primitive, *options, *(() if cost is None else ("--cost", cost)))
+        q, v = np.array(facts["positions"]), np.array(facts["velocities"])
+        assert np.abs(q - via).max(axis=1).min() < 0.01 * np.abs(v).max()
+    assert facts["n_trials"] == 3
 
 
 def test_cost_of_a_trial_may_come_from_a_recording(primitive, tmp_path):
@@ -165,6 +215,8 @@ def test_cost_of_a_trial_may_come_from_a_recording(primitive, tmp_path):
         (("--trajectory", "motion.docx"), "must end in"),
         (("--trials", "t.json", "--cost", "nan"), "finite number"),
         (("--limits", "{tight}"), "no motion to refine"),
+        (("--via", GOAL, "--duration", "3"), "--duration can't be given with --via"),
+        (("--via", f"{GOAL}@0.5"), "times (@) can't be given"),
     ],
 )
 def test_nonsense_is_refused_in_one_line(primitive, tmp_path, monkeypatch, options, words):

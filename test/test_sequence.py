@@ -90,7 +90,7 @@ def test_gradient_and_hessian_agree_with_finite_differences(posed: bool) -> None
     tight = planner(max_velocity=1.0, max_acceleration=4.0)
     wanted = tight._complete(goal, start)
     program = sequence._Program(
-        tight._robot, tight._limits, wanted, wanted.concatenate(), tight._naturalness
+        tight.robot, tight.limits, wanted, wanted.concatenate(), tight._naturalness
     )
     rng = np.random.default_rng(0)
     x = program.start + 0.05 * rng.standard_normal(program.size)
@@ -111,7 +111,7 @@ def test_optimum_is_one_within_the_fixed_sum_of_durations() -> None:
     plenty = planner(max_velocity=50.0, max_acceleration=1e4, max_effort=1e4)
     wanted = plenty._complete(goal, start)
     program = sequence._Program(
-        plenty._robot, plenty._limits, wanted, wanted.concatenate(), plenty._naturalness
+        plenty.robot, plenty.limits, wanted, wanted.concatenate(), plenty._naturalness
     )
     x, _ = program.minimise(program.start, 0.0, 0.0)
     cost = program._assemble(x, 0.0, 0.0)[0]

@@ -36,6 +36,8 @@ from ..trajectory import Trajectory
 from .common import DONE, FAILED, CommandParser, joint_values, number_list, print_json, run
 from .drawing import draw_motion, require_matplotlib
 
+_AT_PHASE = "at a phase from 0 to 1 or when it suits best"
+
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command; returns the exit status."""
@@ -54,8 +56,18 @@ def _parser() -> CommandParser:
     return parser
 
 
-def add_request_options(parser: CommandParser) -> None:
-    """Add what says which motion is wanted; :func:`plan_request` reads it."""
+def add_request_options(
+    parser: CommandParser, *, via_form: str = "V[@PHASE]", via_time: str = _AT_PHASE
+) -> None:
+    """Add what says which motion is wanted; :func:`plan_request` reads it.
+
+    Parameters
+    ----------
+    parser :
+        The parser.
+    via_form, via_time : str
+        The form of ``--via``, and when that is passed.
+    """
     defaults = PlannerOptions()
     parser.add_argument("primitives", nargs="+", metavar="FILE", help="primitive files or folders")
     parser.add_argument("--robot", required=True, type=Path, metavar="URDF", help="the robot")
@@ -78,9 +90,9 @@ def add_request_options(parser: CommandParser) -> None:
         "--via",
         action="append",
         default=[],
-        metavar="V[@PHASE]",
+        metavar=via_form,
         help="configuration (name=value,…) or pose ('FRAME: X Y Z' or with a quaternion) to pass "
-        "on the way, at a phase from 0 to 1 or when it suits best; may be repeated",
+        f"on the way, {via_time}; may be repeated",
     )
     parser.add_argument(
         "--duration",

@@ -1,11 +1,12 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""`refine`: improve a planned motion by scaling and warping, and keep it as a new primitive."""
+"""`refine`: improve a planned motion or sequence, and keep it as new primitives."""
 
 from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -18,8 +19,13 @@ from ..learning.family import family_around
 from ..learning.refined_motion import RefinedMotion
 from ..learning.refinement import AcceptedMotion, RefinementOptions, refine
 from ..learning.trials import TrialLearner
+from ..limits import JointLimits
+from ..planning.motion import Motion
 from ..planning.planner import Plan, Planner
+from ..planning.sequence import OPTIMAL, SequencePlan, SequencePlanner
 from ..primitives.file import save_primitive
+from ..primitives.primitive import MovementPrimitive
+from ..robot import Robot
 from .common import DONE, FAILED, CommandParser, print_json, run
 from .plan import (
     add_request_options,
@@ -27,6 +33,23 @@ from .plan import (
     plan_request,
     trajectory_columns,
     write_trajectory,
+)
+from .sequence import sequence_request
+
+# Options of `plan` that sequences don't have.
+_NOT_OF_SEQUENCES = (
+    "goal_pose",
+    "frame",
+    "start_velocity",
+    "start_acceleration",
+    "goal_velocity",
+    "goal_acceleration",
+    "duration",
+    "objective",
+    "basis",
+    "collision",
+    "srdf",
+    "package_dirs",
 )
 
 
@@ -38,10 +61,11 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _parser() -> CommandParser:
     parser = CommandParser(
         "refine",
-        "Plan a motion as `plan` does, then improve it by scaling its amplitude and duration and "
-        "warping its timing: by the robot's model, or with --trials by what executions cost.",
+        "Plan a motion as `plan` does, or with --via as `sequence` does, then improve it by "
+        "scaling its amplitude and duration and warping its timing, segment by segment: by the "
+        "robot's model, or with --trials by what executions cost.",
     )
-    add_request_options(parser)
+    add_request_options(parser, via_form="V", via_time="as in `sequence`, but at any time")
     parser.add_argument(
         "--time-price",
         type=float,
@@ -56,7 +80,12 @@ def _parser() -> CommandParser:
         help="by how much the cost must fall for a new primitive",
     )
     parser.add_argument("--name", help="name of the new primitive (default: OLD_refined)")
-    parser.add_argument("--output", type=Path, metavar="FILE.npz", help="write the new primitive")
+    parser.add_argument(
+        "--output",
+        type=Path,
+        metavar="FILE.npz",
+        help="write the new primitive; those of a sequence, one for each segment, are numbered",
+    )
     parser.add_argument(
         "--trajectory",
         type=Path,
@@ -90,25 +119,50 @@ def _parser() -> CommandParser:
     return parser
 
 
+@dataclass(frozen=True, eq=False)
+class _Planned:
+    """What is refined: one motion or those of a sequence, and what each is made from."""
+
+    robot: Robot
+    limits: JointLimits
+    motions: tuple[Motion, ...]
+    primitives: tuple[MovementPrimitive, ...]
+
+
 def _refine(arguments: argparse.Namespace) -> int:
     _check_options(arguments)
-    planner, plan = plan_request(arguments)
-    if not plan.is_executable:
-        raise LearningError(f"there is no motion to refine: {plan.message}")
+    planned = _planned(arguments)
     options = RefinementOptions(
         time_price=arguments.time_price, sample_period=arguments.sample_period
     )
     if arguments.trials is None:
-        return _refine_by_model(arguments, planner, plan, options)
-    return _refine_by_trials(arguments, planner, plan, options)
+        return _refine_by_model(arguments, planned, options)
+    return _refine_by_trials(arguments, planned, options)
+
+
+def _planned(arguments: argparse.Namespace) -> _Planned:
+    planner: Planner | SequencePlanner
+    plan: Plan | SequencePlan
+    if arguments.via:
+        planner, plan = sequence_request(arguments, OPTIMAL)
+        motions, names = plan.motions, plan.primitives
+    else:
+        planner, plan = plan_request(arguments)
+        motions, names = (plan.motion,), (plan.primitive,)
+    if not plan.is_executable:
+        raise LearningError(f"there is no motion to refine: {plan.message}")
+    known = {primitive.name: primitive for primitive in planner.primitives}
+    return _Planned(planner.robot, planner.limits, motions, tuple(known[name] for name in names))
 
 
 def _check_options(arguments: argparse.Namespace) -> None:
     if arguments.trajectory is not None:
         check_format(arguments.trajectory)
-    for path in (arguments.output, arguments.trajectory):
+    for path in (*_outputs(arguments), arguments.trajectory):
         if path is not None and path.exists() and not arguments.force:
             raise exists_already(path)
+    if arguments.via:
+        _check_sequence_options(arguments)
     if not 0.0 <= arguments.min_gain < 1.0:
         raise LearningError(f"--min-gain must be from 0 to 1, got {arguments.min_gain}")
     if not (np.isfinite(arguments.tracking_price) and arguments.tracking_price >= 0.0):
@@ -120,12 +174,34 @@ def _check_options(arguments: argparse.Namespace) -> None:
         raise LearningError("--cost and --executed tell the cost of a trial: name --trials, too")
 
 
+def _check_sequence_options(arguments: argparse.Namespace) -> None:
+    """Refuse options of `plan` that a sequence doesn't have."""
+    usual = _parser()
+    for name in _NOT_OF_SEQUENCES:
+        if getattr(arguments, name) != usual.get_default(name):
+            option = f"--{name.replace('_', '-')}"
+            raise LearningError(f"{option} can't be given with --via, which makes a sequence")
+    if any("@" in text for text in (*arguments.via, arguments.goal)):
+        raise LearningError(
+            "times (@) can't be given: refinement takes time from one segment for another"
+        )
+
+
+def _outputs(arguments: argparse.Namespace) -> list[Path]:
+    """Where new primitives are written, one for each segment."""
+    path, n_segments = arguments.output, len(arguments.via) + 1
+    if path is None or n_segments == 1:
+        return [] if path is None else [path]
+    return [path.with_stem(f"{path.stem}_{k}") for k in range(1, n_segments + 1)]
+
+
 def _refine_by_model(
-    arguments: argparse.Namespace, planner: Planner, plan: Plan, options: RefinementOptions
+    arguments: argparse.Namespace, planned: _Planned, options: RefinementOptions
 ) -> int:
-    found = refine([plan.motion], planner.robot, planner.limits, options)
+    found = refine(planned.motions, planned.robot, planned.limits, options)
+    before, after = RefinedMotion(planned.motions).duration, found.motion.duration
     accepted = AcceptedMotion(found.motion, found.trajectory, found.check)
-    facts = _facts(plan, accepted) | {
+    facts = _facts(planned, accepted) | {
         "original_cost": found.original_cost,
         "cost": found.cost,
         "gain": found.gain,
@@ -133,7 +209,7 @@ def _refine_by_model(
         "effort_cost": found.effort,
         "iterations": found.iterations,
     }
-    facts["kept"] = _keep(arguments, planner, plan, found.motion, facts)
+    facts["kept"] = _keep(arguments, planned, found.motion, facts)
     if arguments.trajectory is not None:
         _write(arguments, accepted, facts)
     if arguments.json:
@@ -141,21 +217,19 @@ def _refine_by_model(
     else:
         print(
             f"cost       {found.original_cost:.4g} → {found.cost:.4g} ({found.gain:.1%} less)\n"
-            f"duration   {plan.motion.duration:.3f} → {found.motion.duration:.3f} s\n"
+            f"duration   {before:.3f} → {after:.3f} s\n"
             f"primitive  {_kept_words(arguments, facts)}"
         )
     return DONE if facts["kept"] or arguments.output is None else FAILED
 
 
 def _refine_by_trials(
-    arguments: argparse.Namespace, planner: Planner, plan: Plan, options: RefinementOptions
+    arguments: argparse.Namespace, planned: _Planned, options: RefinementOptions
 ) -> int:
-    start = refine([plan.motion], planner.robot, planner.limits, options).motion.parameters
+    request = planned.motions, planned.robot, planned.limits, options
+    start = refine(*request).motion.parameters
     learner = TrialLearner(
-        [plan.motion],
-        planner.robot,
-        planner.limits,
-        options,
+        *request,
         start=start,
         seed=arguments.seed,
         state=arguments.trials,
@@ -166,14 +240,14 @@ def _refine_by_trials(
     if cost is not None:
         learner.tell(cost)
     best = learner.best
-    facts = _facts(plan, learner.best_motion()) | {
+    facts = _facts(planned, learner.best_motion()) | {
         "n_trials": len(learner.trials),
         "original_cost": learner.trials[0].cost if learner.trials else None,
         "cost": None if best is None else best.cost,
         "gain": None if best is None else _gain(learner.trials[0].cost, best.cost),
     }
     facts["kept"] = best is not None and _keep(
-        arguments, planner, plan, learner.best_motion().motion, facts
+        arguments, planned, learner.best_motion().motion, facts
     )
     proposal = learner.propose()
     if arguments.trajectory is not None:
@@ -206,9 +280,9 @@ def _gain(before: float, after: float) -> float:
     return 1.0 - after / before if before > 0.0 else 0.0
 
 
-def _facts(plan: Plan, accepted: AcceptedMotion) -> dict[str, Any]:
+def _facts(planned: _Planned, accepted: AcceptedMotion) -> dict[str, Any]:
     return {
-        "primitive": plan.primitive,
+        "primitive": ", ".join(primitive.name for primitive in planned.primitives),
         "joint_names": list(accepted.trajectory.joint_names),
         "duration": accepted.motion.duration,
         "parameters": accepted.motion.parameters,
@@ -217,30 +291,30 @@ def _facts(plan: Plan, accepted: AcceptedMotion) -> dict[str, Any]:
 
 
 def _keep(
-    arguments: argparse.Namespace,
-    planner: Planner,
-    plan: Plan,
-    motion: RefinedMotion,
-    facts: dict[str, Any],
+    arguments: argparse.Namespace, planned: _Planned, motion: RefinedMotion, facts: dict[str, Any]
 ) -> bool:
-    """Write the new primitive if it is wanted and worth it."""
-    if arguments.output is None or not facts["gain"] >= arguments.min_gain:
+    """Write the new primitives if they are wanted and worth it."""
+    outputs = _outputs(arguments)
+    if not outputs or not facts["gain"] >= arguments.min_gain:
         return False
-    (old,) = (p for p in planner.primitives if p.name == plan.primitive)
-    provenance = {key: facts[key] for key in ("original_cost", "cost", "duration")} | {
-        "start": plan.motion.start.positions.tolist(),
-        "goal": plan.motion.goal.positions.tolist(),
-        "parameters": motion.parameters.tolist(),
-    }
-    name = arguments.name or f"{old.name}_refined"
-    family = family_around(old, motion, name, provenance)
-    save_primitive(family, arguments.output, overwrite=arguments.force)
+    for k, path in enumerate(outputs):
+        segment, old = planned.motions[k], planned.primitives[k]
+        provenance = {key: facts[key] for key in ("original_cost", "cost", "duration")} | {
+            "start": segment.start.positions.tolist(),
+            "goal": segment.goal.positions.tolist(),
+            "parameters": motion.parameters[k].tolist(),
+        }
+        name = arguments.name or f"{old.name}_refined"
+        if len(outputs) > 1:
+            name += f"_{k + 1}"
+        part = RefinedMotion([segment], motion.parameters[k])
+        save_primitive(family_around(old, part, name, provenance), path, overwrite=arguments.force)
     return True
 
 
 def _kept_words(arguments: argparse.Namespace, facts: dict[str, Any]) -> str:
     if facts["kept"]:
-        return f"written to {arguments.output}"
+        return f"written to {', '.join(map(str, _outputs(arguments)))}"
     if arguments.output is None:
         return "not kept (name --output to keep it)"
     return f"not kept: the cost fell by less than {arguments.min_gain:.1%}"

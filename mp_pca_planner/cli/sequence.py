@@ -62,28 +62,9 @@ def _parser() -> CommandParser:
 
 def _sequence(arguments: argparse.Namespace) -> int:
     check_outputs(arguments)
-    # Refuses numbers that are out of range.
-    options = PlannerOptions(
-        naturalness=arguments.naturalness, sample_period=arguments.sample_period
-    )
-    primitives = load_primitives(arguments.primitives)
-    names = primitives[0].joint_names
-    robot = Robot.from_file(arguments.robot, names)
-    overrides = read_limits_file(arguments.limits, robot.movable_joints) if arguments.limits else {}
-    limits = robot.limits(overrides)
-    start = joint_values(arguments.start, names, "--start")
-    planner = SequencePlanner(
-        robot,
-        primitives,
-        limits,
-        naturalness=options.naturalness,
-        sample_period=options.sample_period,
-    )
-    plan = planner.plan(
-        _goal(arguments, names), JointState(list(start), list(start.values())), arguments.mode
-    )
+    planner, plan = sequence_request(arguments, arguments.mode)
     facts = plan.summary() | {
-        "joint_names": list(names),
+        "joint_names": list(plan.trajectory.joint_names),
         "durations": [motion.duration for motion in plan.motions],
         **trajectory_columns(plan.trajectory),
     }
@@ -94,7 +75,7 @@ def _sequence(arguments: argparse.Namespace) -> int:
             arguments.plot,
             plan.trajectory,
             title=f"{len(plan.motions)} segments: {plan.message}",
-            limits=limits,
+            limits=planner.limits,
             force=arguments.force,
         )
     if arguments.json:
@@ -102,6 +83,36 @@ def _sequence(arguments: argparse.Namespace) -> int:
     else:
         print(_text(plan))
     return DONE if plan.is_executable else FAILED
+
+
+def sequence_request(
+    arguments: argparse.Namespace, mode: str
+) -> tuple[SequencePlanner, SequencePlan]:
+    """Plan the sequence that options ask for.
+
+    Raises
+    ------
+    PlannerError
+        If a file can't be read or an option can't be served.
+    """
+    # Refuses numbers that are out of range.
+    options = PlannerOptions(
+        naturalness=arguments.naturalness, sample_period=arguments.sample_period
+    )
+    primitives = load_primitives(arguments.primitives)
+    names = primitives[0].joint_names
+    robot = Robot.from_file(arguments.robot, names)
+    overrides = read_limits_file(arguments.limits, robot.movable_joints) if arguments.limits else {}
+    start = joint_values(arguments.start, names, "--start")
+    planner = SequencePlanner(
+        robot,
+        primitives,
+        robot.limits(overrides),
+        naturalness=options.naturalness,
+        sample_period=options.sample_period,
+    )
+    here = JointState(list(start), list(start.values()))
+    return planner, planner.plan(_goal(arguments, names), here, mode)
 
 
 def _goal(arguments: argparse.Namespace, names: Sequence[str]) -> SequenceGoal:

@@ -176,10 +176,10 @@ class SequencePlanner:
         sample_period: float = 0.01,
         max_solve_time: float = float("inf"),
     ) -> None:
-        self._robot = robot
-        self._primitives = {p.name: p for p in primitives}
+        self.robot = robot
+        self.primitives = tuple(primitives)
         self._selector = Selector(robot, primitives)
-        self._limits = limits
+        self.limits = limits
         self._naturalness = naturalness
         self._period = sample_period
         self._max_solve_time = max_solve_time
@@ -239,8 +239,8 @@ class SequencePlanner:
 
     def _complete(self, goal: SequenceGoal, start: JointState) -> _Request:
         self._check_size(goal)
-        here = in_order(start, self._robot.joint_names)
-        check_within_limits("present", here, self._limits)
+        here = in_order(start, self.robot.joint_names)
+        check_within_limits("present", here, self.limits)
         selector = self._selector_for(goal.primitive)
         states = self._route(goal, here, selector)
         chosen = [selector.choose(a.positions, b.positions).first for a, b in pairwise(states)]
@@ -263,8 +263,8 @@ class SequencePlanner:
 
     def _target(self, target: JointState | Pose, there: JointState) -> Target:
         if isinstance(target, Pose):
-            return PoseTarget(self._robot, target)
-        n = self._robot.n_joints
+            return PoseTarget(self.robot, target)
+        n = self.robot.n_joints
         return JointTarget(np.arange(n), there.positions, n)
 
     def _route(
@@ -276,7 +276,7 @@ class SequencePlanner:
         programming over the configurations that were found).
         """
         known = np.concatenate([p.boundary_states[:, [0, 3]] for p in selector.primitives])
-        known = known.reshape(-1, self._robot.n_joints)
+        known = known.reshape(-1, self.robot.n_joints)
         routes = [_Route(0.0, (here,))]
         for number, target in enumerate(goal.targets, start=1):
             if isinstance(target, Pose):
@@ -285,11 +285,11 @@ class SequencePlanner:
             what = f"target {number}"
             longer = []
             for route in routes:
-                positions = completed(target, route.states[-1], self._robot, what).positions
+                positions = completed(target, route.states[-1], self.robot, what).positions
                 there = JointState(here.joint_names, positions)
-                check_within_limits(what, there, self._limits)
+                check_within_limits(what, there, self.limits)
                 longer.append(route.to(there, selector))
-            named_all = len(target.joint_names) == self._robot.n_joints
+            named_all = len(target.joint_names) == self.robot.n_joints
             routes = [min(longer, key=lambda route: route.cost)] if named_all else longer
         return min(routes, key=lambda route: route.cost).states
 
@@ -303,9 +303,9 @@ class SequencePlanner:
     ) -> list[_Route]:
         """The best route to each of the configurations that reach a pose."""
         starts = [route.states[-1].positions for route in routes]
-        starts += starts_near(self._robot, pose, known)
+        starts += starts_near(self.robot, pose, known)
         try:
-            found = configurations_at(self._robot, self._limits, pose, starts)
+            found = configurations_at(self.robot, self.limits, pose, starts)
         except GoalError as error:
             raise GoalError(f"target {number}: {error}") from None
         longer = []
@@ -313,7 +313,7 @@ class SequencePlanner:
             ways = []
             for route in routes:
                 before = route.states[-1]
-                there = JointState(before.joint_names, unwrapped(q, before, self._robot))
+                there = JointState(before.joint_names, unwrapped(q, before, self.robot))
                 ways.append(route.to(there, selector))
             longer.append(min(ways, key=lambda route: route.cost))
         return longer
@@ -322,9 +322,10 @@ class SequencePlanner:
         """Among all primitives, or the only one that the goal names."""
         if name is None:
             return self._selector
-        if name not in self._primitives:
-            raise GoalError(unknown_name("primitive", name, self._primitives))
-        return Selector(self._robot, [self._primitives[name]])
+        found = [p for p in self.primitives if p.name == name]
+        if not found:
+            raise GoalError(unknown_name("primitive", name, [p.name for p in self.primitives]))
+        return Selector(self.robot, found)
 
     def _check_size(self, goal: SequenceGoal) -> None:
         """Refuse what would take all time or memory, before it does."""
@@ -349,7 +350,7 @@ class SequencePlanner:
         for share in _SLOWER:
             for _ in range(_MOST_STRETCHES):
                 motions = request.concatenate(durations, share)
-                check = check_limits(self._sample(motions), self._robot, self._limits)
+                check = check_limits(self._sample(motions), self.robot, self.limits)
                 if best is None or check.worst_excess < best[1].worst_excess:
                     best = motions, check
                 if not check.violations or time.perf_counter() > deadline:
@@ -365,14 +366,14 @@ class SequencePlanner:
         self, request: _Request, start: tuple[Motion, ...], deadline: float
     ) -> tuple[tuple[Motion, ...], LimitCheck, int]:
         """Minimise, with limits as penalties where they turn out broken."""
-        program = _Program(self._robot, self._limits, request, start, self._naturalness)
+        program = _Program(self.robot, self.limits, request, start, self._naturalness)
         x, passes = program.start, 0
         motions, check = start, None
         for penalty, margin in _PENALTIES:
             x, spent = program.minimise(x, penalty, margin, deadline)
             passes += spent
             motions = program.motions(x)
-            check = check_limits(self._sample(motions), self._robot, self._limits)
+            check = check_limits(self._sample(motions), self.robot, self.limits)
             if not check.violations or time.perf_counter() > deadline:
                 break
         assert check is not None
@@ -380,7 +381,7 @@ class SequencePlanner:
 
     def _in_span_score(self, primitive: MovementPrimitive, motion: Motion) -> float:
         scores = self._selector.scores(motion.start.positions, motion.goal.positions)
-        return float(scores[self._selector.primitives.index(primitive)])
+        return float(scores[self.primitives.index(primitive)])
 
     def _sample(self, motions: Sequence[Motion]) -> Trajectory:
         times, states, began = [], [], 0.0
@@ -391,8 +392,8 @@ class SequencePlanner:
             states.append(np.stack(motion.evaluate(own[kept])))
             began += motion.duration
         q, v, a = np.concatenate(states, axis=1)
-        tau = self._robot.inverse_dynamics(q, v, a)
-        return Trajectory(self._robot.joint_names, np.concatenate(times), q, v, a, tau)
+        tau = self.robot.inverse_dynamics(q, v, a)
+        return Trajectory(self.robot.joint_names, np.concatenate(times), q, v, a, tau)
 
     def _judge(
         self,
@@ -428,7 +429,7 @@ class SequencePlanner:
                 self._in_span_score(p, motion)
                 for p, motion in zip(request.primitives, motions, strict=True)
             ),
-            effort_cost=sum(effort_of(self._robot, motion) for motion in motions),
+            effort_cost=sum(effort_of(self.robot, motion) for motion in motions),
             iterations=iterations,
             limit_check=check,
             start_error=float(jump.max()),
