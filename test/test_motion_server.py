@@ -73,12 +73,15 @@ class World:
     model: Model = MODEL
     now: float = 10.0
     planning_time: float = 0.01
+    rate: float = 1.0  # of the robot's time to that in which planning is measured
 
     def __post_init__(self) -> None:
         self.controller = Controller(JOINTS, START, self.now)
         self.states = StartStates(self, lambda: self.now, lambda: self.now, self._measure)
         self.states.expect(JOINTS)
-        self.server = MotionServer(self.states, GoalStatistics(), self._send, lambda: self.now)
+        self.server = MotionServer(
+            self.states, GoalStatistics(), self._send, lambda: self.now / self.rate
+        )
         self.sent: list[JointTrajectory] = []
 
     def serve(self, positions: Any, planner: Any = None) -> None:
@@ -193,6 +196,16 @@ def test_slow_planning_is_made_up_for_by_another_attempt(world: World) -> None:
     world.serve(START)
     assert len(world.sent) == 2
     world.controller.run_until(world.now + 5.0)
+    assert_smooth(world.controller)
+
+
+def test_robot_may_be_simulated_faster_than_it_is_planned_for() -> None:
+    world = World(rate=20.0, planning_time=0.2)
+    for positions in (GOAL, START, GOAL):
+        world.serve(positions)
+        world.now += 0.4
+    world.controller.run_until(world.now + 5.0)
+    assert len(world.sent) == 3
     assert_smooth(world.controller)
 
 

@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import json
 import math
-import os
 import random
 import re
 import signal
@@ -27,6 +26,17 @@ import yaml
 from arm import JOINTS, arm_demonstrations, arm_primitive, arm_robot
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PoseStamped
+from nodes import (
+    GOAL,
+    PATIENCE,
+    START,
+    URDF,
+    column,
+    goal_message,
+    running_node,
+    set_domain,
+    times,
+)
 from rclpy.parameter import Parameter
 from rclpy.serialization import serialize_message
 from rosbags.highlevel import AnyReader
@@ -40,41 +50,10 @@ from mp_pca_planner.cli.send_goal import main as send_goal
 from mp_pca_planner.primitives.build import build_primitive
 from mp_pca_planner.primitives.file import load_primitive, save_primitive
 from mp_pca_planner.recordings.demonstration import Demonstration
-from mp_pca_planner.resources import config_file
-from mp_pca_planner.ros.client import Answer, GoalClient, start_node, this_machine_only
+from mp_pca_planner.ros.client import Answer, GoalClient, start_node
 from mp_pca_planner.ros.parameters import DECLARATIONS, limit_declarations
 
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
-MOTION = arm_primitive().boundary_states[0]
-START, GOAL = MOTION[0].tolist(), MOTION[3].tolist()
-URDF = config_file("human_arm.urdf").read_text(encoding="utf-8")
-
-
-# Tests publish a state once, and the machine may be busy: states are good for so long [s].
-PATIENCE = 60.0
-
-
-@contextmanager
-def running_node(log: Path, *ros_arguments: str) -> Iterator[subprocess.Popen[str]]:
-    """A node that has to end cleanly."""
-    with log.open("w") as output:
-        process = start_node(*ros_arguments, output=output)
-    try:
-        yield process
-    finally:
-        process.send_signal(signal.SIGINT)
-        try:
-            status = process.wait(timeout=20.0)
-        finally:
-            process.kill()
-    assert status == 0, log.read_text()
-    assert "Traceback" not in log.read_text()
-
-
-def set_domain(patch: pytest.MonkeyPatch, offset: int) -> None:
-    """Meet only nodes of this test run: those of the same offset."""
-    for name, value in this_machine_only(1 + (os.getpid() + offset) % 101).items():
-        patch.setenv(name, value)
 
 
 @pytest.fixture(scope="module")
@@ -138,25 +117,9 @@ def parameters(client: GoalClient, **values: object) -> Iterator[None]:
             assert result.successful, result.reason
 
 
-def goal_message(
-    positions: list[float] = GOAL, names: tuple[str, ...] = JOINTS, **fields: object
-) -> JointState:
-    return JointState(name=list(names), position=list(positions), **fields)
-
-
 def in_frame(message: Any, frame_id: str) -> Any:
     message.header.frame_id = frame_id
     return message
-
-
-def times(trajectory: JointTrajectory) -> list[int]:
-    """Times from start [ns]."""
-    stamps = [point.time_from_start for point in trajectory.points]
-    return [stamp.sec * 10**9 + stamp.nanosec for stamp in stamps]
-
-
-def column(trajectory: JointTrajectory, field: str) -> np.ndarray:
-    return np.array([getattr(point, field) for point in trajectory.points])
 
 
 def assert_refused(answer: Answer, *words: str) -> None:

@@ -137,6 +137,11 @@ class StartStates:
         return None if newest is None else self._receipt_clock() - newest[1]
 
     @property
+    def motion_time(self) -> float:
+        """The time by the clock of motions [s]; simulated time goes at its own rate."""
+        return self._motion_clock()
+
+    @property
     def running(self) -> CommandedMotion | None:
         """The motion that was published last, unless it is over."""
         commanded = self._commanded

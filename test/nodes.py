@@ -1,0 +1,83 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""What the tests of the running node share."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import pytest
+import rclpy
+from arm import JOINTS, arm_primitive
+from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
+from sensor_msgs.msg import JointState
+from trajectory_msgs.msg import JointTrajectory
+
+from mp_pca_planner.resources import config_file
+from mp_pca_planner.ros.client import start_node, this_machine_only
+
+MOTION = arm_primitive().boundary_states[0]
+START, GOAL = MOTION[0].tolist(), MOTION[3].tolist()
+URDF = config_file("human_arm.urdf").read_text(encoding="utf-8")
+
+# Tests publish a state once, and the machine may be busy: states are good for so long [s].
+PATIENCE = 60.0
+
+
+@contextmanager
+def running_node(log: Path, *ros_arguments: str) -> Iterator[subprocess.Popen[str]]:
+    """A node that has to end cleanly."""
+    with log.open("w") as output:
+        process = start_node(*ros_arguments, output=output)
+    try:
+        yield process
+    finally:
+        process.send_signal(signal.SIGINT)
+        try:
+            status = process.wait(timeout=20.0)
+        finally:
+            process.kill()
+    assert status == 0, log.read_text()
+    assert "Traceback" not in log.read_text()
+
+
+def set_domain(patch: pytest.MonkeyPatch, offset: int) -> None:
+    """Meet only nodes of this test run: those of the same offset."""
+    for name, value in this_machine_only(1 + (os.getpid() + offset) % 101).items():
+        patch.setenv(name, value)
+
+
+@contextmanager
+def ros_node(name: str) -> Iterator[Node]:
+    """A node of the test's own."""
+    context = rclpy.Context()
+    rclpy.init(args=[], context=context, signal_handler_options=SignalHandlerOptions.NO)
+    node = rclpy.create_node(name, context=context)
+    try:
+        yield node
+    finally:
+        node.destroy_node()
+        rclpy.try_shutdown(context=context)
+
+
+def goal_message(
+    positions: list[float] = GOAL, names: tuple[str, ...] = JOINTS, **fields: object
+) -> JointState:
+    return JointState(name=list(names), position=list(positions), **fields)
+
+
+def times(trajectory: JointTrajectory) -> list[int]:
+    """Times from start [ns]."""
+    stamps = [point.time_from_start for point in trajectory.points]
+    return [stamp.sec * 10**9 + stamp.nanosec for stamp in stamps]
+
+
+def column(trajectory: JointTrajectory, field: str) -> np.ndarray:
+    return np.array([getattr(point, field) for point in trajectory.points])
