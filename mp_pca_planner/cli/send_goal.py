@@ -89,8 +89,8 @@ def _send(arguments: argparse.Namespace) -> int:
     goal.header.stamp.sec, goal.header.stamp.nanosec = seconds, nanoseconds
     try:
         with GoalClient("send_goal", arguments.namespace, arguments.node) as client:
-            client.wait_for_node(arguments.timeout)
-            answer = client.send(goal, arguments.timeout)
+            client.wait_for_node(arguments.timeout, with_trajectory=False)
+            answer = client.send(goal, arguments.timeout, with_trajectory=False)
     except NoAnswerError as error:
         print(f"mp_pca_planner send_goal: {error}", file=sys.stderr)
         return FAILED

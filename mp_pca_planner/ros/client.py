@@ -176,23 +176,28 @@ class GoalClient:
         self._node.destroy_node()
         rclpy.try_shutdown(context=self._context)
 
-    def wait_for_node(self, timeout: float = 30.0) -> None:
+    def wait_for_node(self, timeout: float = 30.0, *, with_trajectory: bool = True) -> None:
         """Wait until every topic and service is matched.
+
+        Parameters
+        ----------
+        timeout : float
+            Longest time to wait [s].
+        with_trajectory : bool
+            Whether to wait for the topic of motions, too, which may be remapped to a controller's.
 
         Raises
         ------
         NoAnswerError
-            If that takes longer than `timeout` [s].
+            If that takes longer than `timeout`.
         """
+        topics = ("joint_trajectory", "plan_report") if with_trajectory else ("plan_report",)
         publishers = (*self._goals.values(), self._costs, self._states, self._descriptions)
         clients = (self._set_parameters, *self._services.values())
         self._wait(
             lambda: (
                 all(p.get_subscription_count() for p in publishers)
-                and all(
-                    self._node.count_publishers(f"{self._planner}/{topic}")
-                    for topic in ("joint_trajectory", "plan_report")
-                )
+                and all(self._node.count_publishers(f"{self._planner}/{topic}") for topic in topics)
                 and all(client.service_is_ready() for client in clients)
             ),
             timeout,
@@ -218,6 +223,10 @@ class GoalClient:
     def publish_trial_cost(self, cost: float) -> None:
         """Tell what the last motion cost."""
         self._costs.publish(Float64(data=cost))
+
+    def publish_goal(self, goal: JointState | PoseStamped | JointTrajectory) -> None:
+        """Send a goal and wait for nothing."""
+        self._goals[type(goal)].publish(goal)
 
     def send(
         self,
@@ -245,7 +254,7 @@ class GoalClient:
         n_reports, n_trajectories = len(self.reports), len(self.trajectories)
         stamp = to_stamp_text(goal.header.stamp)
         sent = time.perf_counter()
-        self._goals[type(goal)].publish(goal)
+        self.publish_goal(goal)
 
         def own_report() -> DiagnosticStatus | None:
             new = self.reports[n_reports:]
