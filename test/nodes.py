@@ -29,6 +29,7 @@ URDF = config_file("human_arm.urdf").read_text(encoding="utf-8")
 
 # Tests publish a state once, and the machine may be busy: states are good for so long [s].
 PATIENCE = 60.0
+PATIENTLY = ("-p", f"state_timeout:={PATIENCE}")
 
 
 @contextmanager

@@ -29,6 +29,7 @@ from geometry_msgs.msg import PoseStamped
 from nodes import (
     GOAL,
     PATIENCE,
+    PATIENTLY,
     START,
     URDF,
     column,
@@ -73,7 +74,7 @@ def node(
     with pytest.MonkeyPatch.context() as patch:
         set_domain(patch, 0)
         log = tmp_path_factory.mktemp("log") / "node.txt"
-        arguments = ("-p", f"primitives:=['{primitives}']", "-p", f"state_timeout:={PATIENCE}")
+        arguments = ("-p", f"primitives:=['{primitives}']", *PATIENTLY)
         with running_node(log, *arguments) as process:
             yield process
 
@@ -704,7 +705,7 @@ def test_primitives_of_other_joints_bring_their_own_limits(tmp_path: Path) -> No
     files = [str(tmp_path / name) for name in ("arm.npz", "shoulder.npz")]
     for file, primitive in zip(files, (arm_primitive(), shoulder), strict=True):
         save_primitive(primitive, file)
-    arguments = ("--params-file", str(urdf), "-p", f"primitives:=['{files[0]}']")
+    arguments = ("--params-file", str(urdf), "-p", f"primitives:=['{files[0]}']", *PATIENTLY)
     with running_node(tmp_path / "log.txt", *arguments), GoalClient() as client:
         client.wait_for_node()
         client.wait_for_model()
@@ -726,6 +727,7 @@ def test_unusable_description_on_the_topic_is_reported_and_can_be_mended(
     tmp_path: Path, primitives: Path
 ) -> None:
     arguments = ("-p", f"primitives:=['{primitives}']", "-p", "limits.shoulder1.max_velocity:=0.9")
+    arguments += PATIENTLY
     with running_node(tmp_path / "log.txt", *arguments), GoalClient() as client:
         client.wait_for_node()
         client.publish_description("<robot name='other'><link name='a'/></robot>")

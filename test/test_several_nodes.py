@@ -13,7 +13,7 @@ import pytest
 pytest.importorskip("rclpy", reason="ROS 2 (rclpy) is not installed")
 
 from arm import JOINTS, arm_primitive
-from nodes import GOAL, PATIENCE, START, URDF, goal_message, ros_node, running_node, set_domain
+from nodes import GOAL, PATIENTLY, START, URDF, goal_message, ros_node, running_node, set_domain
 from rclpy.executors import SingleThreadedExecutor
 from trajectory_msgs.msg import JointTrajectory
 
@@ -32,7 +32,7 @@ def clients(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Clients]:
     """Of the node /left/mp_pca_planner, whose motions go to a controller, and of /right/planner."""
     folder = tmp_path_factory.mktemp("nodes")
     save_primitive(arm_primitive(), folder / "arm.npz")
-    common = ("-p", f"primitives:=['{folder}']", "-p", f"state_timeout:={PATIENCE}")
+    common = ("-p", f"primitives:=['{folder}']", *PATIENTLY)
     left = ("-r", "__ns:=/left", "-r", "~/joint_trajectory:=controller/joint_trajectory")
     right = ("-r", "__ns:=/right", "-r", "__node:=planner")
     with pytest.MonkeyPatch.context() as patch:

@@ -87,6 +87,8 @@ def _spin(stop: threading.Event) -> None:
     node = PlannerNode()
     executor = SingleThreadedExecutor()
     executor.add_node(node)
+    # Meanwhile, the nodes of the robot find this one.
+    threading.Thread(target=_load_what_goals_may_need).start()
     try:
         # A message ends the wait at once; the time bounds only how long a signal waits.
         while not stop.is_set():
@@ -94,6 +96,13 @@ def _spin(stop: threading.Event) -> None:
     finally:
         executor.shutdown()
         node.destroy_node()
+
+
+def _load_what_goals_may_need() -> None:
+    """Import the slow modules that the start could do without, before a goal waits for them."""
+    import scipy.interpolate
+    import scipy.optimize
+    import scipy.spatial.transform  # noqa: F401
 
 
 def _parser() -> argparse.ArgumentParser:
