@@ -297,15 +297,33 @@ class GoalClient:
         """Have the last motion kept as a primitive."""
         return self._call(self._services["save_motion"], Trigger.Request())
 
-    def wait_for_preview(self, timeout: float = 10.0) -> MarkerArray:
-        """Wait until there is a preview.
+    def wait_for_preview(
+        self, wanted: Callable[[MarkerArray], bool] = bool, timeout: float = 10.0
+    ) -> MarkerArray:
+        """Wait until the newest preview is as wanted; it comes a little after its motion.
+
+        Parameters
+        ----------
+        wanted :
+            Judges it; any will do by default.
+        timeout : float
+            Longest time to wait [s].
+
+        Returns
+        -------
+        preview : MarkerArray
+            What `wanted` accepted.
 
         Raises
         ------
         NoAnswerError
-            If none comes within the timeout [s].
+            If none comes.
         """
-        self._wait(lambda: bool(self.previews), timeout, "published no preview")
+        self._wait(
+            lambda: bool(self.previews) and wanted(self.previews[-1]),
+            timeout,
+            "published no such preview",
+        )
         return self.previews[-1]
 
     def wait_for_diagnostics(
