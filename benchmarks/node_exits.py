@@ -102,15 +102,16 @@ def told(times: list[float]) -> str:
 
 def wait_until_served(client: GoalClient, state: JointState, goal: JointState) -> None:
     """Send the goal again and again, as somebody who waits for the node."""
+    patience = 0.05
     while True:
         # A stamp of its own, or an answer of the node before would be taken for this one's.
         goal.header.stamp.sec += 1
         client.publish_state_message(state)
         try:
-            if is_served(client.send(goal, 0.05, with_trajectory=False).report):
+            if is_served(client.send(goal, patience, with_trajectory=False).report):
                 return
         except NoAnswerError:
-            continue
+            patience *= 1.1  # a busy machine may take longer than that
 
 
 def time_of_readiness(log: IO[str]) -> float:
