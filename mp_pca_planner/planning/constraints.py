@@ -46,12 +46,8 @@ class LimitTables:
 
     Attributes
     ----------
-    hermite : array, shape (4, n_points, 6)
-        Quintic Hermite functions and their first three derivatives by phase.
-    mean : array, shape (4, n_points, n_joints)
-        The same of the mean shape.
-    functions : array, shape (4, n_points, n_joints, n_weights)
-        The same of the basis functions, times the usual magnitudes of their weights.
+    n_points : int
+        Points of the grid.
     from_nodes : array, shape (n_points, n_nodes)
         Matrix that interpolates what is known at the nodes.
     """
@@ -59,28 +55,32 @@ class LimitTables:
     def __init__(self, tables: QuadratureTables, n_points: int = N_LIMIT_POINTS) -> None:
         self._tables = tables
         self._phases = _even_phases(n_points)
+        self._states: dict[int, tuple[FloatArray, FloatArray, FloatArray]] = {}
         self.n_points = n_points
 
-    # Made when limits turn out to matter: with a pace they are another request's never.
+    def states(self, highest: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Positions and their derivatives by phase up to the highest one that is limited.
 
-    @cached_property
-    def hermite(self) -> FloatArray:
-        """See the class."""
-        return _hermite_tables(self.n_points)
+        Made when limits turn out to matter: with a pace they are another request's never.
 
-    @cached_property
-    def mean(self) -> FloatArray:
-        """See the class."""
-        return self._values[..., 0]
-
-    @cached_property
-    def functions(self) -> FloatArray:
-        """See the class."""
-        return np.asarray(self._values[..., 1:] * self._tables.basis.scales)
-
-    @cached_property
-    def _values(self) -> FloatArray:
-        return self._tables.basis.tables(self._phases, N_RATES - 1)
+        Returns
+        -------
+        hermite : array, shape (highest + 1, n_points, 6)
+            Quintic Hermite functions.
+        mean : array, shape (highest + 1, n_points, n_joints)
+            The mean shape.
+        functions : array, shape (highest + 1, n_points, n_joints, n_weights)
+            The basis functions, times the usual magnitudes of their weights.
+        """
+        if highest not in self._states:
+            basis = self._tables.basis
+            values = basis.tables(self._phases, highest)
+            self._states[highest] = (
+                _hermite_tables(self.n_points)[: highest + 1],
+                values[..., 0],
+                values[..., 1:] * basis.scales,
+            )
+        return self._states[highest]
 
     @cached_property
     def from_nodes(self) -> FloatArray:
@@ -165,13 +165,9 @@ class LimitedProgram:
         n_state_rows = int(np.count_nonzero(quantities < N_RATES))
         of_states, of_efforts = slice(n_state_rows), slice(n_state_rows, None)
         units = scale[quantities, joints]
-        self._states = StateMap(
-            program.unknowns,
-            tables.hermite,
-            tables.mean,
-            tables.functions,
-            Rows(quantities[of_states], joints[of_states], units[of_states]),
-        )
+        rows = Rows(quantities[of_states], joints[of_states], units[of_states])
+        highest = int(rows.orders.max(initial=0))
+        self._states = StateMap(program.unknowns, *tables.states(highest), rows)
         # While no duration is free they are linear in the unknowns.
         self._linear = None if program.unknowns.duration_is_free else self._expand(program.expected)
         self._effort_joints, self._effort_units = joints[of_efforts], units[of_efforts]

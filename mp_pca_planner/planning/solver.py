@@ -17,6 +17,7 @@ from __future__ import annotations
 import math
 import time
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -40,6 +41,8 @@ _ROUNDING = 1e-9
 _MOST_ROUNDS = 20
 # Times that a step which is too long is damped.
 _MOST_DAMPINGS = 8
+# Share of a step's damping that the next one begins with.
+_LESS_DAMPING = 0.25
 # Share of the trust region that a step towards the equalities may take.
 _NORMAL_SHARE = 0.8
 # Singular values of equalities, relative to the largest, that are taken for 0.
@@ -77,17 +80,20 @@ class SolverMemory:
         Radius of the trust region.
     sides : array of int, shape (n_held,)
         Sides of inequalities that held the last step, see `_peaks`.
+    damping : float
+        What had to be added to the Hessian to keep that step short.
     """
 
     curvature: FloatArray
     radius: float
     sides: NDArray[np.intp]
+    damping: float
 
     @classmethod
     def blank(cls, start: Point) -> SolverMemory:
         """Of a program that is new."""
         radius = _FIRST_RADIUS_TO_EQUALITIES if start.equalities.size else _FIRST_RADIUS
-        return cls(np.zeros_like(start.hessian), radius, np.zeros(0, dtype=np.intp))
+        return cls(np.zeros_like(start.hessian), radius, np.zeros(0, dtype=np.intp), 0.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,13 +159,14 @@ def solve(
     x, here, weight = start, program.evaluate(start), 0.0
     memory = memory or SolverMemory.blank(here)
     curvature, radius, sides = memory.curvature, memory.radius, memory.sides
+    damping = memory.damping
     broken = _infeasibility(program, here)
     start_cost, pull = here.cost, here.gradient
     iterations, converged = 1, start.size == 0
     while not converged and iterations < options.max_iterations:
         subproblem = _Subproblem(program, here, here.hessian + curvature, radius)
-        step = subproblem.solve(sides)
-        pull, sides = step.pull, step.sides
+        step = subproblem.solve(sides, _LESS_DAMPING * damping)
+        pull, sides, damping = step.pull, step.sides, step.damping
         # An exact penalty needs a weight above every multiplier.
         weight = max(weight, 2.0 * step.largest_multiplier)
         predicted = step.decrease + weight * (broken - step.infeasibility)
@@ -197,7 +204,7 @@ def solve(
         iterations=iterations,
         kkt_residual=float(np.linalg.norm(pull)) / max(here.cost, _TINY),
         start_cost=start_cost,
-        memory=SolverMemory(curvature, radius, sides),
+        memory=SolverMemory(curvature, radius, sides, damping),
     )
 
 
@@ -213,19 +220,18 @@ def _outside(program: Program, values: FloatArray) -> FloatArray:
 
 
 def _peaks(program: Program, values: FloatArray, outside: FloatArray) -> NDArray[np.intp]:
-    """Sides of inequalities that are broken, of neighbours those that are most so.
+    """Sides of inequalities that are broken: where most so, and the points on either side.
 
-    The side 2i is the lower one of inequality i, 2i + 1 the upper one.
+    To where it is held, a peak often moves by a point. The side 2i is the lower one of
+    inequality i, 2i + 1 the upper one.
     """
-    broken = np.flatnonzero(outside > _ROUNDING)
-    if not broken.size:
-        return broken
-    at, last = outside[broken], outside.size - 1
-    before = outside[np.maximum(broken - 1, 0)]
-    after = outside[np.minimum(broken + 1, last)]
-    peak = ((at > before) | (broken == 0)) & ((at >= after) | (broken == last))
-    worst = broken[peak]
-    return np.asarray(2 * worst + (values[worst] > program.upper[worst]))
+    broken = outside > _ROUNDING
+    broken[1:] &= outside[1:] > outside[:-1]
+    broken[:-1] &= outside[:-1] >= outside[1:]
+    peaks = np.flatnonzero(broken)
+    near = np.concatenate([peaks, peaks - 1, peaks + 1])
+    near = near[(near >= 0) & (near < outside.size)]
+    return np.asarray(2 * near + (values[near] - program.upper[near] == outside[near]))
 
 
 class _Tangent(NamedTuple):
@@ -260,6 +266,7 @@ class _Step:
     equality_multipliers: FloatArray
     # ∇f + Σ multiplier · ∇constraint where it starts.
     pull: FloatArray
+    damping: float
 
     @property
     def largest_multiplier(self) -> float:
@@ -293,23 +300,23 @@ class _Subproblem:
             self._gradient = directions.T @ (here.gradient + hessian @ normal)
             self._radius = math.sqrt(max(radius**2 - float(normal @ normal), 0.0))
 
-    def solve(self, sides: NDArray[np.intp]) -> _Step:
+    def solve(self, sides: NDArray[np.intp], damping: float) -> _Step:
         """The step within the linearised constraints.
 
         Only those sides of inequalities that held the step before (given), and those that the
         step would break otherwise, go into the quadratic program: of the thousands there are,
-        few matter.
+        few matter. Constraints keep most steps short: it begins with little damping (given).
         """
         here, program = self._here, self._program
-        free = trust_region_step(self._hessian, self._gradient, self._radius)
-        convex = self._hessian if free.lowest_shift == 0.0 else _convexified(self._hessian)
-        y, multipliers, shift, feasible = free.step, np.zeros(0), 0.0, bool(free.step.size)
+        multipliers, feasible = np.zeros(0), bool(self._gradient.size)
         sides = sides if feasible else sides[:0]
+        if not sides.size:
+            y = self._free.step
         rows, bounds = _rows_of_sides(here, sides), _room_at_sides(program, here, sides)
         for left in reversed(range(_MOST_ROUNDS)):
             if sides.size:
                 reduced = self._reduced(rows, bounds)
-                y, multipliers, shift, feasible = self._held(convex, free.shift, shift, *reduced)
+                y, multipliers, damping, feasible = self._held(damping, *reduced)
             change = self._lifted(y)
             after = here.inequalities_after(change)
             outside = _outside(program, after)
@@ -336,6 +343,7 @@ class _Subproblem:
             multipliers=multipliers[holding],
             equality_multipliers=equality_multipliers,
             pull=pull,
+            damping=damping,
         )
 
     def way_back(self, there: Point) -> FloatArray:
@@ -354,31 +362,37 @@ class _Subproblem:
             return rows, bounds
         return rows @ self._tangent.directions, bounds - rows @ self._tangent.normal
 
+    @cached_property
+    def _free(self) -> TrustRegionStep:
+        """The step without inequalities."""
+        return trust_region_step(self._hessian, self._gradient, self._radius)
+
+    @cached_property
+    def _convex(self) -> FloatArray:
+        """The Hessian if it is positive definite, or one like it that is."""
+        _, failed = lapack.dpotrf(self._hessian)
+        return _convexified(self._hessian) if failed else self._hessian
+
     def _held(
-        self,
-        hessian: FloatArray,
-        free_shift: float,
-        shift: float,
-        rows: FloatArray,
-        bounds: FloatArray,
+        self, damping: float, rows: FloatArray, bounds: FloatArray
     ) -> tuple[FloatArray, FloatArray, float, bool]:
         """The y within rows · y ≤ bounds, its multipliers, the damping, and whether there is any.
 
-        The constraints themselves keep most steps short: no more damping than was needed with
-        fewer of them, if it is enough.
+        The damping given is raised until the step is not much longer than the trust region.
         """
-        least = max(0.03 * free_shift, 1e-4 * float(np.trace(hessian)) / len(hessian))
+        hessian, n = self._convex, len(self._convex)
         must_mend = float(bounds.min()) < -_FEASIBLE
         for _ in range(_MOST_DAMPINGS):
-            regular = hessian + shift * np.eye(len(hessian)) if shift else hessian
+            regular = hessian + damping * np.eye(n) if damping else hessian
             found = solve_quadratic(regular, self._gradient, rows, bounds)
             if found is None:
-                return *_nearest(regular, self._gradient, rows, bounds), shift, False
+                return *_nearest(regular, self._gradient, rows, bounds), damping, False
             step, multipliers = found.step, found.multipliers
             if must_mend or step @ step <= (1.5 * self._radius) ** 2:
                 break
-            shift = max(4.0 * shift, least)
-        return step, multipliers, shift, True
+            least = max(0.03 * self._free.shift, 1e-4 * float(np.trace(hessian)) / n)
+            damping = max(4.0 * damping, least)
+        return step, multipliers, damping, True
 
 
 def _convexified(hessian: FloatArray) -> FloatArray:
