@@ -45,6 +45,9 @@ _MOST_DAMPINGS = 8
 _LESS_DAMPING = 0.25
 # Share of the trust region that a step towards the equalities may take.
 _NORMAL_SHARE = 0.8
+# Cosine of the angle between a step and the change of the gradient below which an update of the
+# curvature would be out of proportion.
+_LEAST_COSINE = 0.05
 # Singular values of equalities, relative to the largest, that are taken for 0.
 _DEPENDENT = 1e-9
 
@@ -165,12 +168,16 @@ def solve(
     iterations, converged = 1, start.size == 0
     while not converged and iterations < options.max_iterations:
         subproblem = _Subproblem(program, here, here.hessian + curvature, radius)
-        step = subproblem.solve(sides, _LESS_DAMPING * damping)
+        less = _LESS_DAMPING * damping
+        step = subproblem.solve(sides, less)
         pull, sides, damping = step.pull, step.sides, step.damping
         # An exact penalty needs a weight above every multiplier.
         weight = max(weight, 2.0 * step.largest_multiplier)
         predicted = step.decrease + weight * (broken - step.infeasibility)
         negligible = predicted <= options.tolerance * here.cost
+        if negligible and less > 0.0:
+            damping = 0.0  # it may have been too much, and nothing else makes the step small
+            continue
         converged = negligible and broken <= _FEASIBLE
         mends = broken - step.infeasibility > _FEASIBLE
         stuck = (negligible and not mends) or radius < _SMALLEST_RADIUS
@@ -441,7 +448,7 @@ def _updated(
         curvature, curved = curvature * factor, curved * factor
     along = float(change @ gradient_change)
     lengths = float(change @ change) * float(gradient_change @ gradient_change)
-    if not (along > 0.0 and along**2 > 1e-24 * lengths):
+    if not along > _LEAST_COSINE * math.sqrt(lengths):
         return curvature
     error = (wanted - curved) / along
     # E gᵀ + g Eᵀ − (E·step/along) g gᵀ, with the last term shared out to the two others.
