@@ -346,7 +346,8 @@ def has_path_between(ends: np.ndarray, preview: MarkerArray) -> bool:
 
 
 def test_sequence_is_one_motion_through_the_vias_that_stops_at_the_last(client: GoalClient) -> None:
-    answer = client.send(sequence_message(VIA, GOAL, START, times=(2, 0, 5)))
+    with parameters(client, max_solve_time=60.0):
+        answer = client.send(sequence_message(VIA, GOAL, START, times=(2, 0, 5)))
     trajectory = answer.trajectory
     assert trajectory is not None, answer.report.message
     assert answer.values["mode"] == "optimal"
@@ -696,6 +697,68 @@ def test_node_waits_for_what_is_missing_and_says_for_what(tmp_path: Path) -> Non
         timeout = Parameter("state_timeout", value=0.0).to_parameter_msg()
         assert client.set_parameters(timeout)[0].successful
         client.wait_for_diagnostics(lambda values: values["text"] == "ready for goals")
+
+
+def trials_in(folder: Path) -> list[dict[str, Any]]:
+    """The trials whose costs are in the only file of trials; none if there is none."""
+    files = list(folder.glob("trials_*.json"))
+    return json.loads(files[0].read_text())["trials"] if files else []
+
+
+@pytest.mark.usefixtures("own_domain")
+def test_goal_that_comes_again_is_learned_by_trials_also_across_a_kill(
+    tmp_path: Path, primitives: Path
+) -> None:
+    pytest.importorskip("cmaes", reason="cmaes (extra 'learn') is not installed")
+    robot = tmp_path / "planner.yaml"
+    robot.write_text(yaml.safe_dump({"/**": {"ros__parameters": {"robot_description": URDF}}}))
+    folder = tmp_path / "kept"
+    folder.mkdir()
+    arguments = ["--params-file", str(robot), "-p", f"primitives:=['{primitives}']"]
+    arguments += ["-p", "state_timeout:=0.0", "-p", f"save_folder:={folder}"]
+    arguments += ["-p", "learn_trials:=true"]
+
+    def try_once(client: GoalClient, cost: float) -> tuple[Answer, np.ndarray]:
+        n = len(trials_in(folder))
+        answer = client.send(in_frame(goal_message(), "arm_arm_4"))
+        assert answer.trajectory is not None, answer.report.message
+        client.publish_trial_cost(cost)
+        for _ in range(200):
+            if len(trials_in(folder)) > n:
+                break
+            client.spin_once()
+        assert trials_in(folder)[-1]["cost"] == cost
+        return answer, column(answer.trajectory, "positions")
+
+    with (tmp_path / "first.txt").open("w") as log, GoalClient() as client:
+        process = start_node(*arguments, output=log)
+        try:
+            client.wait_for_node()
+            client.wait_for_model()
+            client.publish_state(JOINTS, START)
+            planned, first = try_once(client, 10.0)
+            varied, second = try_once(client, 4.0)
+        finally:
+            process.kill()
+            process.wait(timeout=20.0)
+    assert (planned.values["trial"], planned.values["best_trial_cost"]) == ("1", "none")
+    assert (varied.values["trial"], varied.values["best_trial_cost"]) == ("2", "10.0")
+    assert np.abs(first[len(first) // 2] - second[len(second) // 2]).max() > 1e-3
+    assert second[0].tolist() == START
+    assert second[-1].tolist() == GOAL
+    with running_node(tmp_path / "second.txt", *arguments), GoalClient() as client:
+        client.wait_for_node()
+        client.wait_for_model()
+        client.publish_state(JOINTS, START)
+        third, _ = try_once(client, 6.0)
+        assert (third.values["trial"], third.values["best_trial_cost"]) == ("3", "4.0")
+        no_folder = Parameter("save_folder", value="").to_parameter_msg()
+        assert "'save_folder' to a folder" in client.set_parameters(no_folder)[0].reason
+        kept = client.save_motion()
+        assert kept.success, kept.message
+    facts = load_primitive(folder / "arm_arm_4_1.npz").metadata["refined_from"]
+    assert (facts["trial_cost"], facts["planned_cost"], facts["n_trials"]) == (4.0, 10.0, 3)
+    assert not trials_in(folder)
 
 
 @pytest.mark.usefixtures("own_domain")

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -73,6 +73,8 @@ class TrialLearner:
         Of the random numbers: the same seed and costs give the same trials.
     state : Path, optional
         File that keeps the trials; those in it are not repeated.
+    request : mapping, optional
+        What the motion is for, of JSON types: kept in that file for :func:`read_request`.
 
     Raises
     ------
@@ -94,6 +96,7 @@ class TrialLearner:
         start: FloatArray | None = None,
         seed: int = 0,
         state: Path | None = None,
+        request: Mapping[str, Any] | None = None,
     ) -> None:
         options = options or RefinementOptions()
         original, first = RefinedMotion(segments), RefinedMotion(segments, start)
@@ -117,7 +120,7 @@ class TrialLearner:
         self._proposal: AcceptedMotion | None = None
         self._generation: list[tuple[FloatArray, float]] = []
         self._trials: list[Trial] = []
-        self._state = state
+        self._state, self._request = state, request
         self._identity = _identity(first, options, seed)
         if state is not None and state.exists():
             for trial in _read(state, self._identity, self._centre.size):
@@ -147,8 +150,15 @@ class TrialLearner:
             self._proposal = self._repaired(self._search.ask()) if searching else self._first[n]
         return self._proposal
 
-    def tell(self, cost: float) -> None:
+    def tell(self, cost: float, executed: FloatArray | None = None) -> None:
         """Say what the proposed motion cost.
+
+        Parameters
+        ----------
+        cost : float
+            The cost.
+        executed : array, shape (n_segments, N_PARAMETERS), optional
+            The parameters of the motion that was executed, if not those of the proposed one.
 
         Raises
         ------
@@ -159,9 +169,10 @@ class TrialLearner:
         """
         if not np.isfinite(cost):
             raise LearningError(f"the cost of a trial must be a finite number, got {cost}")
-        trial = Trial(tuple(self.propose().motion.parameters.ravel().tolist()), float(cost))
+        tried = self.propose().motion.parameters if executed is None else executed
+        trial = Trial(tuple(tried.ravel().tolist()), float(cost))
         if self._state is not None:
-            _write(self._state, self._identity, [*self._trials, trial])
+            _write(self._state, self._identity, self._request, [*self._trials, trial])
         self._learn(trial)
 
     def _learn(self, trial: Trial) -> None:
@@ -190,7 +201,11 @@ class TrialLearner:
                 return self._judge.accept(motion)
             except TrajectoryError:
                 parameters = (parameters + best) / 2.0
-        return self._judge.accept(RefinedMotion(self._segments, best))
+        try:
+            return self._judge.accept(RefinedMotion(self._segments, best))
+        except TrajectoryError:
+            # It was executed from another start than this.
+            return self._first[0]
 
 
 def _search(centre: FloatArray, bounds: FloatArray, seed: int) -> Any:
@@ -211,30 +226,57 @@ def _identity(first: RefinedMotion, options: RefinementOptions, seed: int) -> st
     return hashlib.sha256(json.dumps([facts, path]).encode()).hexdigest()
 
 
-def _write(path: Path, identity: str, trials: Sequence[Trial]) -> None:
+def read_request(path: Path) -> Any:
+    """What the motion of the trials in a file is for; None if it was not said.
+
+    Raises
+    ------
+    LearningError
+        If the file can't be read.
+    """
+    return _content(path).get("request")
+
+
+def _write(
+    path: Path, identity: str, request: Mapping[str, Any] | None, trials: Sequence[Trial]
+) -> None:
     content = {
         "format": _FORMAT,
         "version": _VERSION,
         "motion": identity,
+        "request": request,
         "trials": [{"parameters": trial.parameters, "cost": trial.cost} for trial in trials],
     }
     write_whole(path, json.dumps(content, indent=1).encode(), overwrite=True)
 
 
-def _read(path: Path, identity: str, n_parameters: int) -> list[Trial]:
+def _content(path: Path) -> dict[str, Any]:
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
-        if content["format"] != _FORMAT or content["version"] != _VERSION:
-            raise LearningError(f"'{path}' is no file of trials of this release")
+        is_ours = content["format"] == _FORMAT and content["version"] == _VERSION
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise _unreadable(path, error) from None
+    if not is_ours:
+        raise LearningError(f"'{path}' is no file of trials of this release")
+    return dict(content)
+
+
+def _unreadable(path: Path, error: Exception) -> LearningError:
+    return LearningError(f"the trials in '{path}' can't be read: {error!r:.120}")
+
+
+def _read(path: Path, identity: str, n_parameters: int) -> list[Trial]:
+    content = _content(path)
+    try:
         motion = content["motion"]
         trials = [Trial(tuple(x["parameters"]), x["cost"]) for x in content["trials"]]
         numbers = np.array([[*trial.parameters, trial.cost] for trial in trials], dtype=float)
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise LearningError(f"the trials in '{path}' can't be read: {error!r:.120}") from None
+    except (ValueError, KeyError, TypeError) as error:
+        raise _unreadable(path, error) from None
     if motion != identity:
         raise LearningError(
             f"the trials in '{path}' are of another motion, or with other options: "
-            "name another file, or repeat the request that it was made for"
+            "remove it, name another file, or repeat the request that it was made for"
         )
     if trials and (numbers.shape[1] != n_parameters + 1 or not np.isfinite(numbers).all()):
         raise LearningError(f"the trials in '{path}' hold {n_parameters} finite parameters each")

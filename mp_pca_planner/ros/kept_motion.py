@@ -21,6 +21,8 @@ from .motion_server import Served
 def keep_motion(served: Served, folder: Path, provenance: Mapping[str, Any]) -> Path:
     """Write the family of motions around a published one as a new primitive file.
 
+    Of a goal that is learned by trials, the best trial is kept, and its trials are over.
+
     Parameters
     ----------
     served : Served
@@ -33,7 +35,8 @@ def keep_motion(served: Served, folder: Path, provenance: Mapping[str, Any]) -> 
     Raises
     ------
     PlannerError
-        If the motion is a sequence, or the file can't be written.
+        If the motion is a sequence, no trial was better than the planned motion, or the file
+        can't be written.
     """
     plan = served.plan
     if isinstance(plan, SequencePlan):
@@ -49,6 +52,12 @@ def keep_motion(served: Served, folder: Path, provenance: Mapping[str, Any]) -> 
         name, file = f"{primitive.name}_{number}", folder / f"{stem}_{number}.npz"
         if name not in known and not file.exists():
             break
-    motion = RefinedMotion([plan.motion])
+    trial, parameters = served.trial, None
+    if trial is not None:
+        parameters, facts = trial.to_keep()
+        provenance = {**provenance, **facts}
+    motion = RefinedMotion([plan.motion], parameters)
     save_primitive(family_around(primitive, motion, name, provenance), file)
+    if trial is not None:
+        trial.close()
     return file

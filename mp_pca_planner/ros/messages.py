@@ -258,8 +258,20 @@ def _numbers(values: FloatArray) -> array[float]:
     return array("d", values.tobytes())
 
 
-def to_plan_report(plan: Plan | SequencePlan, goal_stamp: Time) -> DiagnosticStatus:
-    """Report a motion that was published: OK, or WARN with what is unusual about it."""
+def to_plan_report(
+    plan: Plan | SequencePlan, goal_stamp: Time, more: Mapping[str, str | float | int] | None = None
+) -> DiagnosticStatus:
+    """Report a motion that was published: OK, or WARN with what is unusual about it.
+
+    Parameters
+    ----------
+    plan :
+        The plan.
+    goal_stamp :
+        Stamp of the goal.
+    more : mapping, optional
+        Further values.
+    """
     remarks = []
     if plan.status == STOPPED_EARLY:
         remarks.append(plan.message)
@@ -269,30 +281,27 @@ def to_plan_report(plan: Plan | SequencePlan, goal_stamp: Time) -> DiagnosticSta
             "about 1 is usual), so the motion may look unlike them, too"
         )
     level = DiagnosticStatus.WARN if remarks else DiagnosticStatus.OK
-    return _report(level, "; ".join(remarks) or plan.message, goal_stamp, plan)
+    values = {**plan.summary(), **(more or {})}
+    return _report(level, "; ".join(remarks) or plan.message, goal_stamp, values)
 
 
 def to_overtaken_report(goal_stamp: Time) -> DiagnosticStatus:
     """Report a good goal whose motion nobody wanted any more."""
     text = "given up: a newer goal or a stop came before its motion was planned"
-    return _report(DiagnosticStatus.WARN, text, goal_stamp, None, OVERTAKEN)
+    return _report(DiagnosticStatus.WARN, text, goal_stamp, {"status": OVERTAKEN})
 
 
 def to_refusal(
     reason: str, goal_stamp: Time, plan: Plan | SequencePlan | None = None
 ) -> DiagnosticStatus:
     """Report a goal for which nothing was published, with the plan if it came to one."""
-    return _report(DiagnosticStatus.ERROR, _one_line(reason), goal_stamp, plan)
+    values = plan.summary() if plan else {"status": "refused"}
+    return _report(DiagnosticStatus.ERROR, _one_line(reason), goal_stamp, values)
 
 
 def _report(
-    level: bytes,
-    text: str,
-    goal_stamp: Time,
-    plan: Plan | SequencePlan | None,
-    status: str = "refused",
+    level: bytes, text: str, goal_stamp: Time, values: Mapping[str, str | float | int]
 ) -> DiagnosticStatus:
-    values = plan.summary() if plan else {"status": status}
     stamp = to_stamp_text(goal_stamp)
     return to_status("mp_pca_planner: plan", level, text, {**values, "goal_stamp": stamp})
 

@@ -10,9 +10,12 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
 
 from ..exceptions import TrajectoryError
-from ..goal import Goal, JointState, SequenceGoal
+from ..goal import Goal, JointGoal, JointState, SequenceGoal
 from ..planning.planner import Plan
 from ..planning.sequence import SequencePlan
 from ..trajectory import Trajectory
@@ -21,7 +24,10 @@ from .assembly import Model
 from .commanded import stopping_motion
 from .goal_statistics import GoalStatistics
 from .newest_goal import CancelledError, IsCancelled
-from .start_state import Clock, Start, StartStates, TooLateError
+from .start_state import REST_VELOCITY, Clock, Start, StartStates, TooLateError
+
+if TYPE_CHECKING:
+    from .trial_book import ServedTrial, TrialBook
 
 MakeGoal = Callable[[JointState], Goal]
 """Says what is to be reached, for a motion that starts at a state."""
@@ -49,10 +55,13 @@ class Served:
         The plan.
     model : Model
         What it was made with.
+    trial : ServedTrial or None
+        The trial that it is, if the goal is learned by trials.
     """
 
     plan: Plan | SequencePlan
     model: Model
+    trial: ServedTrial | None = None
 
 
 class MotionServer:
@@ -82,6 +91,7 @@ class MotionServer:
         self._statistics = statistics
         self._send = publish
         self._clock = clock
+        self._trials: TrialBook | None = None
         # Goals are served in a thread of their own, stops in that of the callbacks.
         self._publishing = threading.Lock()
 
@@ -168,9 +178,21 @@ class MotionServer:
         )
         if not plan.is_executable:
             raise UnexecutablePlanError(plan)
+        trial = None
+        may_learn = settings.learn_trials and _is_at_rest(start)
+        if may_learn and isinstance(goal, JointGoal) and isinstance(plan, Plan):
+            plan, trial = self._trial_book().vary(goal, plan, model)
         self._publish(plan, start, model, is_cancelled)
         self._statistics.served(kind, plan.solve_time, self._clock() - began)
-        return Served(plan, model)
+        return Served(plan, model, trial)
+
+    def _trial_book(self) -> TrialBook:
+        # Takes long to import, and hardly any node learns.
+        from .trial_book import TrialBook
+
+        if self._trials is None:
+            self._trials = TrialBook()
+        return self._trials
 
     def _publish(
         self, plan: Plan | SequencePlan, start: Start, model: Model, is_cancelled: IsCancelled
@@ -194,6 +216,10 @@ class MotionServer:
             )
             self._send(trajectory, False)
             self._states.command(trajectory)
+
+
+def _is_at_rest(start: Start) -> bool:
+    return start.commanded is None and bool(np.abs(start.state.velocities).max() <= REST_VELOCITY)
 
 
 def _first_state(trajectory: Trajectory) -> JointState:

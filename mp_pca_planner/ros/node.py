@@ -226,6 +226,12 @@ class PlannerNode(Node):
                 throttle_duration_sec=_LOG_PERIOD,
             )
             return
+        if self._last_served.trial is not None:
+            try:
+                self._last_served.trial.tell(message.data)
+            except PlannerError as error:
+                self.get_logger().error(f"nothing was learned from a trial: {error}")
+                return
         self._last_cost = message.data
 
     def _on_stop(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
@@ -322,8 +328,10 @@ class PlannerNode(Node):
             self.get_logger().error(traceback.format_exc())
             self._refuse(to_refusal(f"internal error, please report it: {error!r}", job.stamp))
         else:
-            self._reports.publish(to_plan_report(served.plan, job.stamp))
+            # A cost may follow the report at once.
             self._last_served, self._last_cost = served, None
+            trial = served.trial.facts if served.trial else None
+            self._reports.publish(to_plan_report(served.plan, job.stamp, trial))
 
     def _refuse(self, report: DiagnosticStatus) -> None:
         self._statistics.refused()

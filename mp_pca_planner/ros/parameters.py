@@ -9,9 +9,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import MISSING, dataclass, field, fields
+from importlib.util import find_spec
 from typing import Any
 
-from ..exceptions import PlannerError, quote_names, unknown_name
+from ..exceptions import MissingDependencyError, PlannerError, quote_names, unknown_name
 from ..planning.planner import BASES, LONGEST_DURATION, PlannerOptions
 from ..planning.sequence import MODES, OPTIMAL
 
@@ -177,6 +178,12 @@ class Settings:
         """Folder in which ~/save_motion keeps the last motion as a primitive file; empty: motions
         can't be saved.""",
     )
+    learn_trials: bool = _declared(
+        False,
+        """Whether goals of ~/goal that come again, from rest near the same start, are learned:
+        each time the motion is varied, and ~/trial_cost tells what it cost. Needs save_folder,
+        which keeps the trials, and cmaes (extra 'learn').""",
+    )
     limits: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -187,6 +194,14 @@ class Settings:
                     f"parameter '{declaration.name}' is {value!r:.80}, "
                     f"but it must be {declaration.accepted}"
                 )
+
+        if self.learn_trials and not self.save_folder:
+            raise ParameterError(
+                "parameter 'learn_trials' is true, but trials can't be kept: set the parameter "
+                "'save_folder' to a folder first"
+            )
+        if self.learn_trials and find_spec("cmaes") is None:
+            raise MissingDependencyError("cmaes", "learn", "the parameter 'learn_trials'")
 
     @classmethod
     def from_values(cls, values: Mapping[str, Any]) -> Settings:
