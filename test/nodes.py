@@ -10,11 +10,13 @@ import subprocess
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 import rclpy
 from arm import JOINTS, arm_primitive
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
@@ -66,6 +68,18 @@ def ros_node(name: str) -> Iterator[Node]:
     finally:
         node.destroy_node()
         rclpy.try_shutdown(context=context)
+
+
+def call(node: Node, kind: Any, name: str, request: Any) -> Any:
+    """What a service answers."""
+    client = node.create_client(kind, name)
+    assert client.wait_for_service(10.0)
+    future = client.call_async(request)
+    executor = SingleThreadedExecutor(context=node.context)
+    executor.add_node(node)
+    executor.spin_until_future_complete(future, 10.0)
+    assert future.done(), name
+    return future.result()
 
 
 def goal_message(

@@ -110,6 +110,10 @@ class _Job:
     stamp: Time
 
 
+def _joint_names(primitives: Sequence[MovementPrimitive]) -> tuple[str, ...]:
+    return primitives[0].joint_names if primitives else ()
+
+
 def _fixed(goal: Goal) -> MakeGoal:
     return lambda _: goal
 
@@ -429,7 +433,7 @@ class PlannerNode(Node):
             If they don't fit together; then all stays as it was. Where nothing works anyway, the
             changes are accepted and the problem is kept: it may take several to mend it.
         """
-        joint_names = primitives[0].joint_names if primitives else ()
+        joint_names = _joint_names(primitives)
         if primitives:
             check_limit_names(self._parameter_overrides, joint_names)
         limits = limit_declarations(joint_names)
@@ -439,6 +443,7 @@ class PlannerNode(Node):
             model, problem = self._assemble(settings, primitives), ""
         except PlannerError as error:
             if not self._model_problem:
+                self._forget_limits_except(_joint_names(self._primitives))
                 raise
             model, problem = None, str(error)
         if primitives is not self._primitives:
@@ -446,7 +451,7 @@ class PlannerNode(Node):
         self._settings, self._primitives = settings, primitives
         self._model, self._model_problem = model, problem
         self._states.expect(joint_names)
-        self._forget_limits_except({d.name for d in limits})
+        self._forget_limits_except(joint_names)
 
     def _assemble(
         self, settings: Settings, primitives: tuple[MovementPrimitive, ...]
@@ -478,7 +483,8 @@ class PlannerNode(Node):
                 f"but it must be {declaration.accepted}"
             ) from None
 
-    def _forget_limits_except(self, names: set[str]) -> None:
+    def _forget_limits_except(self, joint_names: Sequence[str]) -> None:
+        names = {declaration.name for declaration in limit_declarations(joint_names)}
         for name in self.get_parameters_by_prefix(""):
             if name.startswith(LIMITS_PREFIX) and name not in names:
                 self.undeclare_parameter(name)

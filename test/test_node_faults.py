@@ -1,0 +1,186 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""What may go wrong around the node while it runs: it says so, and goes on."""
+
+from __future__ import annotations
+
+import resource
+import subprocess
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("rclpy", reason="ROS 2 (rclpy) is not installed")
+
+from arm import JOINTS, arm_demonstrations, arm_primitive
+from diagnostic_msgs.msg import DiagnosticStatus
+from nodes import (
+    PATIENTLY,
+    START,
+    URDF,
+    call,
+    goal_message,
+    ros_node,
+    running_node,
+    set_domain,
+)
+from rcl_interfaces.srv import ListParameters
+
+from mp_pca_planner.primitives.build import build_primitive
+from mp_pca_planner.primitives.file import load_primitive, save_primitive
+from mp_pca_planner.primitives.primitive import MovementPrimitive
+from mp_pca_planner.ros.client import Answer, GoalClient
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Has the folders `primitives`, which the node plans with, and `kept`, in which it saves."""
+    folder = tmp_path_factory.mktemp("faults")
+    (folder / "primitives").mkdir()
+    (folder / "kept").mkdir()
+    save_primitive(arm_primitive(), folder / "primitives" / "arm.npz")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def node(folder: Path) -> Iterator[subprocess.Popen[str]]:
+    arguments = ["-p", f"primitives:=['{folder / 'primitives'}']", *PATIENTLY]
+    arguments += ["-p", f"save_folder:='{folder / 'kept'}'"]
+    with pytest.MonkeyPatch.context() as patch:
+        set_domain(patch, 75)
+        with running_node(folder / "log.txt", *arguments) as process:
+            yield process
+
+
+@pytest.fixture(scope="module")
+def client(node: subprocess.Popen[str]) -> Iterator[GoalClient]:
+    with GoalClient() as client:
+        client.wait_for_node()
+        client.publish_description(URDF)
+        client.wait_for_model()
+        client.publish_state(JOINTS, START)
+        yield client
+
+
+def primitive_used(client: GoalClient) -> str:
+    answer = client.send(goal_message())
+    assert answer.report.level != DiagnosticStatus.ERROR, answer.report.message
+    return answer.values["primitive"]
+
+
+def of_other_joints(names: tuple[str, ...]) -> MovementPrimitive:
+    """The primitive of a robot whose joints are called otherwise."""
+    renamed = [
+        type(d)(
+            names,
+            d.times,
+            d.positions,
+            d.velocities,
+            d.accelerations,
+            recording=d.recording,
+            start_time=d.start_time,
+            end_time=d.end_time,
+        )
+        for d in arm_demonstrations()
+    ]
+    return build_primitive(renamed, "other_robot")
+
+
+@contextmanager
+def full_disk(process: subprocess.Popen[str], size: int = 1000) -> Iterator[None]:
+    """No file of the process grows beyond the size [bytes]: the system refuses to write it."""
+    before = resource.prlimit(process.pid, resource.RLIMIT_FSIZE)
+    resource.prlimit(process.pid, resource.RLIMIT_FSIZE, (size, before[1]))
+    try:
+        yield
+    finally:
+        resource.prlimit(process.pid, resource.RLIMIT_FSIZE, before)
+
+
+def test_motion_that_does_not_fit_on_the_disk_leaves_no_part_of_a_file(
+    client: GoalClient, node: subprocess.Popen[str], folder: Path
+) -> None:
+    primitive_used(client)
+    with full_disk(node):
+        answer = client.save_motion()
+    assert not answer.success
+    assert "can't be written: File too large" in answer.message
+    assert not list((folder / "kept").iterdir())
+    answer = client.save_motion()
+    assert answer.success, answer.message
+    (file,) = (folder / "kept").iterdir()
+    assert load_primitive(file).joint_names == tuple(JOINTS)
+
+
+def test_primitives_may_vanish_and_come_back_while_the_node_runs(
+    client: GoalClient, folder: Path
+) -> None:
+    file = folder / "primitives" / "arm.npz"
+    content = file.read_bytes()
+    file.unlink()
+    try:
+        assert primitive_used(client) == "arm_arm_4"
+        answer = client.reload_primitives()
+        assert not answer.success
+        assert "holds no primitive file" in answer.message
+        assert client.wait_for_diagnostics()["text"] in answer.message
+        assert primitive_used(client) == "arm_arm_4"
+        # Another one under the same name takes its place.
+        save_primitive(arm_primitive("joint"), file)
+        assert client.reload_primitives().success
+        assert primitive_used(client) == "arm_joint_4"
+    finally:
+        file.write_bytes(content)
+    assert client.reload_primitives().success
+    assert client.wait_for_diagnostics()["text"] == "ready for goals"
+
+
+def test_primitive_of_another_robot_is_refused_and_leaves_no_trace(
+    client: GoalClient, folder: Path
+) -> None:
+    mine, other = folder / "primitives" / "arm.npz", folder / "other.npz"
+    content = mine.read_bytes()
+    save_primitive(of_other_joints(("a", "b", "c", "d")), other)
+    mine.write_bytes(other.read_bytes())
+    try:
+        answer = client.reload_primitives()
+    finally:
+        mine.write_bytes(content)
+    assert not answer.success
+    assert "'a'" in answer.message
+    assert "'arm_arm_4' kept" in answer.message
+    assert primitive_used(client) == "arm_arm_4"
+    with ros_node("lister") as lister:
+        request = ListParameters.Request(prefixes=["limits"])
+        names = call(lister, ListParameters, "/mp_pca_planner/list_parameters", request).result
+    assert {name.split(".")[1] for name in names.names} == set(JOINTS)
+    assert client.reload_primitives().success
+
+
+def answer_once(client: GoalClient, is_wanted: Callable[[Answer], bool]) -> Answer:
+    """The first wanted answer to a goal: topics are not in step with each other."""
+    deadline = time.monotonic() + 20.0
+    while not is_wanted(answer := client.send(goal_message())):
+        assert time.monotonic() < deadline, answer.report.message
+    return answer
+
+
+def test_robot_may_be_exchanged_for_another_while_the_node_runs(client: GoalClient) -> None:
+    for other, words in (
+        (URDF.replace('name="elbow"', 'name="knee"'), "'elbow'"),
+        (URDF[: len(URDF) // 2], "not XML"),
+        ("", "robot_description"),
+    ):
+        client.publish_description(other)
+        answer = answer_once(client, lambda answer, words=words: words in answer.report.message)
+        assert answer.report.level == DiagnosticStatus.ERROR
+        stopped, _ = client.stop()
+        assert not stopped.success
+    client.publish_description(URDF)
+    cost = float(answer_once(client, lambda answer: answer.trajectory).values["effort_cost"])
+    # All links weigh more: the same goal takes more effort.
+    client.publish_description(URDF.replace('<mass value="', '<mass value="1'))
+    answer_once(client, lambda answer: float(answer.values["effort_cost"]) > 2.0 * cost)
