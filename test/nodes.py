@@ -29,9 +29,10 @@ MOTION = arm_primitive().boundary_states[0]
 START, GOAL = MOTION[0].tolist(), MOTION[3].tolist()
 URDF = config_file("human_arm.urdf").read_text(encoding="utf-8")
 
-# Tests publish a state once, and the machine may be busy: states are good for so long [s].
-PATIENCE = 60.0
-PATIENTLY = ("-p", f"state_timeout:={PATIENCE}")
+# Tests publish a state once, and the machine may be busy: how long states are good for, and plans
+# may take [s].
+PATIENCE = {"state_timeout": 60.0, "max_solve_time": 30.0}
+PATIENTLY = tuple(word for name, time in PATIENCE.items() for word in ("-p", f"{name}:={time}"))
 
 
 @contextmanager
