@@ -78,7 +78,7 @@ class QuadratureTables:
         self.basis = basis
         self.phases = phases
         self.quadrature = (widths * w / 2.0).ravel()
-        self.hermite = np.array([hermite_functions(phases, d) for d in range(N_RATES)])
+        self.hermite = hermite_tables(phases.tobytes())
         tables = basis.tables(phases, N_RATES - 1)
         self.mean = tables[..., 0]
         self.functions = tables[..., 1:].transpose(1, 0, 2, 3) * basis.scales
@@ -92,6 +92,12 @@ class QuadratureTables:
 @lru_cache(maxsize=64)
 def _gauss_legendre(n_nodes: int) -> tuple[FloatArray, FloatArray]:
     return legendre.leggauss(n_nodes)
+
+
+@lru_cache(maxsize=64)
+def hermite_tables(phases: bytes) -> FloatArray:
+    """Quintic Hermite functions and their first three derivatives, shape (4, n_phases, 6)."""
+    return np.array([hermite_functions(np.frombuffer(phases), d) for d in range(N_RATES)])
 
 
 class Unknowns:
@@ -418,13 +424,14 @@ class MotionProgram:
         jacobian *= root[:, :, None]
         return (values * root).ravel(), jacobian.reshape(values.size, self.scales.size)
 
-    def cost(self, x: FloatArray) -> float:
-        """The whole objective, naturalness included."""
+    def costs(self, candidates: FloatArray) -> FloatArray:
+        """The whole objective of candidates x, shape (n_candidates, n_unknowns)."""
+        natural = np.array([self.naturalness(x) for x in candidates])
         if all(isinstance(objective, Effort) for _, objective in self._objectives):
             weight = sum(weight for weight, _ in self._objectives)
-            return weight * float(self.effort_costs(x[None])[0]) + self.naturalness(x)
-        residual = self.linearise(x).residual
-        return 0.5 * float(residual @ residual) + self.naturalness(x)
+            return np.asarray(weight * self.effort_costs(candidates) + natural)
+        residuals = (self.linearise(x).residual for x in candidates)
+        return np.asarray([0.5 * float(r @ r) for r in residuals] + natural)
 
     def naturalness(self, x: FloatArray) -> float:
         """The naturalness term ½ρ(w−ŵ)ᵀΛ⁻¹(w−ŵ)."""

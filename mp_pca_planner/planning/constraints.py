@@ -18,9 +18,16 @@ from numpy.typing import NDArray
 
 from ..arrays import FloatArray
 from ..limits import JointLimits
-from ..primitives.boundary import hermite_functions
 from ..validation import Violation
-from .compiler import N_RATES, Linearisation, MotionProgram, QuadratureTables, Rows, StateMap
+from .compiler import (
+    N_RATES,
+    Linearisation,
+    MotionProgram,
+    QuadratureTables,
+    Rows,
+    StateMap,
+    hermite_tables,
+)
 
 # Motions are kept this share of the limit away from it, so that what happens between points
 # of the grid (see the check on the dense grid) has room.
@@ -54,7 +61,7 @@ class LimitTables:
 
     def __init__(self, tables: QuadratureTables, n_points: int = N_LIMIT_POINTS) -> None:
         self._tables = tables
-        self._phases = _even_phases(n_points)
+        self._phases = (np.arange(n_points) + 0.5) / n_points
         self._states: dict[int, tuple[FloatArray, FloatArray, FloatArray]] = {}
         self.n_points = n_points
 
@@ -76,7 +83,7 @@ class LimitTables:
             basis = self._tables.basis
             values = basis.tables(self._phases, highest)
             self._states[highest] = (
-                _hermite_tables(self.n_points)[: highest + 1],
+                hermite_tables(self._phases.tobytes())[: highest + 1],
                 values[..., 0],
                 values[..., 1:] * basis.scales,
             )
@@ -89,16 +96,6 @@ class LimitTables:
         return _interpolation(
             *(x.tobytes() for x in (self._tables.phases, basis.breakpoints, self._phases))
         )
-
-
-def _even_phases(n_points: int) -> FloatArray:
-    return (np.arange(n_points) + 0.5) / n_points
-
-
-@lru_cache(maxsize=4)
-def _hermite_tables(n_points: int) -> FloatArray:
-    phases = _even_phases(n_points)
-    return np.array([hermite_functions(phases, d) for d in range(N_RATES)])
 
 
 @lru_cache(maxsize=16)

@@ -542,7 +542,9 @@ class Planner:
         # the shortest duration, nor of several configurations.
         searches = goal.duration is None and self.options.timing == SHORTEST
         chosen: list[_Request] = []
-        for there in sorted(goals, key=score)[:_N_CONFIGURATIONS]:
+        if len(goals) > 1:
+            goals = sorted(goals, key=score)[:_N_CONFIGURATIONS]
+        for there in goals:
             selection = selector.choose(here.positions, there.positions, goal.duration)
             several = pose is None and not searches
             for one in selection.contenders if several else [selection.first]:
@@ -582,6 +584,12 @@ class Planner:
 
     def _conditions(self, request: _Request, vias: Sequence[Via]) -> tuple[Condition, ...]:
         """What to meet on the way, and the pose to reach at the end."""
+        conditions = self._via_conditions(request, vias) if vias else []
+        if request.pose is not None:
+            conditions.append(Condition(PoseTarget(self.robot, request.pose), 1.0))
+        return tuple(conditions)
+
+    def _via_conditions(self, request: _Request, vias: Sequence[Via]) -> list[Condition]:
         targets = [self._target(via, request.start) for via in vias]
         phases = np.linspace(0.0, 1.0, 201)
         ends = np.zeros((6, self.robot.n_joints))
@@ -589,15 +597,12 @@ class Planner:
         usual = hermite_functions(phases) @ ends + request.primitive.basis.shape(
             request.expected.weights, phases
         )
-        conditions = [
+        return [
             Condition(target, via.phase, window)
             for target, via, window in zip(
                 targets, vias, _windows(targets, vias, phases, usual), strict=True
             )
         ]
-        if request.pose is not None:
-            conditions.append(Condition(PoseTarget(self.robot, request.pose), 1.0))
-        return tuple(conditions)
 
     def _target(self, via: Via, here: JointState) -> Target:
         names, target = self.robot.joint_names, via.target
@@ -670,7 +675,6 @@ class Planner:
             conditions=request.conditions,
         )
         x = _choose_start(family, program, naturalness)
-        start_cost = float(program.effort_costs(program.expected[None])[0])
 
         def limited_by(limits: JointLimits | None) -> LimitedProgram:
             return LimitedProgram(program, family.limit_tables, limits, self._end_states(request))
@@ -703,7 +707,7 @@ class Planner:
             objective_cost=found.cost - natural,
             effort_cost=float(program.effort_costs(x[None])[0]),
             naturalness_cost=natural,
-            start_cost=start_cost,
+            start_cost=float(program.effort_costs(program.expected[None])[0]),
             converged=found.converged,
             iterations=passes,
             kkt_residual=found.kkt_residual,
@@ -883,16 +887,16 @@ def _reason(goal: JointGoal | PoseGoal, best: _Attempt, attempts: Sequence[_Atte
 
 def _choose_start(family: Family, program: MotionProgram, naturalness: float) -> FloatArray:
     """Set the program's naturalness; return the unknowns to start from."""
-    starts = [program.unknowns.from_weights(weights) for weights in family.starts]
-    if family.precision is None or naturalness == 0.0:
-        return min(starts, key=program.cost) if len(starts) > 1 else starts[0]
-    n = program.unknowns.n_weights
-    scales = program.scales[:n]
-    price = naturalness * program.cost(starts[0])
-    program.precision[:n, :n] = price * family.precision * np.outer(scales, scales)
-    if naturalness >= _NEAR_EXPECTED:
-        return starts[0]
-    return min(starts, key=program.cost)
+    starts = np.array([program.unknowns.from_weights(weights) for weights in family.starts])
+    if family.precision is not None and naturalness > 0.0:
+        n = program.unknowns.n_weights
+        scales = program.scales[:n]
+        price = naturalness * program.costs(starts[:1])[0]
+        program.precision[:n, :n] = price * family.precision * np.outer(scales, scales)
+        if naturalness >= _NEAR_EXPECTED:
+            return np.asarray(starts[0])
+    cheapest = int(np.argmin(program.costs(starts))) if len(starts) > 1 else 0
+    return np.asarray(starts[cheapest])
 
 
 def _windows(

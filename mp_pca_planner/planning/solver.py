@@ -233,6 +233,8 @@ def _peaks(program: Program, values: FloatArray, outside: FloatArray) -> NDArray
     inequality i, 2i + 1 the upper one.
     """
     broken = outside > _ROUNDING
+    if not broken.any():
+        return np.zeros(0, dtype=np.intp)
     broken[1:] &= outside[1:] > outside[:-1]
     broken[:-1] &= outside[:-1] >= outside[1:]
     peaks = np.flatnonzero(broken)
