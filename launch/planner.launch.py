@@ -8,6 +8,7 @@ controller_topic:=/arm_controller/joint_trajectory``; ``--show-args`` lists all 
 
 from launch import LaunchContext, LaunchDescription, LaunchDescriptionEntity
 from launch.actions import DeclareLaunchArgument, OpaqueFunction
+from launch.conditions import IfCondition
 from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
 from launch_ros.actions import Node
 from launch_ros.substitutions import FindPackageShare
@@ -16,7 +17,7 @@ PACKAGE = "mp_pca_planner"
 
 
 def generate_launch_description() -> LaunchDescription:
-    """Declare the arguments and the node."""
+    """Declare the arguments and the nodes."""
     return LaunchDescription(
         [
             DeclareLaunchArgument(
@@ -49,7 +50,35 @@ def generate_launch_description() -> LaunchDescription:
             DeclareLaunchArgument(
                 "namespace", default_value="", description="namespace of the node"
             ),
+            DeclareLaunchArgument(
+                "rviz",
+                default_value="false",
+                choices=["true", "false"],
+                description="whether to show the robot and its planned motions in RViz",
+            ),
+            DeclareLaunchArgument(
+                "fixed_frame",
+                default_value="base_link",
+                description="frame that RViz shows all in: the root link of the URDF, for example",
+            ),
             OpaqueFunction(function=_planner_node),
+            Node(
+                package="rviz2",
+                executable="rviz2",
+                namespace=LaunchConfiguration("namespace"),
+                arguments=[
+                    "--display-config",
+                    PathJoinSubstitution([FindPackageShare(PACKAGE), "config", "planner.rviz"]),
+                    "--fixed-frame",
+                    LaunchConfiguration("fixed_frame"),
+                ],
+                # The names in planner.rviz are those of a planner without a namespace.
+                remappings=[
+                    (f"/{PACKAGE}/preview", f"{PACKAGE}/preview"),
+                    ("/robot_description", LaunchConfiguration("robot_description_topic")),
+                ],
+                condition=IfCondition(LaunchConfiguration("rviz")),
+            ),
         ]
     )
 

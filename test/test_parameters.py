@@ -30,6 +30,8 @@ LAUNCH_ARGUMENTS = {
     "params_file",
     "controller_topic",
     "namespace",
+    "rviz",
+    "fixed_frame",
 }
 
 
@@ -123,14 +125,15 @@ def test_launch_file_declares_its_arguments_and_uses_no_others() -> None:
 
     def first_arguments(function: str) -> set[str]:
         found = [c for c in calls if isinstance(c.func, ast.Name) and c.func.id == function]
-        return {ast.literal_eval(call.args[0]) for call in found}
+        return {c.args[0].value for c in found if isinstance(c.args[0], ast.Constant)}
 
     assert first_arguments("DeclareLaunchArgument") == LAUNCH_ARGUMENTS
-    assert first_arguments("value") == LAUNCH_ARGUMENTS
+    used = first_arguments("value") | first_arguments("LaunchConfiguration")
+    assert used == LAUNCH_ARGUMENTS
 
 
 @pytest.mark.skipif(find_spec("launch_ros") is None, reason="launch_ros is not installed")
-def test_launch_file_describes_one_node() -> None:
+def test_launch_file_loads_and_declares_its_arguments() -> None:
     from launch import LaunchContext, LaunchDescriptionSource
     from launch.actions import DeclareLaunchArgument
 
