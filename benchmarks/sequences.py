@@ -4,7 +4,8 @@
 
 Random sequences of the human-like arm, whose configurations are ends of motions that the
 demonstrations don't contain, are joined in real time, optimised, and planned as one motion for
-each segment that stops at every via, in the same total duration.
+each segment that stops at every via, in the same total duration. In the same way, sequences of the
+poses of the wrist at these configurations are optimised, which leave one degree of freedom each.
 
     python benchmarks/sequences.py [--sequences 50]
 """
@@ -18,7 +19,7 @@ from itertools import pairwise
 import numpy as np
 
 from mp_pca_planner.cli.common import table
-from mp_pca_planner.goal import JointGoal, JointState, SequenceGoal
+from mp_pca_planner.goal import JointGoal, JointState, Pose, SequenceGoal
 from mp_pca_planner.planning.planner import Planner
 from mp_pca_planner.planning.selection import effort_of
 from mp_pca_planner.planning.sequence import OPTIMAL, REAL_TIME, SequencePlan, SequencePlanner
@@ -40,7 +41,7 @@ def main() -> None:
     stopping = Planner(robot, [primitive], robot.limits())
     ends = np.array([m.positions[k] for m in generate_motions(60, 2) for k in (0, -1)])
     rng = np.random.default_rng(0)
-    quick, best, timed, stops = [], [], [], []
+    quick, best, timed, posed, stops = [], [], [], [], []
     for _ in range(n_sequences):
         path = [JointState(JOINT_NAMES, q) for q in ends[rng.choice(len(ends), 6, replace=False)]]
         goal = SequenceGoal(tuple(path[1:]))
@@ -51,11 +52,16 @@ def main() -> None:
         passing = np.cumsum([motion.duration for motion in single])
         fixed = SequenceGoal(tuple(path[1:]), tuple(map(float, passing)))
         timed.append(planner.plan(fixed, path[0], OPTIMAL))
+        places = robot.frame_positions(np.array([q.positions for q in path[1:]]), ["wrist"])[:, 0]
+        posed.append(
+            planner.plan(SequenceGoal(tuple(Pose("wrist", p) for p in places)), path[0], OPTIMAL)
+        )
     rows = []
     for label, plans in (
         ("real time", quick),
         ("optimal", best),
         ("optimal, vias at the times of stopping", timed),
+        ("optimal, through poses", posed),
     ):
         share = np.array([p.effort_cost for p in plans]) / np.array(stops)
         rows.append(
@@ -65,12 +71,15 @@ def main() -> None:
                 f"{np.mean([p.mode == OPTIMAL for p in plans]) * 100:.0f}",
                 f"{max(jump(p) for p in plans):.1e}",
                 f"{100 * (1 - share.mean()):.1f}",
+                f"{np.median([b for p in plans for b in beyond(p)]):.2f}",
+                f"{np.percentile([b for p in plans for b in beyond(p)], 90):.2f}",
                 f"{1e3 * np.median([p.solve_time for p in plans]):.2f}",
                 f"{1e3 * np.percentile([p.solve_time for p in plans], 99):.2f}",
             ]
         )
     header = ["5 segments", "within limits [%]", "optimised [%]", "largest jump"]
-    header += ["effort saved against stopping [%]", "time [ms]", "99 %"]
+    header += ["effort saved against stopping [%]", "beyond ends [rad]", "90 %"]
+    header += ["time [ms]", "99 %"]
     print(table(rows, header=header), end="\n\n")
     rows = []
     for n in (5, 10, 20, 50):
@@ -85,6 +94,16 @@ def main() -> None:
         rows[-1] += [f"{per_pass:.2f}", f"{taken:.2f}"]
     header = ["segments", "mode", "real time [ms]", "passes", "ms per pass and segment"]
     print(table(rows, header=[*header, "with all checks [s]"]))
+
+
+def beyond(plan: SequencePlan) -> list[float]:
+    """How far any joint goes beyond its positions at the ends of each segment [rad]."""
+    found = []
+    for motion in plan.motions:
+        q, _, _ = motion.evaluate(motion.sample_times(0.01))
+        low, high = np.minimum(q[0], q[-1]), np.maximum(q[0], q[-1])
+        found.append(float(np.maximum(low - q, q - high).max()))
+    return found
 
 
 def jump(plan: SequencePlan) -> float:

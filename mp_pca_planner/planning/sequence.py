@@ -12,7 +12,8 @@ expected weights and durations.
 
 *Optimal* are the weights, the velocities and accelerations at the vias, and the durations of all
 segments together, by a Levenberg–Marquardt method on the sum of squares ½∫‖τ‖²dt and the
-naturalness of each segment. A segment shares unknowns with its neighbours only, so that the
+naturalness of each segment: how far it is from the one joined in real time, in spreads of the
+demonstrations. A segment shares unknowns with its neighbours only, so that the
 Hessian is banded, and an iteration costs time linear in the number of segments. The durations
 between two fixed times keep their sum.
 
@@ -62,11 +63,18 @@ _MOST_ITERATIONS = 60
 _TOLERANCE = 1e-5
 # Spread of the logarithm of durations that is as natural as a standard deviation of weights.
 _DURATION_SPREAD = 0.3
+# Passing at speed bends segments by more than demonstrations from rest to rest show: this many of
+# their standard deviations count as one (`benchmarks/sequences.py` shows what comes of it). Where
+# a joint hardly spreads, the deviation is at least this [rad or m].
+_BEND_SPREAD, _LEAST_SPREAD = 12.0, 0.01
 # Weights of what is out of limits (as shares of them), next to the whole cost, in turn, and how
 # far inside of the limits motions are kept.
 _PENALTIES = ((0.0, 0.0), (30.0, 0.02), (1e3, 0.02), (3e4, 0.03))
 _MOST_STRETCHES = 12
 _MOST_TARGETS = 1000
+# Targets at the beginning that the robot is this near to are passed already, and targets that are
+# this near to each other the same [rad or m].
+_HERE, _SAME = 0.01, 1e-6
 # Configurations that reach a pose which are weighed against each other.
 _MOST_CONFIGURATIONS = 6
 # Passing velocities are lowered in these steps where a position limit is overshot.
@@ -190,7 +198,8 @@ class SequencePlanner:
         Parameters
         ----------
         goal : SequenceGoal
-            Where to go. The last target is reached at rest.
+            Where to go. The last target is reached at rest; those at the beginning where the robot
+            is already are passed.
         start : JointState
             Present state of all joints.
         mode : {'real_time', 'optimal'}
@@ -242,7 +251,9 @@ class SequencePlanner:
         here = in_order(start, self.robot.joint_names)
         check_within_limits("present", here, self.limits)
         selector = self._selector_for(goal.primitive)
-        states = self._route(goal, here, selector)
+        n_passed = self._n_passed(goal, here)
+        goal = replace(goal, targets=goal.targets[n_passed:], times=goal.times[n_passed:])
+        states = self._route(goal, here, selector, n_passed + 1)
         chosen = [selector.choose(a.positions, b.positions).first for a, b in pairwise(states)]
         expected = [one.expected for one in chosen]
         durations = _fit_durations([e.duration for e in expected], goal.times)
@@ -268,7 +279,7 @@ class SequencePlanner:
         return JointTarget(np.arange(n), there.positions, n)
 
     def _route(
-        self, goal: SequenceGoal, here: JointState, selector: Selector
+        self, goal: SequenceGoal, here: JointState, selector: Selector, first_number: int
     ) -> tuple[JointState, ...]:
         """The states at the start and the targets, most like the demonstrations.
 
@@ -278,7 +289,7 @@ class SequencePlanner:
         known = np.concatenate([p.boundary_states[:, [0, 3]] for p in selector.primitives])
         known = known.reshape(-1, self.robot.n_joints)
         routes = [_Route(0.0, (here,))]
-        for number, target in enumerate(goal.targets, start=1):
+        for number, target in enumerate(goal.targets, first_number):
             if isinstance(target, Pose):
                 routes = self._through(target, number, routes, known, selector)
                 continue
@@ -291,7 +302,33 @@ class SequencePlanner:
                 longer.append(route.to(there, selector))
             named_all = len(target.joint_names) == self.robot.n_joints
             routes = [min(longer, key=lambda route: route.cost)] if named_all else longer
-        return min(routes, key=lambda route: route.cost).states
+        states = min(routes, key=lambda route: route.cost).states
+        for number, (a, b) in enumerate(pairwise(states[1:]), first_number):
+            if np.abs(a.positions - b.positions).max() <= _SAME:
+                # To the optimiser, a way to nowhere is time for any swing.
+                raise GoalError(
+                    f"targets {number} and {number + 1} of the sequence are the same: give it once"
+                )
+        return states
+
+    def _n_passed(self, goal: SequenceGoal, here: JointState) -> int:
+        """The number of targets at the beginning where the robot is already."""
+        for n_passed, (target, when) in enumerate(
+            zip(goal.targets[:-1], goal.times[:-1], strict=True)
+        ):
+            if isinstance(target, JointState):
+                there = completed(target, here, self.robot, f"target {n_passed + 1}")
+                missed = there.positions - here.positions
+            else:
+                missed = PoseTarget(self.robot, target).error(here.positions)[0]
+            if np.abs(missed).max() > _HERE:
+                return n_passed
+            if when is not None:
+                raise GoalError(
+                    f"target {n_passed + 1} of the sequence is where the robot is, and is to be "
+                    f"passed at {when:g} s: to wait there, send the sequence later"
+                )
+        return len(goal.targets) - 1
 
     def _through(
         self,
@@ -585,6 +622,29 @@ class _Segment:
         end = np.repeat([1.0, 1.0 / duration, 5.0 / duration**2], n)
         return np.concatenate([end, np.ones(self.m + 1), end])
 
+    def precision(self, expected: Conditional) -> FloatArray:
+        """How unlike the demonstrations a change of the unknowns from the motion is.
+
+        A change of the states at the ends bends the motion, as weights do, so that it is weighed
+        by how far the demonstrations spread, joint by joint, in the mean over the motion.
+        """
+        n, m, tables, scales = self.n, self.m, self._tables, self.motion.basis.scales
+        clock = 3 * n + m
+        precision = np.zeros((clock + 1 + 3 * n, clock + 1 + 3 * n))
+        precision[3 * n : clock, 3 * n : clock] = expected.precision * np.outer(scales, scales)
+        precision[clock, clock] = _DURATION_SPREAD**-2
+        functions = tables.functions[:, 0] / scales
+        variances = np.einsum(
+            "k,kji,il,kjl->j", tables.quadrature, functions, expected.covariance, functions
+        )
+        spreads = _BEND_SPREAD * np.maximum(np.sqrt(variances), _LEAST_SPREAD)
+        bends = tables.hermite[0] * self.motion.duration ** np.tile(np.arange(3.0), 2)
+        gram = bends.T @ (bends * tables.quadrature[:, None])
+        ends = np.concatenate([np.arange(0, 3 * n, n), clock + 1 + np.arange(0, 3 * n, n)])
+        for j in range(n):
+            precision[np.ix_(ends + j, ends + j)] += gram / spreads[j] ** 2
+        return precision
+
     def linearise(
         self, u: FloatArray, free: NDArray[np.intp], penalty: float, margin: float
     ) -> tuple[FloatArray, FloatArray]:
@@ -688,14 +748,11 @@ class _Program:
         self._groups = [group for group, _ in request.groups]
         self._durations = [motion.duration for motion in start]
         self._priors = []
-        for segment, motion, expected in zip(self.segments, start, request.expected, strict=True):
-            usual = effort_of(robot, motion)
-            scales = motion.basis.scales
-            precision = np.zeros((segment.m + 1, segment.m + 1))
-            precision[:-1, :-1] = expected.precision * np.outer(scales, scales)
-            precision[-1, -1] = _DURATION_SPREAD**-2
-            centre = np.append(expected.weights / scales, np.log(motion.duration))
-            self._priors.append((naturalness * usual * precision, centre))
+        for segment, expected, free in zip(
+            self.segments, request.expected, self._free, strict=True
+        ):
+            price = naturalness * effort_of(robot, segment.motion)
+            self._priors.append(price * segment.precision(expected)[np.ix_(free, free)])
         self._reference = sum(effort_of(robot, motion) for motion in start)
 
     def _local(self, x: FloatArray, i: int) -> FloatArray:
@@ -743,18 +800,16 @@ class _Program:
         gradient = np.zeros(self.size)
         band = np.zeros((self._band + 1, self.size))
         for i, segment in enumerate(self.segments):
-            where, own = self._where[i], self._own[i]
+            where, free = self._where[i], self._free[i]
             residual, jacobian = segment.linearise(
-                self._local(x, i), self._free[i], penalty * self._reference, margin
+                self._local(x, i), free, penalty * self._reference, margin
             )
             hessian = jacobian.T @ jacobian
             slope = jacobian.T @ residual
-            precision, centre = self._priors[i]
-            deviation = x[own] - centre
-            pull = precision @ deviation
-            inside = slice(own.start - where.start, own.stop - where.start)
-            hessian[inside, inside] += precision
-            slope[inside] += pull
+            deviation = x[where] - self._locals[i][free]
+            pull = self._priors[i] @ deviation
+            hessian += self._priors[i]
+            slope += pull
             cost += 0.5 * float(residual @ residual + deviation @ pull)
             gradient[where] += slope
             for d in range(len(slope)):
