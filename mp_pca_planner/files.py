@@ -48,6 +48,20 @@ def write_whole(path: str | Path, content: bytes, *, overwrite: bool = False) ->
         raise PlannerError(f"'{target}' can't be written: {error.strerror or error}") from None
 
 
+def check_writable(path: Path, *, overwrite: bool) -> None:
+    """Refuse a file that could not be written, before the work that makes its content.
+
+    Raises
+    ------
+    PlannerError
+        If it exists and may not be overwritten, or its folder doesn't exist.
+    """
+    if path.exists() and not overwrite:
+        raise exists_already(path)
+    if not path.parent.is_dir():
+        raise PlannerError(f"'{path}' can't be written: there is no folder '{path.parent}'")
+
+
 def exists_already(path: Path) -> PlannerError:
     """Error for an output that would overwrite something."""
     return PlannerError(f"'{path}' exists already: choose another name, or use --force")

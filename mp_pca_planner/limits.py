@@ -136,8 +136,8 @@ def read_limits_file(path: str | Path, joint_names: Sequence[str]) -> dict[str, 
     try:
         content = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        first_line = str(error).splitlines()[0]
-        raise LimitsError(f"{where} can't be read: {first_line}") from None
+        reason = getattr(error, "strerror", None) or str(error).splitlines()[0]
+        raise LimitsError(f"{where} can't be read: {reason}") from None
     joints = content.get("joint_limits") if isinstance(content, dict) else None
     if not isinstance(joints, dict):
         raise LimitsError(f"{where} must hold a mapping 'joint_limits' from joint names to limits")

@@ -28,6 +28,9 @@ LIMIT_TOLERANCE = 1e-6
 """Relative excess over a limit that counts as rounding."""
 
 _START_TOLERANCE = 1e-9
+# Parts of the time between two points at least: a quintic from rest to rest shows neither speed nor
+# effort at its ends, however short it is; at a quarter it is near its greatest acceleration.
+_FEWEST_PARTS = 4
 
 
 @dataclass(frozen=True)
@@ -118,7 +121,7 @@ def interpolate(trajectory: Trajectory, period: float = GRID_PERIOD) -> DenseSam
             trajectory.accelerations,
             zero,
         )
-    n_parts = max(int(np.ceil(steps.max() / period - 1e-6)), 1)
+    n_parts = max(int(np.ceil(steps.max() / period - 1e-6)), _FEWEST_PARTS)
     fractions = np.linspace(0.0, 1.0, n_parts + 1)
     ends = segment_ends(
         trajectory.times, trajectory.positions, trajectory.velocities, trajectory.accelerations

@@ -320,6 +320,14 @@ def test_existing_file_is_replaced_only_on_request(tmp_path: Path, bag_format: s
     assert list(tmp_path.iterdir()) == [path]
 
 
+def test_folder_of_other_things_is_never_replaced(tmp_path: Path) -> None:
+    (tmp_path / "thesis").mkdir()
+    own_bag(tmp_path / "thesis" / "bag", "mcap")
+    with pytest.raises(RecordingError, match="thesis' is a folder, but no recording"):
+        own_bag(tmp_path / "thesis", "mcap", overwrite=True)
+    assert (tmp_path / "thesis" / "bag" / "metadata.yaml").exists()
+
+
 def test_failed_writing_leaves_nothing(tmp_path: Path, bag_format: str) -> None:
     with pytest.raises(RecordingError):
         write_joint_states(tmp_path / "x", bag_format, ("a",), [1, 2], [[0.0], [np.nan]])

@@ -236,7 +236,7 @@ def test_example_robots_get_made_up_reaches(capsys):
         (["--robot", "nobody"], "neither a URDF file nor one of 'human_arm', 'panda'"),
         (["--peers", "ruckik"], "did you mean 'ruckig'?"),
         (["--problems", "0"], "'0' is no number from 1 on"),
-        (["--seed", "1"], "not 1, which chooses the demonstrations"),
+        (["--seed", "1"], "not be 1, which chooses the demonstrations"),
         (["--time-limit", "0"], "must be over 0 s"),
         (["--primitives", "nothing.npz"], "nothing.npz"),
     ],

@@ -6,6 +6,7 @@ import contextlib
 import csv
 import io
 import json
+import os
 import signal
 import subprocess
 import sys
@@ -243,6 +244,56 @@ def test_inspect_shows_what_it_can_and_refuses_the_rest(primitive, tmp_path):
     assert done.returncode == 2
     assert "broken.npz' is refused" in done.stderr
     assert "arm_arm_4" in done.stdout
+
+
+def test_inspect_refuses_what_is_no_recording(tmp_path):
+    (tmp_path / "notes.txt").write_text("none")
+    assert "notes.txt' is no recording" in refusal("inspect", tmp_path / "notes.txt")
+
+
+def test_an_output_in_a_missing_folder_is_refused_before_the_work(tmp_path):
+    # There is no bag either: nothing has been read.
+    line = refusal("build_primitives", tmp_path / "bag", "--output", tmp_path / "no" / "a.npz")
+    assert f"there is no folder '{tmp_path / 'no'}'" in line
+
+
+@pytest.mark.parametrize("command", ["refine", "verify"])
+def test_new_primitives_are_refused_a_file_that_is_none(command, primitive, tmp_path):
+    request = ("--robot", URDF, "--start", START, "--goal", GOAL)
+    line = refusal(command, primitive, *request, "--output", tmp_path / "a.txt")
+    assert "a.txt' must end in .npz" in line
+    assert "from 0 on" in refusal(command, primitive, *request, "--seed", "-1")
+
+
+def test_terminals_without_our_signs_get_others():
+    done = subprocess.run(
+        [sys.executable, "-m", "mp_pca_planner", "refine", "--help"],
+        capture_output=True,
+        env={**os.environ, "PYTHONIOENCODING": "ascii"},
+        check=True,
+    )
+    assert b"in units of ??" in done.stdout
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="there is no /dev/full")
+def test_output_to_a_full_disk_is_told_in_one_line(primitive):
+    with open("/dev/full", "w") as full:
+        done = subprocess.run(
+            [sys.executable, "-m", "mp_pca_planner", "inspect", primitive],
+            stdout=full,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+    assert done.returncode == 1
+    (line,) = done.stderr.splitlines()
+    assert "can't be written: No space left" in line
+
+
+def test_help_tells_the_defaults_that_are_values():
+    text = " ".join(run("build_primitives", "--help").stdout.split())
+    assert "degree of the polynomials (default: 15)" in text
+    assert "no motion is shorter [s] (default: 0.25)" in text
+    assert "None" not in text and "False" not in text
 
 
 def plan(*options, ok=True):

@@ -11,7 +11,7 @@ import time
 import pytest
 
 from mp_pca_planner.exceptions import PlannerError
-from mp_pca_planner.files import write_whole
+from mp_pca_planner.files import check_writable, write_whole
 
 
 def test_an_existing_file_is_kept_unless_overwriting_is_asked_for(tmp_path):
@@ -28,6 +28,16 @@ def test_an_existing_file_is_kept_unless_overwriting_is_asked_for(tmp_path):
 def test_a_folder_that_is_missing_is_named(tmp_path):
     with pytest.raises(PlannerError, match="nowhere.*No such file"):
         write_whole(tmp_path / "nowhere" / "file", b"")
+
+
+def test_a_file_that_could_not_be_written_is_refused_before_the_work(tmp_path):
+    (tmp_path / "there").write_bytes(b"")
+    check_writable(tmp_path / "new", overwrite=False)
+    check_writable(tmp_path / "there", overwrite=True)
+    with pytest.raises(PlannerError, match="exists already"):
+        check_writable(tmp_path / "there", overwrite=False)
+    with pytest.raises(PlannerError, match="no folder '.*nowhere'"):
+        check_writable(tmp_path / "nowhere" / "file", overwrite=False)
 
 
 def test_a_new_file_gets_the_usual_permissions(tmp_path):

@@ -49,6 +49,12 @@ def test_a_good_trajectory_passes():
     judge(reach())
 
 
+@pytest.mark.parametrize("duration", [1e-9, 1e-3, 2e-3, 0.1])
+def test_a_leap_from_rest_to_rest_is_refused_however_short(duration):
+    check = check_limits(reach(duration, 2), arm_robot(), LIMITS)
+    assert {"velocity", "effort"} <= {violation.quantity for violation in check.violations}
+
+
 def test_between_the_points_the_quintic_interpolation_is_judged():
     rng = np.random.default_rng(0)
     times = np.array([0.0, 0.11, 0.3, 0.35, 0.8])

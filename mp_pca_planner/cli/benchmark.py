@@ -22,11 +22,11 @@ from ..benchmarking.problems import (
 )
 from ..benchmarking.run import PEERS, Result, compare, ratios, set_up, summarise, unsolved
 from ..exceptions import PlannerError, quote_names, unknown_name
-from ..files import exists_already
+from ..files import check_writable
 from ..limits import read_limits_file
 from ..primitives.primitive_library import load_primitives
 from ..robot import Robot
-from .common import DONE, CommandParser, print_json, progress_bar, run, table
+from .common import DONE, CommandParser, print_json, progress_bar, run, seed, table
 from .drawing import Cloud, draw_comparison, require_matplotlib
 
 _N_DEMONSTRATIONS = 40
@@ -61,7 +61,7 @@ def _parser() -> CommandParser:
         action="store_true",
         help="problems anywhere within the limits, not from the range of the demonstrations",
     )
-    parser.add_argument("--seed", type=int, default=2, help="chooses the problems")
+    parser.add_argument("--seed", type=seed, default=2, help="chooses the problems")
     parser.add_argument(
         "--peers",
         default="all",
@@ -90,15 +90,11 @@ def _count(text: str) -> int:
 def _benchmark(arguments: argparse.Namespace) -> int:
     if not arguments.time_limit > 0.0:
         raise PlannerError(f"--time-limit must be over 0 s, got {arguments.time_limit:g}")
-    if arguments.seed < 0 or arguments.seed == _DEMONSTRATIONS_SEED:
-        raise PlannerError(
-            f"--seed must be from 0 on and not {_DEMONSTRATIONS_SEED}, which chooses the "
-            f"demonstrations, got {arguments.seed}"
-        )
+    if arguments.seed == _DEMONSTRATIONS_SEED:
+        raise PlannerError(f"--seed must not be {arguments.seed}, which chooses the demonstrations")
     if arguments.plot is not None:
         require_matplotlib()
-        if arguments.plot.exists() and not arguments.force:
-            raise exists_already(arguments.plot)
+        check_writable(arguments.plot, overwrite=arguments.force)
     peers = _peers(arguments.peers)
     scene = _scene(arguments)
     draw = random_problems if arguments.random_ends else held_out_problems

@@ -15,8 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from ..exceptions import PrimitiveError, RecordingError
-from ..files import exists_already, write_whole
+from ..exceptions import RecordingError
+from ..files import write_whole
 from ..primitives.alignment import ALIGNMENTS
 from ..primitives.build import build_from_statistics
 from ..primitives.file import save_primitive
@@ -29,7 +29,7 @@ from ..recordings.repair import MAX_GAP, MAX_GAP_PERIODS
 from ..recordings.segmentation import SegmentationOptions
 from ..recordings.segments_file import segments_table
 from ..robot import Robot
-from .common import DONE, CommandParser, joint_list, print_json, progress_bar, run
+from .common import DONE, CommandParser, check_output, joint_list, print_json, progress_bar, run
 from .drawing import require_matplotlib
 from .report import REPORT_SAMPLES, report_page
 from .variance import variance_report
@@ -177,9 +177,9 @@ def _seconds(text: str) -> float:
 
 def _build(arguments: argparse.Namespace) -> int:
     output = arguments.output
-    _check_output(output, ".npz", arguments.force)
-    _check_output(arguments.report, ".html", arguments.force)
-    _check_output(arguments.write_segments, ".csv", arguments.force)
+    check_output(output, ".npz", force=arguments.force)
+    check_output(arguments.report, ".html", force=arguments.force)
+    check_output(arguments.write_segments, ".csv", force=arguments.force)
     if arguments.report is not None:
         require_matplotlib()
     options = PrimitiveOptions(
@@ -242,16 +242,6 @@ def _build(arguments: argparse.Namespace) -> int:
     for refusal in recordings.refused:
         print(f"refused {refusal.recording}: {refusal.reason}", file=sys.stderr)
     return DONE
-
-
-def _check_output(path: Path | None, suffix: str, force: bool) -> None:
-    """Refuse an output before the work, not after it."""
-    if path is None:
-        return
-    if path.suffix != suffix:
-        raise PrimitiveError(f"the output '{path}' must end in {suffix}")
-    if path.exists() and not force:
-        raise exists_already(path)
 
 
 def _segmentation(arguments: argparse.Namespace) -> SegmentationOptions:

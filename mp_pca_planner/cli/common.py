@@ -5,11 +5,13 @@
 from __future__ import annotations
 
 import argparse
+import io
 import json
 import re
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any, NoReturn
 
 import numpy as np
@@ -17,10 +19,21 @@ from tqdm import tqdm
 
 from ..arrays import FloatArray
 from ..exceptions import GoalError, PlannerError, unknown_name
+from ..files import check_writable
 
 DONE, FAILED, REFUSED = 0, 1, 2
 
 Progress = Callable[[int, int], None]
+
+
+class _HelpFormatter(argparse.ArgumentDefaultsHelpFormatter):
+    """Tells the defaults that are values, unless the help tells them itself."""
+
+    def _get_help_string(self, action: argparse.Action) -> str | None:
+        says_nothing = action.default in (None, False, "") or action.default in ([], ())
+        if says_nothing or "(default:" in (action.help or ""):
+            return action.help
+        return super()._get_help_string(action)
 
 
 class CommandParser(argparse.ArgumentParser):
@@ -31,7 +44,7 @@ class CommandParser(argparse.ArgumentParser):
             prog=f"mp_pca_planner {command}",
             description=description,
             allow_abbrev=False,
-            formatter_class=argparse.ArgumentDefaultsHelpFormatter,
+            formatter_class=_HelpFormatter,
             **options,
         )
 
@@ -51,14 +64,24 @@ def run(
         The exit status: 0 done, 1 failed, 2 refused input or wrong usage. Refusals are one
         line on stderr.
     """
+    for stream in (sys.stdout, sys.stderr):
+        # Not every terminal knows our ° and →.
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="replace")
     arguments = parser.parse_args(_with_negative_values(sys.argv[1:] if argv is None else argv))
     try:
-        return body(arguments)
+        status = body(arguments)
+        if sys.stdout is not None:
+            sys.stdout.flush()
+        return status
     except PlannerError as error:
         print(f"{parser.prog}: {error}", file=sys.stderr)
         return REFUSED
-    except BrokenPipeError:
-        # Whoever read our output, `head` for example, has seen enough.
+    except OSError as error:
+        # Whoever read our output, `head` for example, has seen enough; or a disk is full.
+        if not isinstance(error, BrokenPipeError):
+            reason = error.strerror or error
+            print(f"{parser.prog}: the output can't be written: {reason}", file=sys.stderr)
         sys.stdout = None
         return FAILED
     except KeyboardInterrupt:
@@ -115,6 +138,28 @@ def progress_bar(description: str, unit: str) -> Iterator[Progress]:
             bar.update(done - bar.n)
 
         yield update
+
+
+def check_output(path: Path | None, suffix: str, *, force: bool) -> None:
+    """Refuse an output, if there is one, before the work and not after it.
+
+    Raises
+    ------
+    PlannerError
+        If its name doesn't end in `suffix`, or it could not be written.
+    """
+    if path is None:
+        return
+    if path.suffix != suffix:
+        raise PlannerError(f"the output '{path}' must end in {suffix}")
+    check_writable(path, overwrite=force)
+
+
+def seed(text: str) -> int:
+    """A seed of random numbers."""
+    if not text.isdecimal():
+        raise argparse.ArgumentTypeError(f"'{text}' is no whole number from 0 on")
+    return int(text)
 
 
 def joint_list(text: str) -> list[str]:

@@ -71,7 +71,7 @@ def _look_at(name: str, arguments: argparse.Namespace) -> list[tuple[dict[str, A
 
 
 def _recording_text(facts: RecordingInspection) -> str:
-    lines = [f"{facts.path} ({facts.format or 'no known format'})"]
+    lines = [f"{facts.path} ({facts.format})"]
     lines += [f"  topic     {t.name}  {t.type}  {t.count} messages" for t in facts.topics]
     lines += [
         f"  marker    {m.name} on {m.topic}: {m.n_samples} samples"

@@ -15,7 +15,7 @@ import numpy as np
 
 from ..arrays import FloatArray
 from ..exceptions import GoalError, PlannerError
-from ..files import exists_already, write_whole
+from ..files import check_writable, write_whole
 from ..goal import JointGoal, JointState, Pose, PoseGoal, Via
 from ..limits import read_limits_file
 from ..planning.collision import CollisionFreePlanner, CollisionModel, package_folders
@@ -166,15 +166,15 @@ def check_outputs(arguments: argparse.Namespace) -> None:
     Raises
     ------
     PlannerError
-        If a format is unknown, a file exists already, or matplotlib is missing.
+        If a format is unknown, a file exists already, a folder doesn't, or matplotlib is missing.
     """
     if arguments.output is not None:
         check_format(arguments.output)
     if arguments.plot is not None:
         require_matplotlib()
     for path in (arguments.output, arguments.plot):
-        if path is not None and path.exists() and not arguments.force:
-            raise exists_already(path)
+        if path is not None:
+            check_writable(path, overwrite=arguments.force)
 
 
 def plan_request(arguments: argparse.Namespace) -> tuple[Planner, Plan]:

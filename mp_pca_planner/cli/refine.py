@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from ..exceptions import LearningError
-from ..files import exists_already
+from ..files import check_writable
 from ..learning.executions import measure_execution
 from ..learning.family import family_around
 from ..learning.refined_motion import RefinedMotion
@@ -26,7 +26,7 @@ from ..planning.sequence import OPTIMAL, SequencePlan, SequencePlanner
 from ..primitives.file import save_primitive
 from ..primitives.primitive import MovementPrimitive
 from ..robot import Robot
-from .common import DONE, FAILED, CommandParser, print_json, run
+from .common import DONE, FAILED, CommandParser, check_output, print_json, run, seed
 from .plan import (
     add_request_options,
     check_format,
@@ -113,7 +113,7 @@ def _parser() -> CommandParser:
         metavar="P",
         help="of --executed: cost of ∫‖q − q_wanted‖²dt",
     )
-    trials.add_argument("--seed", type=int, default=0, help="of the random numbers")
+    trials.add_argument("--seed", type=seed, default=0, help="of the random numbers")
     parser.add_argument("--force", action="store_true", help="overwrite files")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     return parser
@@ -158,9 +158,11 @@ def _planned(arguments: argparse.Namespace) -> _Planned:
 def _check_options(arguments: argparse.Namespace) -> None:
     if arguments.trajectory is not None:
         check_format(arguments.trajectory)
-    for path in (*_outputs(arguments), arguments.trajectory):
-        if path is not None and path.exists() and not arguments.force:
-            raise exists_already(path)
+        check_writable(arguments.trajectory, overwrite=arguments.force)
+    for path in _outputs(arguments):
+        check_output(path, ".npz", force=arguments.force)
+    if arguments.trials is not None:
+        check_writable(arguments.trials, overwrite=True)
     if arguments.via:
         _check_sequence_options(arguments)
     if not 0.0 <= arguments.min_gain < 1.0:

@@ -16,17 +16,19 @@ from ..control.law import KINDS, ControlLaw, controller_parameters, pair_law, pa
 from ..control.stability import ErrorModel, Stability, analyse
 from ..control.verification import Verification, verify
 from ..exceptions import ControlError
-from ..files import exists_already, write_whole
+from ..files import check_writable, write_whole
 from ..planning.planner import Plan, Planner
 from ..primitives.file import save_primitive
 from .common import (
     DONE,
     FAILED,
     CommandParser,
+    check_output,
     joint_values,
     print_json,
     progress_bar,
     run,
+    seed,
     table,
 )
 from .plan import add_request_options, plan_request
@@ -71,7 +73,7 @@ def _parser() -> CommandParser:
     assumed.add_argument("--control-period", type=float, default=1e-3, help="sampling [s]")
     assumed.add_argument("--delay", type=int, default=1, help="samples from measuring to acting")
     parser.add_argument("--trials", type=int, default=100, help="simulations")
-    parser.add_argument("--seed", type=int, default=0, help="seed of the errors")
+    parser.add_argument("--seed", type=seed, default=0, help="seed of the errors")
     parser.add_argument(
         "--output", type=Path, metavar="FILE.npz", help="write the primitive with this law"
     )
@@ -90,9 +92,9 @@ def _parser() -> CommandParser:
 
 
 def _verify(arguments: argparse.Namespace) -> int:
-    for path in (arguments.output, arguments.controller_parameters):
-        if path is not None and path.exists() and not arguments.force:
-            raise exists_already(path)
+    check_output(arguments.output, ".npz", force=arguments.force)
+    if arguments.controller_parameters is not None:
+        check_writable(arguments.controller_parameters, overwrite=arguments.force)
     if arguments.trials < 1:
         raise ControlError(f"--trials must be at least 1, got {arguments.trials}")
     errors = ErrorModel(

@@ -1053,6 +1053,8 @@ def _write(
     """Write a bag beside its place and move it there when it is complete."""
     if target.exists() and not overwrite:
         raise exists_already(target)
+    if target.is_dir() and any(target.iterdir()) and _recordings_in(target) != [target]:
+        raise RecordingError(f"'{target}' is a folder, but no recording: it is not overwritten")
     if bag_format == "sqlite3" and set(str(target.absolute())) & set("?#%"):
         raise RecordingError(
             f"'{target}' can't be written as sqlite3: choose a path without '?', '#' and '%'"

@@ -168,8 +168,8 @@ class RecordingInspection:
     ----------
     name, path : str
         The recording.
-    format : str or None
-        Its storage format, if it is a recording.
+    format : str
+        Its storage format.
     topics : tuple of Topic
         All topics with their types and counts; empty if it can't be read.
     topic : str or None
@@ -192,7 +192,7 @@ class RecordingInspection:
 
     name: str
     path: str
-    format: BagFormat | None = None
+    format: BagFormat
     topics: tuple[Topic, ...] = ()
     markers: tuple[MarkerFinding, ...] = ()
     topic: str | None = None
@@ -344,14 +344,15 @@ def inspect_recording(
     Raises
     ------
     RecordingError
-        If there is nothing at the path, or more than one recording.
+        If there is nothing at the path, more than one recording, or something else.
     """
     found = find_recordings([path])
     if len(found) > 1:
         raise RecordingError(f"there are {len(found)} recordings at '{path}': inspect one of them")
-    inspection = RecordingInspection(recording_names(found)[0], str(found[0]))
+    inspection = RecordingInspection(
+        recording_names(found)[0], str(found[0]), recording_format(found[0])
+    )
     try:
-        inspection = replace(inspection, format=recording_format(found[0]))
         with open_bag(found[0], salvage=salvage) as bag:
             inspection = replace(inspection, topics=bag.topics)
             markers, marker_notes = _found_markers(bag)
