@@ -110,6 +110,12 @@ class _Job:
     stamp: Time
 
 
+def _check_description(settings: Settings) -> None:
+    """Refuse the parameter, needed or not, that no robot can be made of."""
+    if settings.robot_description:
+        Robot(settings.robot_description, source="parameter 'robot_description'")
+
+
 def _joint_names(primitives: Sequence[MovementPrimitive]) -> tuple[str, ...]:
     return primitives[0].joint_names if primitives else ()
 
@@ -165,8 +171,7 @@ class PlannerNode(Node):
     def _start(self) -> None:
         """Check what the parameters say, and load what they name."""
         self._warn_of_unknown_parameters()
-        if self._settings.robot_description:
-            Robot(self._settings.robot_description, source="parameter 'robot_description'")
+        _check_description(self._settings)
         if not self._settings.primitive_paths:
             return
         try:
@@ -288,6 +293,8 @@ class PlannerNode(Node):
         try:
             self._check_names(parameters)
             settings = self._read_settings(parameters)
+            if settings.robot_description != self._settings.robot_description:
+                _check_description(settings)
             primitives = self._primitives
             if settings.primitives != self._settings.primitives:
                 paths = settings.primitive_paths
