@@ -71,7 +71,7 @@ _BEND_SPREAD, _LEAST_SPREAD = 12.0, 0.01
 # far inside of the limits motions are kept.
 _PENALTIES = ((0.0, 0.0), (30.0, 0.02), (1e3, 0.02), (3e4, 0.03))
 _MOST_STRETCHES = 12
-_MOST_TARGETS = 1000
+_MOST_TARGETS = 200
 # Targets at the beginning that the robot is this near to are passed already, and targets that are
 # this near to each other the same [rad or m].
 _HERE, _SAME = 0.01, 1e-6
@@ -603,8 +603,9 @@ class _Segment:
         self.n, self.m = robot.n_joints, motion.basis.n_weights
         half = (limits.upper - limits.lower) / 2.0
         centre = np.where(np.isfinite(half), (limits.upper + limits.lower) / 2.0, 0.0)
-        self._centre = np.stack([centre, *np.zeros((3, self.n))])
-        self._bounds = np.stack([half, limits.velocity, limits.acceleration, limits.effort])
+        self._centre = centre
+        self._bounds = (half, limits.velocity, limits.acceleration, limits.jerk)
+        self._most_effort = limits.effort
 
     def unknowns(self) -> FloatArray:
         """Their values for the motion."""
@@ -656,11 +657,13 @@ class _Segment:
         duration = float(np.exp(u[clock]))
         powers = np.array([0.0, 1.0, 2.0, 0.0, 1.0, 2.0])
         ends = boundary_values(begin, end, duration)
-        rates = duration ** -np.arange(3.0)
-        hermite, functions = tables.hermite[:3], tables.functions[:, :3]
-        shape = tables.mean[:3] + (functions @ u[3 * n : clock]).transpose(1, 0, 2)
+        # Jerks matter for their limits alone.
+        n_rates = 4 if penalty > 0.0 and np.isfinite(self._bounds[3]).any() else 3
+        rates = duration ** -np.arange(float(n_rates))
+        hermite, functions = tables.hermite[:n_rates], tables.functions[:, :n_rates]
+        shape = tables.mean[:n_rates] + (functions @ u[3 * n : clock]).transpose(1, 0, 2)
         states = (hermite @ ends + shape) * rates[:, None, None]
-        by = np.zeros((hermite.shape[1], 3, n, u.size))
+        by = np.zeros((hermite.shape[1], n_rates, n, u.size))
         eye = np.eye(n)
         for function, power in enumerate(powers):
             column = function * n if function < 3 else clock + 1 + (function - 3) * n
@@ -668,11 +671,11 @@ class _Segment:
             by[:, :, :, column : column + n] = values[:, :, None, None] * eye
         by[..., 3 * n : clock] = functions * rates[:, None, None]
         growth = (hermite @ (powers[:, None] * ends)) * rates[:, None, None]
-        growth -= np.arange(3.0)[:, None, None] * states
+        growth -= np.arange(float(n_rates))[:, None, None] * states
         by[..., clock] = growth.transpose(1, 0, 2)
         by = by[..., free]
-        tau, dtau = self._robot.inverse_dynamics_derivatives(*states)
-        by_effort = dtau @ by.reshape(len(tau), 3 * n, -1)
+        tau, dtau = self._robot.inverse_dynamics_derivatives(*states[:3])
+        by_effort = dtau @ by[:, :3].reshape(len(tau), 3 * n, -1)
         root = np.sqrt(tables.quadrature * duration)[:, None]
         residual = [(tau * root).ravel()]
         jacobian = by_effort * root[:, :, None]
@@ -680,9 +683,10 @@ class _Segment:
         jacobians = [jacobian.reshape(tau.size, -1)]
         if penalty > 0.0:
             values = np.concatenate([states, tau[None]])
+            values[0] -= self._centre
             slopes = np.concatenate([by.transpose(1, 0, 2, 3), by_effort[None]])
-            bounds = self._bounds[:, None]
-            signed = (values - self._centre[:, None]) / bounds
+            bounds = np.stack([*self._bounds[:n_rates], self._most_effort])[:, None]
+            signed = values / bounds
             over = np.abs(signed) - (1.0 - margin)
             broken = np.isfinite(bounds) & (over > 0.0)
             weight = np.sqrt(penalty / len(tau))
@@ -873,16 +877,17 @@ class _Program:
             factor = cholesky_banded(damped, lower=True, check_finite=False)
         except LinAlgError:
             return None
-        kept = np.zeros((len(self._groups), self.size))
-        for row, group in zip(kept, self._groups, strict=True):
+        sums = np.zeros((len(self._groups), self.size))
+        for row, group in zip(sums, self._groups, strict=True):
             for i in group:
                 place = self._own[i].stop - 1
                 row[place] = np.exp(x[place])
+        rows = [sums]
         for where, target in self._posed:
             slopes = target.error(x[where])[1]
-            rows = np.zeros((len(slopes), self.size))
-            rows[:, where] = slopes
-            kept = np.vstack([kept, rows])
+            rows.append(np.zeros((len(slopes), self.size)))
+            rows[-1][:, where] = slopes
+        kept = np.vstack(rows)
         solved = cho_solve_banded((factor, True), np.column_stack([gradient, kept.T]))
         free, across = solved[:, 0], solved[:, 1:]
         # A pose may have more equations than joints.
