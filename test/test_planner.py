@@ -59,6 +59,31 @@ def test_the_effort_stated_is_that_of_the_trajectory():
     assert plan.solution.effort_cost == pytest.approx(0.5 * integral, rel=1e-4)
 
 
+def test_of_several_optima_the_best_is_taken():
+    # Slowly there are several ways to hang: one start finds a dear one here.
+    goal = JointGoal(JointState(JOINTS, REQUESTS[24][1]), 2.0)
+    start = JointState(JOINTS, REQUESTS[3][0])
+    one, several, again = (
+        planner(naturalness=0.0, n_starts=n).plan(goal, start) for n in (1, 5, 5)
+    )
+    assert one.status == several.status == SOLVED
+    assert several.solution.effort_cost < 0.9 * one.solution.effort_cost
+    assert several.solution.iterations > one.solution.iterations
+    np.testing.assert_array_equal(several.trajectory.positions, again.trajectory.positions)
+
+
+def test_starts_that_there_is_no_time_for_are_left_out():
+    goal, start = request(3)
+    plan = planner(naturalness=0.0, n_starts=5, max_solve_time=1e-6).plan(goal, start)
+    assert plan.solution.iterations == 1
+
+
+@pytest.mark.parametrize("n_starts", [0, 6])
+def test_a_number_of_starts_that_there_are_not_is_refused(n_starts):
+    with pytest.raises(GoalError, match="n_starts must be 1 to 5"):
+        PlannerOptions(n_starts=n_starts)
+
+
 def test_planning_again_gives_the_same_motion():
     plans = [planner().plan(*request(3)) for _ in range(2)]
     np.testing.assert_array_equal(plans[0].trajectory.positions, plans[1].trajectory.positions)

@@ -19,6 +19,7 @@ from ..files import check_writable, write_whole
 from ..goal import JointGoal, JointState, Pose, PoseGoal, Via
 from ..limits import read_limits_file
 from ..planning.collision import CollisionFreePlanner, CollisionModel, package_folders
+from ..planning.families import MOST_STARTS
 from ..planning.objectives import OBJECTIVES, Objective, objective_by_name
 from ..planning.planner import (
     BASES,
@@ -116,6 +117,13 @@ def add_request_options(
         help="weight of likeness to the demonstrations against effort",
     )
     parser.add_argument(
+        "--starts",
+        type=int,
+        default=MOST_STARTS,
+        metavar="N",
+        help="starts of the search for the least, where likeness counts for little (ρ < 0.1)",
+    )
+    parser.add_argument(
         "--limits", type=Path, metavar="FILE.yaml", help="limits in the form of joint_limits.yaml"
     )
     parser.add_argument(
@@ -195,6 +203,7 @@ def plan_request(arguments: argparse.Namespace) -> tuple[Planner, Plan]:
         objectives=_objectives(arguments.objective, robot, arguments.frame),
         timing=arguments.duration if arguments.duration in (SHORTEST, FREE) else DEMONSTRATED,
         naturalness=arguments.naturalness,
+        n_starts=arguments.starts,
         sample_period=arguments.sample_period,
         allow_nonzero_end_velocity=arguments.goal_velocity is not None,
     )

@@ -21,8 +21,11 @@ from ..primitives.statistics import Conditional
 from .compiler import QuadratureTables
 from .constraints import LimitTables
 
-# Demonstrations whose weights are tried as starts, nearest end points first.
-_N_NEAREST = 3
+MOST_STARTS = 5
+"""Starts of components: the expected weights, the mean shape, the nearest demonstrations."""
+
+# Demonstrations whose weights are starts, nearest end points first.
+_N_NEAREST = MOST_STARTS - 2
 # What correcting splines may usually add [rad or m], unless the primitive itself is less exact.
 _USUAL_CORRECTION = 0.02
 
@@ -93,7 +96,7 @@ def component_family(
         limit_tables,
         expected.weights,
         expected.precision,
-        np.vstack([expected.weights, nearest]),
+        np.vstack([expected.weights, np.zeros_like(expected.weights), nearest]),
         primitive.n_components,
     )
 

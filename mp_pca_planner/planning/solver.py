@@ -33,8 +33,9 @@ from .quadratic import solve_quadratic
 _FIRST_RADIUS, _FIRST_RADIUS_TO_EQUALITIES = 30.0, 4.0
 _SMALLEST_RADIUS = 1e-9
 _TINY = float(np.finfo(float).tiny)
-# Sum of what is out of bounds, as shares of the limits, and of the equalities that is rounding.
-_FEASIBLE = 1e-7
+FEASIBLE = 1e-7
+"""Sum of what is out of bounds, in shares of the limits, and of the equalities: rounding."""
+
 # By how much an inequality must be broken to be added to a quadratic program.
 _ROUNDING = 1e-9
 # Rounds of adding constraints to a quadratic program.
@@ -178,8 +179,8 @@ def solve(
         if negligible and less > 0.0:
             damping = 0.0  # it may have been too much, and nothing else makes the step small
             continue
-        converged = negligible and broken <= _FEASIBLE
-        mends = broken - step.infeasibility > _FEASIBLE
+        converged = negligible and broken <= FEASIBLE
+        mends = broken - step.infeasibility > FEASIBLE
         stuck = (negligible and not mends) or radius < _SMALLEST_RADIUS
         if converged or stuck or time.perf_counter() > deadline:
             break
@@ -390,7 +391,7 @@ class _Subproblem:
         The damping given is raised until the step is not much longer than the trust region.
         """
         hessian, n = self._convex, len(self._convex)
-        must_mend = float(bounds.min()) < -_FEASIBLE
+        must_mend = float(bounds.min()) < -FEASIBLE
         for _ in range(_MOST_DAMPINGS):
             regular = hessian + damping * np.eye(n) if damping else hessian
             found = solve_quadratic(regular, self._gradient, rows, bounds)
