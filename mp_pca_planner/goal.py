@@ -184,7 +184,7 @@ class PoseGoal:
 
 @dataclass(frozen=True, eq=False)
 class SequenceGoal:
-    """Configurations and poses to reach one after the other, at rest only at the last.
+    """Configurations and poses to reach one after the other, at rest only where asked.
 
     Attributes
     ----------
@@ -194,16 +194,21 @@ class SequenceGoal:
         When to be there, after the start [s], as many as targets; None leaves it to the planner.
     primitive : str or None
         Name of the primitive to use; None leaves it to the planner, for each part.
+    stops : tuple of bool
+        Whether to come to rest there, as many as targets; only at the last unless given, where
+        the motion ends at rest in any case.
 
     Raises
     ------
     GoalError
-        If there is no target, the numbers of targets and times differ, or times don't increase.
+        If there is no target, the numbers of targets, times and stops differ, or times don't
+        increase.
     """
 
     targets: tuple[JointState | Pose, ...]
     times: tuple[float | None, ...] = ()
     primitive: str | None = None
+    stops: tuple[bool, ...] = ()
 
     def __post_init__(self) -> None:
         if not self.targets:
@@ -214,6 +219,13 @@ class SequenceGoal:
             raise GoalError(
                 f"a sequence needs a time (or None) for each of its {len(self.targets)} targets, "
                 f"got {len(self.times)}"
+            )
+        if not self.stops:
+            object.__setattr__(self, "stops", (False,) * len(self.targets))
+        if len(self.stops) != len(self.targets):
+            raise GoalError(
+                f"a sequence needs to say of each of its {len(self.targets)} targets whether it "
+                f"stops there, got {len(self.stops)}"
             )
         last = 0.0
         for time in self.times:

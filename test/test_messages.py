@@ -72,10 +72,11 @@ def test_goal_takes_positions_velocities_and_the_primitive_from_the_frame() -> N
 
 def test_sequence_survives_the_way_through_a_message() -> None:
     states = tuple(JointState(["a", "b"], q) for q in ([0.1, 0.2], [0.3, -0.4], [0.0, 1.0]))
-    goal = SequenceGoal(states, (None, 0.25, 1e9 + 0.5), "reach")
+    goal = SequenceGoal(states, (None, 0.25, 1e9 + 0.5), "reach", (False, True, False))
     raw = serialize_message(to_sequence_message(goal))
     back = to_sequence_goal(deserialize_message(raw, JointTrajectory))
     assert back.times == goal.times
+    assert back.stops == goal.stops
     assert back.primitive == "reach"
     for before, after in zip(states, back.targets, strict=True):
         assert isinstance(after, JointState)

@@ -371,6 +371,18 @@ def test_sequence_is_one_motion_through_the_vias_that_stops_at_the_last(client: 
     client.wait_for_preview(lambda preview: has_path_between(ends, preview))
 
 
+def test_sequence_stops_where_velocities_of_zero_ask_for_it(client: GoalClient) -> None:
+    message = sequence_message(VIA, GOAL, START, times=(2, 4, 6))
+    message.points[1].velocities = [0.0] * 4
+    trajectory = client.send(message).trajectory
+    assert trajectory is not None
+    speeds = np.abs(column(trajectory, "velocities")).max(axis=1)
+    at = [times(trajectory).index(seconds * 10**9) for seconds in (2, 4, 6)]
+    assert [bool(speeds[k] == 0.0) for k in at] == [False, True, True]
+    message.points[1].velocities = [0.0]
+    assert_refused(client.send(message), "point 2", "1 velocities")
+
+
 def test_sequence_is_joined_in_real_time_if_the_parameter_says_so(client: GoalClient) -> None:
     with parameters(client, sequence_mode="real_time"):
         answer = client.send(sequence_message(VIA, GOAL))

@@ -3,6 +3,7 @@
 """Sequences: joints, derivatives by finite differences, limits, and the command."""
 
 import json
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -71,6 +72,27 @@ def test_motion_is_smooth_passes_the_vias_and_keeps_limits(mode: str) -> None:
     passing = plan.motions[1].start
     assert np.abs(passing.velocities).max() > 0.01
     assert np.all(plan.trajectory.velocities[-1] == 0.0)
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_motion_stops_where_asked_and_nowhere_else(mode: str) -> None:
+    goal, start = request(4)
+    goal = replace(goal, stops=(False, True, False, False))
+    plan = planner().plan(goal, start, mode)
+    assert plan.is_executable
+    assert plan.mode == mode
+    assert joints(plan) < 1e-9
+    for number, motion in enumerate(plan.motions, start=1):
+        rests = not np.any(motion.goal.velocities) and not np.any(motion.goal.accelerations)
+        assert rests == (number in (2, 4))
+    # After a stop, the past doesn't matter to what is joined without optimisation.
+    half = SequenceGoal(goal.targets[2:])
+    rest = planner().plan(half, JointState(JOINTS, goal.targets[1].positions), mode)
+    if mode == REAL_TIME:
+        for one, other in zip(plan.motions[2:], rest.motions, strict=True):
+            np.testing.assert_allclose(one.goal.velocities, other.goal.velocities, atol=1e-9)
+    passing = planner().plan(replace(goal, stops=()), start, mode)
+    assert np.any(passing.motions[1].goal.velocities)
 
 
 def test_optimal_takes_less_effort_in_the_same_time() -> None:
@@ -333,6 +355,17 @@ def test_command_plans_through_vias(tmp_path: Path, capsys: pytest.CaptureFixtur
     assert facts["via_error"] < 1e-6
     reached = wrist_pose(np.array(facts["positions"][-1])).position
     np.testing.assert_allclose(reached, pose, atol=1e-6)
+    poses = [f"wrist: {x} {y} {z + dz}" for dz in (0.05, 0.1, 0.15)]
+    options = [
+        part for one in zip(("--stop", "--via", "--stop"), poses, strict=True) for part in one
+    ]
+    at = arguments.index("--via")
+    assert main([*arguments[:at], *arguments[at + 2 :], *options, "--json"]) == 0
+    facts = json.loads(capsys.readouterr().out)
+    ends = np.cumsum(facts["durations"])
+    speeds = np.abs(facts["velocities"]).max(axis=1)
+    rows = [int(np.abs(np.array(facts["times"]) - end).argmin()) for end in ends]
+    assert [bool(speeds[row] == 0.0) for row in rows] == [True, False, True, True]
     assert main([*arguments, "--via", "wrist: 1 2"]) == 2
     assert "2 numbers" in capsys.readouterr().err
     assert main([*arguments, "--via", f"{via}@soon"]) == 2

@@ -219,6 +219,25 @@ def joint_values(
     return values
 
 
+class Stop(str):
+    """What is given as ``--stop`` among what is given as ``--via``."""
+
+
+def add_via_options(parser: CommandParser, form: str, what: str) -> None:
+    """Add ``--via`` and ``--stop``, in whose order a sequence goes; both are in ``via``."""
+    parser.add_argument(
+        "--via", action="append", default=[], metavar=form, help=f"{what} to pass, again for each"
+    )
+    parser.add_argument(
+        "--stop",
+        action="append",
+        dest="via",
+        type=Stop,
+        metavar=form,
+        help="likewise, to stop at on the way",
+    )
+
+
 def split_time(text: str, what: str) -> tuple[str, float | None]:
     """Split ``VALUES@T`` into the values and the time T [s]; None if there is no ``@``.
 

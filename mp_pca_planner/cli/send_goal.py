@@ -18,6 +18,8 @@ from .common import (
     FAILED,
     REFUSED,
     CommandParser,
+    Stop,
+    add_via_options,
     joint_values,
     print_json,
     run,
@@ -36,13 +38,11 @@ def main(argv: Sequence[str] | None = None) -> int:
         "goal came; 2: refused.",
     )
     parser.add_argument("goal", metavar="NAME=VALUE,...", help="positions [rad or m] by joint name")
-    parser.add_argument(
-        "--via",
-        action="append",
-        default=[],
-        metavar="NAME=VALUE,...[@T]",
-        help="positions of the same joints to pass on the way, again for each; with @T, also of "
-        "the goal, T s after the motion has begun",
+    add_via_options(
+        parser,
+        "NAME=VALUE,...[@T]",
+        "positions of the same joints, with @T (also of the goal) to be there T s after the "
+        "motion has begun,",
     )
     parser.add_argument(
         "--degrees", action="store_true", help="positions are in degrees, not in radians"
@@ -70,7 +70,8 @@ def _send(arguments: argparse.Namespace) -> int:
     last = JointState(names, [unit * values[name] for name in names])
     vias = [_via(text, names, unit) for text in arguments.via]
     targets, times = zip(*vias, (last, when), strict=True)
-    sequence = SequenceGoal(targets, times)
+    stops = (*(isinstance(via, Stop) for via in arguments.via), False)
+    sequence = SequenceGoal(targets, times, stops=stops)
     if find_spec("rclpy") is None:
         raise MissingDependencyError("rclpy", "ros", "the command 'send_goal'")
     from diagnostic_msgs.msg import DiagnosticStatus

@@ -14,7 +14,17 @@ from ..planning.planner import PlannerOptions
 from ..planning.sequence import MODES, OPTIMAL, SequencePlan, SequencePlanner
 from ..primitives.primitive_library import load_primitives
 from ..robot import Robot
-from .common import DONE, FAILED, CommandParser, joint_values, print_json, run, split_time
+from .common import (
+    DONE,
+    FAILED,
+    CommandParser,
+    Stop,
+    add_via_options,
+    joint_values,
+    print_json,
+    run,
+    split_time,
+)
 from .drawing import draw_motion
 from .plan import check_outputs, target, trajectory_columns, write_trajectory
 
@@ -27,19 +37,18 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _parser() -> CommandParser:
     defaults = PlannerOptions()
     parser = CommandParser(
-        "sequence", "Plan one motion through configurations and poses that stops only at the last."
+        "sequence",
+        "Plan one motion through configurations and poses that stops only where it is told to.",
     )
     parser.add_argument("primitives", nargs="+", metavar="FILE", help="primitive files or folders")
     parser.add_argument("--robot", required=True, type=Path, metavar="URDF", help="the robot")
     values = "name=value,… or values in joint order [rad or m]"
     parser.add_argument("--start", required=True, help=f"start configuration: {values}")
-    parser.add_argument(
-        "--via",
-        action="append",
-        default=[],
-        metavar="V[@T]",
-        help=f"configuration ({values}; joints left out stay) or pose ('FRAME: X Y Z' or with a "
-        "quaternion) to pass, again for each; with @T, T s after the start",
+    add_via_options(
+        parser,
+        "V[@T]",
+        f"configuration ({values}; joints left out stay) or pose ('FRAME: X Y Z' or with a "
+        "quaternion), with @T to be there T s after the start,",
     )
     parser.add_argument("--goal", required=True, help="where to stop, likewise")
     parser.add_argument("--mode", choices=MODES, default=OPTIMAL, help="optimise, or only join")
@@ -121,7 +130,8 @@ def _goal(arguments: argparse.Namespace, names: Sequence[str]) -> SequenceGoal:
         values, moment = split_time(text, option)
         targets.append(target(values, names, option))
         times.append(moment)
-    return SequenceGoal(tuple(targets), tuple(times), arguments.use)
+    stops = (*(isinstance(via, Stop) for via in arguments.via), True)
+    return SequenceGoal(tuple(targets), tuple(times), arguments.use, stops)
 
 
 def _text(plan: SequencePlan) -> str:

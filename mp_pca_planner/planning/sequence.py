@@ -198,8 +198,7 @@ class SequencePlanner:
         Parameters
         ----------
         goal : SequenceGoal
-            Where to go. The last target is reached at rest; those at the beginning where the robot
-            is already are passed.
+            Where to go. Targets at the beginning where the robot is already are passed.
         start : JointState
             Present state of all joints.
         mode : {'real_time', 'optimal'}
@@ -252,7 +251,12 @@ class SequencePlanner:
         check_within_limits("present", here, self.limits)
         selector = self._selector_for(goal.primitive)
         n_passed = self._n_passed(goal, here)
-        goal = replace(goal, targets=goal.targets[n_passed:], times=goal.times[n_passed:])
+        goal = replace(
+            goal,
+            targets=goal.targets[n_passed:],
+            times=goal.times[n_passed:],
+            stops=goal.stops[n_passed:],
+        )
         states = self._route(goal, here, selector, n_passed + 1)
         chosen = [selector.choose(a.positions, b.positions).first for a, b in pairwise(states)]
         expected = [one.expected for one in chosen]
@@ -266,6 +270,7 @@ class SequencePlanner:
         return _Request(
             tuple(states),
             tuple(map(self._target, goal.targets, states[1:])),
+            (*goal.stops[:-1], True),
             tuple(one.primitive for one in chosen),
             tuple(expected),
             durations,
@@ -493,13 +498,14 @@ class _Route:
 class _Request:
     """A goal made complete.
 
-    states: at the start and at each target, at rest; targets: what these must meet; durations:
-    the usual ones, fitted to fixed times; groups: segments between fixed times, with whether
-    their sum is fixed by the goal.
+    states: at the start and at each target, at rest; targets: what these must meet; stops:
+    whether the motion rests there; durations: the usual ones, fitted to fixed times; groups:
+    segments between fixed times, with whether their sum is fixed by the goal.
     """
 
     states: tuple[JointState, ...]
     targets: tuple[Target, ...]
+    stops: tuple[bool, ...]
     primitives: tuple[MovementPrimitive, ...]
     expected: tuple[Conditional, ...]
     durations: tuple[float, ...]
@@ -522,21 +528,23 @@ class _Request:
 
         durations = self.durations if durations is None else durations
         times = np.concatenate([[0.0], np.cumsum(durations)])
-        first, last = self.states[0], self.states[-1]
+        first = self.states[0]
+        places = np.array([state.positions for state in self.states])
         rest = np.zeros_like(first.positions)
-        spline = make_interp_spline(
-            times,
-            np.array([state.positions for state in self.states]),
-            k=5,
-            bc_type=([(1, first.velocities), (2, first.accelerations)], [(1, rest), (2, rest)]),
-        )
-        rates = [share * spline.derivative(d)(times[1:-1]) for d in (1, 2)]
-        names = first.joint_names
-        passing = [
-            JointState(names, state.positions, v, a)
-            for state, v, a in zip(self.states[1:-1], *rates, strict=True)
+        rates = np.zeros((2, *places.shape))
+        rates[:, 0] = first.velocities, first.accelerations
+        for i, j in pairwise([0, *(np.flatnonzero(self.stops) + 1)]):
+            spline = make_interp_spline(
+                times[i : j + 1],
+                places[i : j + 1],
+                k=5,
+                bc_type=([(1, rates[0, i]), (2, rates[1, i])], [(1, rest), (2, rest)]),
+            )
+            for d in (1, 2):
+                rates[d - 1, i + 1 : j] = share * spline.derivative(d)(times[i + 1 : j])
+        ends = [
+            JointState(first.joint_names, q, v, a) for q, v, a in zip(places, *rates, strict=True)
         ]
-        ends = [first, *passing, last]
         return tuple(
             Motion(here, there, float(duration), primitive.basis, expected.weights)
             for (here, there), duration, primitive, expected in zip(
@@ -700,7 +708,7 @@ class _Program:
     """The whole sequence: unknowns in the order segment, target, segment, …, target.
 
     Those of a segment are its weights and its duration; those of a target its position, if it is
-    a pose, and velocity and acceleration, unless it is the last.
+    a pose, and velocity and acceleration, unless the motion stops there.
     """
 
     def __init__(
@@ -727,9 +735,11 @@ class _Program:
         self._own: list[slice] = []
         self._posed: list[tuple[slice, PoseTarget]] = []
         at, before = 0, np.arange(0)
-        for i, (segment, target) in enumerate(zip(self.segments, request.targets, strict=True)):
+        for segment, target, stops in zip(
+            self.segments, request.targets, request.stops, strict=True
+        ):
             own = 3 * n + np.arange(segment.m + 1)
-            after = np.arange(3 * n if i + 1 < len(start) else n)
+            after = np.arange(n if stops else 3 * n)
             self._own.append(slice(at, at + own.size))
             at += own.size
             if isinstance(target, PoseTarget):

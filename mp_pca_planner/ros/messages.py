@@ -91,8 +91,9 @@ def to_sequence_goal(message: JointTrajectory) -> SequenceGoal:
     Parameters
     ----------
     message :
-        One configuration per point; a time from start above 0 says when to be there. In its
-        frame_id the name of the primitive, if it isn't empty.
+        One configuration per point; a time from start above 0 says when to be there, velocities
+        of 0 that the motion stops there. In its frame_id the name of the primitive, if it isn't
+        empty.
 
     Raises
     ------
@@ -101,7 +102,7 @@ def to_sequence_goal(message: JointTrajectory) -> SequenceGoal:
         velocities, accelerations or efforts are asked for.
     """
     n_joints = len(message.joint_names)
-    targets, times = [], []
+    targets, times, stops = [], [], []
     for k, point in enumerate(message.points, start=1):
         if len(point.positions) != n_joints:
             raise GoalError(
@@ -114,16 +115,23 @@ def to_sequence_goal(message: JointTrajectory) -> SequenceGoal:
                     f"point {k} of the goal puts joint '{name}' at {value}, "
                     "but only finite numbers are accepted"
                 )
+        if len(point.velocities) not in (0, n_joints):
+            raise GoalError(
+                f"the goal names {n_joints} joints and point {k} has {len(point.velocities)} "
+                "velocities: none, or one of 0 for each joint to stop there, is accepted"
+            )
         for field in ("velocities", "accelerations", "effort"):
             if any(getattr(point, field)):
                 raise GoalError(
-                    f"point {k} of the goal asks for {field}, but only positions are accepted: "
-                    "how they are passed is what is planned"
+                    f"point {k} of the goal asks for {field}, but only positions are accepted, "
+                    "and velocities of 0 to stop there: how they are passed is what is planned"
                 )
         targets.append(JointState(message.joint_names, point.positions))
         since = point.time_from_start
         times.append(since.sec + since.nanosec / _NANOSECONDS or None)
-    return SequenceGoal(tuple(targets), tuple(times), message.header.frame_id or None)
+        stops.append(bool(point.velocities))
+    primitive = message.header.frame_id or None
+    return SequenceGoal(tuple(targets), tuple(times), primitive, tuple(stops))
 
 
 def to_sequence_message(goal: SequenceGoal) -> JointTrajectory:
@@ -136,7 +144,7 @@ def to_sequence_message(goal: SequenceGoal) -> JointTrajectory:
     """
     message = JointTrajectory()
     message.header.frame_id = goal.primitive or ""
-    for target, when in zip(goal.targets, goal.times, strict=True):
+    for target, when, stops in zip(goal.targets, goal.times, goal.stops, strict=True):
         if not isinstance(target, JointState) or (
             message.points and target.joint_names != tuple(message.joint_names)
         ):
@@ -144,12 +152,15 @@ def to_sequence_message(goal: SequenceGoal) -> JointTrajectory:
                 "the targets of a sequence that is sent must be configurations of the same joints"
             )
         message.joint_names = list(target.joint_names)
-        message.points.append(JointTrajectoryPoint(positions=_numbers(target.positions)))
+        point = JointTrajectoryPoint(positions=_numbers(target.positions))
+        if stops:
+            point.velocities = [0.0] * len(target.joint_names)
+        message.points.append(point)
         if when is None:
             continue
         if when >= _LONGEST_TIME:
             raise GoalError(f"the time {when:g} s of a target is longer than a message can say")
-        since = message.points[-1].time_from_start
+        since = point.time_from_start
         since.sec, since.nanosec = divmod(round(when * _NANOSECONDS), _NANOSECONDS)
     return message
 
