@@ -591,9 +591,10 @@ def test_states_of_other_joints_are_ignored_and_counted(client: GoalClient) -> N
 
 def test_plan_that_breaks_limits_is_reported_and_not_published(client: GoalClient) -> None:
     n_trajectories = len(client.trajectories)
-    with parameters(client, duration=0.05):
-        answer = client.send(goal_message())
-    assert_refused(answer, "limit", "joint")
+    with parameters(client, duration=0.05, max_solve_time=60.0):
+        answer = client.send(goal_message(), timeout=60.0)
+    assert_refused(answer, "limit", "joint", "the shortest duration that the limits allow")
+    assert 0.05 < float(answer.values["shortest_duration"]) < 0.5
     assert answer.values["status"] == "infeasible"
     assert float(answer.values["limit_violation"]) > 0.0
     # Looking for a motion of that duration, and for the shortest one, took its time.
