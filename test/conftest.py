@@ -117,6 +117,16 @@ def stamped(
     ]
 
 
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Declare what makes tests longer than they need to be every time."""
+    parser.addoption(
+        "--planned-sequences",
+        type=int,
+        default=40,
+        help="random sequences of goals that are planned and followed (test_motion_server.py)",
+    )
+
+
 @pytest.fixture(params=FORMATS)
 def bag_format(request: pytest.FixtureRequest) -> str:
     """Every storage format in turn."""

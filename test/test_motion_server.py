@@ -151,13 +151,13 @@ def assert_smooth(controller: Controller) -> None:
     assert np.all(np.abs(np.diff(v, axis=0)) <= MAX_ACCELERATION * time)
 
 
-def test_thousand_random_sequences_of_goals_and_stops_are_followed_without_a_jump() -> None:
+def follow_random_sequences(n: int, planner: Any = None) -> tuple[int, int]:
+    """Goals and stops at random times; returns how many goals were served, and sent in motion."""
     random = np.random.default_rng(3)
     low, high = np.minimum(START, GOAL), np.maximum(START, GOAL)
     n_served = n_moving = 0
-    for _ in range(1000):
+    for _ in range(n):
         world = World(now=float(random.uniform(0.0, 1e5)))
-        fast = MinimumJerk(world.model)
         for _ in range(int(random.integers(2, 5))):
             world.planning_time = float(random.uniform(0.0, 0.1))
             try:
@@ -165,18 +165,34 @@ def test_thousand_random_sequences_of_goals_and_stops_are_followed_without_a_jum
                     world.server.stop(world.model)
                 else:
                     n_moving += world.states.running is not None
-                    world.serve(random.uniform(low, high), fast)
+                    world.serve(random.uniform(low, high), planner)
                     n_served += 1
             except (UnexecutablePlanError, TooLateError):
                 continue  # published nothing
             world.now += float(
                 random.choice([0.0, random.uniform(0.0, 0.7), 3.0], p=[0.1, 0.7, 0.2])
             )
-        world.controller.run_until(world.now + 4.0)
+        if world.sent:
+            end = world.sent[-1].points[-1].time_from_start
+            world.controller.run_until(world.now + end.sec + end.nanosec * 1e-9 + 0.01)
         assert_smooth(world.controller)
         assert not np.any(world.controller.state[1])
+    return n_served, n_moving
+
+
+def test_thousand_random_sequences_of_goals_and_stops_are_followed_without_a_jump() -> None:
+    n_served, n_moving = follow_random_sequences(1000, MinimumJerk(MODEL))
     assert n_served > 2000
     assert n_moving > 900
+
+
+def test_random_sequences_are_followed_without_a_jump_as_they_are_really_planned(
+    request: pytest.FixtureRequest,
+) -> None:
+    n = request.config.getoption("--planned-sequences")
+    n_served, n_moving = follow_random_sequences(n)
+    assert n_served > 2 * n
+    assert n_moving > 0.9 * n
 
 
 def test_planned_motions_replace_each_other_without_a_jump(world: World) -> None:
