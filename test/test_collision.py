@@ -11,15 +11,18 @@ import pytest
 from arm import JOINTS, arm_demonstrations, arm_primitive, arm_robot
 
 from mp_pca_planner.cli.plan import main
+from mp_pca_planner.cli.sequence import main as sequence
 from mp_pca_planner.exceptions import RobotError
-from mp_pca_planner.goal import JointGoal, JointState
+from mp_pca_planner.goal import JointGoal, JointState, SequenceGoal
 from mp_pca_planner.planning.collision import (
     Collision,
     CollisionFreePlanner,
+    CollisionFreeSequencePlanner,
     CollisionModel,
     package_folders,
 )
 from mp_pca_planner.planning.planner import INFEASIBLE, SOLVED, Planner, PlannerOptions
+from mp_pca_planner.planning.sequence import OPTIMAL, REAL_TIME, SequencePlanner
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
 from mp_pca_planner.primitives.file import save_primitive
 from mp_pca_planner.recordings.demonstration import Demonstration
@@ -272,6 +275,29 @@ def test_robot_without_collision_geometry_is_said_so(request_of_arm):
     assert "self-collisions were not checked" in plan.message
 
 
+def sequence_of_arm() -> tuple[SequencePlanner, SequenceGoal, JointState]:
+    robot = arm_robot()
+    start, *targets = (JointState(JOINTS, d.positions[-1]) for d in arm_demonstrations()[:3])
+    planner = SequencePlanner(robot, [arm_primitive()], robot.limits())
+    return planner, SequenceGoal(tuple(targets)), start
+
+
+def test_sequence_that_collides_is_joined_instead_or_infeasible():
+    planner, *request = sequence_of_arm()
+    found = CollisionFreeSequencePlanner(planner, Scripted(MEETING, None)).plan(*request)
+    assert (found.status, found.mode) == (SOLVED, REAL_TIME)
+    assert "in the optimal one 'hand' and 'trunk' collide" in found.message
+    free = CollisionFreeSequencePlanner(planner, Scripted(None)).plan(*request)
+    assert (free.status, free.mode) == (SOLVED, OPTIMAL)
+    for script, mode in (((MEETING, MEETING), OPTIMAL), ((MEETING,), REAL_TIME)):
+        plan = CollisionFreeSequencePlanner(planner, Scripted(*script)).plan(*request, mode)
+        assert plan.status == INFEASIBLE
+        assert "'hand' and 'trunk' collide from 0.200 s on" in plan.message
+    blind = CollisionModel(Robot(CHAIN.replace("collision>", "visual>"), NAMES))
+    plan = CollisionFreeSequencePlanner(planner, blind).plan(*request)
+    assert plan.is_executable and "self-collisions were not checked" in plan.message
+
+
 # The command
 
 
@@ -311,3 +337,11 @@ def test_plan_refuses_an_srdf_without_collision(files, capsys):
     ends = ["--start", "0,0.5,0", "--goal", "0.2,0.9,1.1", "--srdf", "x.srdf"]
     assert main([*files, *ends]) == 2
     assert "are for --collision" in capsys.readouterr().err
+
+
+def test_sequence_refuses_to_end_in_itself_too(files, capsys):
+    ends = ["--start", "0,0.9,0", "--via", "0.1,0.9,0.5", "--goal", "0,0.9,3.0", "--json"]
+    assert sequence([*files, *ends]) == 0
+    capsys.readouterr()
+    assert sequence([*files, *ends, "--collision"]) == 1
+    assert "'a' and 'c' collide" in json.loads(capsys.readouterr().out)["message"]

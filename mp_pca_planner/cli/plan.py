@@ -129,6 +129,11 @@ def add_request_options(
     parser.add_argument(
         "--sample-period", type=float, default=defaults.sample_period, help="time step [s]"
     )
+    add_collision_options(parser)
+
+
+def add_collision_options(parser: CommandParser) -> None:
+    """Add what says whether the robot may hit itself; :func:`collision_model` reads it."""
     parser.add_argument(
         "--collision", action="store_true", help="refuse motions in which the robot hits itself"
     )
@@ -212,13 +217,20 @@ def plan_request(arguments: argparse.Namespace) -> tuple[Planner, Plan]:
         missing = [name for name in names if name not in start.joint_names]
         raise GoalError(f"--start lacks a position for {', '.join(missing)}")
     planner = Planner(robot, primitives, robot.limits(overrides), options)
-    goal, collision = _goal(arguments, robot), _collision_model(arguments, robot)
+    goal, collision = _goal(arguments, robot), collision_model(arguments, robot)
     if collision is not None:
         return planner, CollisionFreePlanner(planner, collision).plan(goal, start)
     return planner, planner.plan(goal, start)
 
 
-def _collision_model(arguments: argparse.Namespace, robot: Robot) -> CollisionModel | None:
+def collision_model(arguments: argparse.Namespace, robot: Robot) -> CollisionModel | None:
+    """The robot's collision model, None if that isn't asked for.
+
+    Raises
+    ------
+    PlannerError
+        If it can't be made, or is only half asked for.
+    """
     if not arguments.collision:
         if arguments.srdf is not None or arguments.package_dirs:
             raise PlannerError("--srdf and --package-dirs are for --collision: give that, too")

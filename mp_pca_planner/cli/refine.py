@@ -47,6 +47,7 @@ _NOT_OF_SEQUENCES = (
     "duration",
     "objective",
     "basis",
+    "starts",
     "collision",
     "srdf",
     "package_dirs",

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from ..goal import JointState, SequenceGoal
 from ..limits import read_limits_file
+from ..planning.collision import CollisionFreeSequencePlanner
 from ..planning.planner import PlannerOptions
 from ..planning.sequence import MODES, OPTIMAL, SequencePlan, SequencePlanner
 from ..primitives.primitive_library import load_primitives
@@ -26,7 +27,14 @@ from .common import (
     split_time,
 )
 from .drawing import draw_motion
-from .plan import check_outputs, target, trajectory_columns, write_trajectory
+from .plan import (
+    add_collision_options,
+    check_outputs,
+    collision_model,
+    target,
+    trajectory_columns,
+    write_trajectory,
+)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -60,6 +68,7 @@ def _parser() -> CommandParser:
     parser.add_argument(
         "--sample-period", type=float, default=defaults.sample_period, help="time step [s]"
     )
+    add_collision_options(parser)
     parser.add_argument(
         "--output", type=Path, metavar="FILE", help="write it: .csv, .json, .npz, or a bag"
     )
@@ -121,7 +130,10 @@ def sequence_request(
         sample_period=options.sample_period,
     )
     here = JointState(list(start), list(start.values()))
-    return planner, planner.plan(_goal(arguments, names), here, mode)
+    goal, collision = _goal(arguments, names), collision_model(arguments, robot)
+    if collision is not None:
+        return planner, CollisionFreeSequencePlanner(planner, collision).plan(goal, here, mode)
+    return planner, planner.plan(goal, here, mode)
 
 
 def _goal(arguments: argparse.Namespace, names: Sequence[str]) -> SequenceGoal:

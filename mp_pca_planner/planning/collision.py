@@ -21,11 +21,12 @@ import pinocchio as pin
 
 from ..arrays import FloatArray
 from ..exceptions import RobotError
-from ..goal import JointState
+from ..goal import JointState, SequenceGoal
 from ..robot import Robot
 from ..trajectory import Trajectory
 from ..validation import interpolate
 from .planner import INFEASIBLE, Plan, Planner
+from .sequence import OPTIMAL, REAL_TIME, SequencePlan, SequencePlanner
 
 # Motions that collide are pulled towards the expected one, ten times as hard each time.
 _PULLS = (1e-2, 1e-1, 1.0, 10.0)
@@ -33,6 +34,9 @@ _PULLS = (1e-2, 1e-1, 1.0, 10.0)
 _CONTACT = 1e-6
 # A pair that needs another look later than this [s] needs no exact distance.
 _SOON = 0.02
+
+_NOT_CHECKED = "; self-collisions were not checked: the robot has no collision geometry"
+_ALWAYS_COLLIDES = "no motion without self-collision was found: {}"
 
 
 @dataclass(frozen=True)
@@ -256,8 +260,7 @@ class CollisionFreePlanner:
         """Plan a motion to any goal that :meth:`Planner.plan` takes."""
         first = self.planner.plan(goal, start)
         if not self.collision.has_geometry:
-            note = "; self-collisions were not checked: the robot has no collision geometry"
-            return replace(first, message=first.message + note)
+            return replace(first, message=first.message + _NOT_CHECKED)
         if not first.is_executable:
             return first
         worst = self.collision.worst_collision(first.trajectory)
@@ -276,7 +279,7 @@ class CollisionFreePlanner:
                     raised = f"from {first.naturalness:g} to {plan.naturalness:g}"
                     note = f"; to avoid self-collision, the naturalness was raised {raised}"
                     return replace(plan, message=plan.message + note, solve_time=taken)
-        message = f"no motion without self-collision was found: {worst}"
+        message = _ALWAYS_COLLIDES.format(worst)
         return replace(first, status=INFEASIBLE, message=message, solve_time=taken)
 
     def _planner(self, naturalness: float) -> Planner:
@@ -284,6 +287,45 @@ class CollisionFreePlanner:
             options = replace(self.planner.options, naturalness=naturalness)
             self._stronger[naturalness] = replace(self.planner, options=options)
         return self._stronger[naturalness]
+
+
+@dataclass(eq=False)
+class CollisionFreeSequencePlanner:
+    """A planner of sequences in which the robot doesn't hit itself.
+
+    Instead of an optimal sequence that does, the one joined in real time is returned, which is
+    nearer to the demonstrations; if that does, too, the sequence is infeasible.
+
+    Parameters
+    ----------
+    planner : SequencePlanner
+        Plans without regard to collisions.
+    collision : CollisionModel
+        Of the same robot.
+    """
+
+    planner: SequencePlanner
+    collision: CollisionModel
+
+    def plan(self, goal: SequenceGoal, start: JointState, mode: str = OPTIMAL) -> SequencePlan:
+        """Plan as :meth:`.SequencePlanner.plan` does."""
+        first = self.planner.plan(goal, start, mode)
+        if not self.collision.has_geometry:
+            return replace(first, message=first.message + _NOT_CHECKED)
+        if not first.is_executable:
+            return first
+        worst = self.collision.worst_collision(first.trajectory)
+        if worst is None:
+            return first
+        taken = first.solve_time
+        if first.mode == OPTIMAL and _inside(worst, first.trajectory):
+            plan = self.planner.plan(goal, start, REAL_TIME)
+            taken += plan.solve_time
+            if plan.is_executable and not self.collision.worst_collision(plan.trajectory):
+                note = f"{plan.message}, for in the optimal one {worst}"
+                return replace(plan, message=note, solve_time=taken)
+        message = _ALWAYS_COLLIDES.format(worst)
+        return replace(first, status=INFEASIBLE, message=message, solve_time=taken)
 
 
 def _inside(collision: Collision, trajectory: Trajectory) -> bool:
