@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import resource
 import subprocess
+import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -184,3 +185,50 @@ def test_robot_may_be_exchanged_for_another_while_the_node_runs(client: GoalClie
     # All links weigh more: the same goal takes more effort.
     client.publish_description(URDF.replace('<mass value="', '<mass value="1'))
     answer_once(client, lambda answer: float(answer.values["effort_cost"]) > 2.0 * cost)
+
+
+def test_names_in_primitives_and_goals_are_no_paths(client: GoalClient, folder: Path) -> None:
+    client.publish_description(URDF)
+    client.wait_for_model()
+    evil = folder / "primitives" / "evil.npz"
+    name = f"../..{folder}/../evil"
+    save_primitive(build_primitive(arm_demonstrations(), name), evil)
+    files = set(folder.parent.rglob("*"))
+    try:
+        assert client.reload_primitives().success
+        goal = goal_message()
+        goal.header.frame_id = name
+        assert client.send(goal).values["primitive"] == name
+        answer = client.save_motion()
+        assert answer.success, answer.message
+        (new,) = set(folder.parent.rglob("*")) - files
+        assert new.parent == folder / "kept"
+        goal.header.frame_id = str(evil)
+        assert "no primitive is called" in client.send(goal).report.message
+    finally:
+        evil.unlink()
+    assert client.reload_primitives().success
+
+
+LISTENER = """
+import sys
+from mp_pca_planner.ros.client import GoalClient
+with GoalClient("controller") as client:
+    client.wait_for_node()
+    print("matched", flush=True)
+    while True:
+        client.spin_once()
+"""
+
+
+def test_controller_that_vanishes_does_not_hold_the_node_up(client: GoalClient) -> None:
+    listener = subprocess.Popen([sys.executable, "-c", LISTENER], stdout=subprocess.PIPE, text=True)
+    assert listener.stdout is not None
+    with listener:
+        try:
+            assert listener.stdout.readline() == "matched\n"
+        finally:
+            listener.kill()
+    # More than the reliable publishers keep for those who don't answer.
+    for _ in range(150):
+        assert client.send(goal_message()).trajectory is not None

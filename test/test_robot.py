@@ -224,3 +224,15 @@ def test_a_pose_error_is_zero_at_the_pose_and_has_the_derivative_of_central_diff
     alone, rows = robot.pose_error(hand, q, place)
     np.testing.assert_allclose(alone, 0.0, atol=1e-15)
     np.testing.assert_array_equal(rows, jacobian[:3])
+
+
+def test_a_description_can_neither_fill_the_memory_nor_read_files(tmp_path):
+    laughs = "".join(f'<!ENTITY e{k} "{f"&e{k - 1};" * 10}">' for k in range(1, 10))
+    bomb = f'<!DOCTYPE robot [<!ENTITY e0 "ha">{laughs}]>' + CART.replace("cart", "&e9;", 1)
+    with pytest.raises(RobotError, match="amplification"):
+        Robot(bomb)
+    secret = tmp_path / "secret.txt"
+    secret.write_text("<joint/>")
+    thief = f'<!DOCTYPE robot [<!ENTITY e SYSTEM "{secret.as_uri()}">]>'
+    with pytest.raises(RobotError, match="undefined entity"):
+        Robot(thief + CART.replace("</robot>", "&e;</robot>"))
