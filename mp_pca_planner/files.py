@@ -54,12 +54,14 @@ def check_writable(path: Path, *, overwrite: bool) -> None:
     Raises
     ------
     PlannerError
-        If it exists and may not be overwritten, or its folder doesn't exist.
+        If it exists and may not be overwritten, or its folder doesn't exist or is read-only.
     """
     if path.exists() and not overwrite:
         raise exists_already(path)
     if not path.parent.is_dir():
         raise PlannerError(f"'{path}' can't be written: there is no folder '{path.parent}'")
+    if not os.access(path.parent, os.W_OK):
+        raise PlannerError(f"'{path}' can't be written: its folder may not be changed")
 
 
 def exists_already(path: Path) -> PlannerError:

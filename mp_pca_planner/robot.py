@@ -50,6 +50,8 @@ class Robot:
         The joints, n_joints of them.
     continuous : array of bool, shape (n_joints,)
         Which joints turn without end.
+    prismatic_joints : tuple of str
+        Those of `joint_names` that are measured in metres.
     movable_joints : tuple of str
         All movable joints of the description, in the order of the kinematic tree.
     frame_names : tuple of str
@@ -90,6 +92,9 @@ class Robot:
         self._use(self._lock_others(full, dict(locked or {})))
         self.continuous = np.array([name in continuous for name in self.joint_names])
         self.continuous.setflags(write=False)
+        self.prismatic_joints = tuple(
+            name for name in self.joint_names if joints[name].get("type") == "prismatic"
+        )
         self.frame_names = tuple(f.name for f in self._model.frames if f.type == pin.FrameType.BODY)
         # Position of each of our joints in Pinocchio's vectors, and the other way round.
         self._to_pin = np.array(

@@ -275,6 +275,25 @@ def test_terminals_without_our_signs_get_others():
     assert b"in units of ??" in done.stdout
 
 
+def test_ctrl_c_while_a_command_loads_is_told_in_one_line():
+    script = (
+        "import os, signal, sys, mp_pca_planner.cli.main as program\n"
+        "program.load_command = lambda name: os.kill(os.getpid(), signal.SIGINT)\n"
+        "sys.exit(program.main(['plan']))"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (1, "mp_pca_planner plan: interrupted\n")
+
+
+def test_case_study_refuses_what_it_cannot_use_before_it_reads(tmp_path):
+    (tmp_path / "file").write_text("")
+    bag = ("--recordings", tmp_path / "no_bag")
+    assert "can't be a folder" in refusal("case_study", *bag, "--output", tmp_path / "file")
+    output = ("--output", tmp_path / "study")
+    assert "no link is called 'hand'" in refusal("case_study", *bag, *output, "--arm", "hand")
+    assert "no recording at" in refusal("case_study", *bag, *output)
+
+
 @pytest.mark.skipif(not os.path.exists("/dev/full"), reason="there is no /dev/full")
 def test_output_to_a_full_disk_is_told_in_one_line(primitive):
     with open("/dev/full", "w") as full:

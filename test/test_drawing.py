@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from mp_pca_planner.cli import drawing
 from mp_pca_planner.cli.drawing import draw_arm, draw_motion, draw_primitive
 from mp_pca_planner.exceptions import PlannerError
 from mp_pca_planner.limits import JointLimits
@@ -151,6 +152,19 @@ def test_limits_are_drawn_where_the_motion_comes_near(tmp_path: Path) -> None:
 
     # The fastest that joint0 gets is 2 rad/s; only the lines of the limit are pure black.
     assert black(2.1) > black(20.0) + 100
+
+
+def test_prismatic_joints_are_drawn_in_metres(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    figures: list[Any] = []
+    monkeypatch.setattr(drawing, "_save", lambda figure, *_: figures.append(figure))
+    motion = trajectory()
+    draw_motion(tmp_path / "m.png", motion, title="A motion", prismatic=["joint1"])
+    panels = {axes.get_ylabel(): axes.lines[0].get_ydata() for axes in figures[0].axes}
+    np.testing.assert_allclose(panels["position [m]"], motion.positions[:, 1])
+    np.testing.assert_allclose(panels["position [deg]"], np.rad2deg(motion.positions[:, 0]))
+    np.testing.assert_allclose(panels["velocity [m/s]"], motion.velocities[:, 1])
 
 
 def test_joint_that_does_not_move_is_drawn(tmp_path: Path) -> None:

@@ -29,7 +29,16 @@ from ..recordings.repair import MAX_GAP, MAX_GAP_PERIODS
 from ..recordings.segmentation import SegmentationOptions
 from ..recordings.segments_file import segments_table
 from ..robot import Robot
-from .common import DONE, CommandParser, check_output, joint_list, print_json, progress_bar, run
+from .common import (
+    DONE,
+    CommandParser,
+    check_output,
+    joint_list,
+    no_motion,
+    print_json,
+    progress_bar,
+    run,
+)
 from .drawing import require_matplotlib
 from .report import REPORT_SAMPLES, report_page
 from .variance import variance_report
@@ -215,7 +224,7 @@ def _build(arguments: argparse.Namespace) -> int:
             progress=progress,
         )
     if not recordings.reports:
-        raise RecordingError(f"no motion was found: {_why_none(recordings)}")
+        raise no_motion(recordings)
     statistics = (
         MotionStatistics.of(recordings.demonstrations, options)
         if summarise is None
@@ -280,14 +289,6 @@ def _marker_source(arguments: argparse.Namespace) -> MarkerSource | None:
     if arguments.topic is not None or arguments.field is not None or arguments.salvage:
         raise RecordingError("--markers goes without --topic, --field and --salvage")
     return marker_source(arguments.markers, *files, arguments.joints)
-
-
-def _why_none(recordings: RecordingSet) -> str:
-    if not recordings.refused:
-        return f"{len(recordings.reports)} recordings hold no motion"
-    first = recordings.refused[0]
-    more = len(recordings.refused) - 1
-    return f"{first.recording}: {first.reason}" + (f" (and {more} more refused)" if more else "")
 
 
 def _facts(recordings: RecordingSet, primitive: MovementPrimitive, output: Path) -> dict[str, Any]:

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ..exceptions import PlannerError, RecordingError
+from ..exceptions import RecordingError
 from ..files import exists_already, write_whole
 from ..recordings.bags import write_markers
 from ..recordings.load import RecordingSet, load_recordings
@@ -27,7 +27,16 @@ from ..robot import Robot
 from ..studies.case_study import CaseStudy, study
 from .case_study_page import case_study_page, draw_pictures
 from .case_study_tables import facts, summary, tables
-from .common import DONE, CommandParser, plain, print_json, progress_bar, run
+from .common import (
+    DONE,
+    CommandParser,
+    make_folder,
+    no_motion,
+    plain,
+    print_json,
+    progress_bar,
+    run,
+)
 from .drawing import require_matplotlib
 
 _N_GENERATED = 60
@@ -88,16 +97,16 @@ def _case_study(arguments: argparse.Namespace) -> int:
     folder: Path = arguments.output
     if (folder / _PAGE).exists() and not arguments.force:
         raise exists_already(folder / _PAGE)
+    make_folder(folder)
     urdf = arguments.robot or config_file("human_arm.urdf")
-    with progress_bar("reading", "recording") as progress:
+    frames = arguments.arm.split(",")
+    Robot.from_file(urdf).attach_points(frames, np.zeros((len(frames), 3)))  # refuses unknown ones
+    with progress_bar("reading", "B") as progress:
         recordings, source = _recordings(arguments, urdf, progress)
     if not recordings.demonstrations:
-        reasons = "; ".join(f"{r.recording}: {r.reason}" for r in recordings.refused)
-        raise RecordingError(f"the recordings hold no motion ({reasons or 'none was refused'})")
+        raise no_motion(recordings)
     motions = recordings.demonstrations
     robot = Robot.from_file(urdf, motions[0].joint_names)
-    frames = arguments.arm.split(",")
-    robot.frame_positions(motions[0].positions[:1], frames)  # unknown ones are refused now
     with progress_bar("planning", "motion") as progress:
         found = study(motions, arguments.motions, robot, frames[-1], progress)
     written = _write(folder, found, robot, frames, source)
@@ -166,10 +175,6 @@ def _write(
     folder: Path, found: CaseStudy, robot: Robot, frames: Sequence[str], source: str
 ) -> list[Path]:
     """Write pictures, tables and figures, the page last."""
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise PlannerError(f"'{folder}' can't be a folder: {error.strerror}") from None
     pictures = draw_pictures(found, robot, frames)
     files = {f"{name}.png": content.getvalue() for name, content in pictures.items()}
     for name, (header, rows) in tables(found).items():

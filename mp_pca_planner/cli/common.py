@@ -12,16 +12,19 @@ import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import numpy as np
 from tqdm import tqdm
 
 from ..arrays import FloatArray
-from ..exceptions import GoalError, PlannerError, unknown_name
+from ..exceptions import GoalError, PlannerError, RecordingError, unknown_name
 from ..files import check_writable
 
 DONE, FAILED, REFUSED = 0, 1, 2
+
+if TYPE_CHECKING:
+    from ..recordings.load import RecordingSet
 
 Progress = Callable[[int, int], None]
 
@@ -84,9 +87,6 @@ def run(
             print(f"{parser.prog}: the output can't be written: {reason}", file=sys.stderr)
         sys.stdout = None
         return FAILED
-    except KeyboardInterrupt:
-        print(f"{parser.prog}: interrupted", file=sys.stderr)
-        return FAILED
 
 
 def _with_negative_values(argv: Sequence[str]) -> list[str]:
@@ -121,6 +121,20 @@ def plain(content: Any) -> Any:
     return content
 
 
+def no_motion(recordings: RecordingSet) -> RecordingError:
+    """Error for recordings of which no motion is left: why not, by the first one's refusal."""
+    if not recordings.refused:
+        return RecordingError(
+            f"no motion was found: {len(recordings.reports)} recordings hold no motion"
+        )
+    first = recordings.refused[0]
+    more = len(recordings.refused) - 1
+    return RecordingError(
+        f"no motion was found: {first.recording}: {first.reason}"
+        + (f" (and {more} more refused)" if more else "")
+    )
+
+
 @contextmanager
 def progress_bar(description: str, unit: str) -> Iterator[Progress]:
     """A progress bar on stderr, if that is a terminal; called with (done, total)."""
@@ -153,6 +167,20 @@ def check_output(path: Path | None, suffix: str, *, force: bool) -> None:
     if path.suffix != suffix:
         raise PlannerError(f"the output '{path}' must end in {suffix}")
     check_writable(path, overwrite=force)
+
+
+def make_folder(path: Path) -> None:
+    """Make sure that there is a folder to write into.
+
+    Raises
+    ------
+    PlannerError
+        If there can't be one.
+    """
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise PlannerError(f"'{path}' can't be a folder: {error.strerror}") from None
 
 
 def seed(text: str) -> int:

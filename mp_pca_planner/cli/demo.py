@@ -33,7 +33,7 @@ from ..robot import Robot
 from ..trajectory import Trajectory
 from ..validation import check_executable, check_limits
 from . import build_primitives
-from .common import DONE, FAILED, CommandParser, run, table
+from .common import DONE, FAILED, CommandParser, make_folder, run, table
 from .drawing import draw_arm, draw_motion, draw_primitive, require_matplotlib
 
 if TYPE_CHECKING:
@@ -70,10 +70,7 @@ def _demo(arguments: argparse.Namespace) -> int:
         raise MissingDependencyError("rclpy", "ros", "the command 'demo'")
     require_matplotlib()
     folder = arguments.output
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise PlannerError(f"'{folder}' can't be a folder: {error.strerror}") from None
+    make_folder(folder)
 
     print(f"1. Recording {_N_DEMONSTRATIONS} arm-raising motions into {folder / 'recording'}")
     bag = _record(folder / "recording")

@@ -9,7 +9,7 @@ of its own with the Agg canvas: pyplot, its windows and its settings are left al
 from __future__ import annotations
 
 import io
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from math import ceil
 from pathlib import Path
 from types import MappingProxyType
@@ -92,6 +92,11 @@ _ROWS = (
     _Row("position [deg]", "positions", ("lower", "upper"), np.rad2deg(1.0), 2.0),
     _Row("velocity [deg/s]", "velocities", ("velocity",), np.rad2deg(1.0), 2.0),
     _Row("effort [N·m]", "efforts", ("effort",), 1.0, 0.2),
+)
+_PRISMATIC_ROWS = (
+    _Row("position [m]", "positions", ("lower", "upper"), 1.0, 0.02),
+    _Row("velocity [m/s]", "velocities", ("velocity",), 1.0, 0.02),
+    _Row("effort [N]", "efforts", ("effort",), 1.0, 0.2),
 )
 
 
@@ -247,6 +252,7 @@ def draw_motion(
     others: Mapping[str, Trajectory] | None = None,
     demonstrations: Sequence[Demonstration] = (),
     limits: JointLimits | None = None,
+    prismatic: Collection[str] = (),
     force: bool = False,
 ) -> None:
     """Draw positions, velocities and efforts of a motion over time, joint by joint.
@@ -267,6 +273,8 @@ def draw_motion(
         Demonstrated motions of the same joints, drawn behind.
     limits : JointLimits, optional
         Limits of the same joints, drawn where the motions come near.
+    prismatic : collection of str
+        Joints that are measured in metres; the others are drawn in degrees.
     force : bool
         Whether an existing file may be overwritten.
 
@@ -295,16 +303,18 @@ def draw_motion(
     if limits is not None:
         entries.append(_LIMIT)
     has_efforts = any(motion.efforts is not None for motion in motions.values())
-    rows = _ROWS if has_efforts else _ROWS[:-1]
-    figure, panels = _joint_panels(names, len(rows), title, entries)
-    for j, panel in enumerate(panels):
+    n_rows = len(_ROWS) if has_efforts else len(_ROWS) - 1
+    figure, panels = _joint_panels(names, n_rows, title, entries)
+    for j, (name, panel) in enumerate(zip(names, panels, strict=True)):
+        rows = (_PRISMATIC_ROWS if name in prismatic else _ROWS)[:n_rows]
         for axes, row in zip(panel, rows, strict=True):
             for motion, style in curves:
                 values = _samples(motion, row, j)
                 if values is not None:
                     _draw(axes, motion.times, values, style)
             _frame_curve(axes, row, [] if limits is None else _bounds(limits, row, j))
-            _label(axes, "time [s]" if row is rows[-1] else "", row.name)
+            x = "time [s]" if row is rows[-1] else ""
+            _label(axes, x, row.name, in_all_columns=bool(prismatic))
             axes.set_xlim(0.0, longest)
     _save(figure, path, force)
 
@@ -764,11 +774,12 @@ def _draw_legend(
     )
 
 
-def _label(axes: Axes, x: str, y: str) -> None:
-    """Label the axes; values only in the first column, since all columns show the same."""
+def _label(axes: Axes, x: str, y: str, *, in_all_columns: bool = False) -> None:
+    """Label the axes; values only in the first column, if all columns show the same."""
     place = axes.get_subplotspec()
+    shown = in_all_columns or (place is not None and place.is_first_col())
     axes.set_xlabel(x, fontsize=_TEXT_SIZE)
-    axes.set_ylabel(y if place is not None and place.is_first_col() else "", fontsize=_TEXT_SIZE)
+    axes.set_ylabel(y if shown else "", fontsize=_TEXT_SIZE)
     axes.tick_params(labelsize=_TICK_SIZE)
     axes.grid(color="#DDDDDD", linewidth=0.8)
     axes.set_axisbelow(True)

@@ -17,6 +17,7 @@ from ..primitives.file import load_primitive
 from ..primitives.primitive import MovementPrimitive
 from ..recordings.bags import find_recordings
 from ..recordings.load import RecordingInspection, inspect_recording
+from ..recordings.markers import MarkerFinding
 from ..recordings.repair import REPAIRS
 from .common import DONE, REFUSED, CommandParser, print_json, run, table
 from .variance import variance_report
@@ -73,12 +74,7 @@ def _look_at(name: str, arguments: argparse.Namespace) -> list[tuple[dict[str, A
 def _recording_text(facts: RecordingInspection) -> str:
     lines = [f"{facts.path} ({facts.format})"]
     lines += [f"  topic     {t.name}  {t.type}  {t.count} messages" for t in facts.topics]
-    lines += [
-        f"  marker    {m.name} on {m.topic}: {m.n_samples} samples"
-        + (f" at {m.rate:.1f} Hz" if m.rate is not None else "")
-        + f", {m.n_gaps} gaps, missing in {m.missing_share:.1%}"
-        for m in facts.markers
-    ]
+    lines += _marker_lines(facts.markers)
     if facts.topic is not None:
         lines.append(f"  looked at {facts.topic}: {facts.n_messages} messages")
     if facts.joint_names:
@@ -90,6 +86,22 @@ def _recording_text(facts: RecordingInspection) -> str:
     if facts.refusal is not None:
         lines.append(f"  can't be used: {facts.refusal}")
     return "\n".join(lines)
+
+
+def _marker_lines(markers: Sequence[MarkerFinding]) -> list[str]:
+    """One line for all of which the same is said: a robot has dozens of frames."""
+    alike: dict[str, list[str]] = {}
+    for m in markers:
+        found = (
+            f"on {m.topic}: {m.n_samples} samples"
+            + (f" at {m.rate:.1f} Hz" if m.rate is not None else "")
+            + f", {m.n_gaps} gaps, missing in {m.missing_share:.1%}"
+        )
+        alike.setdefault(found, []).append(m.name)
+    return [
+        f"  marker{'s' if names[1:] else ' '}   {', '.join(names)} {found}"
+        for found, names in alike.items()
+    ]
 
 
 def _primitive_facts(name: str, primitive: MovementPrimitive) -> dict[str, Any]:

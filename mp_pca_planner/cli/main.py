@@ -14,7 +14,7 @@ from .. import __version__
 from ..exceptions import MissingDependencyError, quote_names, unknown_name
 
 PROGRAM = "mp_pca_planner"
-WRONG_USAGE = 2
+FAILED, WRONG_USAGE = 1, 2
 
 CommandFunction = Callable[[Sequence[str] | None], int]
 
@@ -67,7 +67,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     Returns
     -------
     :
-        The exit status: the command's own, or 2 if there is no such command or it can't be loaded.
+        The exit status: the command's own, 1 if it was interrupted, or 2 if there is no such
+        command or it can't be loaded.
     """
     arguments = list(sys.argv[1:] if argv is None else argv)
     if not arguments:
@@ -77,10 +78,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     if name not in COMMANDS:
         return _refuse(unknown_name("command", name, COMMANDS))
     try:
-        command = load_command(name)
+        return load_command(name)(arguments[1:])
     except MissingDependencyError as error:
         return _refuse(str(error))
-    return command(arguments[1:])
+    except KeyboardInterrupt:
+        # Here, because loading a command takes long enough to be interrupted.
+        print(f"{PROGRAM} {name}: interrupted", file=sys.stderr)
+        return FAILED
 
 
 def load_command(name: str) -> CommandFunction:

@@ -164,6 +164,7 @@ def _plan(arguments: argparse.Namespace) -> int:
             plan.trajectory,
             title=f"'{plan.primitive}': {plan.message}",
             limits=planner.limits,
+            prismatic=planner.robot.prismatic_joints,
             force=arguments.force,
         )
     if arguments.json:

@@ -94,6 +94,7 @@ def _sequence(arguments: argparse.Namespace) -> int:
             plan.trajectory,
             title=f"{len(plan.motions)} segments: {plan.message}",
             limits=planner.limits,
+            prismatic=planner.robot.prismatic_joints,
             force=arguments.force,
         )
     if arguments.json:

@@ -766,6 +766,8 @@ def _damage_told(path: Path, bag_format: BagFormat) -> Iterator[None]:
         yield
     except RecordingError:
         raise
+    except PermissionError as error:
+        raise RecordingError(f"'{path}' can't be read: {error.strerror}") from None
     # rosbags reports some damage itself, but for the rest lets through what its lower layers
     # raise: struct, lz4, zstd, bz2, apsw, yaml, KeyError, AssertionError, MemoryError for a
     # huge length ... That list is open, and only reading happens inside.
