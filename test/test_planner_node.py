@@ -34,11 +34,13 @@ from nodes import (
     URDF,
     column,
     goal_message,
+    ros_node,
     running_node,
     set_domain,
     times,
 )
 from rclpy.parameter import Parameter
+from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
 from rclpy.serialization import serialize_message
 from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import Writer
@@ -187,6 +189,30 @@ def test_order_of_joints_and_unusable_extra_joints_in_the_state_do_not_matter(
     assert answer.trajectory is not None
     assert list(answer.trajectory.points[0].positions) == START
     assert list(answer.trajectory.points[-1].positions) == GOAL
+
+
+@pytest.mark.parametrize(
+    "qos",
+    [
+        pytest.param(qos_profile_sensor_data, id="best effort"),
+        pytest.param(
+            QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL), id="latched"
+        ),
+    ],
+)
+def test_states_are_heard_whatever_quality_of_service_they_come_with(
+    client: GoalClient, qos: QoSProfile
+) -> None:
+    state = JointState(name=JOINTS, position=[0.9 * x for x in START])
+    first: list[float] = []
+    deadline = time.monotonic() + 20.0
+    with ros_node("broadcaster") as broadcaster:
+        publisher = broadcaster.create_publisher(JointState, "joint_states", qos)
+        while first != list(state.position) and time.monotonic() < deadline:
+            publisher.publish(state)
+            trajectory = client.send(goal_message()).trajectory
+            first = list(trajectory.points[0].positions) if trajectory else []
+    assert first == list(state.position)
 
 
 @pytest.mark.parametrize("name", ["arm_arm_4", "arm_joint_4"])
