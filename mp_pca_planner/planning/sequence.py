@@ -61,6 +61,7 @@ MODES = (REAL_TIME, OPTIMAL)
 
 _MOST_ITERATIONS = 60
 _TOLERANCE = 1e-5
+_RAN_OUT = "time or iterations ran out before"
 # Spread of the logarithm of durations that is as natural as a standard deviation of weights.
 _DURATION_SPREAD = 0.3
 # Passing at speed bends segments by more than demonstrations from rest to rest show: this many of
@@ -88,8 +89,8 @@ class SequencePlan:
     Attributes
     ----------
     status : str
-        'solved'. 'stopped_early': executable, but time ran out before the least effort was found.
-        'infeasible': must not be executed.
+        'solved'. 'stopped_early': executable, but time or iterations ran out before the least
+        effort was found. 'infeasible': must not be executed.
     message : str
         One sentence for a person.
     mode : {'real_time', 'optimal'}
@@ -226,19 +227,18 @@ class SequencePlanner:
         used, status = REAL_TIME, SOLVED
         if mode == OPTIMAL:
             began = time.perf_counter()
-            better, better_check, iterations = self._optimise(request, quick, deadline)
+            better, better_check, iterations, converged = self._optimise(request, quick, deadline)
             found += time.perf_counter() - began
-            is_late = time.perf_counter() > deadline
-            status = STOPPED_EARLY if is_late else SOLVED
+            status = SOLVED if converged else STOPPED_EARLY
             if not better_check.violations:
                 chosen, check, used = better, better_check, OPTIMAL
                 note = "motion of least effort found"
-                if is_late:
-                    note = "time ran out before the least effort was found"
-            elif is_late:
-                note += ", for time ran out before a cheaper one within the limits was found"
-            else:
+                if not converged:
+                    note = f"{_RAN_OUT} the least effort was found"
+            elif converged:
                 note += ", for no cheaper one within the limits was found"
+            else:
+                note += f", for {_RAN_OUT} a cheaper one within the limits was found"
         usual = sum(request.durations)
         total = sum(x.duration for x in chosen)
         if total > usual * (1.0 + 1e-9):
@@ -406,20 +406,27 @@ class SequencePlanner:
 
     def _optimise(
         self, request: _Request, start: tuple[Motion, ...], deadline: float
-    ) -> tuple[tuple[Motion, ...], LimitCheck, int]:
-        """Minimise, with limits as penalties where they turn out broken."""
+    ) -> tuple[tuple[Motion, ...], LimitCheck, int, bool]:
+        """Minimise, with limits as penalties where they turn out broken.
+
+        Returns
+        -------
+        motions, check, passes, converged
+            What was found, how it keeps the limits, the passes over the segments that this took,
+            and whether it ended of itself.
+        """
         program = _Program(self.robot, self.limits, request, start, self._naturalness)
-        x, passes = program.start, 0
+        x, passes, converged = program.start, 0, False
         motions, check = start, None
         for penalty, margin in _PENALTIES:
-            x, spent = program.minimise(x, penalty, margin, deadline)
+            x, spent, converged = program.minimise(x, penalty, margin, deadline)
             passes += spent
             motions = program.motions(x)
             check = check_limits(self._sample(motions), self.robot, self.limits)
             if not check.violations or time.perf_counter() > deadline:
                 break
         assert check is not None
-        return motions, check, passes
+        return motions, check, passes, converged
 
     def _in_span_score(self, primitive: MovementPrimitive, motion: Motion) -> float:
         scores = self._selector.scores(motion.start.positions, motion.goal.positions)
@@ -761,13 +768,14 @@ class _Program:
         self.start = x
         self._groups = [group for group, _ in request.groups]
         self._durations = [motion.duration for motion in start]
-        self._priors = []
-        for segment, expected, free in zip(
-            self.segments, request.expected, self._free, strict=True
-        ):
-            price = naturalness * effort_of(robot, segment.motion)
-            self._priors.append(price * segment.precision(expected)[np.ix_(free, free)])
-        self._reference = sum(effort_of(robot, motion) for motion in start)
+        efforts = [effort_of(robot, motion) for motion in start]
+        self._reference = sum(efforts)
+        self._priors = [
+            naturalness * effort * segment.precision(expected)[np.ix_(free, free)]
+            for effort, segment, expected, free in zip(
+                efforts, self.segments, request.expected, self._free, strict=True
+            )
+        ]
 
     def _local(self, x: FloatArray, i: int) -> FloatArray:
         """All unknowns of a segment."""
@@ -836,8 +844,14 @@ class _Program:
 
     def minimise(
         self, x: FloatArray, penalty: float, margin: float, deadline: float = float("inf")
-    ) -> tuple[FloatArray, int]:
-        """Levenberg–Marquardt steps downhill from x, within fixed sums of durations."""
+    ) -> tuple[FloatArray, int, bool]:
+        """Levenberg–Marquardt steps downhill from x, within fixed sums of durations.
+
+        Returns
+        -------
+        x, passes, converged
+            The unknowns, the passes this took, and whether no further step was worth it.
+        """
         cost, gradient, band = self._assemble(x, penalty, margin)
         damping, passes = 1e-3 * float(np.mean(band[0])), 1
         while passes < _MOST_ITERATIONS and time.perf_counter() < deadline:
@@ -863,7 +877,9 @@ class _Program:
                 damping *= 5.0
                 if predicted <= 1e-2 * _TOLERANCE * cost or not np.isfinite(damping):
                     break
-        return x, passes
+        else:
+            return x, passes, False
+        return x, passes, True
 
     def _shifted(self, x: FloatArray, step: FloatArray) -> FloatArray | None:
         """Take a step, with poses and sums of durations restored; None if a pose can't be."""
