@@ -165,14 +165,11 @@ def test_tight_limits_are_kept_by_taking_more_time() -> None:
 
 def test_jerk_limits_are_kept_by_optimal_sequences() -> None:
     limits = {"max_velocity": 1.5, "max_acceleration": 8.0, "max_jerk": 80.0}
-    modes = []
     for seed in range(4):
         start, *targets = (JointState(JOINTS, q) for q in configurations(4, seed))
         plan = planner(**limits).plan(SequenceGoal(tuple(targets)), start)
-        assert plan.is_executable
+        assert (plan.status, plan.mode) == ("solved", OPTIMAL)
         assert not check_limits(plan.trajectory, arm_robot(), planner(**limits).limits).violations
-        modes.append(plan.mode)
-    assert modes.count(OPTIMAL) >= 3
 
 
 def test_fixed_times_that_limits_forbid_are_infeasible_and_said_so() -> None:

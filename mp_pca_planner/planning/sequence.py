@@ -37,7 +37,8 @@ from ..arrays import FloatArray
 from ..exceptions import GoalError, TrajectoryError, unknown_name
 from ..goal import JointState, Pose, SequenceGoal
 from ..limits import JointLimits
-from ..primitives.boundary import boundary_values
+from ..primitives.basis import Basis
+from ..primitives.boundary import boundary_values, hermite_functions
 from ..primitives.primitive import MovementPrimitive
 from ..primitives.statistics import Conditional
 from ..robot import Robot
@@ -604,6 +605,22 @@ def _stretched(check: LimitCheck, durations: list[float], request: _Request) -> 
     return longer
 
 
+class _Tables(QuadratureTables):
+    """Those of a quadrature, and of both ends, where limits are as easily broken."""
+
+    def __init__(self, basis: Basis) -> None:
+        super().__init__(basis)
+        ends = np.array([0.0, 1.0])
+        hermite = np.array([hermite_functions(ends, d) for d in range(len(self.hermite))])
+        values = basis.tables(ends, len(self.hermite) - 1)
+        functions = values[..., 1:].transpose(1, 0, 2, 3) * basis.scales
+        self.phases = np.concatenate([self.phases, ends])
+        self.quadrature = np.concatenate([self.quadrature, [0.0, 0.0]])
+        self.hermite = np.concatenate([self.hermite, hermite], axis=1)
+        self.mean = np.concatenate([self.mean, values[..., 0]], axis=1)
+        self.functions = np.concatenate([self.functions, functions])
+
+
 class _Segment:
     """One segment's part of the program.
 
@@ -729,7 +746,7 @@ class _Program:
         n = robot.n_joints
         self._n, self._start_motions = n, start
         self._robot, self._limits = robot, limits
-        tables = {p.name: QuadratureTables(p.basis) for p in request.primitives}
+        tables = {p.name: _Tables(p.basis) for p in request.primitives}
         self.segments = [
             _Segment(robot, limits, motion, tables[primitive.name])
             for motion, primitive in zip(start, request.primitives, strict=True)
