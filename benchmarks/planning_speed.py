@@ -1,10 +1,10 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""How fast motions of the human-like arm are found, and how good the quadrature is.
+"""How fast motions of two arms are found, and how good the quadrature is.
 
-Every row is the median over different goals, planned in one run. The last columns relate the
-solve time to what the dynamics alone cost: the time of one `computeRNEADerivatives` call from
-Python, measured in the same run between the plans, times the number of quadrature nodes.
+Every row is the median over different goals, planned in one run within all limits. The floor is
+what ten passes of the dynamics alone would cost: the time of one `computeRNEADerivatives` call
+from Python, measured in the same run between the plans, times the number of nodes, times ten.
 
     python benchmarks/planning_speed.py [--goals 200]
 """
@@ -17,50 +17,72 @@ import time
 import numpy as np
 import pinocchio as pin
 
+from mp_pca_planner.benchmarking.check import RigidArm
+from mp_pca_planner.benchmarking.problems import (
+    Problem,
+    Scene,
+    demonstrations_of,
+    held_out_problems,
+    robot_file,
+)
 from mp_pca_planner.cli.common import table
 from mp_pca_planner.goal import JointGoal, JointState
 from mp_pca_planner.planning.compiler import MotionProgram, QuadratureTables
 from mp_pca_planner.planning.planner import Plan, Planner, PlannerOptions
 from mp_pca_planner.primitives.basis import Basis, BSplineBasis
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
-from mp_pca_planner.recordings.synthetic import JOINT_NAMES, generate_motions
-from mp_pca_planner.resources import config_file
 from mp_pca_planner.robot import Robot
 
+ROBOTS = ("human_arm", "panda")
 N_MANY_NODES = 200
 CALLS_PER_PLAN = 20
+FLOOR_PASSES = 10
 
 
 def main() -> None:
-    """Print a row per basis."""
+    """Print a row per robot and basis."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--goals", type=int, default=200)
     n_goals = parser.parse_args().goals
-    robot = Robot.from_file(config_file("human_arm.urdf"), JOINT_NAMES)
-    motions = [motion.as_demonstration() for motion in generate_motions(40, 1)]
-    requests = [(m.positions[0], m.positions[-1]) for m in generate_motions(n_goals, 2)]
+    rows = []
+    for name in ROBOTS:
+        _, urdf, joints = robot_file(name)
+        robot = Robot.from_file(urdf, joints)
+        motions = demonstrations_of(name, robot, robot.limits(), 40, 1)
+        scene = Scene(name, urdf, robot, robot.limits(), tuple(motions))
+        rows += rows_of(scene, held_out_problems(scene, n_goals, 2))
+    header = ["robot", "basis", "ρ", "weights", "nodes", "solve [ms]", "99 %", "passes"]
+    header += ["within limits [%]", "call [µs]", "solve / floor", "quadrature error [%]"]
+    print(table(rows, header=header))
+
+
+def rows_of(scene: Scene, problems: list[Problem]) -> list[list[str]]:
+    """A row per basis."""
     rows = []
     for label, coupling, components, basis_name, naturalness in (
-        ("components, arm", "arm", 6, "pca", 1.0),
-        ("components, arm", "arm", 6, "pca", 0.0),
+        ("components, arm", "arm", 8, "pca", 1.0),
+        ("components, arm", "arm", 8, "pca", 0.0),
         ("components, joint", "joint", 4, "pca", 1.0),
         ("components, joint", "joint", 4, "pca", 0.0),
-        ("B-splines", "arm", 6, "bspline", 0.0),
+        ("B-splines", "arm", 8, "bspline", 0.0),
     ):
         options = PrimitiveOptions(coupling=coupling, n_components=components)
-        primitive = build_primitive(motions, "speed", options)
+        primitive = build_primitive(scene.demonstrations, "speed", options)
         planner = Planner(
-            robot,
+            scene.robot,
             [primitive],
-            robot.limits(),
+            scene.limits,
             PlannerOptions(basis=basis_name, naturalness=naturalness),
         )
-        basis: Basis = primitive.basis if basis_name == "pca" else BSplineBasis(robot.n_joints)
-        plans, call = timed_plans(planner, requests)
+        plans, call = timed_plans(planner, scene, problems)
+        splines = BSplineBasis(scene.robot.n_joints)
+        basis: Basis = primitive.basis if basis_name == "pca" else splines
         nodes = QuadratureTables(basis).n_nodes
         solve = np.array([plan.solve_time for plan in plans])
+        floor = FLOOR_PASSES * nodes * call
         rows.append(
             [
+                scene.name,
                 label,
                 f"{naturalness:g}",
                 str(basis.n_weights),
@@ -70,36 +92,35 @@ def main() -> None:
                 f"{np.median([plan.solution.iterations for plan in plans]):g}",
                 f"{100 * np.mean([plan.is_executable for plan in plans]):.0f}",
                 f"{1e6 * call:.2f}",
-                f"{np.median(solve) / (call * nodes):.1f}",
-                f"{100 * max(quadrature_error(robot, basis, plan) for plan in plans):.4f}",
+                f"{np.median(solve) / floor:.1f}",
+                f"{100 * max(quadrature_error(scene.robot, plan) for plan in plans):.4f}",
             ]
         )
-    header = ["basis", "ρ", "weights", "nodes", "solve [ms]", "99 %", "passes", "within limits [%]"]
-    header += ["call [µs]", "solve/(nodes·call)", "quadrature error [%]"]
-    print(table(rows, header=header))
+    return rows
 
 
 def timed_plans(
-    planner: Planner, requests: list[tuple[np.ndarray, np.ndarray]]
+    planner: Planner, scene: Scene, problems: list[Problem]
 ) -> tuple[list[Plan], float]:
-    """Plans of all requests, and the median time of one call between them [s]."""
-    model = pin.buildModelFromUrdf(str(config_file("human_arm.urdf")))
+    """Plans of all problems, and the median time of one call between them [s]."""
+    names = scene.robot.joint_names
+    model = RigidArm(scene.urdf, names).model
     data, calls, plans = model.createData(), [], []
-    q = v = a = np.full(model.nv, 0.1)
-    for start, goal in requests:
-        request = JointGoal(JointState(JOINT_NAMES, goal))
-        plans.append(planner.plan(request, JointState(JOINT_NAMES, start)))
+    q, v = pin.neutral(model), np.full(model.nv, 0.1)
+    for problem in problems:
+        goal = JointGoal(JointState(names, problem.goal), problem.duration)
+        plans.append(planner.plan(goal, JointState(names, problem.start)))
         began = time.perf_counter()
         for _ in range(CALLS_PER_PLAN):
-            pin.computeRNEADerivatives(model, data, q, v, a)
+            pin.computeRNEADerivatives(model, data, q, v, v)
         calls.append((time.perf_counter() - began) / CALLS_PER_PLAN)
     return plans, float(np.median(calls))
 
 
-def quadrature_error(robot: Robot, basis: Basis, plan: Plan) -> float:
+def quadrature_error(robot: Robot, plan: Plan) -> float:
     """Relative difference of the effort with the chosen nodes and with many."""
     motion, costs = plan.motion, []
-    for tables in (QuadratureTables(basis), QuadratureTables(basis, N_MANY_NODES)):
+    for tables in (QuadratureTables(motion.basis), QuadratureTables(motion.basis, N_MANY_NODES)):
         program = MotionProgram(robot, tables, motion.boundary, motion.duration, motion.weights)
         costs.append(program.effort_costs((motion.weights / program.scales)[None])[0])
     return abs(costs[0] / costs[1] - 1.0)

@@ -1,0 +1,136 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""How the time of planning grows with quadrature nodes and with weights.
+
+Motions of arms of 4, 7 and 14 joints are planned for least effort within all limits, with
+components that move all joints together. Times are medians over the problems, of a whole plan
+and of one pass over the nodes with all that follows from it; problems are solved with all
+numbers in turn. The exponent is that of the power law through the times: 1 is linear growth.
+
+    python benchmarks/growth.py [--problems 20]
+"""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from example_robot_data.robots_loader import getModelPath
+
+from mp_pca_planner.benchmarking.problems import (
+    Problem,
+    Scene,
+    demonstrations_of,
+    held_out_problems,
+    robot_file,
+)
+from mp_pca_planner.cli.common import table
+from mp_pca_planner.goal import JointGoal, JointState
+from mp_pca_planner.planning.compiler import DEFAULT_NODES
+from mp_pca_planner.planning.planner import Planner, PlannerOptions
+from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
+from mp_pca_planner.robot import Robot
+
+NODES = (28, 56, 112, 224)
+WEIGHTS = (4, 8, 16, 32)
+N_WEIGHTS = 8
+BAXTER = "baxter_description/urdf/baxter.urdf"
+
+
+@dataclass(frozen=True)
+class Measured:
+    """Median times of a whole plan and of one pass [s], and passes."""
+
+    plan: float
+    one_pass: float
+    passes: float
+
+
+def main() -> None:
+    """Print both tables."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--problems", type=int, default=20, help="for each robot")
+    n_problems = parser.parse_args().problems
+    by_nodes, by_weights = [], []
+    for scene in scenes():
+        problems = held_out_problems(scene, n_problems, 2)
+        few = planner(scene, N_WEIGHTS, DEFAULT_NODES)
+        by_nodes += rows(scene, NODES, [planner(scene, N_WEIGHTS, n, few) for n in NODES], problems)
+        by_weights += rows(
+            scene, WEIGHTS, [planner(scene, n, DEFAULT_NODES) for n in WEIGHTS], problems
+        )
+    for what, found in ((f"nodes, {N_WEIGHTS} weights", by_nodes), ("weights", by_weights)):
+        header = ["robot", "joints", what, "passes", "a plan [ms]", "a pass [ms]"]
+        print(table(found, header=header), end="\n\n")
+
+
+def scenes() -> list[Scene]:
+    """The human-like arm, one arm, and two arms."""
+    baxter = Path(getModelPath(BAXTER)) / BAXTER
+    arms = tuple(
+        f"{side}_{name}"
+        for side in ("left", "right")
+        for name in ("s0", "s1", "e0", "e1", "w0", "w1", "w2")
+    )
+    found = []
+    for name, urdf, joints in (
+        robot_file("human_arm"),
+        robot_file("panda"),
+        ("two arms of baxter", baxter, arms),
+    ):
+        robot = Robot.from_file(urdf, joints)
+        motions = demonstrations_of(name, robot, robot.limits(), 60, 1)
+        found.append(Scene(name, urdf, robot, robot.limits(), tuple(motions)))
+    return found
+
+
+def planner(scene: Scene, n_weights: int, n_nodes: int, like: Planner | None = None) -> Planner:
+    """For least effort, with the primitive of another planner if one is given."""
+    options = PrimitiveOptions("arm", n_weights)
+    primitives = (
+        like.primitives
+        if like is not None
+        else [build_primitive(scene.demonstrations, scene.name, options)]
+    )
+    return Planner(
+        scene.robot,
+        primitives,
+        scene.limits,
+        PlannerOptions(naturalness=0.0, n_nodes=n_nodes, max_solve_time=60.0),
+    )
+
+
+def rows(
+    scene: Scene, numbers: tuple[int, ...], planners: list[Planner], problems: list[Problem]
+) -> list[list[str]]:
+    """A row per number, and one with the exponents."""
+    measured = [Measured(*x) for x in np.median(timed(planners, problems), axis=1)]
+    start = [scene.name, str(scene.robot.n_joints)]
+    found = [
+        [*start, str(n), f"{m.passes:g}", f"{1e3 * m.plan:.2f}", f"{1e3 * m.one_pass:.3f}"]
+        for n, m in zip(numbers, measured, strict=True)
+    ]
+    exponents = [
+        float(np.polyfit(np.log(numbers), np.log(times), 1)[0])
+        for times in ([m.plan for m in measured], [m.one_pass for m in measured])
+    ]
+    return [*found, [*start, "exponent", "", *(f"{x:.2f}" for x in exponents)]]
+
+
+def timed(planners: list[Planner], problems: list[Problem]) -> np.ndarray:
+    """Times of a plan and of a pass [s], and passes, shape (n_planners, n_problems, 3)."""
+    found = np.empty((len(planners), len(problems), 3))
+    for i, problem in enumerate(problems):
+        for k, one in enumerate(planners):
+            names = one.robot.joint_names
+            goal = JointGoal(JointState(names, problem.goal), problem.duration)
+            plan = one.plan(goal, JointState(names, problem.start))
+            passes = plan.solution.iterations
+            found[k, i] = plan.solve_time, plan.solve_time / passes, passes
+    return found
+
+
+if __name__ == "__main__":
+    main()
