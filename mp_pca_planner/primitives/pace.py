@@ -28,6 +28,8 @@ _NODES, _QUADRATURE = legendre.leggauss(_DEGREE)
 _TO_SERIES = (legendre.legvander(_NODES, _DEGREE - 1) * _QUADRATURE[:, None]).T * (
     np.arange(_DEGREE)[:, None] + 0.5
 )
+_PACE_FUNCTIONS = legendre.legvander(_NODES, PACE_DEGREE)[:, 1:]
+_INTEGRATION = legendre.legint(np.eye(_DEGREE), lbnd=-1.0)
 # Most that the sum of the coefficients' magnitudes may be: rates e³ apart are no human's.
 _MOST_UNEVEN = 3.0
 
@@ -116,9 +118,8 @@ class PacedBasis:
         self.scales = basis.scales
         self.breakpoints = np.array([0.0, 1.0])
         uneven = float(np.abs(pace).sum())
-        g = np.concatenate([[0.0], pace * (_MOST_UNEVEN / max(uneven, _MOST_UNEVEN))])
-        rate = _TO_SERIES @ np.exp(legendre.legval(_NODES, g))
-        series = legendre.legint(rate, lbnd=-1.0)
+        g = _PACE_FUNCTIONS @ (pace * (_MOST_UNEVEN / max(uneven, _MOST_UNEVEN)))
+        series = _INTEGRATION @ (_TO_SERIES @ np.exp(g))
         self._series = series / series.sum()
 
     def aligned_phases(self, phases: FloatArray, derivative: int = 0) -> FloatArray:
