@@ -892,6 +892,30 @@ def test_node_ends_cleanly_however_often_it_is_told_to(tmp_path: Path, number: i
     assert "Traceback" not in log.read_text()
 
 
+def catches(process: subprocess.Popen[str], number: int) -> bool:
+    """Whether the process has a handler for a signal."""
+    status = Path(f"/proc/{process.pid}/status").read_text(encoding="ascii")
+    caught = next(line for line in status.splitlines() if line.startswith("SigCgt"))
+    return bool(int(caught.split()[1], 16) >> (number - 1) & 1)
+
+
+@pytest.mark.usefixtures("own_domain")
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_node_that_is_told_to_end_while_it_starts_ends_cleanly(tmp_path: Path, number: int) -> None:
+    log = tmp_path / "log.txt"
+    with log.open("w") as output:
+        process = start_node(output=output)
+    try:
+        # Python itself catches SIGINT, but not SIGTERM.
+        while not catches(process, signal.SIGTERM):
+            assert process.poll() is None
+        process.send_signal(number)
+        assert process.wait(timeout=20.0) == 0
+    finally:
+        process.kill()
+    assert "Traceback" not in log.read_text()
+
+
 @pytest.mark.parametrize(
     ("arguments", "status", "words"),
     [
