@@ -83,7 +83,9 @@ def main() -> None:
     print(table(rows, header=header), end="\n\n")
     rows = []
     for n in (5, 10, 20, 50):
-        path = [JointState(JOINT_NAMES, q) for q in ends[rng.choice(len(ends), n + 1)]]
+        path = [
+            JointState(JOINT_NAMES, q) for q in ends[rng.choice(len(ends), n + 1, replace=False)]
+        ]
         goal = SequenceGoal(tuple(path[1:]))
         began = time.perf_counter()
         plan = planner.plan(goal, path[0], OPTIMAL)

@@ -409,6 +409,24 @@ def test_sequence_stops_where_velocities_of_zero_ask_for_it(client: GoalClient) 
     assert_refused(client.send(message), "point 2", "1 velocities")
 
 
+def test_sequence_takes_over_from_a_running_motion(client: GoalClient) -> None:
+    # The simulated state stands still.
+    with parameters(client, duration=6.0, start_from="commanded", commanded_tolerance=10.0):
+        assert client.send(goal_message()).trajectory is not None
+        client.wait_for_diagnostics()  # up to a second in which the motion goes on
+        client.publish_state(JOINTS, START)
+        trajectory = client.send(sequence_message(VIA, START)).trajectory
+        client.stop()
+    assert trajectory is not None
+    q, v = column(trajectory, "positions"), column(trajectory, "velocities")
+    assert np.abs(v[0]).max() > 0.01
+    assert np.abs(q[0] - START).max() > 1e-3
+    passed = int(np.abs(q - VIA).max(axis=1).argmin())
+    assert q[passed].tolist() == VIA
+    assert np.abs(v[passed]).max() > 0.01
+    assert q[-1].tolist() == START
+
+
 def test_sequence_is_joined_in_real_time_if_the_parameter_says_so(client: GoalClient) -> None:
     with parameters(client, sequence_mode="real_time"):
         answer = client.send(sequence_message(VIA, GOAL))
