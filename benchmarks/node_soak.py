@@ -33,6 +33,8 @@ _KINDS = ("good", "bad", "mixed")
 _MOST_MEGABYTES = 5.0
 # A goal that another client's took the place of in the middleware gets no report.
 _PATIENCE = 1.0
+# The monitor takes longer than the node to go through its messages [s].
+_LONGEST_LAG = 20.0
 
 
 def main() -> int:
@@ -57,7 +59,10 @@ def main() -> int:
         for client in clients:
             client.start()
         found, memory = watch(monitor, node, answers, n_goals * len(_KINDS))
-        monitor.wait_for_diagnostics()
+        n_served = int(monitor.wait_for_diagnostics()["goals_served"])
+        deadline = time.monotonic() + _LONGEST_LAG
+        while len(monitor.trajectories) < n_served and time.monotonic() < deadline:
+            monitor.spin_once()
         assert node.poll() is None, "the node died"
         return report(found, memory, len(monitor.trajectories))
 
