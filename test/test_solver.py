@@ -105,6 +105,17 @@ def test_an_equality_holds_and_no_point_of_it_nearby_is_better(circle, angle):
     assert solution.cost <= min(costs) * (1.0 + 1e-6)
 
 
+@pytest.mark.parametrize(
+    ("circle", "wall", "angle"), [(2.86, 0.06, 6.13), (1.92, -0.24, 0.59), (2.26, 0.66, 0.43)]
+)
+def test_from_beyond_a_bound_the_way_back_along_an_equality_is_found(circle, wall, angle):
+    start = 2.0 * np.array([np.cos(angle), np.sin(angle)])
+    solution = solve(Rosenbrock(wall=wall, circle=circle), start, SolverOptions(max_iterations=100))
+    assert solution.converged
+    assert np.linalg.norm(solution.unknowns) == pytest.approx(circle, abs=1e-6)
+    assert solution.unknowns[0] <= wall + 1e-6
+
+
 def test_equalities_that_depend_on_each_other_are_met_once():
     class Twice(Rosenbrock):
         def evaluate(self, x):

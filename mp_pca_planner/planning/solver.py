@@ -203,8 +203,8 @@ def solve(
         length = float(np.linalg.norm(step.change))
         if not decrease >= 0.25 * predicted:  # a NaN must shrink it too
             radius = 0.25 * length
-        elif decrease > 0.75 * predicted and length > 0.8 * radius:
-            radius = 2.0 * length
+        elif decrease > 0.75 * predicted and (step.damping > 0.0 or length > 0.8 * radius):
+            radius = 2.0 * max(length, radius)
         if decrease > 0.0:
             x, here, broken = x + step.change, there, broken_there
     return Solution(
@@ -391,21 +391,23 @@ class _Subproblem:
     ) -> tuple[FloatArray, FloatArray, float, bool]:
         """The y within rows · y ≤ bounds, its multipliers, the damping, and whether there is any.
 
-        The damping given is raised until the step is not much longer than the trust region.
+        The damping given is raised until the step is not much longer than the trust region. What
+        is still longer then, to mend what is broken, goes only a part of the way.
         """
         hessian, n = self._convex, len(self._convex)
-        must_mend = float(bounds.min()) < -FEASIBLE
+        longest = 1.5 * self._radius
         for _ in range(_MOST_DAMPINGS):
             regular = hessian + damping * np.eye(n) if damping else hessian
             found = solve_quadratic(regular, self._gradient, rows, bounds)
             if found is None:
                 return *_nearest(regular, self._gradient, rows, bounds), damping, False
             step, multipliers = found.step, found.multipliers
-            if must_mend or step @ step <= (1.5 * self._radius) ** 2:
-                break
+            length = math.sqrt(float(step @ step))
+            if length <= longest:
+                return step, multipliers, damping, True
             least = max(0.03 * self._free.shift, 1e-4 * float(np.trace(hessian)) / n)
             damping = max(4.0 * damping, least)
-        return step, multipliers, damping, True
+        return longest / length * step, multipliers, damping, True
 
 
 def _convexified(hessian: FloatArray) -> FloatArray:
