@@ -165,6 +165,16 @@ def test_a_duration_that_is_too_short_is_told_the_shortest_feasible_one():
     assert patient.plan(request(1, duration=1.05 * plan.shortest_duration)[0], start).is_executable
 
 
+def test_a_duration_that_is_too_short_is_told_when_no_other_was_found_in_time():
+    goal, start = request(1, duration=0.1)
+    # With hardly any jerk, a motion takes far longer than demonstrated, where the search begins.
+    slow = planner(overrides={"elbow": {"max_jerk": 0.5}}, max_solve_time=1e-3)
+    plan = slow.plan(goal, start)
+    assert plan.status == INFEASIBLE
+    assert np.isnan(plan.shortest_duration)
+    assert "nor was one found in another duration, within max_solve_time = 0.001 s" in plan.message
+
+
 def test_a_free_duration_is_where_the_cost_is_least():
     goal, start = request(3)
     free = planner(timing="free").plan(goal, start)

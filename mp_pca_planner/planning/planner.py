@@ -848,6 +848,11 @@ class Planner:
             message = f"no motion within the limits was found: {error}"
             if np.isfinite(shortest):
                 message += f"; the shortest duration that the limits allow is {shortest:.4g} s"
+            elif not attempt.request.duration_is_free:
+                message += (
+                    "; nor was one found in another duration, within max_solve_time = "
+                    f"{self.options.max_solve_time:g} s"
+                )
             return INFEASIBLE, message
         if missed > POSE_TOLERANCE:
             return INFEASIBLE, (
