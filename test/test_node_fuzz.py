@@ -53,7 +53,7 @@ DECLARED = {d.name: d for d in (*DECLARATIONS, *limit_declarations(JOINTS))}
 def node(tmp_path_factory: pytest.TempPathFactory) -> Iterator[subprocess.Popen[str]]:
     folder = tmp_path_factory.mktemp("fuzz")
     save_primitive(arm_primitive(), folder / "arm.npz")
-    arguments = ("-p", f"primitives:=['{folder}']", "-p", "max_solve_time:=0.05", *PATIENTLY)
+    arguments = ("-p", f"primitives:=['{folder}']", *PATIENTLY, "-p", "max_solve_time:=0.05")
     with pytest.MonkeyPatch.context() as patch:
         set_domain(patch, 37)
         with running_node(folder / "log.txt", *arguments) as process:
