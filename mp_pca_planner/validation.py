@@ -27,6 +27,9 @@ GRID_PERIOD = 1e-3
 LIMIT_TOLERANCE = 1e-6
 """Relative excess over a limit that counts as rounding."""
 
+LIMIT_NEAR = 2e-5
+"""So near to a limit, relatively, it may be broken between the points of the grid."""
+
 _START_TOLERANCE = 1e-9
 # Parts of the time between two points at least: a quintic from rest to rest shows neither speed nor
 # effort at its ends, however short it is; at a quarter it is near its greatest acceleration.
@@ -72,14 +75,21 @@ class LimitCheck:
 
     Attributes
     ----------
-    violations : tuple of Violation
-        Every limit broken by more than rounding, the worst first.
-    worst_excess : float
-        Largest relative excess, 0 if every limit holds.
+    touched : tuple of Violation
+        Every limit that is come as near to as `LIMIT_NEAR`, or broken, the worst first.
     """
 
-    violations: tuple[Violation, ...]
-    worst_excess: float
+    touched: tuple[Violation, ...]
+
+    @property
+    def violations(self) -> tuple[Violation, ...]:
+        """Every limit broken by more than rounding, the worst first."""
+        return tuple(v for v in self.touched if not v.excess <= LIMIT_TOLERANCE)
+
+    @property
+    def worst_excess(self) -> float:
+        """Largest relative excess, 0 if every limit holds."""
+        return max((v.excess for v in self.touched if not v.excess <= 0.0), default=0.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,14 +172,11 @@ def check_limits(trajectory: Trajectory, robot: Robot, limits: JointLimits) -> L
         for j, name in enumerate(limits.joint_names):
             value = float(values[peak[j], j])
             excess = abs(value) / float(bound[j]) - 1.0
-            if not excess <= 0.0:  # a NaN is a violation
+            if not excess <= -LIMIT_NEAR:  # a NaN is a violation
                 time = float(dense.times[peak[j]])
                 found.append(Violation(quantity, name, time, value, float(bound[j]), excess))
     found.sort(key=lambda violation: -violation.excess)
-    return LimitCheck(
-        tuple(v for v in found if not v.excess <= LIMIT_TOLERANCE),
-        max((v.excess for v in found), default=0.0),
-    )
+    return LimitCheck(tuple(found))
 
 
 def _outside_range(dense: DenseSamples, limits: JointLimits) -> list[Violation]:
@@ -182,7 +189,7 @@ def _outside_range(dense: DenseSamples, limits: JointLimits) -> list[Violation]:
         peak = outside.argmax(axis=0)
         for j, name in enumerate(limits.joint_names):
             excess = float(outside[peak[j], j])
-            if not excess <= 0.0:
+            if not excess <= -LIMIT_NEAR:
                 time, value = float(dense.times[peak[j]]), float(dense.q[peak[j], j])
                 found.append(Violation("position", name, time, value, float(bound[j]), excess))
     return found

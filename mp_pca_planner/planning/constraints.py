@@ -34,8 +34,9 @@ from .compiler import (
 MARGIN = 5e-4
 # Points at which limits are kept. Two waves in a motion are seen to 0.05 % on them.
 N_LIMIT_POINTS = 200
-# Further than a peak between points is out of bounds, bounds are drawn in by this share.
-_EXTRA = 2e-5
+# Bounds are drawn in by so many times what a peak between points is out of them, for it moves as
+# they do, and by this share more.
+_TIMES, _EXTRA = 2.0, 2e-5
 
 QUANTITIES = ("position", "velocity", "acceleration", "jerk", "effort")
 """What is limited, in the order of the constraints; the last is not linear in the weights."""
@@ -185,8 +186,8 @@ class LimitedProgram:
         Parameters
         ----------
         violations : iterable of Violation
-            What a motion within the present bounds breaks. Of the room that the ends of the
-            motion leave, never more than half is taken.
+            What a motion within the present bounds breaks or touches. Of the room that the ends
+            of the motion leave, never more than half is taken.
         """
         amount = np.zeros(self._end_room.size)
         n_joints = len(self._joint_names)
@@ -195,7 +196,7 @@ class LimitedProgram:
             group = quantity * n_joints + self._joint_names.index(violation.joint)
             # Positions are bounded as shares of half the range, but judged by the whole.
             excess = violation.excess * (2.0 if violation.quantity == "position" else 1.0)
-            amount[group] = min(1.1 * excess + _EXTRA, 0.5 * self._end_room[group])
+            amount[group] = min(_TIMES * max(excess, 0.0) + _EXTRA, 0.5 * self._end_room[group])
         tighter = copy(self)
         by_constraint = amount[self.groups]
         tighter.lower, tighter.upper = self.lower + by_constraint, self.upper - by_constraint

@@ -698,7 +698,7 @@ class Planner:
         # Limits hardly ever matter near the expected motion; that they don't is checked.
         unbounded = naturalness >= _NEAR_EXPECTED and family.precision is not None
         limited = limited_by(None if unbounded else self.limits)
-        starts, passes = first, 0
+        starts, passes, touched = first, 0, False
         memory: SolverMemory | None = None
         for _ in range(_MOST_REFINEMENTS):
             solutions = _solutions(limited, starts, memory, most, deadline)
@@ -714,9 +714,13 @@ class Planner:
                 unbounded, limited = False, limited_by(self.limits)
                 starts, memory = first, None
                 continue
-            if not check.violations or not found.converged:
+            # What is only touched may be broken between the points of the check's grid: once is
+            # enough, for an end of the motion may be there.
+            again = check.violations or (check.touched and not touched and not unbounded)
+            if not again or not found.converged:
                 break
-            limited = limited.tightened(check.violations)
+            limited = limited.tightened(check.touched)
+            touched = not check.violations
         natural = program.naturalness(x)
         solution = MotionSolution(
             weights=motion.weights,
