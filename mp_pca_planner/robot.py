@@ -38,7 +38,7 @@ class Robot:
         The robot description, XML text.
     joint_names : sequence of str, optional
         The joints that move, in the order of every array of this class. All movable
-        joints in the order of the kinematic tree unless given.
+        joints but those that mimic others, in the order of the kinematic tree, unless given.
     locked : mapping, optional
         Positions [rad or m] of joints that don't move; 0 (or the nearest limit) unless given.
     source : str
@@ -81,7 +81,8 @@ class Robot:
         continuous = {name for name in movable if joints[name].get("type") == "continuous"}
         full = _build_model(root, joints, continuous, source)
         self.movable_joints = tuple(name for name in full.names if name in self._urdf_limits)
-        chosen = self.movable_joints if joint_names is None else joint_names
+        driven = [name for name in self.movable_joints if joints[name].find("mimic") is None]
+        chosen = driven if joint_names is None else joint_names
         self.joint_names = unique_names(chosen, f"joints of the {source}", RobotError)
         for name in self.joint_names:
             if name not in self._urdf_limits:
@@ -496,11 +497,20 @@ def _parse(urdf: str, source: str) -> ET.Element:
         raise RobotError(f"{source} can't be parsed: {error}") from None
     if root.tag != "robot":
         raise RobotError(f"{source} is no URDF: its root element is <{root.tag}>, not <robot>")
-    if re.search(r"<xacro:|\$\{", urdf):
+    if _is_xacro(root):
         raise RobotError(
             f"{source} is a xacro file: expand it to a URDF first (`xacro file.xacro`)"
         )
     return root
+
+
+def _is_xacro(root: ET.Element) -> bool:
+    """Tell a xacro file that was not expanded; what is in comments survives expansion."""
+    return any(
+        re.match(r"\{[^}]*xacro\}", element.tag)
+        or any("${" in value for value in element.attrib.values())
+        for element in root.iter()
+    )
 
 
 def _limits_of(joint: ET.Element, source: str) -> dict[str, float]:

@@ -237,7 +237,7 @@ def test_example_robots_get_made_up_reaches(capsys):
         (["--peers", "ruckik"], "did you mean 'ruckig'?"),
         (["--problems", "0"], "'0' is no number from 1 on"),
         (["--seed", "1"], "not be 1, which chooses the demonstrations"),
-        (["--time-limit", "0"], "must be over 0 s"),
+        (["--time-limit", "0"], "no time over 0"),
         (["--primitives", "nothing.npz"], "nothing.npz"),
     ],
 )

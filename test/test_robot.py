@@ -175,11 +175,30 @@ def test_an_unknown_link_is_refused_with_the_valid_names():
         (CART.replace('child link="bob"', 'child link="nothing"'), "refused by Pinocchio"),
         (CART.replace('velocity="2"', 'velocity="fast"'), "'velocity' of joint 'slide' is 'fast'"),
         (CART.replace('value="3"', 'value="${mass}"'), "xacro"),
+        (
+            CART.replace("<robot", '<robot xmlns:x="http://www.ros.org/wiki/xacro"').replace(
+                "</robot>", "<x:include/></robot>"
+            ),
+            "xacro",
+        ),
     ],
 )
 def test_a_broken_description_is_refused_in_a_sentence(urdf, message):
     with pytest.raises(RobotError, match=message):
         Robot(urdf)
+
+
+def test_what_xacro_leaves_in_comments_is_no_xacro():
+    left = '<!-- <xacro:arm mass="${mass}"/> -->'
+    expanded = CART.replace("</robot>", f'{left}<gazebo reference="bob">{left}</gazebo></robot>')
+    assert Robot(expanded).joint_names == Robot(CART).joint_names
+
+
+def test_joints_that_mimic_others_move_only_if_asked_for():
+    mimic = CART.replace('effort="30"/>', 'effort="30"/><mimic joint="finger"/>')
+    assert Robot(mimic).joint_names == ("finger", "swing")
+    assert Robot(mimic).movable_joints == Robot(CART).movable_joints
+    assert Robot(mimic, ["slide"]).joint_names == ("slide",)
 
 
 def test_a_missing_file_is_named(tmp_path):

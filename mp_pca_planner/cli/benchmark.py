@@ -22,11 +22,20 @@ from ..benchmarking.problems import (
 )
 from ..benchmarking.run import PEERS, Result, compare, ratios, set_up, summarise, unsolved
 from ..exceptions import PlannerError, quote_names, unknown_name
-from ..files import check_writable
 from ..limits import read_limits_file
 from ..primitives.primitive_library import load_primitives
 from ..robot import Robot
-from .common import DONE, CommandParser, print_json, progress_bar, run, seed, table
+from .common import (
+    DONE,
+    CommandParser,
+    check_output,
+    print_json,
+    progress_bar,
+    run,
+    seconds,
+    seed,
+    table,
+)
 from .drawing import Cloud, draw_comparison, require_matplotlib
 
 _N_DEMONSTRATIONS = 40
@@ -73,7 +82,7 @@ def _parser() -> CommandParser:
     )
     parser.add_argument("--repeats", type=_count, default=3, help="times each is solved")
     parser.add_argument(
-        "--time-limit", type=float, default=10.0, metavar="S", help="for one problem [s]"
+        "--time-limit", type=seconds, default=10.0, metavar="S", help="for one problem [s]"
     )
     parser.add_argument("--plot", type=Path, metavar="FILE.png", help="draw cost over time")
     parser.add_argument("--force", action="store_true", help="overwrite the picture")
@@ -88,13 +97,11 @@ def _count(text: str) -> int:
 
 
 def _benchmark(arguments: argparse.Namespace) -> int:
-    if not arguments.time_limit > 0.0:
-        raise PlannerError(f"--time-limit must be over 0 s, got {arguments.time_limit:g}")
     if arguments.seed == _DEMONSTRATIONS_SEED:
         raise PlannerError(f"--seed must not be {arguments.seed}, which chooses the demonstrations")
     if arguments.plot is not None:
         require_matplotlib()
-        check_writable(arguments.plot, overwrite=arguments.force)
+        check_output(arguments.plot, ".png", force=arguments.force)
     peers = _peers(arguments.peers)
     scene = _scene(arguments)
     draw = random_problems if arguments.random_ends else held_out_problems

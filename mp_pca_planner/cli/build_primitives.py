@@ -38,6 +38,7 @@ from .common import (
     print_json,
     progress_bar,
     run,
+    seconds,
 )
 from .drawing import require_matplotlib
 from .report import REPORT_SAMPLES, report_page
@@ -72,7 +73,9 @@ def _add_input(group: argparse._ArgumentGroup) -> None:
         "--field", metavar="a.b", help="field of the topic's messages that is a JointState"
     )
     group.add_argument("--joints", type=joint_list, metavar="a,b,c", help="joints, in this order")
-    group.add_argument("--robot", type=Path, metavar="URDF", help="check the joints against it")
+    group.add_argument(
+        "--robot", type=Path, metavar="URDF", help="take its joints, or check those of --joints"
+    )
     group.add_argument(
         "--markers",
         metavar="TOPIC",
@@ -86,7 +89,7 @@ def _add_input(group: argparse._ArgumentGroup) -> None:
     )
     group.add_argument(
         "--max-gap",
-        type=_seconds,
+        type=seconds,
         metavar="S",
         help=f"cut where no message comes for longer [s] (default: {MAX_GAP}, or "
         f"{MAX_GAP_PERIODS} usual periods)",
@@ -113,13 +116,13 @@ def _add_cutting(group: argparse._ArgumentGroup) -> None:
     )
     group.add_argument(
         "--min-rest",
-        type=_seconds,
+        type=seconds,
         metavar="S",
         help=f"shorter rests don't cut [s] (default: {defaults.min_rest})",
     )
     group.add_argument(
         "--min-motion",
-        type=_seconds,
+        type=seconds,
         metavar="S",
         help=f"no motion is shorter [s] (default: {defaults.min_duration})",
     )
@@ -172,16 +175,6 @@ def _add_output(group: argparse._ArgumentGroup) -> None:
     )
     group.add_argument("--force", action="store_true", help="overwrite the outputs")
     group.add_argument("--json", action="store_true", help="print one JSON object")
-
-
-def _seconds(text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = 0.0
-    if not 0.0 < value < float("inf"):
-        raise argparse.ArgumentTypeError(f"'{text}' is no time over 0 [s]")
-    return value
 
 
 def _build(arguments: argparse.Namespace) -> int:

@@ -183,6 +183,17 @@ def make_folder(path: Path) -> None:
         raise PlannerError(f"'{path}' can't be a folder: {error.strerror}") from None
 
 
+def seconds(text: str) -> float:
+    """A time that is over 0 and finite."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = 0.0
+    if not 0.0 < value < float("inf"):
+        raise argparse.ArgumentTypeError(f"'{text}' is no time over 0 [s]")
+    return value
+
+
 def seed(text: str) -> int:
     """A seed of random numbers."""
     if not text.isdecimal():

@@ -34,7 +34,16 @@ from ..primitives.primitive_library import load_primitives
 from ..recordings.bags import FORMAT_OF_SUFFIX, write_joint_trajectory
 from ..robot import Robot
 from ..trajectory import Trajectory
-from .common import DONE, FAILED, CommandParser, joint_values, number_list, print_json, run
+from .common import (
+    DONE,
+    FAILED,
+    CommandParser,
+    check_output,
+    joint_values,
+    number_list,
+    print_json,
+    run,
+)
 from .drawing import draw_motion, require_matplotlib
 
 _AT_PHASE = "at a phase from 0 to 1 or when it suits best"
@@ -184,11 +193,10 @@ def check_outputs(arguments: argparse.Namespace) -> None:
     """
     if arguments.output is not None:
         check_format(arguments.output)
+        check_writable(arguments.output, overwrite=arguments.force)
     if arguments.plot is not None:
         require_matplotlib()
-    for path in (arguments.output, arguments.plot):
-        if path is not None:
-            check_writable(path, overwrite=arguments.force)
+        check_output(arguments.plot, ".png", force=arguments.force)
 
 
 def plan_request(arguments: argparse.Namespace) -> tuple[Planner, Plan]:

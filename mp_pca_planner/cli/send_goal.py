@@ -23,6 +23,7 @@ from .common import (
     joint_values,
     print_json,
     run,
+    seconds,
     split_time,
 )
 
@@ -53,7 +54,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--node", default="mp_pca_planner", metavar="NAME", help="name of the node")
     parser.add_argument("--namespace", default="", metavar="NS", help="namespace of the node")
     parser.add_argument(
-        "--timeout", type=float, default=10.0, metavar="S", help="longest time to wait [s]"
+        "--timeout", type=seconds, default=10.0, metavar="S", help="longest time to wait [s]"
     )
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     return run(parser, _send, argv)
