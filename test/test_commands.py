@@ -308,6 +308,17 @@ def test_output_to_a_full_disk_is_told_in_one_line(primitive):
     assert "can't be written: No space left" in line
 
 
+def test_a_picture_that_is_no_png_is_refused_before_the_work(tmp_path):
+    request = ("--robot", URDF, "--start", START, "--goal", GOAL, "--plot", tmp_path / "a.pdf")
+    for command in ("plan", "sequence"):
+        assert "a.pdf' must end in .png" in refusal(command, tmp_path / "no.npz", *request)
+    assert "must end in .png" in refusal("benchmark", "--plot", tmp_path / "a.pdf")
+
+
+def test_a_goal_is_not_waited_for_without_end():
+    assert "no time over 0" in refusal("send_goal", "a=1", "--timeout", "nan")
+
+
 def test_help_tells_the_defaults_that_are_values():
     text = " ".join(run("build_primitives", "--help").stdout.split())
     assert "degree of the polynomials (default: 15)" in text

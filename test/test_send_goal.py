@@ -22,6 +22,11 @@ from mp_pca_planner.cli.send_goal import main
         (["elbow=1@1", "--via", "elbow=2@2"], "increase"),
         (["elbow=1", "--via", "shoulder=2"], "no joint of the goal is called 'shoulder'"),
         (["elbow=1,wrist=2", "--via", "elbow=2"], "lacks 'wrist'"),
+        (
+            ["elbow=1", "--namespace", "left arm"],
+            "no node can be called '/left arm/mp_pca_planner'",
+        ),
+        (["elbow=1", "--node", "a-b"], "no node can be called '/a-b'"),
     ],
 )
 def test_goal_that_is_no_goal_is_refused_in_one_line(

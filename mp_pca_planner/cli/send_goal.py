@@ -76,11 +76,19 @@ def _send(arguments: argparse.Namespace) -> int:
     if find_spec("rclpy") is None:
         raise MissingDependencyError("rclpy", "ros", "the command 'send_goal'")
     from diagnostic_msgs.msg import DiagnosticStatus
+    from rclpy.exceptions import NameValidationException
+    from rclpy.validate_full_topic_name import validate_full_topic_name
     from sensor_msgs.msg import JointState as JointStateMessage
 
     from ..ros.client import GoalClient, NoAnswerError, is_served
     from ..ros.messages import to_sequence_message
 
+    full_name = f"/{arguments.namespace}/{arguments.node}".replace("//", "/")
+    try:
+        validate_full_topic_name(full_name)
+    except NameValidationException as error:
+        reason = str(error).splitlines()[0].rstrip(":")
+        raise GoalError(f"no node can be called '{full_name}': {reason}") from None
     if vias or when is not None:
         goal = to_sequence_message(sequence)
     else:
