@@ -172,7 +172,8 @@ def draw_primitive(
     shares = _variance_shares(explained_variance_ratio, len(deviations), n)
     if not len(shown):
         raise PlannerError("a picture of a primitive needs at least one demonstration, got none")
-    styles = _component_curves(len(deviations))
+    per_joint = np.ndim(explained_variance_ratio) == 2
+    styles = _component_curves(len(deviations), None if per_joint else shares[0])
     figure, panels = _joint_panels(names, 2, title, [_DEMONSTRATION, _MEAN, *styles])
     for j, (above, below) in enumerate(panels):
         for demonstration in shown[:, :, j]:
@@ -182,8 +183,9 @@ def draw_primitive(
             if np.any(deviation):
                 _draw_around(below, s, centre[:, j], deviation, style)
         _draw(below, s, centre[:, j], _MEAN)
-        percents = ", ".join(f"{100 * share:.1f}" for share in shares[j, : _MOST_COMPONENTS + 1])
-        below.set_title(f"variance: {percents} %", fontsize=_TICK_SIZE)
+        if per_joint:
+            percents = ", ".join(f"{100 * share:.1f}" for share in shares[j, : len(styles)])
+            below.set_title(f"variance: {percents} %", fontsize=_TICK_SIZE)
         for axes, quantity in ((above, "position [deg]"), (below, "shape [deg]")):
             _label(axes, "phase", quantity)
             axes.set_xlim(s[0], s[-1])
@@ -582,9 +584,13 @@ def _variance_shares(values: ArrayLike, n_components: int, n_joints: int) -> Flo
     return np.broadcast_to(shares, (n_joints, n_components))
 
 
-def _component_curves(n_components: int) -> list[_Curve]:
+def _component_curves(n_components: int, shares: FloatArray | None = None) -> list[_Curve]:
+    """The first components, with their shares of the variance if these are of all joints."""
     return [
-        _Curve(f"±1 sd, component {k + 1}", _COLOURS[k], _STYLES[k], 1.8)
+        _Curve(
+            f"±1 sd, component {k + 1}" + ("" if shares is None else f" ({100 * shares[k]:.1f} %)"),
+            *(_COLOURS[k], _STYLES[k], 1.8),
+        )
         for k in range(min(n_components, _MOST_COMPONENTS))
     ]
 

@@ -28,8 +28,9 @@ dl div { border: 1px solid var(--line); border-radius: .4rem; padding: .4rem .7r
 dt { color: var(--soft); font-size: .85rem; }
 dd { margin: 0; font-size: 1.15rem; font-weight: 600; }
 .wide { overflow-x: auto; }
-table { border-collapse: collapse; margin: .5rem 0; font-size: .92rem; }
-caption { text-align: left; color: var(--soft); font-size: .9rem; padding-bottom: .3rem; }
+table { border-collapse: collapse; margin: .2rem 0; font-size: .92rem; }
+figure { margin: .5rem 0; }
+figcaption { color: var(--soft); font-size: .9rem; }
 th, td { padding: .25rem .7rem; border-bottom: 1px solid var(--line); text-align: right;
   white-space: nowrap; font-variant-numeric: tabular-nums; }
 th:first-child, td:first-child { text-align: left; padding-left: .2rem; }
@@ -83,8 +84,9 @@ def html_table(
     body = "\n".join(
         "<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in row) + "</tr>" for row in rows
     )
-    title = f"<caption>{escape(caption)}</caption>" if caption else ""
+    # Beside the part that scrolls: on a phone it would be cut off there.
+    title = f"<figcaption>{escape(caption)}</figcaption>" if caption else ""
     return (
-        f'<div class="wide"><table{" class=text" if text else ""}>{title}'
-        f"<thead><tr>{head}</tr></thead>\n<tbody>\n{body}\n</tbody></table></div>"
+        f'<figure>{title}<div class="wide"><table{" class=text" if text else ""}>'
+        f"<thead><tr>{head}</tr></thead>\n<tbody>\n{body}\n</tbody></table></div></figure>"
     )
