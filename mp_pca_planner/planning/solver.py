@@ -356,7 +356,7 @@ class _Subproblem:
             multipliers=multipliers[holding],
             equality_multipliers=equality_multipliers,
             pull=pull,
-            damping=damping,
+            damping=damping if sides.size else 0.0,
         )
 
     def way_back(self, there: Point) -> FloatArray:
