@@ -102,8 +102,13 @@ def _with_negative_values(argv: Sequence[str]) -> list[str]:
 
 
 def print_json(content: Any) -> None:
-    """Print one JSON object on stdout; numbers that JSON does not know become null."""
-    print(json.dumps(plain(content), allow_nan=False))
+    """Print one JSON object on stdout."""
+    print(json_text(content))
+
+
+def json_text(content: Any) -> str:
+    """One JSON object; numbers that JSON does not know become null."""
+    return json.dumps(plain(content), allow_nan=False)
 
 
 def plain(content: Any) -> Any:

@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import argparse
 import io
-import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -40,6 +39,7 @@ from .common import (
     CommandParser,
     check_output,
     joint_values,
+    json_text,
     number_list,
     print_json,
     run,
@@ -369,11 +369,7 @@ def write_trajectory(
     if path.suffix == ".csv":
         write_whole(path, _csv(trajectory), overwrite=overwrite)
     elif path.suffix == ".json":
-        plain = {
-            key: value.tolist() if isinstance(value, np.ndarray) else value
-            for key, value in facts.items()
-        }
-        write_whole(path, json.dumps(plain).encode(), overwrite=overwrite)
+        write_whole(path, json_text(facts).encode(), overwrite=overwrite)
     elif path.suffix == ".npz":
         buffer = io.BytesIO()
         np.savez(
