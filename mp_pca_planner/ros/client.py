@@ -19,6 +19,7 @@ from rcl_interfaces.msg import Parameter, SetParametersResult
 from rcl_interfaces.srv import SetParameters
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.serialization import deserialize_message
 from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, String
@@ -164,12 +165,15 @@ class GoalClient:
             for name in ("reload_primitives", "stop", "save_motion")
         }
         for message_type, topic, callback, qos in (
-            (JointTrajectory, f"{there}/joint_trajectory", self._on_trajectory, _DEPTH),
             (DiagnosticStatus, f"{there}/plan_report", self.reports.append, _DEPTH),
             (DiagnosticArray, "/diagnostics", self.diagnostics.append, _DEPTH),
             (MarkerArray, f"{there}/preview", self.previews.append, latched),
         ):
             node.create_subscription(message_type, topic, callback, qos)
+        # Its time is taken before it is made into a message, which in Python takes a while.
+        node.create_subscription(
+            JointTrajectory, f"{there}/joint_trajectory", self._on_trajectory, _DEPTH, raw=True
+        )
 
     def __enter__(self) -> GoalClient:
         return self
@@ -372,9 +376,9 @@ class GoalClient:
         """Wait until the node has primitives and a robot model."""
         self.wait_for_diagnostics(lambda values: values["model"] != "none")
 
-    def _on_trajectory(self, message: JointTrajectory) -> None:
+    def _on_trajectory(self, message: bytes) -> None:
         self._trajectory_received = time.perf_counter()
-        self.trajectories.append(message)
+        self.trajectories.append(deserialize_message(message, JointTrajectory))
 
     def _call(self, client: Any, request: Any, timeout: float = 10.0) -> Any:
         future = client.call_async(request)
