@@ -40,6 +40,17 @@ def test_every_item_is_done_once_by_other_processes() -> None:
     assert outcomes == [Outcome(i, i * i) for i in range(20)]
 
 
+def test_bundles_leave_nothing_out() -> None:
+    # So many and so quick that they are handed out in bundles, of which one kills its process.
+    numbers = [*range(10, 300), 3, *range(300, 500)]
+    outcomes = {o.index: o for o in map_in_processes(die_of_three, numbers, 2)}
+    assert len(outcomes) == len(numbers)
+    killer = numbers.index(3)
+    assert outcomes.pop(killer) == Outcome(killer, None, repeated=True)
+    assert all(outcome.result == numbers[index] for index, outcome in outcomes.items())
+    assert sum(outcome.repeated for outcome in outcomes.values()) > 1
+
+
 def test_item_that_kills_its_process_has_no_result_and_the_others_have() -> None:
     outcomes = {o.index: o for o in map_in_processes(die_of_three, range(12), 2)}
     assert outcomes[3] == Outcome(3, None, repeated=True)

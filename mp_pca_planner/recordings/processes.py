@@ -20,7 +20,11 @@ Item = TypeVar("Item")
 Result = TypeVar("Result")
 
 IN_FLIGHT = 2
-"""Items handed out for each process: it need not wait for the next one, few are lost with it."""
+"""Bundles handed out for each process: it need not wait for the next one, few are lost with it."""
+
+BUNDLE_TIME, MOST_BUNDLED = 0.1, 16
+"""Handing something out takes half a millisecond. Items are bundled up to so much time [s], and up
+to that number, for if their process dies they are all done again."""
 
 
 @dataclass(frozen=True)
@@ -65,25 +69,38 @@ def map_in_processes(
         The outcomes, in the order in which they are ready.
     """
     left = list(range(len(items)))[::-1]
+    began, n_done = time.perf_counter(), 0
     while left:
         lost: list[int] = []
         with _pool(min(n_processes, len(left))) as pool:
-            running: dict[Future[Result], int] = {}
+            running: dict[Future[list[Result]], list[int]] = {}
             while running or (left and not lost):
                 while left and not lost and len(running) < IN_FLIGHT * n_processes:
-                    index = left.pop()
+                    rate = n_done / n_processes / (time.perf_counter() - began)
+                    # Towards the end bundles are small, so that no process is left with much.
+                    most = min(MOST_BUNDLED, len(left) // (IN_FLIGHT * n_processes))
+                    bundle = left[-max(min(int(BUNDLE_TIME * rate), most), 1) :][::-1]
                     try:
-                        running[pool.submit(function, items[index])] = index
+                        future = pool.submit(_map, function, [items[index] for index in bundle])
                     except BrokenProcessPool:
-                        lost.append(index)
-                for future in wait(running, return_when=FIRST_COMPLETED).done:
-                    index = running.pop(future)
-                    if isinstance(future.exception(), BrokenProcessPool):
-                        lost.append(index)
+                        lost += bundle
                     else:
-                        yield Outcome(index, future.result())
+                        running[future] = bundle
+                    del left[-len(bundle) :]
+                for future in wait(running, return_when=FIRST_COMPLETED).done:
+                    bundle = running.pop(future)
+                    if isinstance(future.exception(), BrokenProcessPool):
+                        lost += bundle
+                        continue
+                    n_done += len(bundle)
+                    for index, result in zip(bundle, future.result(), strict=True):
+                        yield Outcome(index, result)
         for index in sorted(lost):
             yield _alone(function, items[index], index)
+
+
+def _map(function: Callable[[Item], Result], items: Sequence[Item]) -> list[Result]:
+    return [function(item) for item in items]
 
 
 def _alone(function: Callable[[Item], Result], item: Item, index: int) -> Outcome[Result]:
