@@ -32,7 +32,8 @@ from ..resources import config_file
 from .messages import OVERTAKEN, to_stamp_text
 from .node import NODE_NAME
 
-_DEPTH = 100
+# A client that is busy for a while must not lose what was published meanwhile.
+_DEPTH = 10_000
 
 
 class NoAnswerError(PlannerError):
