@@ -106,6 +106,16 @@ def test_joint_states_in_a_field_give_the_same_primitive_as_on_a_topic(
         np.testing.assert_array_equal(array, expected[name])
 
 
+def test_refusal_of_a_damaged_recording_says_what_may_help(bags: Path, tmp_path: Path) -> None:
+    (refused,) = build(bags, "--output", tmp_path / "p.npz")["refused"]
+    assert refused["recording"] == "broken"
+    assert refused["reason"].endswith(
+        "salvaging it takes what is before the damage, if there is any"
+    )
+    (refused,) = build(bags, "--output", tmp_path / "q.npz", "--salvage")["refused"]
+    assert "salvaging" not in refused["reason"]
+
+
 def test_segments_are_not_overwritten_unless_told(bags: Path, tmp_path: Path) -> None:
     table = tmp_path / "cuts.csv"
     table.write_text("mine", encoding="utf-8")
