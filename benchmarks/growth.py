@@ -22,16 +22,15 @@ from example_robot_data.robots_loader import getModelPath
 from mp_pca_planner.benchmarking.problems import (
     Problem,
     Scene,
-    demonstrations_of,
     held_out_problems,
     robot_file,
+    scene_of,
 )
 from mp_pca_planner.cli.common import table
 from mp_pca_planner.goal import JointGoal, JointState
 from mp_pca_planner.planning.compiler import DEFAULT_NODES
 from mp_pca_planner.planning.planner import Planner, PlannerOptions
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
-from mp_pca_planner.robot import Robot
 
 NODES = (28, 56, 112, 224)
 WEIGHTS = (4, 8, 16, 32)
@@ -74,16 +73,8 @@ def scenes() -> list[Scene]:
         for side in ("left", "right")
         for name in ("s0", "s1", "e0", "e1", "w0", "w1", "w2")
     )
-    found = []
-    for name, urdf, joints in (
-        robot_file("human_arm"),
-        robot_file("panda"),
-        ("two arms of baxter", baxter, arms),
-    ):
-        robot = Robot.from_file(urdf, joints)
-        motions = demonstrations_of(name, robot, robot.limits(), 60, 1)
-        found.append(Scene(name, urdf, robot, robot.limits(), tuple(motions)))
-    return found
+    robots = (robot_file("human_arm"), robot_file("panda"), ("two arms of baxter", baxter, arms))
+    return [scene_of(*robot, n_motions=60) for robot in robots]
 
 
 def planner(scene: Scene, n_weights: int, n_nodes: int, like: Planner | None = None) -> Planner:

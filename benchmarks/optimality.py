@@ -17,10 +17,9 @@ import numpy as np
 from scipy.optimize import minimize
 
 from mp_pca_planner.benchmarking.problems import (
-    Scene,
-    demonstrations_of,
     held_out_problems,
     robot_file,
+    scene_of,
 )
 from mp_pca_planner.cli.common import table
 from mp_pca_planner.goal import JointGoal, JointState
@@ -29,7 +28,6 @@ from mp_pca_planner.planning.constraints import LimitedProgram
 from mp_pca_planner.planning.planner import Planner, PlannerOptions
 from mp_pca_planner.planning.solver import Solution, solve
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
-from mp_pca_planner.robot import Robot
 
 ROBOTS = ("human_arm", "panda", "ur5", "kinova")
 ACTIVE = 1e-4
@@ -68,10 +66,8 @@ def solved_programs(
     name: str, coupling: str, n_components: int, n_problems: int
 ) -> list[tuple[LimitedProgram, Solution]]:
     """The last program of every motion that was found, and its solution."""
-    _, urdf, joints = robot_file(name)
-    robot = Robot.from_file(urdf, joints)
-    limits = robot.limits()
-    scene = Scene(name, urdf, robot, limits, tuple(demonstrations_of(name, robot, limits, 30, 1)))
+    scene = scene_of(*robot_file(name), n_motions=30)
+    robot, limits = scene.robot, scene.limits
     options = PrimitiveOptions(coupling, n_components)
     primitive = build_primitive(scene.demonstrations, name, options)
     planner = Planner(robot, [primitive], limits, PlannerOptions(naturalness=0.0))

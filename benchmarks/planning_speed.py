@@ -21,9 +21,9 @@ from mp_pca_planner.benchmarking.check import RigidArm
 from mp_pca_planner.benchmarking.problems import (
     Problem,
     Scene,
-    demonstrations_of,
     held_out_problems,
     robot_file,
+    scene_of,
 )
 from mp_pca_planner.cli.common import table
 from mp_pca_planner.goal import JointGoal, JointState
@@ -46,10 +46,7 @@ def main() -> None:
     n_goals = parser.parse_args().goals
     rows = []
     for name in ROBOTS:
-        _, urdf, joints = robot_file(name)
-        robot = Robot.from_file(urdf, joints)
-        motions = demonstrations_of(name, robot, robot.limits(), 40, 1)
-        scene = Scene(name, urdf, robot, robot.limits(), tuple(motions))
+        scene = scene_of(*robot_file(name), n_motions=40)
         rows += rows_of(scene, held_out_problems(scene, n_goals, 2))
     header = ["robot", "basis", "ρ", "weights", "nodes", "solve [ms]", "99 %", "passes"]
     header += ["within limits [%]", "call [µs]", "solve / floor", "quadrature error [%]"]

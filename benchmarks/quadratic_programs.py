@@ -19,10 +19,9 @@ from collections.abc import Callable
 import numpy as np
 
 from mp_pca_planner.benchmarking.problems import (
-    Scene,
-    demonstrations_of,
     held_out_problems,
     robot_file,
+    scene_of,
 )
 from mp_pca_planner.cli.common import table
 from mp_pca_planner.goal import JointGoal, JointState
@@ -30,7 +29,6 @@ from mp_pca_planner.planning import solver
 from mp_pca_planner.planning.planner import Planner, PlannerOptions
 from mp_pca_planner.planning.quadratic import solve_quadratic
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
-from mp_pca_planner.robot import Robot
 
 ROBOTS = ("human_arm", "panda", "ur5", "kinova")
 N_PROBLEMS = 20
@@ -96,10 +94,8 @@ def occurring_programs(n_programs: int) -> list[Program]:
 
 def plan_motions(name: str) -> None:
     """Plan with few and with many weights, at no and at little naturalness."""
-    _, urdf, joints = robot_file(name)
-    robot = Robot.from_file(urdf, joints)
-    limits = robot.limits()
-    scene = Scene(name, urdf, robot, limits, tuple(demonstrations_of(name, robot, limits, 30, 1)))
+    scene = scene_of(*robot_file(name), n_motions=30)
+    robot, limits = scene.robot, scene.limits
     problems = held_out_problems(scene, N_PROBLEMS, 2)
     for coupling, n_components in (("arm", 6), ("joint", 4)):
         options = PrimitiveOptions(coupling, n_components)

@@ -17,18 +17,16 @@ import numpy as np
 
 from mp_pca_planner.benchmarking.problems import (
     Problem,
-    Scene,
-    demonstrations_of,
     held_out_problems,
     random_problems,
     robot_file,
+    scene_of,
 )
 from mp_pca_planner.cli.common import table
 from mp_pca_planner.goal import JointGoal, JointState
 from mp_pca_planner.planning.families import MOST_STARTS
 from mp_pca_planner.planning.planner import SOLVED, Planner, PlannerOptions
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
-from mp_pca_planner.robot import Robot
 
 ROBOTS = ("human_arm", "panda", "ur5", "kinova")
 BETTER = 0.005
@@ -41,16 +39,16 @@ def main() -> None:
     n_problems = parser.parse_args().problems
     rows = []
     for name in ROBOTS:
-        _, urdf, joints = robot_file(name)
-        robot = Robot.from_file(urdf, joints)
-        motions = demonstrations_of(name, robot, robot.limits(), 30, 1)
-        scene = Scene(name, urdf, robot, robot.limits(), tuple(motions))
+        scene = scene_of(*robot_file(name), n_motions=30)
         for coupling, n_components in (("arm", 8), ("joint", 4)):
             options = PrimitiveOptions(coupling, n_components)
-            primitive = build_primitive(motions, name, options)
+            primitive = build_primitive(scene.demonstrations, name, options)
             planners = [
                 Planner(
-                    robot, [primitive], robot.limits(), PlannerOptions(naturalness=0.0, n_starts=n)
+                    scene.robot,
+                    [primitive],
+                    scene.limits,
+                    PlannerOptions(naturalness=0.0, n_starts=n),
                 )
                 for n in (1, MOST_STARTS)
             ]

@@ -44,20 +44,26 @@ class Message:
     velocities: Sequence[float] | NDArray[np.float64] = ()
 
 
+def bag_writer(path: Path, bag_format: str) -> tuple[Path, Writer1 | Writer2]:
+    """A writer of a format, and the path with the format's suffix, where it writes."""
+    if bag_format == "rosbag1":
+        path = path.with_suffix(".bag")
+        return path, Writer1(path)
+    plugin = StoragePlugin.MCAP if bag_format == "mcap" else StoragePlugin.SQLITE3
+    return path, Writer2(path, version=9, storage_plugin=plugin)
+
+
 def write_bag(
     path: Path, bag_format: str, messages: Iterable[Message], *, unknown_type: bool = False
 ) -> Path:
     """Write messages in the order given; return the path with the suffix of the format."""
     store = get_typestore(Stores.ROS1_NOETIC if bag_format == "rosbag1" else Stores.ROS2_JAZZY)
     kind = "sensor_msgs/msg/JointState"
+    path, writer = bag_writer(path, bag_format)
     if bag_format == "rosbag1":
-        path = path.with_suffix(".bag")
-        writer = Writer1(path)
         digest = {"md5sum": "0" * 32}
         serialize, extra = store.serialize_ros1, (0,)
     else:
-        plugin = StoragePlugin.MCAP if bag_format == "mcap" else StoragePlugin.SQLITE3
-        writer = Writer2(path, version=9, storage_plugin=plugin)
         digest = {"rihs01": "RIHS01_" + "0" * 64}
         serialize, extra = store.serialize_cdr, ()
     with writer:

@@ -8,10 +8,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
-from conftest import Message, S
-from rosbags.rosbag1 import Writer as Writer1
-from rosbags.rosbag2 import StoragePlugin
-from rosbags.rosbag2 import Writer as Writer2
+from conftest import Message, S, bag_writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 TOPIC, FIELD = "/multi", "arm.jointStates"
@@ -46,13 +43,8 @@ def write_embedded_bag(path: Path, bag_format: str, states: Iterable[Message]) -
     store = get_typestore(Stores.EMPTY)
     store.register(get_types_from_msg(text, "my_msgs/msg/Multi"))
     types = store.types
-    if ros1:
-        path = path.with_suffix(".bag")
-        writer, serialise = Writer1(path), store.serialize_ros1
-    else:
-        plugin = StoragePlugin.MCAP if bag_format == "mcap" else StoragePlugin.SQLITE3
-        writer = Writer2(path, version=9, storage_plugin=plugin)
-        serialise = store.serialize_cdr
+    path, writer = bag_writer(path, bag_format)
+    serialise = store.serialize_ros1 if ros1 else store.serialize_cdr
     nothing = np.empty(0)
     with writer:
         connection = writer.add_connection(TOPIC, "my_msgs/msg/Multi", typestore=store)

@@ -9,10 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from conftest import EPOCH, S
-from rosbags.rosbag1 import Writer as Writer1
-from rosbags.rosbag2 import StoragePlugin
-from rosbags.rosbag2 import Writer as Writer2
+from conftest import EPOCH, S, bag_writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
@@ -129,14 +126,8 @@ class Messages:
 def write_messages(path: Path, messages: Messages, entries: Iterable[Entry]) -> Path:
     """Write messages in the order given; return the path with the suffix of the format."""
     store = messages.store
-    writer: Writer1 | Writer2
-    if messages.format == "rosbag1":
-        path = path.with_suffix(".bag")
-        writer, serialize = Writer1(path), store.serialize_ros1
-    else:
-        mcap = messages.format == "mcap"
-        plugin = StoragePlugin.MCAP if mcap else StoragePlugin.SQLITE3
-        writer, serialize = Writer2(path, version=9, storage_plugin=plugin), store.serialize_cdr
+    path, writer = bag_writer(path, messages.format)
+    serialize = store.serialize_ros1 if messages.format == "rosbag1" else store.serialize_cdr
     with writer:
         connections: dict[tuple[str, str], Any] = {}
         for topic, kind, receive, message in entries:

@@ -23,7 +23,7 @@ from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory
 
 from mp_pca_planner.resources import config_file
-from mp_pca_planner.ros.client import start_node, this_machine_only
+from mp_pca_planner.ros.client import GoalClient, start_node, this_machine_only
 
 MOTION = arm_primitive().boundary_states[0]
 START, GOAL = MOTION[0].tolist(), MOTION[3].tolist()
@@ -50,6 +50,16 @@ def running_node(log: Path, *ros_arguments: str) -> Iterator[subprocess.Popen[st
             process.kill()
     assert status == 0, log.read_text()
     assert "Traceback" not in log.read_text()
+
+
+@contextmanager
+def described_client() -> Iterator[GoalClient]:
+    """A client of a node that has a model: its only robot description is that of the topic."""
+    with GoalClient() as client:
+        client.wait_for_node()
+        client.publish_description(URDF)
+        client.wait_for_model()
+        yield client
 
 
 def set_domain(patch: pytest.MonkeyPatch, offset: int) -> None:

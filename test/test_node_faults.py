@@ -23,6 +23,7 @@ from nodes import (
     START,
     URDF,
     call,
+    described_client,
     goal_message,
     ros_node,
     running_node,
@@ -58,10 +59,7 @@ def node(folder: Path) -> Iterator[subprocess.Popen[str]]:
 
 @pytest.fixture(scope="module")
 def client(node: subprocess.Popen[str]) -> Iterator[GoalClient]:
-    with GoalClient() as client:
-        client.wait_for_node()
-        client.publish_description(URDF)
-        client.wait_for_model()
+    with described_client() as client:
         client.publish_state(JOINTS, START)
         yield client
 

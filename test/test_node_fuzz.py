@@ -21,8 +21,8 @@ from nodes import (
     GOAL,
     PATIENTLY,
     START,
-    URDF,
     call,
+    described_client,
     goal_message,
     ros_node,
     running_node,
@@ -62,10 +62,7 @@ def node(tmp_path_factory: pytest.TempPathFactory) -> Iterator[subprocess.Popen[
 
 @pytest.fixture(scope="module")
 def client(node: subprocess.Popen[str]) -> Iterator[GoalClient]:
-    with GoalClient() as client:
-        client.wait_for_node()
-        client.publish_description(URDF)
-        client.wait_for_model()
+    with described_client() as client:
         yield client
 
 

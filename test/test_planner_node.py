@@ -33,6 +33,7 @@ from nodes import (
     START,
     URDF,
     column,
+    described_client,
     goal_message,
     ros_node,
     running_node,
@@ -84,11 +85,7 @@ def node(
 
 @pytest.fixture(scope="module")
 def shared_client(node: subprocess.Popen[str]) -> Iterator[GoalClient]:
-    with GoalClient() as client:
-        client.wait_for_node()
-        # The only robot description that the node gets is that of the topic.
-        client.publish_description(URDF)
-        client.wait_for_model()
+    with described_client() as client:
         yield client
 
 

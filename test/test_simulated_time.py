@@ -14,7 +14,17 @@ pytest.importorskip("rclpy", reason="ROS 2 (rclpy) is not installed")
 
 from arm import JOINTS, arm_primitive
 from builtin_interfaces.msg import Time
-from nodes import GOAL, START, URDF, column, goal_message, ros_node, running_node, set_domain, times
+from nodes import (
+    GOAL,
+    START,
+    column,
+    described_client,
+    goal_message,
+    ros_node,
+    running_node,
+    set_domain,
+    times,
+)
 from rosgraph_msgs.msg import Clock
 from trajectory_msgs.msg import JointTrajectory
 
@@ -63,12 +73,9 @@ def simulation(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Simu
     arguments = [word for k, v in values.items() for word in ("-p", f"{k}:={v}")]
     with (
         running_node(tmp_path / "log.txt", *arguments),
-        GoalClient() as client,
         ros_node("simulator") as simulator,
+        described_client() as client,
     ):
-        client.wait_for_node()
-        client.publish_description(URDF)
-        client.wait_for_model()
         yield Simulation(client, simulator.create_publisher(Clock, "/clock", 10))
 
 

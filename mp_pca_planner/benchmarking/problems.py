@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -92,6 +93,22 @@ class Scene:
     limits: JointLimits
     demonstrations: tuple[Demonstration, ...]
     primitive: MovementPrimitive | None = None
+
+
+def scene_of(name: str, urdf: Path, joints: Sequence[str] | None, n_motions: int) -> Scene:
+    """A robot within the limits of its description, and motions that are drawn for it.
+
+    Parameters
+    ----------
+    name, urdf, joints :
+        The robot, see :func:`robot_file`.
+    n_motions :
+        How many demonstrations. They are drawn with the seed 1: problems want another one.
+    """
+    robot = Robot.from_file(urdf, joints)
+    limits = robot.limits()
+    motions = demonstrations_of(name, robot, limits, n_motions, 1)
+    return Scene(name, urdf, robot, limits, tuple(motions))
 
 
 def robot_file(name: str) -> tuple[str, Path, tuple[str, ...] | None]:

@@ -22,13 +22,13 @@ from ..benchmarking.problems import (
 )
 from ..benchmarking.run import PEERS, Result, compare, ratios, set_up, summarise, unsolved
 from ..exceptions import PlannerError, quote_names, unknown_name
-from ..limits import read_limits_file
 from ..primitives.primitive_library import load_primitives
 from ..robot import Robot
 from .common import (
     DONE,
     CommandParser,
     check_output,
+    limits_of,
     print_json,
     progress_bar,
     run,
@@ -147,8 +147,7 @@ def _scene(arguments: argparse.Namespace) -> Scene:
         primitive = primitives[0]
         joints = primitive.joint_names
     robot = Robot.from_file(urdf, joints)
-    overrides = read_limits_file(arguments.limits, robot.movable_joints) if arguments.limits else {}
-    limits = robot.limits(overrides)
+    limits = limits_of(robot, arguments.limits)
     motions = (
         demonstrations_of(name, robot, limits, _N_DEMONSTRATIONS, _DEMONSTRATIONS_SEED)
         if primitive is None

@@ -20,11 +20,13 @@ from tqdm import tqdm
 from ..arrays import FloatArray
 from ..exceptions import GoalError, PlannerError, RecordingError, unknown_name
 from ..files import check_writable
+from ..limits import JointLimits, read_limits_file
 
 DONE, FAILED, REFUSED = 0, 1, 2
 
 if TYPE_CHECKING:
     from ..recordings.load import RecordingSet
+    from ..robot import Robot
 
 Progress = Callable[[int, int], None]
 
@@ -186,6 +188,11 @@ def make_folder(path: Path) -> None:
         path.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise PlannerError(f"'{path}' can't be a folder: {error.strerror}") from None
+
+
+def limits_of(robot: Robot, file: Path | None) -> JointLimits:
+    """The limits of a robot, those of a file (of any of its joints) laid over its own."""
+    return robot.limits(read_limits_file(file, robot.movable_joints) if file else {})
 
 
 def seconds(text: str) -> float:

@@ -16,7 +16,6 @@ from ..arrays import FloatArray
 from ..exceptions import GoalError, PlannerError
 from ..files import check_writable, write_whole
 from ..goal import JointGoal, JointState, Pose, PoseGoal, Via
-from ..limits import read_limits_file
 from ..planning.collision import CollisionFreePlanner, CollisionModel, package_folders
 from ..planning.families import MOST_STARTS
 from ..planning.objectives import OBJECTIVES, Objective, objective_by_name
@@ -40,6 +39,7 @@ from .common import (
     check_output,
     joint_values,
     json_text,
+    limits_of,
     number_list,
     print_json,
     run,
@@ -210,7 +210,6 @@ def plan_request(arguments: argparse.Namespace) -> tuple[Planner, Plan]:
     primitives = load_primitives(arguments.primitives)
     names = primitives[0].joint_names
     robot = Robot.from_file(arguments.robot, names)
-    overrides = read_limits_file(arguments.limits, robot.movable_joints) if arguments.limits else {}
     # Without a controller to refuse it, a motion may end as it was asked to.
     options = PlannerOptions(
         basis=arguments.basis,
@@ -225,7 +224,7 @@ def plan_request(arguments: argparse.Namespace) -> tuple[Planner, Plan]:
     if set(start.joint_names) != set(names):
         missing = [name for name in names if name not in start.joint_names]
         raise GoalError(f"--start lacks a position for {', '.join(missing)}")
-    planner = Planner(robot, primitives, robot.limits(overrides), options)
+    planner = Planner(robot, primitives, limits_of(robot, arguments.limits), options)
     goal, collision = _goal(arguments, robot), collision_model(arguments, robot)
     if collision is not None:
         return planner, CollisionFreePlanner(planner, collision).plan(goal, start)

@@ -9,7 +9,6 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from ..goal import JointState, SequenceGoal
-from ..limits import read_limits_file
 from ..planning.collision import CollisionFreeSequencePlanner
 from ..planning.planner import PlannerOptions
 from ..planning.sequence import MODES, OPTIMAL, SequencePlan, SequencePlanner
@@ -22,6 +21,7 @@ from .common import (
     Stop,
     add_via_options,
     joint_values,
+    limits_of,
     print_json,
     run,
     split_time,
@@ -121,12 +121,11 @@ def sequence_request(
     primitives = load_primitives(arguments.primitives)
     names = primitives[0].joint_names
     robot = Robot.from_file(arguments.robot, names)
-    overrides = read_limits_file(arguments.limits, robot.movable_joints) if arguments.limits else {}
     start = joint_values(arguments.start, names, "--start")
     planner = SequencePlanner(
         robot,
         primitives,
-        robot.limits(overrides),
+        limits_of(robot, arguments.limits),
         naturalness=options.naturalness,
         sample_period=options.sample_period,
     )

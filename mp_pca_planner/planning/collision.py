@@ -14,7 +14,7 @@ import os
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import pinocchio as pin
@@ -34,6 +34,8 @@ _PULLS = (1e-2, 1e-1, 1.0, 10.0)
 _CONTACT = 1e-6
 # A pair that needs another look later than this [s] needs no exact distance.
 _SOON = 0.02
+
+_AnyPlan = TypeVar("_AnyPlan", Plan, SequencePlan)
 
 _NOT_CHECKED = "; self-collisions were not checked: the robot has no collision geometry"
 _ALWAYS_COLLIDES = "no motion without self-collision was found: {}"
@@ -258,12 +260,7 @@ class CollisionFreePlanner:
 
     def plan(self, goal: Any, start: JointState) -> Plan:
         """Plan a motion to any goal that :meth:`Planner.plan` takes."""
-        first = self.planner.plan(goal, start)
-        if not self.collision.has_geometry:
-            return replace(first, message=first.message + _NOT_CHECKED)
-        if not first.is_executable:
-            return first
-        worst = self.collision.worst_collision(first.trajectory)
+        first, worst = _looked_at(self.planner.plan(goal, start), self.collision)
         if worst is None:
             return first
         return self._remedy(goal, start, first, worst)
@@ -309,12 +306,7 @@ class CollisionFreeSequencePlanner:
 
     def plan(self, goal: SequenceGoal, start: JointState, mode: str = OPTIMAL) -> SequencePlan:
         """Plan as :meth:`.SequencePlanner.plan` does."""
-        first = self.planner.plan(goal, start, mode)
-        if not self.collision.has_geometry:
-            return replace(first, message=first.message + _NOT_CHECKED)
-        if not first.is_executable:
-            return first
-        worst = self.collision.worst_collision(first.trajectory)
+        first, worst = _looked_at(self.planner.plan(goal, start, mode), self.collision)
         if worst is None:
             return first
         taken = first.solve_time
@@ -326,6 +318,13 @@ class CollisionFreeSequencePlanner:
                 return replace(plan, message=note, solve_time=taken)
         message = _ALWAYS_COLLIDES.format(worst)
         return replace(first, status=INFEASIBLE, message=message, solve_time=taken)
+
+
+def _looked_at(plan: _AnyPlan, collision: CollisionModel) -> tuple[_AnyPlan, Collision | None]:
+    """A plan, which says so if nothing could be checked, and its worst collision."""
+    if not collision.has_geometry:
+        return replace(plan, message=plan.message + _NOT_CHECKED), None
+    return plan, collision.worst_collision(plan.trajectory) if plan.is_executable else None
 
 
 def _inside(collision: Collision, trajectory: Trajectory) -> bool:

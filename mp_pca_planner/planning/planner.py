@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ..arrays import FloatArray
-from ..exceptions import GoalError, PrimitiveError, TrajectoryError, quote_names, unknown_name
+from ..exceptions import GoalError, PrimitiveError, TrajectoryError, quote_names
 from ..goal import JointGoal, JointState, Pose, PoseGoal, Via
 from ..limits import JointLimits
 from ..primitives.basis import Basis, BSplineBasis
@@ -541,7 +541,7 @@ class Planner:
         here = in_order(start, self.robot.joint_names)
         check_within_limits("present", here, self.limits)
         self._check_size(goal.duration)
-        selector = self._selector_for(goal.primitive)
+        selector = self._selector.among(goal.primitive)
         if isinstance(goal, JointGoal):
             goals, pose = [self._joint_goal(goal, here)], None
         else:
@@ -625,16 +625,6 @@ class Planner:
         check_within_limits("via", JointState(names, state.positions), self.limits)
         index = np.array([names.index(name) for name in target.joint_names])
         return JointTarget(index, state.positions[index], len(names))
-
-    def _selector_for(self, name: str | None) -> Selector:
-        """Among all primitives, or the only one that the goal names."""
-        if name is None:
-            return self._selector
-        found = [p for p in self.primitives if p.name == name]
-        if not found:
-            valid = [p.name for p in self.primitives]
-            raise GoalError(unknown_name("primitive", name, valid))
-        return Selector(self.robot, found, self.options.objectives)
 
     def _check_size(self, duration: float | None) -> None:
         if duration is None:

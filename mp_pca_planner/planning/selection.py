@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import FloatArray
-from ..exceptions import quote_names
+from ..exceptions import GoalError, quote_names, unknown_name
 from ..goal import JointState
 from ..primitives.primitive import MovementPrimitive
 from ..primitives.statistics import Conditional
@@ -157,6 +157,21 @@ class Selector:
             for size in (n, n + 1)
         }
         self._tables: dict[int, QuadratureTables] = {}
+
+    def among(self, name: str | None) -> Selector:
+        """The same for the only primitive of a name; for all if there is no name.
+
+        Raises
+        ------
+        GoalError
+            If no primitive is called so.
+        """
+        if name is None:
+            return self
+        found = [p for p in self.primitives if p.name == name]
+        if not found:
+            raise GoalError(unknown_name("primitive", name, [p.name for p in self.primitives]))
+        return Selector(self._robot, found, self._objectives)
 
     def scores(
         self, start: FloatArray, goal: FloatArray, duration: float | None = None

@@ -34,7 +34,7 @@ from numpy.typing import NDArray
 from scipy.linalg import LinAlgError, cho_solve_banded, cholesky_banded
 
 from ..arrays import FloatArray
-from ..exceptions import GoalError, TrajectoryError, unknown_name
+from ..exceptions import GoalError, TrajectoryError
 from ..goal import JointState, Pose, SequenceGoal
 from ..limits import JointLimits
 from ..primitives.basis import Basis
@@ -250,7 +250,7 @@ class SequencePlanner:
         self._check_size(goal)
         here = in_order(start, self.robot.joint_names)
         check_within_limits("present", here, self.limits)
-        selector = self._selector_for(goal.primitive)
+        selector = self._selector.among(goal.primitive)
         n_passed = self._n_passed(goal, here)
         goal = replace(
             goal,
@@ -360,15 +360,6 @@ class SequencePlanner:
                 ways.append(route.to(there, selector))
             longer.append(min(ways, key=lambda route: route.cost))
         return longer
-
-    def _selector_for(self, name: str | None) -> Selector:
-        """Among all primitives, or the only one that the goal names."""
-        if name is None:
-            return self._selector
-        found = [p for p in self.primitives if p.name == name]
-        if not found:
-            raise GoalError(unknown_name("primitive", name, [p.name for p in self.primitives]))
-        return Selector(self.robot, found)
 
     def _check_size(self, goal: SequenceGoal) -> None:
         """Refuse what would take all time or memory, before it does."""

@@ -179,11 +179,15 @@ def place_markers(q: FloatArray, source: MarkerSource) -> tuple[tuple[str, ...],
         Their positions in the base frame [m].
     """
     markers = (*source.on_base, *source.moved)
-    robot = Robot(source.urdf, source.joint_names)
-    attached = robot.attach_points(
+    return tuple(m.body for m in markers), _placed(markers, q, source)
+
+
+def _placed(markers: Sequence[MarkerPlacement], q: FloatArray, source: MarkerSource) -> FloatArray:
+    """Positions of markers in the base frame, shape (n_frames, n_markers, 3)."""
+    attached = Robot(source.urdf, source.joint_names).attach_points(
         [m.link for m in markers], np.array([m.position for m in markers])
     )
-    return tuple(m.body for m in markers), attached.positions_and_jacobians(q)[0]
+    return attached.positions_and_jacobians(q)[0]
 
 
 def _split(
@@ -250,12 +254,8 @@ def _in_base_frame(positions: FloatArray, source: MarkerSource) -> tuple[FloatAr
 def _points_on_base(source: MarkerSource) -> FloatArray:
     if not source.on_base:
         return np.empty((0, 3))
-    robot = Robot(source.urdf, source.joint_names)
-    attached = robot.attach_points(
-        [m.link for m in source.on_base], np.array([m.position for m in source.on_base])
-    )
-    points, _ = attached.positions_and_jacobians(np.zeros((1, robot.n_joints)))
-    return np.asarray(points[0])
+    neutral = np.zeros((1, len(source.joint_names)))
+    return np.asarray(_placed(source.on_base, neutral, source)[0])
 
 
 def _base_poses(

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import math
 from array import array
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 from builtin_interfaces.msg import Time
@@ -54,12 +54,8 @@ def to_goal(message: JointStateMessage, duration: float) -> JointGoal:
     names = message.name
     _check_lengths("goal", message)
     for field in ("position", "velocity"):
-        for name, value in zip(names, getattr(message, field), strict=False):
-            if not math.isfinite(value):
-                raise GoalError(
-                    f"the goal {field} of joint '{name}' is {value}, "
-                    "but only finite numbers are accepted"
-                )
+        values = zip(names, getattr(message, field), strict=False)
+        _check_finite(f"the goal {field} of joint '{{}}' is {{}}", values)
     state = JointState(names, message.position, message.velocity or None)
     return JointGoal(state, duration or None, message.header.frame_id or None)
 
@@ -109,12 +105,8 @@ def to_sequence_goal(message: JointTrajectory) -> SequenceGoal:
                 f"the goal names {n_joints} joints and point {k} has {len(point.positions)} "
                 "positions, one for each joint is accepted"
             )
-        for name, value in zip(message.joint_names, point.positions, strict=True):
-            if not math.isfinite(value):
-                raise GoalError(
-                    f"point {k} of the goal puts joint '{name}' at {value}, "
-                    "but only finite numbers are accepted"
-                )
+        values = zip(message.joint_names, point.positions, strict=True)
+        _check_finite(f"point {k} of the goal puts joint '{{}}' at {{}}", values)
         if len(point.velocities) not in (0, n_joints):
             raise GoalError(
                 f"the goal names {n_joints} joints and point {k} has {len(point.velocities)} "
@@ -184,14 +176,18 @@ def to_state(message: JointStateMessage, joint_names: Sequence[str]) -> JointSta
     index = [message.name.index(name) for name in joint_names]
     for field in ("position", "velocity"):
         values = getattr(message, field)
-        for name, i in zip(joint_names, index, strict=True):
-            if values and not math.isfinite(values[i]):
-                raise GoalError(
-                    f"the present {field} of joint '{name}' is {values[i]}, "
-                    "but only finite numbers are accepted"
-                )
+        if values:
+            chosen = ((message.name[i], values[i]) for i in index)
+            _check_finite(f"the present {field} of joint '{{}}' is {{}}", chosen)
     velocities = [message.velocity[i] for i in index] if message.velocity else None
     return JointState(joint_names, [message.position[i] for i in index], velocities)
+
+
+def _check_finite(said: str, values: Iterable[tuple[str, float]]) -> None:
+    """Refuse numbers by the name of their joint: where `said` has its braces is what."""
+    for name, value in values:
+        if not math.isfinite(value):
+            raise GoalError(f"{said.format(name, value)}, but only finite numbers are accepted")
 
 
 def _check_lengths(what: str, message: JointStateMessage) -> None:

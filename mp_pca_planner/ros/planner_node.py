@@ -102,7 +102,7 @@ def _load_what_goals_may_need() -> None:
     """Import the slow modules that the start could do without, before a goal waits for them."""
     import scipy.interpolate
     import scipy.optimize
-    import scipy.spatial.transform  # noqa: F401
+    import scipy.spatial.transform  # noqa: F401  # that it is loaded is all that is wanted
 
 
 def _parser() -> argparse.ArgumentParser:
