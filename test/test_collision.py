@@ -13,19 +13,15 @@ from arm import JOINTS, arm_demonstrations, arm_primitive, arm_robot
 from mp_pca_planner.cli.plan import main
 from mp_pca_planner.cli.sequence import main as sequence
 from mp_pca_planner.exceptions import RobotError
-from mp_pca_planner.goal import JointGoal, JointState, SequenceGoal
-from mp_pca_planner.planning.collision import (
-    Collision,
-    CollisionFreePlanner,
-    CollisionFreeSequencePlanner,
-    CollisionModel,
-    package_folders,
-)
+from mp_pca_planner.goal import JointGoal, JointState, Pose, PoseGoal, SequenceGoal
+from mp_pca_planner.planning.collision import Collision, CollisionModel, package_folders
 from mp_pca_planner.planning.planner import INFEASIBLE, SOLVED, Planner, PlannerOptions
-from mp_pca_planner.planning.sequence import OPTIMAL, REAL_TIME, SequencePlanner
+from mp_pca_planner.planning.sequence import OPTIMAL, REAL_TIME, SequencePlan, SequencePlanner
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
 from mp_pca_planner.primitives.file import save_primitive
+from mp_pca_planner.primitives.primitive import MovementPrimitive
 from mp_pca_planner.recordings.demonstration import Demonstration
+from mp_pca_planner.resources import config_file
 from mp_pca_planner.robot import Robot
 from mp_pca_planner.trajectory import Trajectory
 from mp_pca_planner.validation import interpolate
@@ -85,6 +81,10 @@ def motion(start: np.ndarray, goal: np.ndarray, duration: float = 1.0) -> Trajec
     )
 
 
+def worst(model: CollisionModel, trajectory: Trajectory) -> Collision | None:
+    return next(iter(model.collisions(trajectory)), None)
+
+
 @pytest.fixture(scope="module")
 def model() -> CollisionModel:
     return CollisionModel(chain())
@@ -119,14 +119,14 @@ def test_spheres_meet_where_geometry_says(model):
     apart = LENGTH * np.sqrt(2.0 * (1.0 + np.cos(three))) - 2.0 * RADIUS
     meeting = three[np.flatnonzero(apart <= 0.0)[0]]
     way = motion([0.0, 0.9, 0.0], [0.0, 0.9, 3.0])
-    found = model.worst_collision(way)
+    found = worst(model, way)
     assert found is not None and found.links == ("a", "c")
     dense = interpolate(way)
     first = dense.times[np.flatnonzero(dense.q[:, 2] >= meeting)[0]]
     assert found.first_time == pytest.approx(first, abs=1.1e-3)
     assert found.time == found.last_time == 1.0
     assert found.penetration == pytest.approx(-apart[-1], abs=1e-5)
-    assert model.worst_collision(motion([0.0, 0.9, 0.0], [0.0, 0.9, meeting - 0.01])) is None
+    assert worst(model, motion([0.0, 0.9, 0.0], [0.0, 0.9, meeting - 0.01])) is None
 
 
 def test_looking_again_only_when_due_finds_what_looking_always_finds(model):
@@ -136,7 +136,7 @@ def test_looking_again_only_when_due_finds_what_looking_always_finds(model):
     for _ in range(12):
         ends = rng.uniform([-1.0, 1.5, 1.5], 3.0, (2, 3))
         way = motion(*ends, rng.uniform(0.2, 0.6))
-        found = model.worst_collision(way)
+        found = worst(model, way)
         dense = interpolate(way)
         clearance = np.array([distances(q) for q in dense.q])
         outcomes.append(found is not None)
@@ -171,7 +171,7 @@ def test_joints_may_be_in_any_order_and_others_locked():
     other = CollisionModel(Robot(CHAIN, ("three", "one"), locked={"two": 0.9}))
     s = motion([0.0, 0.9, 0.0], [0.0, 0.9, 3.0])
     swapped = [x[:, [2, 0]] for x in (s.positions, s.velocities, s.accelerations)]
-    found = other.worst_collision(Trajectory(("three", "one"), s.times, *swapped))
+    found = worst(other, Trajectory(("three", "one"), s.times, *swapped))
     assert found is not None and found.links == ("a", "c")
 
 
@@ -179,7 +179,7 @@ def test_sliding_joints_reach_as_far_as_they_slide():
     slide = chain(**{'<joint name="two" type="revolute">': '<joint name="two" type="prismatic">'})
     model = CollisionModel(slide)
     # Along z: away from the base and back into the way of its box.
-    found = model.worst_collision(motion([0.0, 0.4, 3.0], [0.0, 0.0, 3.0]))
+    found = worst(model, motion([0.0, 0.4, 3.0], [0.0, 0.0, 3.0]))
     assert found is not None and "c" in found.links
 
 
@@ -214,95 +214,39 @@ def test_packages_are_looked_for_where_ros_and_the_urdf_are(monkeypatch, tmp_pat
     assert folders[:5] == [*known, tmp_path.resolve()]
 
 
+@pytest.mark.parametrize("which", ["chain", "arm"])
+def test_derivatives_of_distances_are_those_of_differences(which):
+    robot = chain() if which == "chain" else arm_robot()
+    model, limits = CollisionModel(robot), robot.limits()
+    pairs, rng, step = np.arange(len(model.pairs)), np.random.default_rng(1), 1e-4
+    apart = 0
+    for _ in range(30):
+        q = rng.uniform(limits.lower, limits.upper)
+        distances, rows = model.distances(q, pairs)
+        both = [
+            [model.distances(q + sign * e, pairs)[0] for e in step * np.eye(q.size)]
+            for sign in (1.0, -1.0)
+        ]
+        differences = (np.array(both[0]) - both[1]).T / (2.0 * step)
+        # In each other they depend on the version of the library.
+        clear = distances > 2e-3
+        apart += np.count_nonzero(clear)
+        np.testing.assert_allclose(rows[clear], differences[clear], atol=3e-3)
+    assert apart > 50
+
+
 # The planner
 
-
-class Scripted:
-    """Stands for a collision model that finds these collisions, one motion after the other."""
-
-    has_geometry = True
-
-    def __init__(self, *found: Collision | None) -> None:
-        self._found = iter(found)
-
-    def worst_collision(self, trajectory: Trajectory) -> Collision | None:
-        return next(self._found)
+ACROSS_BASE = JointState(NAMES, [0.0, 1.5, 2.09]), JointState(NAMES, [0.0, 2.7, 2.09])
 
 
-@pytest.fixture(scope="module")
-def request_of_arm() -> tuple[JointGoal, JointState]:
-    shown = arm_demonstrations()[0]
-    goal = JointGoal(JointState(JOINTS, shown.positions[-1]), shown.duration)
-    return goal, JointState(JOINTS, shown.positions[0])
+def chain_planner(model: CollisionModel | None, **options: float) -> Planner:
+    robot = chain()
+    return Planner(robot, [fold()], robot.limits(), PlannerOptions(**options), model)
 
 
-def arm_planner() -> Planner:
-    robot = arm_robot()
-    options = PlannerOptions(naturalness=1e-3)
-    return Planner(robot, [arm_primitive()], robot.limits(), options)
-
-
-MEETING = Collision(("hand", "trunk"), 0.3, 0.02, 0.2, 0.4)
-
-
-def test_motion_that_collides_is_pulled_towards_the_demonstrations(request_of_arm):
-    planner = CollisionFreePlanner(arm_planner(), Scripted(MEETING, MEETING, None))
-    plan = planner.plan(*request_of_arm)
-    assert plan.status == SOLVED
-    assert plan.naturalness == 0.1
-    assert "to avoid self-collision, the naturalness was raised from 0.001 to 0.1" in plan.message
-
-
-def test_motion_that_always_collides_is_infeasible_and_says_where(request_of_arm):
-    plan = CollisionFreePlanner(arm_planner(), Scripted(*[MEETING] * 9)).plan(*request_of_arm)
-    assert plan.status == INFEASIBLE and not plan.is_executable
-    assert "'hand' and 'trunk' collide from 0.200 s on" in plan.message
-    assert "20.0 mm" in plan.message
-
-
-def test_collision_at_an_end_is_not_planned_again(request_of_arm):
-    at_start = Collision(("hand", "trunk"), 0.0, 0.02, 0.0, 0.1)
-    plan = CollisionFreePlanner(arm_planner(), Scripted(at_start)).plan(*request_of_arm)
-    assert plan.status == INFEASIBLE
-
-
-def test_robot_without_collision_geometry_is_said_so(request_of_arm):
-    robot = Robot(CHAIN.replace("collision>", "visual>"), NAMES)
-    model = CollisionModel(robot)
-    assert not model.has_geometry and model.pairs == ()
-    plan = CollisionFreePlanner(arm_planner(), model).plan(*request_of_arm)
-    assert plan.status == SOLVED
-    assert "self-collisions were not checked" in plan.message
-
-
-def sequence_of_arm() -> tuple[SequencePlanner, SequenceGoal, JointState]:
-    robot = arm_robot()
-    start, *targets = (JointState(JOINTS, d.positions[-1]) for d in arm_demonstrations()[:3])
-    planner = SequencePlanner(robot, [arm_primitive()], robot.limits())
-    return planner, SequenceGoal(tuple(targets)), start
-
-
-def test_sequence_that_collides_is_joined_instead_or_infeasible():
-    planner, *request = sequence_of_arm()
-    found = CollisionFreeSequencePlanner(planner, Scripted(MEETING, None)).plan(*request)
-    assert (found.status, found.mode) == (SOLVED, REAL_TIME)
-    assert "in the optimal one 'hand' and 'trunk' collide" in found.message
-    free = CollisionFreeSequencePlanner(planner, Scripted(None)).plan(*request)
-    assert (free.status, free.mode) == (SOLVED, OPTIMAL)
-    for script, mode in (((MEETING, MEETING), OPTIMAL), ((MEETING,), REAL_TIME)):
-        plan = CollisionFreeSequencePlanner(planner, Scripted(*script)).plan(*request, mode)
-        assert plan.status == INFEASIBLE
-        assert "'hand' and 'trunk' collide from 0.200 s on" in plan.message
-    blind = CollisionModel(Robot(CHAIN.replace("collision>", "visual>"), NAMES))
-    plan = CollisionFreeSequencePlanner(planner, blind).plan(*request)
-    assert plan.is_executable and "self-collisions were not checked" in plan.message
-
-
-# The command
-
-
-@pytest.fixture
-def files(tmp_path) -> list[str]:
+def fold() -> MovementPrimitive:
+    """A primitive whose only component bends hardly anything."""
     demonstrations = [
         Demonstration(
             NAMES, m.times, m.positions, m.velocities, m.accelerations,
@@ -311,8 +255,137 @@ def files(tmp_path) -> list[str]:
         for k in range(6)
         for m in [motion([0.0, 0.5, 0.1 * k], [0.1 * k, 0.9, 1.0 + 0.1 * k**2])]
     ]  # fmt: skip
-    options = PrimitiveOptions(n_components=1)
-    save_primitive(build_primitive(demonstrations, "fold", options), tmp_path / "fold.npz")
+    return build_primitive(demonstrations, "fold", PrimitiveOptions(n_components=1))
+
+
+def test_motion_of_least_effort_goes_around_the_body():
+    robot = arm_robot()
+    limits, primitive = robot.limits(), arm_primitive()
+    model, options = CollisionModel(robot), PlannerOptions(naturalness=0.0, max_solve_time=20.0)
+    n_through = 0
+    for shown in arm_demonstrations(12, 7):
+        start, goal = (JointState(JOINTS, shown.positions[end]) for end in (0, -1))
+        request = JointGoal(goal, shown.duration), start
+        bare = Planner(robot, [primitive], limits, options).plan(*request)
+        plan = Planner(robot, [primitive], limits, options, model).plan(*request)
+        assert plan.status == SOLVED
+        assert plan.start_error == 0.0 and plan.goal_error == 0.0 and not plan.limit_check.touched
+        through = deepest_in_chest(bare.trajectory) < -0.01
+        n_through += through
+        assert deepest_in_chest(plan.trajectory) > 0.0
+        assert ("kept apart" in plan.message) == bool(model.collisions(bare.trajectory))
+        # Not the cheapest motion any more, but not a dear one.
+        assert bare.solution.effort_cost * (1.0 - 1e-4) <= plan.solution.effort_cost
+        assert plan.solution.effort_cost < 1.4 * bare.solution.effort_cost
+    assert n_through >= 2
+
+
+def deepest_in_chest(trajectory: Trajectory) -> float:
+    """Least distance of the lower arm from the trunk, on a model of its own."""
+    urdf = str(config_file("human_arm.urdf"))
+    model = pin.buildModelFromUrdf(urdf)
+    geometry = pin.buildGeomFromUrdf(model, urdf, pin.GeometryType.COLLISION)
+    for i, first in enumerate(geometry.geometryObjects):
+        for j, second in enumerate(geometry.geometryObjects):
+            if first.name.startswith("chest") and second.name.startswith("lower_arm"):
+                geometry.addCollisionPair(pin.CollisionPair(i, j))
+    model_data, data = model.createData(), geometry.createData()
+    order = [trajectory.joint_names.index(name) for name in list(model.names)[1:]]
+    least = np.inf
+    for q in interpolate(trajectory).q[:, order]:
+        pin.computeDistances(model, model_data, geometry, data, q)
+        least = min(least, *(result.min_distance for result in data.distanceResults))
+    return float(least)
+
+
+@pytest.mark.parametrize("naturalness", [0.0, 1.0])
+def test_what_components_cannot_avoid_splines_do(model, naturalness):
+    start, goal = ACROSS_BASE
+    through = chain_planner(None, naturalness=naturalness).plan(JointGoal(goal, 1.5), start)
+    assert {one.links for one in model.collisions(through.trajectory)} == {("base", "c")}
+    plan = chain_planner(model, naturalness=naturalness, max_solve_time=20.0).plan(
+        JointGoal(goal, 1.5), start
+    )
+    assert plan.is_executable
+    assert plan.correction > 0.0 or plan.n_components_used == 0
+    look = always_looking()
+    assert min(min(look(q)) for q in interpolate(plan.trajectory).q) > 0.0
+
+
+def test_configuration_for_a_pose_is_one_without_collision():
+    # The robot reaches a point before its base with the second link over it only from one side.
+    robot = chain()
+    planner = chain_planner(CollisionModel(robot), max_solve_time=20.0)
+    start = JointState(NAMES, [0.0, 1.5, 1.6])
+    point = robot.frame_positions(np.array([[0.3, 1.9, 2.3]]), ["c"])[0, 0]
+    plan = planner.plan(PoseGoal(Pose("c", point)), start)
+    assert plan.is_executable
+    look = always_looking()
+    assert min(min(look(q)) for q in interpolate(plan.trajectory).q) > 0.0
+
+
+def test_collision_at_an_end_is_infeasible_at_once_and_says_where(model):
+    free = JointState(NAMES, [0.0, 0.9, 0.0])
+    folded = JointState(NAMES, [0.0, 0.9, 3.0])
+    for start, goal in ((free, folded), (folded, free)):
+        plan = chain_planner(model).plan(JointGoal(goal, 1.0), start)
+        assert plan.status == INFEASIBLE and not plan.is_executable
+        assert "no motion without self-collision was found: 'a' and 'c' collide" in plan.message
+        assert "another duration" not in plan.message
+
+
+def test_robot_without_collision_geometry_is_said_so():
+    robot = Robot(CHAIN.replace("collision>", "visual>"), NAMES)
+    model = CollisionModel(robot)
+    assert not model.has_geometry and model.pairs == ()
+    start, goal = ACROSS_BASE
+    plan = chain_planner(model).plan(JointGoal(goal, 1.5), start)
+    assert plan.status == SOLVED
+    assert "self-collisions were not checked" in plan.message
+
+
+def sequence_of_chain(
+    model: CollisionModel, *targets: list[float], mode: str = OPTIMAL
+) -> SequencePlan:
+    robot = chain()
+    planner = SequencePlanner(robot, [fold()], robot.limits(), collision=model)
+    start, *states = (JointState(NAMES, q) for q in targets)
+    return planner.plan(SequenceGoal(tuple(states)), start, mode)
+
+
+def test_sequence_that_collides_is_infeasible(model):
+    across = [[0.0, 1.5, 2.09], [0.0, 2.1, 2.09], [0.0, 2.7, 2.09]]
+    for mode in (OPTIMAL, REAL_TIME):
+        plan = sequence_of_chain(model, *across, mode=mode)
+        assert plan.status == INFEASIBLE
+        assert "no motion without self-collision was found: 'base' and 'c'" in plan.message
+    free = sequence_of_chain(model, [0.0, 0.5, 0.0], [0.1, 0.7, 0.5], [0.2, 0.9, 1.0])
+    assert (free.status, free.mode) == (SOLVED, OPTIMAL)
+    blind = CollisionModel(Robot(CHAIN.replace("collision>", "visual>"), NAMES))
+    plan = sequence_of_chain(blind, *across)
+    assert plan.is_executable and "self-collisions were not checked" in plan.message
+
+
+def test_optimal_sequence_that_collides_gives_way_to_the_one_joined_in_real_time():
+    robot, model = arm_robot(), CollisionModel(arm_robot())
+    start, *targets = (JointState(JOINTS, d.positions[-1]) for d in arm_demonstrations()[:3])
+    goal = SequenceGoal(tuple(targets))
+    bold = SequencePlanner(robot, [arm_primitive()], robot.limits(), naturalness=0.0)
+    careful = SequencePlanner(
+        robot, [arm_primitive()], robot.limits(), naturalness=0.0, collision=model
+    )
+    assert model.collisions(bold.plan(goal, start).trajectory)
+    plan = careful.plan(goal, start)
+    assert plan.mode == REAL_TIME and plan.is_executable
+    assert "in the optimal one 'chest'" in plan.message
+
+
+# The command
+
+
+@pytest.fixture
+def files(tmp_path) -> list[str]:
+    save_primitive(fold(), tmp_path / "fold.npz")
     (tmp_path / "chain.urdf").write_text(CHAIN, encoding="utf-8")
     return [str(tmp_path / "fold.npz"), "--robot", str(tmp_path / "chain.urdf")]
 

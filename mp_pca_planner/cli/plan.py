@@ -16,7 +16,7 @@ from ..arrays import FloatArray
 from ..exceptions import GoalError, PlannerError
 from ..files import check_writable, write_whole
 from ..goal import JointGoal, JointState, Pose, PoseGoal, Via
-from ..planning.collision import CollisionFreePlanner, CollisionModel, package_folders
+from ..planning.collision import CollisionModel, package_folders
 from ..planning.families import MOST_STARTS
 from ..planning.objectives import OBJECTIVES, Objective, objective_by_name
 from ..planning.planner import (
@@ -144,7 +144,9 @@ def add_request_options(
 def add_collision_options(parser: CommandParser) -> None:
     """Add what says whether the robot may hit itself; :func:`collision_model` reads it."""
     parser.add_argument(
-        "--collision", action="store_true", help="refuse motions in which the robot hits itself"
+        "--collision",
+        action="store_true",
+        help="keep the robot from hitting itself",
     )
     parser.add_argument(
         "--srdf",
@@ -224,11 +226,9 @@ def plan_request(arguments: argparse.Namespace) -> tuple[Planner, Plan]:
     if set(start.joint_names) != set(names):
         missing = [name for name in names if name not in start.joint_names]
         raise GoalError(f"--start lacks a position for {', '.join(missing)}")
-    planner = Planner(robot, primitives, limits_of(robot, arguments.limits), options)
-    goal, collision = _goal(arguments, robot), collision_model(arguments, robot)
-    if collision is not None:
-        return planner, CollisionFreePlanner(planner, collision).plan(goal, start)
-    return planner, planner.plan(goal, start)
+    limits, collision = limits_of(robot, arguments.limits), collision_model(arguments, robot)
+    planner = Planner(robot, primitives, limits, options, collision)
+    return planner, planner.plan(_goal(arguments, robot), start)
 
 
 def collision_model(arguments: argparse.Namespace, robot: Robot) -> CollisionModel | None:

@@ -9,7 +9,6 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from ..goal import JointState, SequenceGoal
-from ..planning.collision import CollisionFreeSequencePlanner
 from ..planning.planner import PlannerOptions
 from ..planning.sequence import MODES, OPTIMAL, SequencePlan, SequencePlanner
 from ..primitives.primitive_library import load_primitives
@@ -128,12 +127,10 @@ def sequence_request(
         limits_of(robot, arguments.limits),
         naturalness=options.naturalness,
         sample_period=options.sample_period,
+        collision=collision_model(arguments, robot),
     )
     here = JointState(list(start), list(start.values()))
-    goal, collision = _goal(arguments, names), collision_model(arguments, robot)
-    if collision is not None:
-        return planner, CollisionFreeSequencePlanner(planner, collision).plan(goal, here, mode)
-    return planner, planner.plan(goal, here, mode)
+    return planner, planner.plan(_goal(arguments, names), here, mode)
 
 
 def _goal(arguments: argparse.Namespace, names: Sequence[str]) -> SequenceGoal:

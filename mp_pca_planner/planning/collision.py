@@ -1,44 +1,41 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Motions in which the robot doesn't hit itself.
+"""Whether a robot hits itself: which links may not touch, and how far apart they are.
 
 The distances of pairs of links are followed along the motion that the controller executes. A pair
 that is apart can't touch before the joints between have closed its distance, so it is looked at
 again only then (conservative advancement: Mirtich, PhD thesis, Berkeley, 1996), and otherwise
-every millisecond.
+every millisecond. Meshes are looked at closer than their convex hulls only where these are near.
 """
 
 from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
+from numpy.typing import NDArray
 
 from ..arrays import FloatArray
 from ..exceptions import RobotError
-from ..goal import JointState, SequenceGoal
 from ..robot import Robot
 from ..trajectory import Trajectory
 from ..validation import interpolate
-from .planner import INFEASIBLE, Plan, Planner
-from .sequence import OPTIMAL, REAL_TIME, SequencePlan, SequencePlanner
 
-# Motions that collide are pulled towards the expected one, ten times as hard each time.
-_PULLS = (1e-2, 1e-1, 1.0, 10.0)
+NOT_CHECKED = "; self-collisions were not checked: the robot has no collision geometry"
+"""What messages say then."""
+
 # Distances below this are contact [m]: what the algorithms give for touching surfaces.
 _CONTACT = 1e-6
-# A pair that needs another look later than this [s] needs no exact distance.
-_SOON = 0.02
-
-_AnyPlan = TypeVar("_AnyPlan", Plan, SequencePlan)
-
-_NOT_CHECKED = "; self-collisions were not checked: the robot has no collision geometry"
-_ALWAYS_COLLIDES = "no motion without self-collision was found: {}"
+# Precision of distances [m]: derivatives hold to a hundredth of what is usual.
+_PRECISION = 1e-8
+# A pair that needs another look later than so many samples needs no exact distance, and none waits
+# for more than so many.
+_SOON, _LATEST = 20, 500
 
 
 @dataclass(frozen=True)
@@ -47,18 +44,21 @@ class Collision:
 
     Attributes
     ----------
+    pair : int
+        Which of the pairs of the model they are.
     links : tuple of str
         Their names.
     time : float
         When they are deepest in each other [s].
     penetration : float
-        How deep [m]; of meshes it is a lower bound.
+        How deep [m]; of meshes that are not convex it is a lower bound.
     first_time : float
         When they meet [s].
     last_time : float
         When they were last found in each other [s].
     """
 
+    pair: int
     links: tuple[str, str]
     time: float
     penetration: float
@@ -117,7 +117,14 @@ class CollisionModel:
             self._remove_disabled(Path(srdf))
         self._remove_fixed()
         self._geometry_data = self._geometry.createData()
-        self.pairs = tuple(self._links(pair) for pair in self._geometry.collisionPairs)
+        self._hulls, convex = _hulls(self._geometry)
+        self._hull_data = self._hulls.createData()
+        for request in self._hull_data.distanceRequests:
+            request.gjk_tolerance = _PRECISION
+        pairs = self._geometry.collisionPairs
+        self._are_convex = [convex[pair.first] and convex[pair.second] for pair in pairs]
+        self.pairs = tuple(self._links(pair) for pair in pairs)
+        self._moved = self._moved_by_joints()
         self._levers = self._lever_arms()
 
     @property
@@ -125,8 +132,8 @@ class CollisionModel:
         """Whether there is any collision geometry at all."""
         return bool(self._geometry.ngeoms)
 
-    def worst_collision(self, trajectory: Trajectory) -> Collision | None:
-        """The deepest collision of a motion, None if there is none.
+    def collisions(self, trajectory: Trajectory) -> tuple[Collision, ...]:
+        """The collisions of a motion, one of each pair that has any, the deepest first.
 
         Parameters
         ----------
@@ -134,45 +141,91 @@ class CollisionModel:
             The motion, of the robot's joints in its order.
         """
         dense = interpolate(trajectory)
-        q = np.ascontiguousarray(dense.q[:, self._order])
-        # How fast each pair can close, at most [m/s].
-        closing = self._levers @ np.abs(dense.v[:, self._order]).max(axis=0)
-        closing = np.maximum(closing, 1e-9)
-        due = np.zeros(len(self.pairs))
+        speeds = np.abs(dense.v[:, self._order])
+        ways = np.maximum(speeds[1:], speeds[:-1]) * np.diff(dense.times)[:, None]
+        # How far each joint has gone up to each moment.
+        gone = np.concatenate([np.zeros((1, ways.shape[1])), np.cumsum(ways, axis=0)])
+        last = len(gone) - 1
+        due = np.zeros(len(self.pairs), dtype=np.intp)
         found: dict[int, list[tuple[float, float]]] = {}
-        for time, configuration in zip(dense.times, q, strict=True):
-            # The last point is looked at whatever is due.
-            now = np.flatnonzero(due <= time) if time < dense.times[-1] else np.arange(len(due))
+        for i, (time, configuration) in enumerate(zip(dense.times, dense.q, strict=True)):
+            # The last sample is looked at whatever is due.
+            now = np.flatnonzero(due <= i) if i < last else np.arange(due.size)
             if not now.size:
                 continue
-            # Far pairs are told by the spheres around them, which takes no time.
-            distances = self._distances(configuration, now, _SOON * closing[now])
-            due[now] = time + np.maximum(distances, 0.0) / closing[now]
+            # How far each pair can have closed at the samples that follow, at most [m].
+            closed = (gone[i + 1 : i + 1 + _LATEST] - gone[i]) @ self._levers[now].T
+            soon = closed[:_SOON].max(axis=0, initial=0.0)
+            distances = self._lower_bounds(configuration, now, soon)
+            due[now] = i + 1 + np.count_nonzero(closed < distances, axis=0)
             for pair, distance in zip(now, distances, strict=True):
-                if distance < _CONTACT:
+                if not distance >= _CONTACT:  # a NaN is a collision
                     found.setdefault(int(pair), []).append((float(distance), float(time)))
-        if not found:
-            return None
-        worst = min(found, key=lambda pair: min(found[pair]))
-        distance, time = min(found[worst])
-        times = [moment for _, moment in found[worst]]
-        return Collision(self.pairs[worst], time, max(-distance, 0.0), times[0], times[-1])
+        return tuple(
+            Collision(pair, self.pairs[pair], time, max(0.0, -distance), met[0][1], met[-1][1])
+            for (distance, time), pair, met in sorted((min(m), p, m) for p, m in found.items())
+        )
 
-    def _distances(self, configuration: FloatArray, pairs: Any, enough: Any = None) -> FloatArray:
+    def distances(self, q: FloatArray, pairs: NDArray[np.intp]) -> tuple[FloatArray, FloatArray]:
+        """How far pairs are apart, and how that changes with the joints.
+
+        Parameters
+        ----------
+        q : array, shape (n_joints,)
+            Positions of the robot's joints in its order.
+        pairs : array of int, shape (n_pairs,)
+            Which of the pairs.
+
+        Returns
+        -------
+        distances : array, shape (n_pairs,)
+            Of the convex hulls of the links' geometry [m], negative where they are in each other.
+        rows : array, shape (n_pairs, n_joints)
+            Their derivatives by the joints: of two links, how fast the nearest point of the second
+            goes away from that of the first.
+        """
+        jacobian = pin.computeJointJacobians(self._model, self._data, self._in_model_order(q))
+        pin.updateGeometryPlacements(self._model, self._data, self._hulls, self._hull_data)
+        found = [pin.computeDistance(self._hulls, self._hull_data, int(k)) for k in pairs]
+        distances = np.array([one.min_distance for one in found])
+        first = np.array([one.getNearestPoint1() for one in found])
+        second = np.array([one.getNearestPoint2() for one in found])
+        away = (second - first) * np.sign(distances)[:, None]
+        lengths = np.linalg.norm(away, axis=1)
+        for i in np.flatnonzero(~(lengths > _CONTACT)):
+            # In contact there are no two points to tell the direction.
+            a, b = (self._centre(part) for part in _both(self._hulls.collisionPairs[int(pairs[i])]))
+            away[i], lengths[i] = b - a, max(float(np.linalg.norm(b - a)), _CONTACT)
+        away /= lengths[:, None]
+        # Both points are on one line along that direction, which turns about the origin alike.
+        along = np.hstack([away, np.cross(second, away)]) @ jacobian
+        rows = np.empty_like(along)
+        rows[:, self._order] = along * self._moved[pairs]
+        return distances, rows
+
+    def _in_model_order(self, q: FloatArray) -> FloatArray:
+        return np.ascontiguousarray(q[self._order])
+
+    def _centre(self, part: int) -> FloatArray:
+        return np.asarray(self._hull_data.oMg[part].act(self._centres[part]))
+
+    def _lower_bounds(self, q: FloatArray, pairs: Any, enough: FloatArray) -> FloatArray:
         """Distances of pairs [m]; where they exceed `enough`, a lower bound that does, too."""
+        q = self._in_model_order(q)
+        pin.updateGeometryPlacements(self._model, self._data, self._hulls, self._hull_data, q)
+        distances = np.array([self._hull_distance(int(k)) for k in pairs])
+        near = [i for i in np.flatnonzero(distances <= enough) if not self._are_convex[pairs[i]]]
+        if near:
+            distances[near] = self._exact_distances(q, pairs[near])
+        return distances
+
+    def _hull_distance(self, pair: int) -> float:
+        return float(pin.computeDistance(self._hulls, self._hull_data, pair).min_distance)
+
+    def _exact_distances(self, configuration: FloatArray, pairs: Any) -> FloatArray:
         geometry, data = self._geometry, self._geometry_data
         pin.updateGeometryPlacements(self._model, self._data, geometry, data, configuration)
-        centres = [
-            placement.act(centre) for placement, centre in zip(data.oMg, self._centres, strict=True)
-        ]
-        distances = np.empty(len(pairs))
-        for i, k in enumerate(pairs):
-            pair = geometry.collisionPairs[int(k)]
-            apart = np.linalg.norm(centres[pair.first] - centres[pair.second])
-            distances[i] = apart - self._radii[pair.first] - self._radii[pair.second]
-            if enough is None or distances[i] < enough[i]:
-                distances[i] = pin.computeDistance(geometry, data, int(k)).min_distance
-        return distances
+        return np.array([pin.computeDistance(geometry, data, int(k)).min_distance for k in pairs])
 
     def _links(self, pair: Any) -> tuple[str, str]:
         objects = self._geometry.geometryObjects
@@ -193,7 +246,9 @@ class CollisionModel:
         neutral = np.clip(pin.neutral(self._model), low, high)
         self._geometry_data = self._geometry.createData()
         pairs = list(self._geometry.collisionPairs)
-        for pair, distance in zip(pairs, self._distances(neutral, range(len(pairs))), strict=True):
+        for pair, distance in zip(
+            pairs, self._exact_distances(neutral, range(len(pairs))), strict=True
+        ):
             if distance < _CONTACT:
                 self._geometry.removeCollisionPair(pair)
 
@@ -204,6 +259,20 @@ class CollisionModel:
         except (OSError, ValueError, RuntimeError) as error:
             reason = getattr(error, "strerror", None) or error
             raise RobotError(f"the SRDF file '{srdf}' can't be read: {reason}") from None
+
+    def _moved_by_joints(self) -> FloatArray:
+        """What each joint moves of each pair, shape (n_pairs, n_joints).
+
+        The second link: 1, the first: −1, none or both: 0.
+        """
+        moves = np.zeros((self._model.njoints, self._model.nv))
+        for joint, supports in enumerate(self._model.supports):
+            for other in list(supports)[1:]:
+                moves[joint, self._model.joints[other].idx_v] = 1.0
+        objects = self._geometry.geometryObjects
+        joints = [[objects[i].parentJoint for i in _both(p)] for p in self._hulls.collisionPairs]
+        first, second = np.reshape(joints, (-1, 2)).T.astype(np.intp)
+        return np.asarray(moves[second] - moves[first])
 
     def _lever_arms(self) -> FloatArray:
         """How fast each joint can make the links of each pair approach, (n_pairs, n_joints).
@@ -235,101 +304,24 @@ class CollisionModel:
         return float(np.abs(ends).max())
 
 
+def _hulls(geometry: Any) -> tuple[Any, list[bool]]:
+    """The same with convex hulls in the place of meshes, and which parts were convex before."""
+    hulls = geometry.copy()
+    convex = []
+    for part, hull in zip(geometry.geometryObjects, hulls.geometryObjects, strict=True):
+        shape = part.geometry
+        convex.append(not hasattr(shape, "buildConvexHull"))
+        if not convex[-1]:
+            try:
+                convex[-1] = shape.buildConvexHull(True, "Qt")
+            except (RuntimeError, ValueError):
+                continue  # it is flat, or the library was built without qhull
+            hull.geometry = shape.convex
+    return hulls, convex
+
+
 def _both(pair: Any) -> tuple[int, int]:
     return pair.first, pair.second
-
-
-@dataclass(eq=False)
-class CollisionFreePlanner:
-    """A planner whose motions don't make the robot hit itself.
-
-    A motion that does is planned again nearer to the demonstrations; if that doesn't help, it is
-    infeasible.
-
-    Parameters
-    ----------
-    planner : Planner
-        Plans without regard to collisions.
-    collision : CollisionModel
-        Of the same robot.
-    """
-
-    planner: Planner
-    collision: CollisionModel
-    _stronger: dict[float, Planner] = field(default_factory=dict, init=False)
-
-    def plan(self, goal: Any, start: JointState) -> Plan:
-        """Plan a motion to any goal that :meth:`Planner.plan` takes."""
-        first, worst = _looked_at(self.planner.plan(goal, start), self.collision)
-        if worst is None:
-            return first
-        return self._remedy(goal, start, first, worst)
-
-    def _remedy(self, goal: Any, start: JointState, first: Plan, worst: Collision) -> Plan:
-        """A motion nearer to the demonstrations that is free, or the refusal of the first."""
-        taken = first.solve_time
-        if _inside(worst, first.trajectory):
-            for pull in (pull for pull in _PULLS if pull > first.naturalness):
-                plan = self._planner(pull).plan(goal, start)
-                taken += plan.solve_time
-                if plan.is_executable and not self.collision.worst_collision(plan.trajectory):
-                    raised = f"from {first.naturalness:g} to {plan.naturalness:g}"
-                    note = f"; to avoid self-collision, the naturalness was raised {raised}"
-                    return replace(plan, message=plan.message + note, solve_time=taken)
-        message = _ALWAYS_COLLIDES.format(worst)
-        return replace(first, status=INFEASIBLE, message=message, solve_time=taken)
-
-    def _planner(self, naturalness: float) -> Planner:
-        if naturalness not in self._stronger:
-            options = replace(self.planner.options, naturalness=naturalness)
-            self._stronger[naturalness] = replace(self.planner, options=options)
-        return self._stronger[naturalness]
-
-
-@dataclass(eq=False)
-class CollisionFreeSequencePlanner:
-    """A planner of sequences in which the robot doesn't hit itself.
-
-    Instead of an optimal sequence that does, the one joined in real time is returned, which is
-    nearer to the demonstrations; if that does, too, the sequence is infeasible.
-
-    Parameters
-    ----------
-    planner : SequencePlanner
-        Plans without regard to collisions.
-    collision : CollisionModel
-        Of the same robot.
-    """
-
-    planner: SequencePlanner
-    collision: CollisionModel
-
-    def plan(self, goal: SequenceGoal, start: JointState, mode: str = OPTIMAL) -> SequencePlan:
-        """Plan as :meth:`.SequencePlanner.plan` does."""
-        first, worst = _looked_at(self.planner.plan(goal, start, mode), self.collision)
-        if worst is None:
-            return first
-        taken = first.solve_time
-        if first.mode == OPTIMAL and _inside(worst, first.trajectory):
-            plan = self.planner.plan(goal, start, REAL_TIME)
-            taken += plan.solve_time
-            if plan.is_executable and not self.collision.worst_collision(plan.trajectory):
-                note = f"{plan.message}, for in the optimal one {worst}"
-                return replace(plan, message=note, solve_time=taken)
-        message = _ALWAYS_COLLIDES.format(worst)
-        return replace(first, status=INFEASIBLE, message=message, solve_time=taken)
-
-
-def _looked_at(plan: _AnyPlan, collision: CollisionModel) -> tuple[_AnyPlan, Collision | None]:
-    """A plan, which says so if nothing could be checked, and its worst collision."""
-    if not collision.has_geometry:
-        return replace(plan, message=plan.message + _NOT_CHECKED), None
-    return plan, collision.worst_collision(plan.trajectory) if plan.is_executable else None
-
-
-def _inside(collision: Collision, trajectory: Trajectory) -> bool:
-    """Whether the links are apart at both ends, which no other motion would change."""
-    return collision.first_time > 0.0 and collision.last_time < trajectory.duration
 
 
 def package_folders(urdf: Path, given: Sequence[Path] = ()) -> list[Path]:

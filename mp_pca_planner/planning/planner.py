@@ -21,6 +21,8 @@ from ..primitives.statistics import Conditional
 from ..robot import Robot
 from ..trajectory import Trajectory
 from ..validation import LimitCheck, check_executable, check_limits
+from .clearance import ClearProgram, Watch, watches_of
+from .collision import NOT_CHECKED, Collision, CollisionModel
 from .compiler import DEFAULT_NODES, MotionProgram, QuadratureTables
 from .conditions import Condition, JointTarget, PoseTarget, Target
 from .constraints import LimitedProgram, LimitTables
@@ -34,6 +36,7 @@ from .families import (
 from .motion import Motion
 from .objectives import Effort, Objective
 from .pose_search import POSE_TOLERANCE, configurations_at, nearest_configuration, starts_near
+from .program import Program
 from .selection import Selection, Selector
 from .solver import FEASIBLE, Solution, SolverMemory, SolverOptions, solve
 from .states import check_within_limits, completed, in_order, unwrapped
@@ -65,6 +68,8 @@ _SEARCH_NATURALNESS = 1e-2
 _NEAR_EXPECTED = 0.1
 # The shortest duration is stated this much longer, for a motion to fit into it again.
 _SHORTEST_MARGIN = 1.002
+# How much worse a motion in which links meet is than one in which they don't.
+_TOUCH = 1e-3
 # Times that limits which are broken between the points of the solver's grid are drawn in.
 _MOST_REFINEMENTS = 8
 # Where that doesn't meet the limits, a duration that nobody fixed is lengthened up to this
@@ -325,14 +330,26 @@ class _Attempt:
     phases: tuple[float, ...]
     trajectory: Trajectory
     check: LimitCheck
+    collisions: tuple[Collision, ...]
+    kept_apart: bool
     solved_at: float
 
     @property
     def fault(self) -> float:
-        """0 if it keeps the limits and meets the conditions, otherwise by how much it doesn't."""
+        """0 if it may be executed and meets the conditions, otherwise by how much it mustn't."""
         missed = _largest(self.condition_errors)
         broken = self.check.worst_excess if self.check.violations else 0.0
-        return broken + (missed if not missed <= POSE_TOLERANCE else 0.0)
+        met = sum(_TOUCH + one.penetration for one in self.collisions)
+        return broken + met + (missed if not missed <= POSE_TOLERANCE else 0.0)
+
+    @property
+    def is_hopeless(self) -> bool:
+        """Whether links meet at an end that no other motion would change."""
+        goal_is_fixed, last = self.request.pose is None, self.motion.duration
+        return any(
+            one.first_time == 0.0 or (goal_is_fixed and one.last_time >= last)
+            for one in self.collisions
+        )
 
 
 @dataclass(eq=False)
@@ -349,6 +366,9 @@ class Planner:
         Limits of the joints.
     options : PlannerOptions
         How to plan.
+    collision : CollisionModel, optional
+        Of the same robot, not shared between threads: keeps the robot from hiting itself, where it
+        has collision geometry at all.
 
     Raises
     ------
@@ -360,6 +380,7 @@ class Planner:
     primitives: Sequence[MovementPrimitive]
     limits: JointLimits
     options: PlannerOptions = field(default_factory=PlannerOptions)
+    collision: CollisionModel | None = None
 
     def __post_init__(self) -> None:
         names = [p.name for p in self.primitives]
@@ -428,7 +449,7 @@ class Planner:
             attempt = self._within_limits(request, family, deadline)
             if best is None or attempt.fault < best.fault:
                 best = attempt
-            if best.fault == 0.0 or _is_over(deadline):
+            if best.fault == 0.0 or best.is_hopeless or _is_over(deadline):
                 break
         assert best is not None
         return best
@@ -520,7 +541,7 @@ class Planner:
         if best.fault == 0.0:
             asked = best.request.duration_is_free and self.options.timing == SHORTEST
             return best.motion.duration if asked else float("nan")
-        if goal.duration is None:
+        if goal.duration is None or best.is_hopeless:
             return float("nan")
         request = best.request
         expected = self._expect(request.primitive, request.start, request.goal, None)
@@ -690,8 +711,12 @@ class Planner:
         limited = limited_by(None if unbounded else self.limits)
         starts, passes, touched = first, 0, False
         memory: SolverMemory | None = None
+        watches: tuple[Watch, ...] = ()
         for _ in range(_MOST_REFINEMENTS):
-            solutions = _solutions(limited, starts, memory, most, deadline)
+            whole: Program = limited
+            if self.collision is not None and watches:
+                whole = ClearProgram(limited, family.basis, self.collision, watches)
+            solutions = _solutions(whole, starts, memory, most, deadline)
             solved_at = time.perf_counter()
             passes += sum(one.iterations for one in solutions)
             found = min(solutions, key=lambda one: (one.infeasibility > FEASIBLE, one.cost))
@@ -700,6 +725,8 @@ class Planner:
             motion = self._motion(request, family, program, x)
             trajectory = self._sample(motion)
             check = check_limits(trajectory, self.robot, self.limits)
+            # Where limits are broken, there will be another motion to look at.
+            collisions = () if check.violations else self._collisions(trajectory)
             if check.violations and unbounded:
                 unbounded, limited = False, limited_by(self.limits)
                 starts, memory = first, None
@@ -707,10 +734,15 @@ class Planner:
             # What is only touched may be broken between the points of the check's grid: once is
             # enough, for an end of the motion may be there.
             again = check.violations or (check.touched and not touched and not unbounded)
-            if not again or not found.converged:
+            if not (again or collisions) or not found.converged:
                 break
-            limited = limited.tightened(check.touched)
-            touched = not check.violations
+            if again:
+                limited = limited.tightened(check.touched)
+                touched = not check.violations
+            if collisions:
+                watches += self._watches(collisions, watches, motion, request)
+                # The way round from there may be blocked.
+                starts = np.stack([x, first[0]])
         natural = program.naturalness(x)
         solution = MotionSolution(
             weights=motion.weights,
@@ -733,8 +765,27 @@ class Planner:
             phases,
             trajectory,
             check,
+            collisions,
+            bool(watches),
             solved_at,
         )
+
+    def _collisions(self, trajectory: Trajectory) -> tuple[Collision, ...]:
+        return () if self.collision is None else self.collision.collisions(trajectory)
+
+    def _watches(
+        self,
+        collisions: tuple[Collision, ...],
+        known: tuple[Watch, ...],
+        motion: Motion,
+        request: _Request,
+    ) -> tuple[Watch, ...]:
+        """What to keep apart in addition, for a motion in which links meet."""
+        assert self.collision is not None
+        ends = [motion.start.positions]
+        if request.pose is None:
+            ends.append(motion.goal.positions)
+        return watches_of(collisions, known, self.collision, ends, motion.duration)
 
     def _motion(
         self, request: _Request, family: Family, program: MotionProgram, x: FloatArray
@@ -762,14 +813,16 @@ class Planner:
         """The duration and naturalness to try next if limits are broken, None if none is left.
 
         What the expected motion breaks, too, takes more time; what it does not break was broken
-        for the sake of less effort, and takes more naturalness.
+        for the sake of less effort, and takes more naturalness. So do links that meet.
         """
-        if not attempt.check.violations:
+        if not (attempt.check.violations or attempt.collisions) or attempt.is_hopeless:
             return None
         request, family = attempt.request, attempt.family
         duration, naturalness = attempt.motion.duration, attempt.naturalness
-        expected = replace(attempt.motion, weights=family.expected)
-        check = check_limits(self._sample(expected), self.robot, self.limits)
+        expected = self._sample(replace(attempt.motion, weights=family.expected))
+        if attempt.collisions and self._collisions(expected):
+            return None
+        check = check_limits(expected, self.robot, self.limits)
         longest = request.expected.duration * (_LONGEST_STRETCH if request.duration_is_free else 1)
         slower = min(duration * _stretch(check), longest)
         if slower > duration:
@@ -840,14 +893,10 @@ class Planner:
             )
         except TrajectoryError as error:
             message = f"no motion within the limits was found: {error}"
-            if np.isfinite(shortest):
-                message += f"; the shortest duration that the limits allow is {shortest:.4g} s"
-            elif not attempt.request.duration_is_free:
-                message += (
-                    "; nor was one found in another duration, within max_solve_time = "
-                    f"{self.options.max_solve_time:g} s"
-                )
-            return INFEASIBLE, message
+            return INFEASIBLE, message + self._other_duration(attempt, shortest)
+        if attempt.collisions:
+            message = f"no motion without self-collision was found: {attempt.collisions[0]}"
+            return INFEASIBLE, message + self._other_duration(attempt, shortest)
         if missed > POSE_TOLERANCE:
             return INFEASIBLE, (
                 "no motion that passes where it was asked to was found: the nearest one is "
@@ -863,6 +912,17 @@ class Planner:
         least = "effort" if effort_alone else "cost"
         return SOLVED, f"motion of least {least} found{concessions}"
 
+    def _other_duration(self, attempt: _Attempt, shortest: float) -> str:
+        """What is known of motions in another duration than that asked for."""
+        if np.isfinite(shortest):
+            return f"; the shortest duration that the limits allow is {shortest:.4g} s"
+        if attempt.request.duration_is_free or attempt.is_hopeless:
+            return ""
+        return (
+            "; nor was one found in another duration, within max_solve_time = "
+            f"{self.options.max_solve_time:g} s"
+        )
+
     def _concessions(self, attempt: _Attempt) -> str:
         """What had to be given up to do what was asked, as the end of a sentence."""
         usual, duration = attempt.request.expected.duration, attempt.motion.duration
@@ -874,7 +934,14 @@ class Planner:
                 f"the naturalness was raised from {self.options.naturalness:g} "
                 f"to {attempt.naturalness:g}"
             )
-        kept = f"; to keep the limits, {' and '.join(given_up)}" if given_up else ""
+        why = "to keep the limits"
+        if self.collision is not None and self.collision.has_geometry:
+            why += " without self-collision"
+        kept = f"; {why}, {' and '.join(given_up)}" if given_up else ""
+        if attempt.kept_apart:
+            kept += "; links that would meet otherwise are kept apart"
+        if self.collision is not None and not self.collision.has_geometry:
+            kept += NOT_CHECKED
         if self.options.basis == "pca" and attempt.family.is_corrected:
             kept += (
                 f"; beyond the components of the primitive it took B-splines, "
@@ -916,7 +983,7 @@ def _starts(family: Family, program: MotionProgram, naturalness: float) -> Float
 
 
 def _solutions(
-    program: LimitedProgram,
+    program: Program,
     starts: FloatArray,
     memory: SolverMemory | None,
     most_iterations: int,

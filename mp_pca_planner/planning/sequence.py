@@ -44,6 +44,7 @@ from ..primitives.statistics import Conditional
 from ..robot import Robot
 from ..trajectory import Trajectory
 from ..validation import LimitCheck, check_executable, check_limits
+from .collision import NOT_CHECKED, Collision, CollisionModel
 from .compiler import QuadratureTables
 from .conditions import JointTarget, PoseTarget, Target
 from .motion import Motion
@@ -174,6 +175,9 @@ class SequencePlanner:
         Longest time between the points of a trajectory [s].
     max_solve_time : float
         Longest time for the search [s]; the best motion found by then is returned.
+    collision : CollisionModel, optional
+        Of the same robot, not shared between threads: an optimal motion in which the robot hits
+        itself gives way to the one joined in real time, which is nearer to the demonstrations.
     """
 
     def __init__(
@@ -185,6 +189,7 @@ class SequencePlanner:
         naturalness: float = 1.0,
         sample_period: float = 0.01,
         max_solve_time: float = float("inf"),
+        collision: CollisionModel | None = None,
     ) -> None:
         self.robot = robot
         self.primitives = tuple(primitives)
@@ -193,6 +198,7 @@ class SequencePlanner:
         self._naturalness = naturalness
         self._period = sample_period
         self._max_solve_time = max_solve_time
+        self._collision = collision
 
     def plan(self, goal: SequenceGoal, start: JointState, mode: str = OPTIMAL) -> SequencePlan:
         """Plan a motion through the configurations and poses of a goal.
@@ -231,7 +237,10 @@ class SequencePlanner:
             better, better_check, iterations, converged = self._optimise(request, quick, deadline)
             found += time.perf_counter() - began
             status = SOLVED if converged else STOPPED_EARLY
-            if not better_check.violations:
+            collisions = () if better_check.violations else self._collisions(better)
+            if collisions:
+                note += f", for in the optimal one {collisions[0]}"
+            elif not better_check.violations:
                 chosen, check, used = better, better_check, OPTIMAL
                 note = "motion of least effort found"
                 if not converged:
@@ -420,6 +429,11 @@ class SequencePlanner:
         assert check is not None
         return motions, check, passes, converged
 
+    def _collisions(self, motions: Sequence[Motion]) -> tuple[Collision, ...]:
+        if self._collision is None:
+            return ()
+        return self._collision.collisions(self._sample(motions))
+
     def _in_span_score(self, primitive: MovementPrimitive, motion: Motion) -> float:
         scores = self._selector.scores(motion.start.positions, motion.goal.positions)
         return float(scores[self.primitives.index(primitive)])
@@ -452,6 +466,14 @@ class SequencePlanner:
             check_executable(trajectory, check, request.states[0])
         except TrajectoryError as error:
             status, note = INFEASIBLE, f"no motion within the limits was found: {error}"
+        else:
+            # An optimal one was looked at before it was chosen.
+            collisions = self._collisions(motions) if mode == REAL_TIME else ()
+            if collisions:
+                status = INFEASIBLE
+                note = f"no motion without self-collision was found: {collisions[0]}"
+            elif self._collision is not None and not self._collision.has_geometry:
+                note += NOT_CHECKED
         ends = np.cumsum([motion.duration for motion in motions])
         rows = [int(np.abs(trajectory.times - end).argmin()) for end in ends]
         *vias, last = (
