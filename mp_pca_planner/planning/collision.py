@@ -145,25 +145,27 @@ class CollisionModel:
         ways = np.maximum(speeds[1:], speeds[:-1]) * np.diff(dense.times)[:, None]
         # How far each joint has gone up to each moment.
         gone = np.concatenate([np.zeros((1, ways.shape[1])), np.cumsum(ways, axis=0)])
-        last = len(gone) - 1
+        i, last = 0, len(gone) - 1
         due = np.zeros(len(self.pairs), dtype=np.intp)
         found: dict[int, list[tuple[float, float]]] = {}
-        for i, (time, configuration) in enumerate(zip(dense.times, dense.q, strict=True)):
+        while i <= last and self.pairs:
             # The last sample is looked at whatever is due.
             now = np.flatnonzero(due <= i) if i < last else np.arange(due.size)
-            if not now.size:
-                continue
             # How far each pair can have closed at the samples that follow, at most [m].
             closed = (gone[i + 1 : i + 1 + _LATEST] - gone[i]) @ self._levers[now].T
             soon = closed[:_SOON].max(axis=0, initial=0.0)
-            distances = self._lower_bounds(configuration, now, soon)
+            distances = self._lower_bounds(dense.q[i], now, soon)
             due[now] = i + 1 + np.count_nonzero(closed < distances, axis=0)
             for pair, distance in zip(now, distances, strict=True):
                 if not distance >= _CONTACT:  # a NaN is a collision
-                    found.setdefault(int(pair), []).append((float(distance), float(time)))
+                    met = float(distance), float(dense.times[i])
+                    found.setdefault(int(pair), []).append(met)
+            i = min(int(due.min()), last) if i < last else last + 1
         return tuple(
-            Collision(pair, self.pairs[pair], time, max(0.0, -distance), met[0][1], met[-1][1])
-            for (distance, time), pair, met in sorted((min(m), p, m) for p, m in found.items())
+            Collision(k, self.pairs[k], time, max(0.0, -distance), looks[0][1], looks[-1][1])
+            for (distance, time), k, looks in sorted(
+                (min(looks), k, looks) for k, looks in found.items()
+            )
         )
 
     def distances(self, q: FloatArray, pairs: NDArray[np.intp]) -> tuple[FloatArray, FloatArray]:

@@ -367,7 +367,7 @@ class Planner:
     options : PlannerOptions
         How to plan.
     collision : CollisionModel, optional
-        Of the same robot, not shared between threads: keeps the robot from hiting itself, where it
+        Of the same robot, not shared between threads: keeps the robot from hitting itself, where it
         has collision geometry at all.
 
     Raises
