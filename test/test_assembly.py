@@ -15,6 +15,12 @@ from mp_pca_planner.ros.assembly import assemble_model
 from mp_pca_planner.ros.parameters import Settings
 
 URDF = config_file("human_arm.urdf").read_text(encoding="utf-8")
+MESHED = URDF.replace(
+    "</robot>",
+    '<link name="tool"><collision><geometry><mesh filename="package://tools/tool.stl"/></geometry>'
+    '</collision></link><joint name="flange" type="fixed"><parent link="wrist"/>'
+    '<child link="tool"/></joint></robot>',
+)
 PRIMITIVES = (arm_primitive(),)
 
 
@@ -40,6 +46,17 @@ def test_limits_file_may_name_joints_that_the_primitives_do_not_move(tmp_path: P
     assert model.robot.joint_names == JOINTS
 
 
+def test_meshes_are_needed_only_where_collisions_are_looked_for(tmp_path: Path) -> None:
+    assert assemble_model(MESHED, PRIMITIVES, Settings()).planner.collision is None
+    (tmp_path / "tools").mkdir()
+    triangle = "facet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\n"
+    text = f"solid x\n{triangle}endloop\nendfacet\nendsolid x\n"
+    (tmp_path / "tools" / "tool.stl").write_text(text, encoding="utf-8")
+    settings = Settings(collision=True, package_dirs=("", str(tmp_path)))
+    collision = assemble_model(MESHED, PRIMITIVES, settings).planner.collision
+    assert collision is not None and ("chest", "tool") in collision.pairs
+
+
 @pytest.mark.parametrize(
     ("urdf", "settings", "error"),
     [
@@ -47,6 +64,8 @@ def test_limits_file_may_name_joints_that_the_primitives_do_not_move(tmp_path: P
         (URDF.replace('"elbow"', '"knee"'), Settings(), RobotError),
         (URDF, Settings(limits_file="/nowhere.yaml"), LimitsError),
         (URDF, Settings(limits={"elbow": {"max_velocity": -1.0}}), LimitsError),
+        (URDF, Settings(collision=True, srdf="/nowhere.srdf"), RobotError),
+        (MESHED, Settings(collision=True, package_dirs=("/nowhere",)), RobotError),
     ],
 )
 def test_what_does_not_fit_together_is_refused(

@@ -209,9 +209,10 @@ def test_unreadable_srdf_is_refused(tmp_path):
 def test_packages_are_looked_for_where_ros_and_the_urdf_are(monkeypatch, tmp_path):
     monkeypatch.setenv("ROS_PACKAGE_PATH", "/one:/two")
     monkeypatch.setenv("AMENT_PREFIX_PATH", "/opt/ros")
-    folders = package_folders(tmp_path / "robot.urdf", [Path("/given")])
+    folders = package_folders([Path("/given")], tmp_path / "robot.urdf")
     known = [Path("/given"), Path("/one"), Path("/two"), Path("/opt/ros/share")]
     assert folders[:5] == [*known, tmp_path.resolve()]
+    assert package_folders([Path("/given")]) == known
 
 
 @pytest.mark.parametrize("which", ["chain", "arm"])

@@ -149,6 +149,8 @@ def plausible_values(name: str) -> st.SearchStrategy[Any]:
     declaration = DECLARED[name]
     if isinstance(declaration.default, bool):
         return st.booleans()
+    if isinstance(declaration.default, int):
+        return st.integers(declaration.low, declaration.high)
     if isinstance(declaration.default, float):
         return st.floats(declaration.low, declaration.high)
     if isinstance(declaration.default, tuple):
@@ -197,8 +199,8 @@ def is_valid(declaration: Declaration, value: Any) -> bool:
         return isinstance(default, tuple) or declaration.name.startswith(LIMITS_PREFIX)
     if isinstance(default, tuple):
         return all(isinstance(text, str) for text in value)
-    if isinstance(default, float):
-        return isinstance(value, float) and declaration.low <= value <= declaration.high
+    if type(default) in (int, float):
+        return type(value) is type(default) and declaration.low <= value <= declaration.high
     is_choice = not declaration.choices or value in declaration.choices
     return type(value) is type(default) and is_choice
 

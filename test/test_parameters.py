@@ -39,7 +39,7 @@ def test_parameter_file_shows_every_parameter_with_its_default() -> None:
     text = config_file("planner.yaml").read_text(encoding="utf-8")
     shown = yaml.safe_load(text)["/**"]["ros__parameters"]
     declared = {
-        d.name: list(d.default) if d.name == "primitives" else d.default for d in DECLARATIONS
+        d.name: list(d.default) if isinstance(d.default, tuple) else d.default for d in DECLARATIONS
     }
     assert shown == declared
     assert {n: type(v) for n, v in shown.items()} == {n: type(v) for n, v in declared.items()}
@@ -50,7 +50,7 @@ def test_parameter_file_shows_every_parameter_with_its_default() -> None:
 def test_every_parameter_is_described_and_its_default_is_accepted() -> None:
     for declaration in (*DECLARATIONS, *limit_declarations(["elbow"])):
         assert declaration.description.endswith(".")
-        if isinstance(declaration.default, float):
+        if type(declaration.default) in (int, float):
             assert declaration.low <= declaration.default <= declaration.high
         if declaration.choices:
             assert declaration.default in declaration.choices
@@ -62,7 +62,7 @@ def test_every_parameter_is_described_and_its_default_is_accepted() -> None:
 )
 def test_planner_accepts_the_ends_of_every_range(name: str, end: str) -> None:
     declaration = BY_NAME[name]
-    is_number = isinstance(declaration.default, float)
+    is_number = type(declaration.default) in (int, float)
     value = getattr(declaration, end) if is_number else declaration.default
     options = Settings.from_values({name: value}).planner_options
     assert getattr(options, name) == value

@@ -52,11 +52,13 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from visualization_msgs.msg import MarkerArray
 
 from mp_pca_planner.cli.send_goal import main as send_goal
+from mp_pca_planner.planning.collision import Collision, CollisionModel
 from mp_pca_planner.primitives.build import build_primitive
 from mp_pca_planner.primitives.file import load_primitive, save_primitive
 from mp_pca_planner.recordings.demonstration import Demonstration
 from mp_pca_planner.ros.client import Answer, GoalClient, start_node
 from mp_pca_planner.ros.parameters import DECLARATIONS, limit_declarations
+from mp_pca_planner.trajectory import Trajectory
 
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 
@@ -272,6 +274,32 @@ def test_velocity_limit_set_at_run_time_is_kept_and_can_be_taken_back(client: Go
     assert peak() == pytest.approx(before)
 
 
+def test_motions_in_which_the_robot_hits_itself_go_around_or_are_refused(
+    client: GoalClient,
+) -> None:
+    model = CollisionModel(arm_robot())
+
+    def collisions(answer: Answer) -> tuple[Collision, ...]:
+        message = answer.trajectory
+        assert message is not None
+        states = (column(message, f) for f in ("positions", "velocities", "accelerations"))
+        seconds = 1e-9 * np.array(times(message), dtype=float)
+        return model.collisions(Trajectory(message.joint_names, seconds, *states))
+
+    with parameters(client, naturalness=0.0):
+        assert collisions(client.send(goal_message()))
+        with parameters(client, collision=True, n_starts=2):
+            answer = client.send(goal_message())
+            assert not collisions(answer)
+            assert "kept apart" in answer.report.message
+            into_chest = client.send(goal_message([0.0, 0.0, 1.5, -2.0]))
+            assert_refused(into_chest, "self-collision", "'chest' and 'lower_arm' collide")
+            via = JointTrajectoryPoint(positions=GOAL)
+            end = JointTrajectoryPoint(positions=[0.0, 0.0, 1.5, -2.0])
+            sequence = JointTrajectory(joint_names=JOINTS, points=[via, end])
+            assert_refused(client.send(sequence), "self-collision", "'chest' and 'lower_arm'")
+
+
 def test_goal_velocity_is_served_only_if_the_controller_accepts_it(client: GoalClient) -> None:
     goal = goal_message(velocity=[0.1, 0.0, 0.0, 0.0])
     assert_refused(client.send(goal), "shoulder1", "velocity")
@@ -288,6 +316,8 @@ def test_goal_velocity_is_served_only_if_the_controller_accepts_it(client: GoalC
         ("duration", float("nan"), ["duration"]),
         ("duration", 2, ["DOUBLE"]),
         ("sample_period", 0.0, ["sample_period"]),
+        ("n_starts", 6, ["n_starts", "5"]),
+        ("n_starts", 1.0, ["INTEGER"]),
         ("basis", "fourier", ["fourier", "pca", "bspline"]),
         ("start_from", "", ["measured", "commanded"]),
         ("primitives", ["/nowhere.npz"], ["/nowhere.npz", "no such file"]),

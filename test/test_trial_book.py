@@ -15,6 +15,7 @@ pytest.importorskip("cmaes", reason="cmaes (extra 'learn') is not installed")
 
 from mp_pca_planner.exceptions import LearningError
 from mp_pca_planner.goal import JointGoal, JointState
+from mp_pca_planner.planning.collision import CollisionModel
 from mp_pca_planner.planning.planner import Plan
 from mp_pca_planner.resources import config_file
 from mp_pca_planner.ros.assembly import Model, assemble_model
@@ -81,6 +82,27 @@ def test_first_trial_is_the_planned_motion_and_repeats_until_its_cost_is_told(mo
     trial.tell(4.0)
     with pytest.raises(LearningError, match="none of 2 trials cost less"):
         trial.to_keep()
+
+
+def test_trials_keep_the_robot_from_hitting_itself_where_that_is_wanted(tmp_path: Path) -> None:
+    # Past the chest, as near as it may be.
+    start, end = arm_primitive().boundary_states[11][[0, 3]]
+    goal, here = JointGoal(JointState(JOINTS, end)), JointState(JOINTS, start)
+    collision, n_collisions = CollisionModel(arm_robot()), {}
+    for wanted in (False, True):
+        settings = Settings(
+            learn_trials=True, save_folder=str(tmp_path), naturalness=0.0, collision=wanted
+        )
+        model = assemble_model(URDF, [arm_primitive()], settings)
+        planned = replace(model.planner, collision=collision).plan(goal, here)
+        n_collisions[wanted], book = 0, TrialBook()
+        for number in range(1, 4):
+            plan, trial = book.vary(goal, planned, model)
+            n_collisions[wanted] += len(collision.collisions(plan.trajectory))
+            trial.tell(1.0 / number)
+        trial.close()
+    assert n_collisions[False] > 0
+    assert n_collisions[True] == 0
 
 
 def test_process_that_was_killed_goes_on_with_the_very_next_trial(model: Model) -> None:

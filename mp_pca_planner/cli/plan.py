@@ -243,7 +243,7 @@ def collision_model(arguments: argparse.Namespace, robot: Robot) -> CollisionMod
         if arguments.srdf is not None or arguments.package_dirs:
             raise PlannerError("--srdf and --package-dirs are for --collision: give that, too")
         return None
-    folders = package_folders(arguments.robot, arguments.package_dirs)
+    folders = package_folders(arguments.package_dirs, arguments.robot)
     return CollisionModel(robot, srdf=arguments.srdf, package_dirs=folders)
 
 

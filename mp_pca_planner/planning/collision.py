@@ -326,10 +326,10 @@ def _both(pair: Any) -> tuple[int, int]:
     return pair.first, pair.second
 
 
-def package_folders(urdf: Path, given: Sequence[Path] = ()) -> list[Path]:
-    """Folders in which packages may be: those given, those of ROS, and those above the URDF."""
+def package_folders(given: Sequence[Path], urdf: Path | None = None) -> list[Path]:
+    """Folders in which packages may be: those given, those of ROS, and those above a URDF file."""
     folders = [*given]
     folders += [Path(p) for p in os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep) if p]
     prefixes = os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)
     folders += [Path(p) / "share" for p in prefixes if p]
-    return [*folders, *urdf.resolve().parents]
+    return folders if urdf is None else [*folders, *urdf.resolve().parents]

@@ -12,6 +12,7 @@ from typing import Any
 from ..arrays import FloatArray
 from ..exceptions import unknown_name
 from ..limits import JointLimits, read_limits_file
+from ..planning.collision import CollisionModel, package_folders
 from ..planning.planner import Planner
 from ..planning.sequence import SequencePlanner
 from ..primitives.primitive import MovementPrimitive
@@ -86,6 +87,7 @@ class Model:
             naturalness=self.settings.naturalness,
             sample_period=self.settings.sample_period,
             max_solve_time=self.settings.max_solve_time,
+            collision=self.planner.collision,
         )
 
 
@@ -112,7 +114,12 @@ def assemble_model(urdf: str, primitives: Sequence[MovementPrimitive], settings:
     # Such a file describes the whole robot, the primitives may move a part of it.
     overrides = read_limits_file(file, robot.movable_joints) if file else {}
     limits = robot.limits(overrides, settings.limits)
-    planner = Planner(planning_robot, primitives, limits, settings.planner_options)
+    collision = None
+    if settings.collision:
+        folders = package_folders(settings.package_folders)
+        srdf = settings.srdf or None
+        collision = CollisionModel(planning_robot, srdf=srdf, package_dirs=folders)
+    planner = Planner(planning_robot, primitives, limits, settings.planner_options, collision)
     frame = settings.end_effector_frame
     if frame and frame not in robot.frame_names:
         reason = unknown_name("link of the robot description", frame, robot.frame_names)

@@ -12,7 +12,7 @@ import numpy as np
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from geometry_msgs.msg import PoseStamped
-from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from sensor_msgs.msg import JointState as JointStateMessage
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
@@ -345,5 +345,9 @@ def to_descriptor(declaration: Declaration) -> ParameterDescriptor:
     if isinstance(declaration.default, float):
         descriptor.floating_point_range = [
             FloatingPointRange(from_value=declaration.low, to_value=declaration.high)
+        ]
+    elif isinstance(declaration.default, int) and not isinstance(declaration.default, bool):
+        descriptor.integer_range = [
+            IntegerRange(from_value=int(declaration.low), to_value=int(declaration.high))
         ]
     return descriptor

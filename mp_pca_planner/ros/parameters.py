@@ -10,9 +10,11 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import MISSING, dataclass, field, fields
 from importlib.util import find_spec
+from pathlib import Path
 from typing import Any
 
 from ..exceptions import MissingDependencyError, PlannerError, quote_names, unknown_name
+from ..planning.families import MOST_STARTS
 from ..planning.planner import BASES, LONGEST_DURATION, PlannerOptions
 from ..planning.sequence import MODES, OPTIMAL
 
@@ -28,7 +30,7 @@ _LIMIT_QUANTITIES = {
 }
 _HIGHEST_LIMIT = 1e9
 
-ParameterValue = bool | float | str | tuple[str, ...]
+ParameterValue = bool | int | float | str | tuple[str, ...]
 
 
 class ParameterError(PlannerError):
@@ -43,7 +45,7 @@ class Declaration:
     ----------
     name : str
         Its name.
-    default : bool, float, str or tuple of str
+    default : bool, int, float, str or tuple of str
         Its default, which also fixes its type.
     description : str
         One sentence or two for people.
@@ -67,6 +69,8 @@ class Declaration:
             return "true or false"
         if isinstance(self.default, float):
             return f"a number with a decimal point from {self.low:g} to {self.high:g}"
+        if isinstance(self.default, int):
+            return f"a whole number from {self.low:g} to {self.high:g}"
         if isinstance(self.default, tuple):
             return "a list of texts"
         return f"one of {quote_names(self.choices)}" if self.choices else "a text"
@@ -107,6 +111,21 @@ class Settings:
         "",
         """Joint limits in the form of MoveIt's joint_limits.yaml (max_jerk and max_effort too),
         laid over those of the URDF; empty: none.""",
+    )
+    collision: bool = _declared(
+        False,
+        """Whether motions in which the robot hits itself are looked for ways around, and refused if
+        there is none; needs collision geometry in the robot description.""",
+    )
+    srdf: str = _declared(
+        "",
+        """SRDF file that names the pairs of links that need no look; empty: neighbours, and what
+        touches in the neutral configuration.""",
+    )
+    package_dirs: tuple[str, ...] = _declared(
+        ("",),
+        """Folders in which packages with meshes of the robot description are, looked into before
+        those of ROS; empty texts are ignored.""",
     )
     start_from: str = _declared(
         MEASURED,
@@ -156,6 +175,13 @@ class Settings:
         "Longest time for the optimisation [s]; the best motion found by then is used.",
         low=1e-3,
         high=3600.0,
+    )
+    n_starts: int = _declared(
+        PlannerOptions.n_starts,
+        """From how many motions the least is searched for where likeness counts for little
+        (naturalness below 0.1): more find a cheaper one at times, in as many times the time.""",
+        low=1,
+        high=MOST_STARTS,
     )
     sample_period: float = _declared(
         PlannerOptions.sample_period,
@@ -210,8 +236,7 @@ class Settings:
         Values must have the types of their declarations.
         """
         own = {d.name: values[d.name] for d in DECLARATIONS if d.name in values}
-        if "primitives" in own:
-            own["primitives"] = tuple(own["primitives"])
+        own |= {name: tuple(value) for name, value in own.items() if isinstance(value, list)}
         limits: dict[str, dict[str, float]] = {}
         for name, value in values.items():
             # 0 stands for "as the URDF says".
@@ -226,6 +251,11 @@ class Settings:
         return tuple(path for path in self.primitives if path)
 
     @property
+    def package_folders(self) -> tuple[Path, ...]:
+        """The folders of packages that were given."""
+        return tuple(Path(path) for path in self.package_dirs if path)
+
+    @property
     def planner_options(self) -> PlannerOptions:
         """The part that the planner needs."""
         return PlannerOptions(
@@ -233,6 +263,7 @@ class Settings:
             naturalness=self.naturalness,
             sample_period=self.sample_period,
             max_solve_time=self.max_solve_time,
+            n_starts=self.n_starts,
             allow_nonzero_end_velocity=self.allow_nonzero_end_velocity,
         )
 

@@ -139,7 +139,7 @@ class TrialBook:
         self._open: OrderedDict[Path, _Learned] = OrderedDict()
 
     def vary(self, goal: JointGoal, plan: Plan, model: Model) -> tuple[Plan, ServedTrial]:
-        """Replace a planned motion by the goal's next trial, which keeps the limits, too.
+        """Replace a planned motion by the goal's next trial, which may be executed, too.
 
         Parameters
         ----------
@@ -167,12 +167,14 @@ class TrialBook:
             proposed = learned.learner.propose().motion.parameters
             number, best = len(learned.learner.trials) + 1, learned.learner.best
         trajectory, check, parameters = plan.trajectory, plan.limit_check, 0.0 * proposed
-        # What keeps the limits from one start may break them from another one near by.
+        # What may be executed from one start may break limits from another one near by.
         for share in _SHARES:
             motion = RefinedMotion([plan.motion], share * proposed)
             sampled = motion.sample(learned.robot, model.settings.sample_period)
             sampled_check = check_limits(sampled, learned.robot, model.limits)
-            if not sampled_check.violations:
+            collision = model.planner.collision
+            meets = collision is not None and collision.collisions(sampled)
+            if not (sampled_check.violations or meets):
                 trajectory, check, parameters = sampled, sampled_check, motion.parameters
                 break
         effort, _ = RefinementCost([plan.motion], learned.robot).effort_and_cost(parameters)
