@@ -17,7 +17,6 @@ from ..exceptions import GoalError, PlannerError
 from ..files import check_writable, write_whole
 from ..goal import JointGoal, JointState, Pose, PoseGoal, Via
 from ..planning.collision import CollisionModel, package_folders
-from ..planning.families import MOST_STARTS
 from ..planning.objectives import OBJECTIVES, Objective, objective_by_name
 from ..planning.planner import (
     BASES,
@@ -28,6 +27,7 @@ from ..planning.planner import (
     Planner,
     PlannerOptions,
 )
+from ..planning.starts import MOST_STARTS
 from ..primitives.primitive_library import load_primitives
 from ..recordings.bags import FORMAT_OF_SUFFIX, write_joint_trajectory
 from ..robot import Robot

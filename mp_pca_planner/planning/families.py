@@ -20,12 +20,8 @@ from ..primitives.primitive import MovementPrimitive
 from ..primitives.statistics import Conditional
 from .compiler import QuadratureTables
 from .constraints import LimitTables
+from .starts import Practice, Start
 
-MOST_STARTS = 5
-"""Starts of components: the expected weights, the mean shape, the nearest demonstrations."""
-
-# Demonstrations whose weights are starts, nearest end points first.
-_N_NEAREST = MOST_STARTS - 2
 # What correcting splines may usually add [rad or m], unless the primitive itself is less exact.
 _USUAL_CORRECTION = 0.02
 
@@ -44,7 +40,7 @@ class Family:
         Expected weights ŵ.
     precision : array, shape (n_weights, n_weights), or None
         Λ⁻¹; None where nothing is expected.
-    starts : array, shape (n_starts, n_weights)
+    starts : tuple of Start
         Weights to start from, the expected ones first.
     n_components : int
         Number of principal components, the first of the weights.
@@ -54,7 +50,7 @@ class Family:
     limit_tables: LimitTables
     expected: FloatArray
     precision: FloatArray | None
-    starts: FloatArray
+    starts: tuple[Start, ...]
     n_components: int
 
     @property
@@ -74,6 +70,7 @@ def component_family(
     primitive: MovementPrimitive,
     expected: Conditional,
     ends: FloatArray,
+    practice: Practice | None = None,
 ) -> Family:
     """The principal components of a primitive.
 
@@ -87,16 +84,19 @@ def component_family(
         What is expected of the request.
     ends : array, shape (2 * n_joints,)
         Start and goal positions.
+    practice : Practice, optional
+        What suited similar motions; the weights of the demonstrations unless given.
     """
-    own = primitive.boundary_states[:, [0, 3]].reshape(len(primitive.weights), -1)
-    distance = np.sum((own - ends) ** 2, axis=1)
-    nearest = primitive.weights[np.argsort(distance, kind="stable")[:_N_NEAREST]]
+    if practice is None:
+        own = primitive.boundary_states[:, [0, 3]].reshape(len(primitive.weights), -1)
+        practice = Practice(own, [Start(weights) for weights in primitive.weights])
+    mean = np.zeros_like(expected.weights)
     return Family(
         tables,
         limit_tables,
         expected.weights,
         expected.precision,
-        np.vstack([expected.weights, np.zeros_like(expected.weights), nearest]),
+        (Start(expected.weights), Start(mean), *practice.nearest(ends)),
         primitive.n_components,
     )
 
@@ -106,13 +106,13 @@ def corrected_family(family: Family, primitive: MovementPrimitive, n_nodes: int)
     usual = max(float(np.sqrt(np.mean(primitive.fit_residual**2))), _USUAL_CORRECTION)
     splines = BSplineBasis(primitive.n_joints)
     tables = QuadratureTables(SumBasis(family.basis, splines, usual), n_nodes)
-    correction = np.zeros((len(family.starts), splines.n_weights))
-    starts = np.hstack([family.starts, correction])
+    correction = np.zeros(splines.n_weights)
+    starts = tuple(Start(np.append(start.unknowns, correction)) for start in family.starts)
     assert family.precision is not None
     return Family(
         tables,
         LimitTables(tables),
-        starts[0],
+        starts[0].unknowns,
         block_diag(family.precision, np.eye(splines.n_weights) / usual**2),
         starts,
         family.n_components,
@@ -122,4 +122,4 @@ def corrected_family(family: Family, primitive: MovementPrimitive, n_nodes: int)
 def spline_family(tables: QuadratureTables, limit_tables: LimitTables) -> Family:
     """B-splines alone, of which nothing is expected."""
     zero = np.zeros(tables.basis.n_weights)
-    return Family(tables, limit_tables, zero, None, zero[None], 0)
+    return Family(tables, limit_tables, zero, None, (Start(zero),), 0)

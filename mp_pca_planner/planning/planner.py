@@ -26,19 +26,14 @@ from .collision import NOT_CHECKED, Collision, CollisionModel
 from .compiler import DEFAULT_NODES, MotionProgram, QuadratureTables
 from .conditions import Condition, JointTarget, PoseTarget, Target
 from .constraints import LimitedProgram, LimitTables
-from .families import (
-    MOST_STARTS,
-    Family,
-    component_family,
-    corrected_family,
-    spline_family,
-)
+from .families import Family, component_family, corrected_family, spline_family
 from .motion import Motion
 from .objectives import Effort, Objective
 from .pose_search import POSE_TOLERANCE, configurations_at, nearest_configuration, starts_near
 from .program import Program
 from .selection import Selection, Selector
 from .solver import FEASIBLE, Solution, SolverMemory, SolverOptions, solve
+from .starts import MOST_STARTS, Practice, Start
 from .states import check_within_limits, completed, in_order, unwrapped
 
 BASES = ("pca", "bspline")
@@ -70,6 +65,8 @@ _NEAR_EXPECTED = 0.1
 _SHORTEST_MARGIN = 1.002
 # How much worse a motion in which links meet is than one in which they don't.
 _TOUCH = 1e-3
+# Demonstrations of a primitive whose own ends are planned between beforehand.
+_N_PRACTISED = 20
 # Times that limits which are broken between the points of the solver's grid are drawn in.
 _MOST_REFINEMENTS = 8
 # Where that doesn't meet the limits, a duration that nobody fixed is lengthened up to this
@@ -332,6 +329,7 @@ class _Attempt:
     check: LimitCheck
     collisions: tuple[Collision, ...]
     kept_apart: bool
+    memory: SolverMemory
     solved_at: float
 
     @property
@@ -403,6 +401,7 @@ class Planner:
             name: (nodes, LimitTables(nodes)) for name, nodes in zip(names, tables, strict=True)
         }
         self._selector = Selector(self.robot, self.primitives, self.options.objectives)
+        self._practice: dict[str, Practice] = {}
 
     def plan(self, goal: JointGoal | PoseGoal, start: JointState) -> Plan:
         """Plan the motion with the least of the objectives to a goal.
@@ -442,6 +441,48 @@ class Planner:
         reason = _reason(goal, best, attempts)
         return self._judge(best, reason, attempts[-1].solved_at - began, shortest)
 
+    def practise(self, max_time: float = float("inf")) -> None:
+        """Plan between the ends of demonstrations, to find similar motions faster from there.
+
+        That takes as long as twenty goals for each primitive, and later goals take about two
+        thirds of the time (benchmarks/starts.py). It does nothing where motions stay near the
+        expected ones anyway (naturalness of 0.1 and more) and for B-splines alone.
+
+        Parameters
+        ----------
+        max_time : float
+            Time [s] after which no further primitive is begun.
+        """
+        if self.options.basis != "pca" or self.options.naturalness >= _NEAR_EXPECTED:
+            return
+        deadline = time.perf_counter() + max_time
+        for primitive in self.primitives:
+            if _is_over(deadline):
+                return
+            found = self._practised(primitive)
+            if found.starts:
+                self._practice[primitive.name] = found
+
+    def _practised(self, primitive: MovementPrimitive) -> Practice:
+        names, states = primitive.joint_names, primitive.boundary_states
+        chosen = np.linspace(0, len(states) - 1, min(len(states), _N_PRACTISED)).astype(int)
+        ends, starts = [np.zeros((0, 2 * len(names)))], []
+        for i in chosen:
+            here, there = (JointState(names, states[i, k]) for k in (0, 3))
+            duration = float(primitive.durations[i])
+            goal = JointGoal(there, duration, primitive=primitive.name)
+            try:
+                request = self._complete(goal, here)[0]
+            except GoalError:  # demonstrations may lie outside the limits
+                continue
+            family = next(self._families(request))
+            deadline = time.perf_counter() + self.options.max_solve_time
+            found = self._attempt(request, family, duration, self.options.naturalness, deadline)
+            if found.fault == 0.0 and found.solution.converged:
+                ends.append(states[i : i + 1, [0, 3]].reshape(1, -1))
+                starts.append(Start(found.solution.weights, found.memory))
+        return Practice(np.concatenate(ends), starts)
+
     def _serve(self, request: _Request, deadline: float) -> _Attempt:
         """The best motion of the narrowest family in which there is one."""
         best: _Attempt | None = None
@@ -467,7 +508,12 @@ class Planner:
             nodes = QuadratureTables(basis, self.options.n_nodes)
             grid = LimitTables(nodes)
         components = component_family(
-            nodes, grid, primitive, request.expected, np.concatenate(ends)
+            nodes,
+            grid,
+            primitive,
+            request.expected,
+            np.concatenate(ends),
+            self._practice.get(primitive.name),
         )
         n_equations = sum(c.target.error(ends[0])[0].size for c in request.conditions)
         n_goal = 0 if request.pose is None else self.robot.n_joints
@@ -710,18 +756,17 @@ class Planner:
         unbounded = naturalness >= _NEAR_EXPECTED and family.precision is not None
         limited = limited_by(None if unbounded else self.limits)
         starts, passes, touched = first, 0, False
-        memory: SolverMemory | None = None
         watches: tuple[Watch, ...] = ()
         for _ in range(_MOST_REFINEMENTS):
             whole: Program = limited
             if self.collision is not None and watches:
                 whole = ClearProgram(limited, family.basis, self.collision, watches)
-            solutions = _solutions(whole, starts, memory, most, deadline)
+            solutions = _solutions(whole, starts, most, deadline)
             solved_at = time.perf_counter()
             passes += sum(one.iterations for one in solutions)
             found = min(solutions, key=lambda one: (one.infeasibility > FEASIBLE, one.cost))
-            x, memory = found.unknowns, found.memory
-            starts = x[None]
+            x = found.unknowns
+            starts = [Start(x, found.memory)]
             motion = self._motion(request, family, program, x)
             trajectory = self._sample(motion)
             check = check_limits(trajectory, self.robot, self.limits)
@@ -729,7 +774,7 @@ class Planner:
             collisions = () if check.violations else self._collisions(trajectory)
             if check.violations and unbounded:
                 unbounded, limited = False, limited_by(self.limits)
-                starts, memory = first, None
+                starts = first
                 continue
             # What is only touched may be broken between the points of the check's grid: once is
             # enough, for an end of the motion may be there.
@@ -742,7 +787,7 @@ class Planner:
             if collisions:
                 watches += self._watches(collisions, watches, motion, request)
                 # The way round from there may be blocked.
-                starts = np.stack([x, first[0]])
+                starts = [*starts, first[0]]
         natural = program.naturalness(x)
         solution = MotionSolution(
             weights=motion.weights,
@@ -767,6 +812,7 @@ class Planner:
             check,
             collisions,
             bool(watches),
+            found.memory,
             solved_at,
         )
 
@@ -967,27 +1013,26 @@ def _reason(goal: JointGoal | PoseGoal, best: _Attempt, attempts: Sequence[_Atte
     return best.request.selection.reason(winner, solved)
 
 
-def _starts(family: Family, program: MotionProgram, naturalness: float) -> FloatArray:
+def _starts(family: Family, program: MotionProgram, naturalness: float) -> list[Start]:
     """Set the program's naturalness; return the unknowns to start from, the cheapest first."""
-    starts = np.array([program.unknowns.from_weights(weights) for weights in family.starts])
+    candidates = np.array([program.unknowns.from_weights(s.unknowns) for s in family.starts])
+    order: Sequence[int] = range(len(candidates))
     if family.precision is not None and naturalness > 0.0:
         n = program.unknowns.n_weights
         scales = program.scales[:n]
-        price = naturalness * program.costs(starts[:1])[0]
+        price = naturalness * program.costs(candidates[:1])[0]
         program.precision[:n, :n] = price * family.precision * np.outer(scales, scales)
         if naturalness >= _NEAR_EXPECTED:
-            return np.asarray(starts[:1])
-    if len(starts) == 1:
-        return starts
-    return np.asarray(starts[np.argsort(program.costs(starts), kind="stable")])
+            order = order[:1]
+    if len(order) > 1:
+        order = np.argsort(program.costs(candidates), kind="stable").tolist()
+    # What was learned of weights says nothing of other unknowns.
+    knows = program.scales.size == program.unknowns.n_weights
+    return [Start(candidates[i], family.starts[i].memory if knows else None) for i in order]
 
 
 def _solutions(
-    program: Program,
-    starts: FloatArray,
-    memory: SolverMemory | None,
-    most_iterations: int,
-    deadline: float,
+    program: Program, starts: Sequence[Start], most_iterations: int, deadline: float
 ) -> list[Solution]:
     """Solutions from one start after the other while there is time."""
     found: list[Solution] = []
@@ -996,7 +1041,7 @@ def _solutions(
         if found and left == 0.0:
             break
         stop = SolverOptions(max_iterations=most_iterations, max_time=left)
-        found.append(solve(program, start, stop, memory))
+        found.append(solve(program, start.unknowns, stop, start.memory))
     return found
 
 

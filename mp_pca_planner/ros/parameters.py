@@ -14,9 +14,9 @@ from pathlib import Path
 from typing import Any
 
 from ..exceptions import MissingDependencyError, PlannerError, quote_names, unknown_name
-from ..planning.families import MOST_STARTS
 from ..planning.planner import BASES, LONGEST_DURATION, PlannerOptions
 from ..planning.sequence import MODES, OPTIMAL
+from ..planning.starts import MOST_STARTS
 
 MEASURED = "measured"
 COMMANDED = "commanded"
