@@ -85,12 +85,10 @@ def planner(scene: Scene, n_weights: int, n_nodes: int, like: Planner | None = N
         if like is not None
         else [build_primitive(scene.demonstrations, scene.name, options)]
     )
-    return Planner(
-        scene.robot,
-        primitives,
-        scene.limits,
-        PlannerOptions(naturalness=0.0, n_nodes=n_nodes, max_solve_time=60.0),
-    )
+    options = PlannerOptions(naturalness=0.0, n_nodes=n_nodes, max_solve_time=60.0)
+    found = Planner(scene.robot, primitives, scene.limits, options)
+    found.practise()
+    return found
 
 
 def rows(

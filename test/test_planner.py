@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The planner: goals in, executable motions of little effort out."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from arm import JOINTS, arm_demonstrations, arm_primitive, arm_robot
@@ -10,7 +12,7 @@ from hypothesis import strategies as st
 from scipy.integrate import trapezoid
 
 from mp_pca_planner.exceptions import GoalError, PlannerError, PrimitiveError
-from mp_pca_planner.goal import JointGoal, JointState
+from mp_pca_planner.goal import JointGoal, JointState, Pose, PoseGoal, Via
 from mp_pca_planner.limits import JointLimits
 from mp_pca_planner.planning import planner as module
 from mp_pca_planner.planning.constraints import LimitedProgram
@@ -76,6 +78,53 @@ def test_starts_that_there_is_no_time_for_are_left_out():
     goal, start = request(3)
     plan = planner(naturalness=0.0, n_starts=5, max_solve_time=1e-6).plan(goal, start)
     assert plan.solution.iterations == 1
+
+
+@pytest.mark.parametrize("coupling", ["arm", "joint"])
+def test_practice_leads_to_the_same_optima_in_fewer_passes(coupling):
+    plain, practised, again = (planner(coupling, naturalness=0.0) for _ in range(3))
+    practised.practise()
+    again.practise()
+    ratios, passes = [], np.zeros(2)
+    for i in range(30):
+        plans = [subject.plan(*request(i)) for subject in (plain, practised, again)]
+        assert all(plan.status == SOLVED for plan in plans)
+        ratios.append(plans[1].solution.effort_cost / plans[0].solution.effort_cost)
+        np.testing.assert_array_equal(*(plan.trajectory.positions for plan in plans[1:]))
+        passes += [plan.solution.iterations for plan in plans[:2]]
+    assert np.median(ratios) == pytest.approx(1.0, abs=1e-4)
+    assert np.mean(ratios) < 1.001  # of several optima it finds no dearer ones
+    assert passes[1] < 0.75 * passes[0]
+
+
+@pytest.mark.parametrize(
+    "options", [{"naturalness": 1.0}, {"naturalness": 0.0, "basis": "bspline"}]
+)
+def test_practice_where_it_is_of_no_use_changes_nothing(options):
+    plain, practised = planner(**options), planner(**options)
+    practised.practise()
+    before, after = (subject.plan(*request(4)) for subject in (plain, practised))
+    np.testing.assert_array_equal(before.trajectory.positions, after.trajectory.positions)
+    assert before.solution.iterations == after.solution.iterations
+
+
+def test_practice_leaves_out_what_the_limits_forbid_and_helps_poses_and_vias_too():
+    # None of the demonstrations lies within these limits.
+    narrow = {name: {"min_position": 0.3, "max_position": 0.31} for name in JOINTS}
+    subject = planner(overrides=narrow, naturalness=0.0)
+    subject.practise()
+    inside = JointState(JOINTS, np.full(4, 0.305))
+    assert subject.plan(JointGoal(inside, 1.0), inside).status == SOLVED
+    subject = planner(naturalness=0.0)
+    subject.practise(max_time=0.0)  # no time for any
+    subject.practise()
+    goal, start = request(2)
+    via = Via(JointState(JOINTS, 0.5 * (start.positions + goal.state.positions)))
+    frame = subject.robot.frame_names[-1]
+    place = subject.robot.frame_positions(goal.state.positions[None], [frame])[0, 0]
+    for wanted in (replace(goal, vias=(via,)), PoseGoal(Pose(frame, place))):
+        plan = subject.plan(wanted, start)
+        assert plan.status == SOLVED, plan.message
 
 
 @pytest.mark.parametrize("n_starts", [0, 6])

@@ -21,7 +21,7 @@ class PlannerMethod:
     """The planner with one basis and naturalness.
 
     Its solve time is the planner's: attempts that failed the limits are in it, the last check
-    of the motion is not.
+    of the motion is not, nor is what it has practised for the primitive beforehand.
     """
 
     slow = False
@@ -31,6 +31,7 @@ class PlannerMethod:
     ) -> None:
         self.name = name
         self._planner = Planner(scene.robot, [primitive], scene.limits, options)
+        self._planner.practise()
         if options.basis == "bspline":
             self.about = "B-splines, 6 control points per joint, the same compiler; least effort"
         else:

@@ -65,8 +65,10 @@ _NEAR_EXPECTED = 0.1
 _SHORTEST_MARGIN = 1.002
 # How much worse a motion in which links meet is than one in which they don't.
 _TOUCH = 1e-3
-# Demonstrations of a primitive whose own ends are planned between beforehand.
-_N_PRACTISED = 20
+# Demonstrations of a primitive whose own ends are planned between beforehand. From them one starts
+# up to that in-span score: requests like the demonstrations have at most 2, those from anywhere
+# to anywhere 6 and more, and may end in dear optima.
+_N_PRACTISED, _PRACTISED_SCORE = 20, 3.0
 # Times that limits which are broken between the points of the solver's grid are drawn in.
 _MOST_REFINEMENTS = 8
 # Where that doesn't meet the limits, a duration that nobody fixed is lengthened up to this
@@ -444,9 +446,9 @@ class Planner:
     def practise(self, max_time: float = float("inf")) -> None:
         """Plan between the ends of demonstrations, to find similar motions faster from there.
 
-        That takes as long as twenty goals for each primitive, and later goals take about two
-        thirds of the time (benchmarks/starts.py). It does nothing where motions stay near the
-        expected ones anyway (naturalness of 0.1 and more) and for B-splines alone.
+        That takes as long as twenty goals for each primitive, and goals later take about two
+        thirds of the time (benchmarks/starts.py). Where motions stay near the expected ones
+        anyway (naturalness of 0.1 and more), and for B-splines alone, it does nothing.
 
         Parameters
         ----------
@@ -480,7 +482,7 @@ class Planner:
             found = self._attempt(request, family, duration, self.options.naturalness, deadline)
             if found.fault == 0.0 and found.solution.converged:
                 ends.append(states[i : i + 1, [0, 3]].reshape(1, -1))
-                starts.append(Start(found.solution.weights, found.memory))
+                starts.append(Start(found.solution.weights, found.memory.curvature_alone()))
         return Practice(np.concatenate(ends), starts)
 
     def _serve(self, request: _Request, deadline: float) -> _Attempt:
@@ -502,6 +504,7 @@ class Planner:
             yield spline_family(nodes, grid)
             return
         primitive, ends = request.primitive, (request.start.positions, request.goal.positions)
+        like_demonstrations = request.expected.in_span_score <= _PRACTISED_SCORE
         if np.any(request.expected.pace):
             # That of a motion with a pace of its own is not known before.
             basis = primitive.paced_basis(*ends, request.expected.pace)
@@ -513,7 +516,7 @@ class Planner:
             primitive,
             request.expected,
             np.concatenate(ends),
-            self._practice.get(primitive.name),
+            self._practice.get(primitive.name) if like_demonstrations else None,
         )
         n_equations = sum(c.target.error(ends[0])[0].size for c in request.conditions)
         n_goal = 0 if request.pose is None else self.robot.n_joints

@@ -102,6 +102,10 @@ class SolverMemory:
         radius = _FIRST_RADIUS_TO_EQUALITIES if start.equalities.size else _FIRST_RADIUS
         return cls(np.zeros_like(start.hessian), radius, np.zeros(0, dtype=np.intp), 0.0)
 
+    def curvature_alone(self) -> SolverMemory:
+        """For a program that is similar, but may meet other limits."""
+        return replace(self, sides=self.sides[:0], damping=0.0)
+
 
 @dataclass(frozen=True, eq=False)
 class Solution:
@@ -337,9 +341,10 @@ class _Subproblem:
             added = broken[~(broken[:, None] == sides).any(axis=1)]
             if not (added.size and feasible and left):
                 break
-            sides = np.concatenate([sides, added])
-            rows = np.concatenate([rows, _rows_of_sides(here, added)])
-            bounds = np.concatenate([bounds, _room_at_sides(program, here, added)])
+            kept = multipliers > 0.0
+            sides = np.concatenate([sides[kept], added])
+            rows = np.concatenate([rows[kept], _rows_of_sides(here, added)])
+            bounds = np.concatenate([bounds[kept], _room_at_sides(program, here, added)])
         holding = multipliers > 0.0
         curved = self._whole @ change
         pull = here.gradient + multipliers[holding] @ rows[holding]

@@ -20,6 +20,9 @@ from ..robot import Robot
 from .newest_goal import CancelledError
 from .parameters import ParameterError, Settings
 
+# Time [s] for practice with primitives, which a node that starts has to wait for.
+_LONGEST_PRACTICE = 0.5
+
 
 class InterruptibleRobot(Robot):
     """A robot that can refuse to answer, which ends a solve: every pass of it asks for efforts.
@@ -120,6 +123,7 @@ def assemble_model(urdf: str, primitives: Sequence[MovementPrimitive], settings:
         srdf = settings.srdf or None
         collision = CollisionModel(planning_robot, srdf=srdf, package_dirs=folders)
     planner = Planner(planning_robot, primitives, limits, settings.planner_options, collision)
+    planner.practise(_LONGEST_PRACTICE)
     frame = settings.end_effector_frame
     if frame and frame not in robot.frame_names:
         reason = unknown_name("link of the robot description", frame, robot.frame_names)
