@@ -12,6 +12,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.polynomial import chebyshev
 
 from .arrays import FloatArray
 from .exceptions import TrajectoryError
@@ -34,6 +35,13 @@ _START_TOLERANCE = 1e-9
 # Parts of the time between two points at least: a quintic from rest to rest shows neither speed nor
 # effort at its ends, however short it is; at a quarter it is near its greatest acceleration.
 _FEWEST_PARTS = 4
+# Five points on each segment, from −1 to 1; Chebyshev coefficients of efforts that are known there;
+# and that polynomial at points as dense as those of the grid usually are. What it leaves out must
+# be no more than this share of the limit.
+_CHEBYSHEV = -np.cos(np.linspace(0.0, np.pi, 5))
+_TO_CHEBYSHEV = np.linalg.inv(chebyshev.chebvander(_CHEBYSHEV, 4))
+_FROM_CHEBYSHEV = chebyshev.chebvander(np.linspace(-1.0, 1.0, 11), 4)
+_SMOOTH = 1e-3
 
 
 @dataclass(frozen=True)
@@ -163,7 +171,7 @@ def check_limits(trajectory: Trajectory, robot: Robot, limits: JointLimits) -> L
         ("acceleration", dense.a, limits.acceleration),
         ("jerk", dense.jerk, limits.jerk),
     ]
-    if np.isfinite(limits.effort).any():
+    if not _efforts_stay_clear(trajectory, robot, limits):
         tau = robot.inverse_dynamics(dense.q, dense.v, dense.a)
         magnitudes.append(("effort", tau, limits.effort))
     found = _outside_range(dense, limits)
@@ -177,6 +185,41 @@ def check_limits(trajectory: Trajectory, robot: Robot, limits: JointLimits) -> L
                 found.append(Violation(quantity, name, time, value, float(bound[j]), excess))
     found.sort(key=lambda violation: -violation.excess)
     return LimitCheck(tuple(found))
+
+
+def _efforts_stay_clear(trajectory: Trajectory, robot: Robot, limits: JointLimits) -> bool:
+    """Whether efforts stay clear of their limits, told from fewer points than the grid has.
+
+    Between two points of a trajectory efforts are smooth. The polynomials through five Chebyshev
+    points there tell them, and how fast its coefficients fall off tells what it leaves out. The
+    answer is no where efforts come near their limits, or the robot moves far in a step.
+    """
+    if not np.isfinite(limits.effort).any():
+        return True
+    steps = np.diff(trajectory.times)
+    if steps.size == 0:
+        return False
+    ends = segment_ends(
+        trajectory.times, trajectory.positions, trajectory.velocities, trajectory.accelerations
+    )
+    degree = len(_CHEBYSHEV) - 1
+    # The last of a segment is the first of the next.
+    fractions = 0.5 * (_CHEBYSHEV[:-1] + 1.0)
+    states = [
+        (hermite_functions(fractions, d) @ ends / steps[:, None, None] ** d).reshape(
+            -1, trajectory.n_joints
+        )
+        for d in range(3)
+    ]
+    last = (trajectory.positions, trajectory.velocities, trajectory.accelerations)
+    q, v, a = (np.concatenate([x, end[-1:]]) for x, end in zip(states, last, strict=True))
+    tau = robot.inverse_dynamics(q, v, a)
+    nodes = np.arange(len(steps))[:, None] * degree + np.arange(degree + 1)
+    coefficients = _TO_CHEBYSHEV @ tau[nodes]
+    beyond = np.abs(coefficients[:, -1]) + 0.1 * np.abs(coefficients[:, -2])
+    within = np.abs(_FROM_CHEBYSHEV @ coefficients).max(axis=1) + beyond
+    told = np.all(beyond <= _SMOOTH * limits.effort)
+    return bool(told and np.all(within < (1.0 - LIMIT_NEAR) * limits.effort))
 
 
 def _outside_range(dense: DenseSamples, limits: JointLimits) -> list[Violation]:

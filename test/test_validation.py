@@ -5,6 +5,8 @@
 import numpy as np
 import pytest
 from arm import JOINTS, arm_robot
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
 from scipy.interpolate import BPoly
 
 from mp_pca_planner.exceptions import TrajectoryError
@@ -12,7 +14,7 @@ from mp_pca_planner.goal import JointState
 from mp_pca_planner.limits import JointLimits, merge_limits
 from mp_pca_planner.primitives.boundary import boundary_values, hermite_functions
 from mp_pca_planner.trajectory import Trajectory
-from mp_pca_planner.validation import check_executable, check_limits, interpolate
+from mp_pca_planner.validation import LIMIT_NEAR, check_executable, check_limits, interpolate
 
 START = np.array([-0.2, 0.1, 0.0, -0.4])
 GOAL = np.array([-1.2, 0.3, 0.4, -1.0])
@@ -47,6 +49,35 @@ def judge(trajectory, limits=LIMITS, start=START, **options):
 
 def test_a_good_trajectory_passes():
     judge(reach())
+
+
+@given(
+    st.integers(2, 5),
+    st.floats(-3.0, -0.3),
+    st.floats(-4.0, 0.5),
+    st.floats(-1e-3, 1e-3),
+    st.integers(0, 2**32 - 1),
+)
+@settings(max_examples=300, deadline=None)
+def test_efforts_are_judged_as_on_the_whole_grid(n_points, log_step, log_size, excess, seed):
+    """However wild a motion is, and however near to the limits."""
+    assume(abs(excess + LIMIT_NEAR) > 1e-9)
+    rng = np.random.default_rng(seed)
+    times = np.concatenate([[0.0], np.cumsum(10.0**log_step * rng.uniform(0.5, 1.5, n_points - 1))])
+    size = 10.0**log_size * 10.0 ** (-log_step * np.arange(3))
+    q, v, a = size[:, None, None] * rng.normal(size=(3, n_points, 4))
+    trajectory = Trajectory(JOINTS, times, q, v, a)
+    dense = interpolate(trajectory)
+    peaks = np.abs(arm_robot().inverse_dynamics(dense.q, dense.v, dense.a)).max(axis=0)
+    limits = {
+        name: {"max_effort": peak / (1.0 + excess)}
+        for name, peak in zip(JOINTS, peaks, strict=True)
+    }
+    found = check_limits(trajectory, arm_robot(), JointLimits(JOINTS, limits)).touched
+    assert len(found) == (4 if excess > -LIMIT_NEAR else 0)
+    for violation in found:
+        peak = peaks[JOINTS.index(violation.joint)]
+        assert abs(violation.value) == peak
 
 
 @pytest.mark.parametrize("duration", [1e-9, 1e-3, 2e-3, 0.1])
