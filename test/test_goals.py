@@ -17,7 +17,7 @@ from test_planner import REQUESTS, planner, request
 from mp_pca_planner.exceptions import GoalError, RobotError
 from mp_pca_planner.goal import JointGoal, JointState, Pose, PoseGoal, Via
 from mp_pca_planner.planning.objectives import Effort, Jerk, Straightness, Time
-from mp_pca_planner.planning.planner import INFEASIBLE, SOLVED, PlannerOptions
+from mp_pca_planner.planning.planner import INFEASIBLE, SOLVED, STOPPED_EARLY, PlannerOptions
 from mp_pca_planner.planning.pose_search import configurations_at
 from mp_pca_planner.resources import config_file
 from mp_pca_planner.validation import check_limits
@@ -163,6 +163,17 @@ def test_a_duration_that_is_too_short_is_told_the_shortest_feasible_one():
     )
     patient = planner(naturalness=0.01, max_solve_time=60.0)
     assert patient.plan(request(1, duration=1.05 * plan.shortest_duration)[0], start).is_executable
+
+
+def test_a_duration_is_not_called_the_shortest_when_there_was_no_time_to_find_that():
+    goal, start = request(1, duration=0.1)
+    # Practically none: the first duration that is tried is long enough already.
+    plan = planner(max_solve_time=1e-9).plan(goal, start)
+    assert plan.status == INFEASIBLE
+    assert f"; a feasible duration is {plan.shortest_duration:.4g} s" in plan.message
+    assert "shortest" not in plan.message
+    timed = planner(timing="shortest", max_solve_time=1e-9).plan(request(1)[0], start)
+    assert timed.status == STOPPED_EARLY
 
 
 def test_a_duration_that_is_too_short_is_told_when_no_other_was_found_in_time():

@@ -7,6 +7,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -352,6 +353,13 @@ class _Attempt:
         )
 
 
+class _StatedDuration(NamedTuple):
+    """A feasible duration [s] that is told, NaN if none is; the shortest if there was time."""
+
+    seconds: float = float("nan")
+    is_shortest: bool = True
+
+
 @dataclass(eq=False)
 class Planner:
     """Plans motions of one robot from movement primitives.
@@ -530,7 +538,9 @@ class Planner:
         """The best motion of a family, slower or more natural if it must be to keep the limits."""
         duration, naturalness = request.expected.duration, self.options.naturalness
         if request.duration_is_free and self.options.timing == SHORTEST:
-            return self._shortest(request, family, deadline)
+            found, is_shortest = self._shortest(request, family, deadline)
+            converged = found.solution.converged and is_shortest
+            return replace(found, solution=replace(found.solution, converged=converged))
         if request.duration_is_free and self.options.timing == FREE:
             timed = self._attempt(
                 request, family, duration, naturalness, deadline, duration_is_free=True
@@ -548,11 +558,14 @@ class Planner:
                 return best
             duration, naturalness = remedy
 
-    def _shortest(self, request: _Request, family: Family, deadline: float) -> _Attempt:
+    def _shortest(
+        self, request: _Request, family: Family, deadline: float
+    ) -> tuple[_Attempt, bool]:
         """The attempt of the shortest duration that keeps the limits, by bisection.
 
         Which durations are long enough is known only from trying; each attempt optimises the
-        weights (and a free goal) again.
+        weights (and a free goal) again. Whether there was time to find the shortest is returned,
+        too.
         """
         naturalness = min(self.options.naturalness, _SEARCH_NATURALNESS)
 
@@ -565,7 +578,7 @@ class Planner:
         while best.fault > 0.0 or too_short == 0.0:
             duration = factor * best.motion.duration
             if not longest / _LONGEST_STRETCH**3 < duration <= longest or _is_over(deadline):
-                return best
+                return best, not _is_over(deadline)
             tried = attempt(duration)
             if tried.fault > 0.0 and best.fault == 0.0:
                 too_short = duration
@@ -579,27 +592,25 @@ class Planner:
                 best = tried
             elif not _is_over(deadline):
                 too_short = tried.motion.duration
-        if best.motion.duration > _DURATION_PRECISION * too_short:
-            return replace(best, solution=replace(best.solution, converged=False))
-        return best
+        return best, best.motion.duration <= _DURATION_PRECISION * too_short
 
     def _stated_duration(
         self, goal: JointGoal | PoseGoal, best: _Attempt, deadline: float
-    ) -> float:
-        """The shortest feasible duration where it is of interest, otherwise NaN."""
+    ) -> _StatedDuration:
+        """The shortest feasible duration where it is of interest."""
         if best.fault == 0.0:
             asked = best.request.duration_is_free and self.options.timing == SHORTEST
-            return best.motion.duration if asked else float("nan")
+            return _StatedDuration(best.motion.duration) if asked else _StatedDuration()
         if goal.duration is None or best.is_hopeless:
-            return float("nan")
+            return _StatedDuration()
         request = best.request
         expected = self._expect(request.primitive, request.start, request.goal, None)
         free = replace(request, duration_is_free=True, expected=expected)
         for family in self._families(free):
-            found = self._shortest(free, family, deadline)
+            found, is_shortest = self._shortest(free, family, deadline)
             if found.fault == 0.0:
-                return _SHORTEST_MARGIN * found.motion.duration
-        return float("nan")
+                return _StatedDuration(_SHORTEST_MARGIN * found.motion.duration, is_shortest)
+        return _StatedDuration()
 
     def _complete(self, goal: JointGoal | PoseGoal, start: JointState) -> list[_Request]:
         """Fill in what the goal leaves open; refuse what can't be served.
@@ -887,7 +898,9 @@ class Planner:
         tau = self.robot.inverse_dynamics(q, v, a)
         return Trajectory(self.robot.joint_names, times, q, v, a, tau)
 
-    def _judge(self, attempt: _Attempt, reason: str, solve_time: float, shortest: float) -> Plan:
+    def _judge(
+        self, attempt: _Attempt, reason: str, solve_time: float, shortest: _StatedDuration
+    ) -> Plan:
         request, family = attempt.request, attempt.family
         trajectory = attempt.trajectory
         n_vias = request.n_vias
@@ -923,7 +936,7 @@ class Planner:
             goal_error=goal_error,
             via_error=via_error,
             via_phases=attempt.phases[:n_vias],
-            shortest_duration=shortest,
+            shortest_duration=shortest.seconds,
             n_components_used=family.n_components,
             correction=_correction(attempt),
             deviation_score=_deviation(attempt),
@@ -931,7 +944,9 @@ class Planner:
             solve_time=solve_time,
         )
 
-    def _verdict(self, attempt: _Attempt, missed: float, shortest: float) -> tuple[str, str]:
+    def _verdict(
+        self, attempt: _Attempt, missed: float, shortest: _StatedDuration
+    ) -> tuple[str, str]:
         """Status and message."""
         try:
             check_executable(
@@ -955,16 +970,19 @@ class Planner:
         if not attempt.solution.converged:
             found = "time or iterations ran out before the least was found"
             return STOPPED_EARLY, found + concessions
-        if np.isfinite(shortest):
+        if np.isfinite(shortest.seconds):
             return SOLVED, "shortest motion within the limits found" + concessions
         effort_alone = [type(objective) for _, objective in self.options.objectives] == [Effort]
         least = "effort" if effort_alone else "cost"
         return SOLVED, f"motion of least {least} found{concessions}"
 
-    def _other_duration(self, attempt: _Attempt, shortest: float) -> str:
+    def _other_duration(self, attempt: _Attempt, shortest: _StatedDuration) -> str:
         """What is known of motions in another duration than that asked for."""
-        if np.isfinite(shortest):
-            return f"; the shortest duration that the limits allow is {shortest:.4g} s"
+        if np.isfinite(shortest.seconds):
+            known = "a feasible duration"
+            if shortest.is_shortest:
+                known = "the shortest duration that the limits allow"
+            return f"; {known} is {shortest.seconds:.4g} s"
         if attempt.request.duration_is_free or attempt.is_hopeless:
             return ""
         return (
