@@ -230,6 +230,16 @@ def test_example_robots_get_made_up_reaches(capsys):
     assert facts["robot"] == "ur5" and facts["n_joints"] == 6
 
 
+def test_one_arm_of_a_robot_is_chosen_by_its_joints(capsys):
+    pytest.importorskip("example_robot_data", reason="the extra 'peers' is not installed")
+    from example_robot_data.robots_loader import getModelPath
+
+    path = "icub_description/robots/icub.urdf"
+    options = ["--robot", f"{getModelPath(path)}/{path}", "--problems", "1", "--peers", "none"]
+    arm = "l_shoulder_pitch,l_shoulder_roll,l_shoulder_yaw,l_elbow"
+    assert benchmark(capsys, *options, "--repeats", "1", "--joints", arm)["n_joints"] == 4
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [
@@ -239,6 +249,8 @@ def test_example_robots_get_made_up_reaches(capsys):
         (["--seed", "1"], "not be 1, which chooses the demonstrations"),
         (["--time-limit", "0"], "no time over 0"),
         (["--primitives", "nothing.npz"], "nothing.npz"),
+        (["--primitives", "any.npz", "--joints", "elbow"], "--primitives has its own joints"),
+        (["--joints", "elbo"], "did you mean 'elbow'?"),
     ],
 )
 def test_wrong_options_are_refused_in_one_line(capsys, options, message):

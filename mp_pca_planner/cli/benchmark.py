@@ -28,6 +28,7 @@ from .common import (
     DONE,
     CommandParser,
     check_output,
+    joint_list,
     limits_of,
     print_json,
     progress_bar,
@@ -56,6 +57,12 @@ def _parser() -> CommandParser:
         default=HUMAN_ARM,
         metavar="NAME|URDF",
         help=f"a URDF file, '{HUMAN_ARM}', or of example-robot-data: {', '.join(EXAMPLE_ROBOTS)}",
+    )
+    parser.add_argument(
+        "--joints",
+        type=joint_list,
+        metavar="a,b,c",
+        help="joints that move, such as those of one arm (default: the robot's arm, or all)",
     )
     parser.add_argument(
         "--primitives",
@@ -137,9 +144,11 @@ def _peers(text: str) -> list[str]:
 
 
 def _scene(arguments: argparse.Namespace) -> Scene:
-    name, urdf, joints = robot_file(arguments.robot)
-    primitive = None
+    name, urdf, usual_joints = robot_file(arguments.robot)
+    joints, primitive = arguments.joints or usual_joints, None
     if arguments.primitives is not None:
+        if arguments.joints is not None:
+            raise PlannerError("--joints is for made-up motions: --primitives has its own joints")
         primitives = load_primitives([arguments.primitives])
         if len(primitives) != 1:
             found = quote_names(p.name for p in primitives)

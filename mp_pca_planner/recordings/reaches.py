@@ -133,7 +133,10 @@ class _Task:
             duration = _duration(path, self._robot, self._limits, haste)
             if duration is not None:
                 return self._demonstration(phases * duration, path, number)
-        raise RecordingError("no reach was found that keeps the limits of the robot")
+        raise RecordingError(
+            f"no reach of {path.shape[1]} joints was found that keeps the limits of the robot: "
+            "there may be some of fewer joints, such as those of one arm"
+        )
 
     def _demonstration(self, knots: FloatArray, path: FloatArray, number: int) -> Demonstration:
         curve = CubicSpline(knots, path, bc_type="clamped")
@@ -166,7 +169,10 @@ def _draw(
         tau = robot.inverse_dynamics(q[None], zero, zero)[0]
         if np.all(np.abs(tau) <= _HASTE[1] * limits.effort):
             return q
-    raise RecordingError("no posture was found that the joints of the robot can hold")
+    raise RecordingError(
+        f"no posture was found that the {robot.n_joints} joints of the robot can hold: "
+        "there may be some of fewer joints, such as those of one arm"
+    )
 
 
 def _duration(path: FloatArray, robot: Robot, limits: JointLimits, haste: float) -> float | None:
