@@ -62,7 +62,8 @@ def benchmark(capsys, *options: str) -> dict:
 @pytest.mark.parametrize("name", PEERS)
 def test_peer_goes_from_start_to_goal(scene, problem, name):
     if name in PEER_MODULES:
-        pytest.importorskip(PEER_MODULES[name], reason="the extra 'peers' is not installed")
+        extra = "drake" if name == "drake" else "peers"
+        pytest.importorskip(PEER_MODULES[name], reason=f"the extra '{extra}' is not installed")
     answer = PEERS[name](scene, 30.0).solve(problem)
     assert answer.status == "solved" and answer.solve_time > 0.0
     verdict = judge(
