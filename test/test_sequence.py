@@ -16,9 +16,9 @@ from scipy.spatial.transform import Rotation
 from mp_pca_planner.cli.sequence import main
 from mp_pca_planner.exceptions import GoalError, RobotError
 from mp_pca_planner.goal import JointState, Pose, SequenceGoal
-from mp_pca_planner.planning import sequence
 from mp_pca_planner.planning.sequence import MODES, OPTIMAL, REAL_TIME, SequencePlan
 from mp_pca_planner.planning.sequence import SequencePlanner as Planner
+from mp_pca_planner.planning.sequence_program import SequenceProgram
 from mp_pca_planner.primitives.file import save_primitive
 from mp_pca_planner.resources import config_file
 from mp_pca_planner.validation import check_limits
@@ -112,7 +112,7 @@ def test_gradient_and_hessian_agree_with_finite_differences(posed: bool) -> None
     goal, start = with_poses() if posed else request(3)
     tight = planner(max_velocity=1.0, max_acceleration=4.0, max_jerk=20.0)
     wanted = tight._complete(goal, start)
-    program = sequence._Program(
+    program = SequenceProgram(
         tight.robot, tight.limits, wanted, wanted.concatenate(), tight._naturalness
     )
     rng = np.random.default_rng(0)
@@ -134,7 +134,7 @@ def test_optimum_is_one_within_the_fixed_sum_of_durations() -> None:
     goal, start = request(3)
     plenty = planner(max_velocity=50.0, max_acceleration=1e4, max_effort=1e4)
     wanted = plenty._complete(goal, start)
-    program = sequence._Program(
+    program = SequenceProgram(
         plenty.robot, plenty.limits, wanted, wanted.concatenate(), plenty._naturalness
     )
     x, _, converged = program.minimise(program.start, 0.0, 0.0)
