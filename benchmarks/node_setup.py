@@ -14,11 +14,17 @@ from multiprocessing.synchronize import Event
 from pathlib import Path
 from subprocess import Popen
 
+import rclpy
+from rclpy.node import Node
+from rclpy.serialization import serialize_message
+from rclpy.signals import SignalHandlerOptions
+from sensor_msgs.msg import JointState
+
 from mp_pca_planner.primitives.build import build_primitive
 from mp_pca_planner.primitives.file import save_primitive
 from mp_pca_planner.recordings.synthetic import JOINT_NAMES, generate_motions
 from mp_pca_planner.resources import config_file
-from mp_pca_planner.ros.client import GoalClient, start_node
+from mp_pca_planner.ros.client import start_node
 
 URDF = config_file("human_arm.urdf")
 # Fresh processes: ROS does not survive a fork.
@@ -63,14 +69,34 @@ def joint_states(rate: float, positions: list[float]) -> Iterator[None]:
 
 
 def _publish_states(rate: float, positions: list[float], is_ready: Event) -> None:
-    with GoalClient("joint_state_broadcaster") as client:
-        client.wait_for_node(timeout=120.0)
+    state = JointState(name=JOINT_NAMES, position=positions, velocity=[0.0] * len(positions))
+    # Serialised once: a robot's driver takes less of the machine than Python does.
+    message = bytes(serialize_message(state))
+    with silent_node("joint_state_broadcaster") as node:
+        publisher = node.create_publisher(JointState, "joint_states", 1)
+        while not publisher.get_subscription_count():
+            time.sleep(0.01)
         is_ready.set()
         due = time.monotonic()
         while True:
-            client.publish_state(JOINT_NAMES, positions, [0.0] * len(positions))
+            publisher.publish(message)
             due = max(due + 1.0 / rate, time.monotonic() - 0.1)
             time.sleep(max(due - time.monotonic(), 0.0))
+
+
+@contextmanager
+def silent_node(name: str) -> Iterator[Node]:
+    """A node without more than it is given."""
+    context = rclpy.Context()
+    rclpy.init(args=[], context=context, signal_handler_options=SignalHandlerOptions.NO)
+    node = rclpy.create_node(
+        name, context=context, enable_rosout=False, start_parameter_services=False
+    )
+    try:
+        yield node
+    finally:
+        node.destroy_node()
+        rclpy.try_shutdown(context=context)
 
 
 def processor_time(node: Popen[str]) -> float:

@@ -18,6 +18,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import JointState as JointStateMessage
+from std_msgs.msg import Header
 from trajectory_msgs.msg import JointTrajectory
 
 from mp_pca_planner.exceptions import GoalError, TrajectoryError
@@ -26,7 +27,6 @@ from mp_pca_planner.planning.planner import Plan, Planner
 from mp_pca_planner.ros.messages import (
     to_descriptor,
     to_goal,
-    to_joint_trajectory,
     to_plan_report,
     to_refusal,
     to_sequence_goal,
@@ -35,6 +35,7 @@ from mp_pca_planner.ros.messages import (
     to_trajectory,
 )
 from mp_pca_planner.ros.parameters import DECLARATIONS
+from mp_pca_planner.ros.trajectory_bytes import serialize_trajectory
 from mp_pca_planner.trajectory import Trajectory
 
 NAN, INF = float("nan"), float("inf")
@@ -48,6 +49,12 @@ def message(names: list[str], positions: list[float], **fields: object) -> Joint
 def trajectory(times: list[float], efforts: bool = True) -> Trajectory:
     values = np.random.default_rng(1).normal(size=(4, len(times), 2))
     return Trajectory(["a", "b"], times, *values[:3], values[3] if efforts else None)
+
+
+def written(sent: Trajectory, with_efforts: bool = False) -> JointTrajectory:
+    return deserialize_message(
+        serialize_trajectory(sent, with_efforts=with_efforts), JointTrajectory
+    )
 
 
 @pytest.fixture(scope="module")
@@ -150,16 +157,40 @@ def test_malformed_states_are_refused_by_name(wrong: JointStateMessage, words: s
 @given(st.lists(st.integers(1, 10**10), min_size=1, max_size=20))
 def test_times_from_start_are_exact_to_the_nanosecond(steps: list[int]) -> None:
     stamps = np.cumsum([0, *steps])
-    points = to_joint_trajectory(trajectory((stamps * 1e-9).tolist()), with_efforts=False).points
+    points = written(trajectory((stamps * 1e-9).tolist())).points
     found = [p.time_from_start.sec * 10**9 + p.time_from_start.nanosec for p in points]
     assert found == stamps.tolist()
+
+
+# Of all lengths that fields may be aligned differently behind.
+NAMES = st.lists(st.text("aé", min_size=1, max_size=9), min_size=1, max_size=4, unique=True)
+
+
+@given(NAMES, st.integers(1, 3), st.booleans(), st.booleans())
+def test_ros_reads_serialised_trajectories_of_any_alignment(
+    names: list[str], n_points: int, with_efforts: bool, last_point_only: bool
+) -> None:
+    values = np.random.default_rng(1).normal(size=(4, n_points, len(names)))
+    sent = Trajectory(names, 0.75 * np.arange(n_points), *values)
+    raw = serialize_trajectory(sent, with_efforts=with_efforts, last_point_only=last_point_only)
+    message = deserialize_message(raw, JointTrajectory)
+    first = n_points - 1 if last_point_only else 0
+    assert message.header == Header()
+    assert message.joint_names == names
+    for k, point in enumerate(message.points, start=first):
+        for field, column in zip(
+            ("positions", "velocities", "accelerations"), values, strict=False
+        ):
+            assert list(getattr(point, field)) == list(column[k])
+        assert list(point.effort) == (list(values[3, k]) if with_efforts else [])
+        assert point.time_from_start.sec + point.time_from_start.nanosec * 1e-9 == 0.75 * k
+    assert len(message.points) == n_points - first
 
 
 @pytest.mark.parametrize("with_efforts", [True, False])
 def test_trajectory_survives_the_wire_to_the_last_bit(with_efforts: bool) -> None:
     sent = trajectory([0.0, 0.25, 1.5])
-    raw = serialize_message(to_joint_trajectory(sent, with_efforts=with_efforts))
-    received = to_trajectory(deserialize_message(raw, JointTrajectory))
+    received = to_trajectory(written(sent, with_efforts))
     assert received.joint_names == sent.joint_names
     for field in ("times", "positions", "velocities", "accelerations"):
         np.testing.assert_array_equal(getattr(received, field), getattr(sent, field))
@@ -170,22 +201,20 @@ def test_trajectory_survives_the_wire_to_the_last_bit(with_efforts: bool) -> Non
 
 
 def test_received_trajectory_with_a_point_that_lacks_velocities_is_refused() -> None:
-    message = to_joint_trajectory(trajectory([0.0, 1.0]), with_efforts=False)
+    message = written(trajectory([0.0, 1.0]))
     message.points[1].velocities = []
     with pytest.raises(TrajectoryError, match="velocities"):
         to_trajectory(message)
 
 
-def test_efforts_are_left_out_unless_asked_for_and_missed_if_they_are() -> None:
-    for point in to_joint_trajectory(trajectory([0.0, 1.0]), with_efforts=False).points:
-        assert not point.effort
+def test_efforts_that_are_asked_for_are_missed() -> None:
     with pytest.raises(TrajectoryError, match="no efforts"):
-        to_joint_trajectory(trajectory([0.0, 1.0], efforts=False), with_efforts=True)
+        serialize_trajectory(trajectory([0.0, 1.0], efforts=False), with_efforts=True)
 
 
 def test_points_that_would_get_the_same_stamp_are_refused() -> None:
     with pytest.raises(TrajectoryError, match="1 ns"):
-        to_joint_trajectory(trajectory([0.0, 1e-12]), with_efforts=False)
+        serialize_trajectory(trajectory([0.0, 1e-12]), with_efforts=False)
 
 
 # Reports

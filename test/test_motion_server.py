@@ -18,6 +18,7 @@ pytest.importorskip("trajectory_msgs", reason="ROS 2 messages are not installed"
 
 from arm import JOINTS, arm_primitive
 from controller import Controller, RefusedMessageError
+from rclpy.serialization import deserialize_message
 from trajectory_msgs.msg import JointTrajectory
 
 from mp_pca_planner.exceptions import GoalError, PlannerError
@@ -25,11 +26,11 @@ from mp_pca_planner.goal import JointGoal, JointState, SequenceGoal
 from mp_pca_planner.resources import config_file
 from mp_pca_planner.ros.assembly import Model, assemble_model
 from mp_pca_planner.ros.goal_statistics import GoalStatistics
-from mp_pca_planner.ros.messages import to_joint_trajectory
 from mp_pca_planner.ros.motion_server import MotionServer, UnexecutablePlanError
 from mp_pca_planner.ros.newest_goal import CancelledError
 from mp_pca_planner.ros.parameters import Settings
 from mp_pca_planner.ros.start_state import StartStates, TooLateError
+from mp_pca_planner.ros.trajectory_bytes import serialize_trajectory
 from mp_pca_planner.trajectory import Trajectory
 from mp_pca_planner.validation import check_limits
 
@@ -123,9 +124,8 @@ class World:
         self.states.receive(b"")
 
     def _send(self, trajectory: Trajectory, last_point_only: bool) -> None:
-        self.sent.append(
-            to_joint_trajectory(trajectory, with_efforts=False, last_point_only=last_point_only)
-        )
+        raw = serialize_trajectory(trajectory, with_efforts=False, last_point_only=last_point_only)
+        self.sent.append(deserialize_message(raw, JointTrajectory))
         self.controller.receive(self.sent[-1], self.now)
 
 

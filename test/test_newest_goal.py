@@ -139,3 +139,19 @@ def test_cancelling_drops_what_is_served_and_what_waits(kitchen: Kitchen) -> Non
     kitchen.thread.submit(3)
     kitchen.wait_for(served=1)
     assert kitchen.served == [3]
+
+
+def test_waiting_ends_when_all_is_served_and_not_before(kitchen: Kitchen) -> None:
+    kitchen.thread.submit(1)
+    kitchen.wait_for(begun=1)
+    kitchen.thread.wait(0.01)
+    assert not kitchen.served
+    kitchen.allow()
+    kitchen.thread.wait(TIMEOUT)
+    assert kitchen.served == [1]
+
+
+def test_waiting_where_there_is_nothing_to_serve_ends_at_once(kitchen: Kitchen) -> None:
+    began = time.monotonic()
+    kitchen.thread.wait(TIMEOUT)
+    assert time.monotonic() - began < TIMEOUT

@@ -51,7 +51,7 @@ class Answer:
     trajectory : JointTrajectory or None
         The motion; None if the report is an error.
     latency : float or None
-        Time from sending the goal to receiving the motion [s].
+        Time from sending the goal until the middleware of the client has the motion [s].
     """
 
     report: DiagnosticStatus
@@ -171,9 +171,10 @@ class GoalClient:
             (MarkerArray, f"{there}/preview", self.previews.append, latched),
         ):
             node.create_subscription(message_type, topic, callback, qos)
-        # Its time is taken before it is made into a message, which in Python takes a while.
+        # rclpy's types know of no callbacks that are told when the middleware got a message.
+        on_trajectory: Any = self._on_trajectory
         node.create_subscription(
-            JointTrajectory, f"{there}/joint_trajectory", self._on_trajectory, _DEPTH, raw=True
+            JointTrajectory, f"{there}/joint_trajectory", on_trajectory, _DEPTH, raw=True
         )
 
     def __enter__(self) -> GoalClient:
@@ -261,7 +262,7 @@ class GoalClient:
         """
         n_reports, n_trajectories = len(self.reports), len(self.trajectories)
         stamp = to_stamp_text(goal.header.stamp)
-        sent = time.perf_counter()
+        sent = time.time()
         self.publish_goal(goal)
 
         def own_report() -> DiagnosticStatus | None:
@@ -377,8 +378,8 @@ class GoalClient:
         """Wait until the node has primitives and a robot model."""
         self.wait_for_diagnostics(lambda values: values["model"] != "none")
 
-    def _on_trajectory(self, message: bytes) -> None:
-        self._trajectory_received = time.perf_counter()
+    def _on_trajectory(self, message: bytes, facts: dict[str, int]) -> None:
+        self._trajectory_received = facts["received_timestamp"] * 1e-9
         self.trajectories.append(deserialize_message(message, JointTrajectory))
 
     def _call(self, client: Any, request: Any, timeout: float = 10.0) -> Any:

@@ -8,7 +8,6 @@ import math
 from array import array
 from collections.abc import Iterable, Mapping, Sequence
 
-import numpy as np
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from geometry_msgs.msg import PoseStamped
@@ -17,7 +16,7 @@ from sensor_msgs.msg import JointState as JointStateMessage
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from ..arrays import FloatArray
-from ..exceptions import GoalError, TrajectoryError
+from ..exceptions import GoalError
 from ..goal import JointGoal, JointState, Pose, PoseGoal, SequenceGoal
 from ..planning.planner import STOPPED_EARLY, Plan
 from ..planning.sequence import SequencePlan
@@ -202,43 +201,6 @@ def _check_lengths(what: str, message: JointStateMessage) -> None:
             f"the {what} names {n} joints and has {len(message.velocity)} velocities, "
             "none or one for each joint is accepted"
         )
-
-
-def to_joint_trajectory(
-    trajectory: Trajectory, *, with_efforts: bool, last_point_only: bool = False
-) -> JointTrajectory:
-    """Write a trajectory that starts when the controller receives it.
-
-    With its last point only, the controller goes there from where it is.
-
-    Raises
-    ------
-    TrajectoryError
-        If efforts are asked for and the trajectory has none, or points are less than 1 ns apart.
-    """
-    efforts = trajectory.efforts if with_efforts else None
-    if with_efforts and efforts is None:
-        raise TrajectoryError("the trajectory has no efforts, so none can be published")
-    stamps = np.rint(trajectory.times * _NANOSECONDS).astype(np.int64)
-    if np.any(np.diff(stamps) <= 0):
-        raise TrajectoryError("points of a trajectory must be at least 1 ns apart")
-    columns = (trajectory.positions, trajectory.velocities, trajectory.accelerations)
-    q, v, a = (_numbers(x) for x in columns)
-    tau = None if efforts is None else _numbers(efforts)
-    n = trajectory.n_joints
-    seconds, nanoseconds = (x.tolist() for x in np.divmod(stamps, _NANOSECONDS))
-    points = []
-    # A robot waits for this loop, and arguments of constructors take longer than assignments.
-    for k in range(trajectory.n_steps - 1 if last_point_only else 0, trajectory.n_steps):
-        row = slice(k * n, (k + 1) * n)
-        point = JointTrajectoryPoint()
-        point.positions, point.velocities, point.accelerations = q[row], v[row], a[row]
-        if tau is not None:
-            point.effort = tau[row]
-        time = point.time_from_start
-        time.sec, time.nanosec = seconds[k], nanoseconds[k]
-        points.append(point)
-    return JointTrajectory(joint_names=list(trajectory.joint_names), points=points)
 
 
 def to_trajectory(message: JointTrajectory) -> Trajectory:

@@ -64,9 +64,18 @@ class NewestGoalThread(Generic[T]):
             overtaken, self._waiting = self._waiting, goal
             if self._is_serving and self._may_cancel:
                 self._is_cancelled = True
-            self._changed.notify()
+            self._changed.notify_all()
         if overtaken is not None:
             self._drop(overtaken)
+
+    def wait(self, timeout: float) -> None:
+        """Wait until every goal is served, or for the timeout [s].
+
+        Whoever has nothing better to do leaves the interpreter to the goal by this: of two threads
+        of Python that have work, one waits for the other.
+        """
+        with self._changed:
+            self._changed.wait_for(lambda: self._waiting is None and not self._is_serving, timeout)
 
     def cancel(self) -> None:
         """Give up what waits and what is served."""
@@ -81,7 +90,7 @@ class NewestGoalThread(Generic[T]):
         self.cancel()
         with self._changed:
             self._is_closed = True
-            self._changed.notify()
+            self._changed.notify_all()
         self._thread.join(timeout)
 
     def _run(self) -> None:
@@ -108,4 +117,6 @@ class NewestGoalThread(Generic[T]):
                 self._may_cancel = False
                 self._drop(goal)
             finally:
-                self._is_serving = False
+                with self._changed:
+                    self._is_serving = False
+                    self._changed.notify_all()

@@ -41,7 +41,6 @@ from .kept_motion import keep_motion
 from .messages import (
     to_descriptor,
     to_goal,
-    to_joint_trajectory,
     to_overtaken_report,
     to_plan_report,
     to_pose_goal,
@@ -64,6 +63,7 @@ from .preview import to_preview
 from .reference_frame import stated_in
 from .start_state import StartStates
 from .state_reader import SerializedStateReader
+from .trajectory_bytes import serialize_trajectory
 
 NODE_NAME = "mp_pca_planner"
 
@@ -76,6 +76,10 @@ _LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 _EVERY = QoSProfile(depth=100, reliability=ReliabilityPolicy.RELIABLE)
 
 _LOG_PERIOD = 1.0
+
+# How long callbacks wait for a goal's motion before they go on [s]: a little longer than most take,
+# and short for whoever wants to stop the robot, or has a newer goal.
+_PATIENCE = 0.01
 
 # Declared by rclpy itself when it needs them.
 _NAMES_OF_ROS = ("use_sim_time", "qos_overrides.", "start_type_description_service")
@@ -322,6 +326,7 @@ class PlannerNode(Node):
             self._refuse(to_refusal(str(error), stamp))
         else:
             self._goals.submit(_Job(kind, make_goal, model, stamp))
+            self._goals.wait(_PATIENCE)
 
     def _serve(self, job: _Job, is_cancelled: IsCancelled) -> None:
         """Plan, publish and report: in the planning thread."""
@@ -358,7 +363,7 @@ class PlannerNode(Node):
     def _send(self, trajectory: Trajectory, last_point_only: bool) -> None:
         with_efforts = self._settings.publish_effort and not last_point_only
         self._trajectories.publish(
-            to_joint_trajectory(
+            serialize_trajectory(
                 trajectory, with_efforts=with_efforts, last_point_only=last_point_only
             )
         )

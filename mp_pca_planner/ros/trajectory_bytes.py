@@ -1,0 +1,102 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Trajectories → serialised messages.
+
+A robot waits for its trajectory. To make message objects of some hundred points, and to have rclpy
+serialise them, takes several times longer than to lay the numbers out as they go over the wire.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from ..exceptions import TrajectoryError
+from ..trajectory import Trajectory
+
+_NANOSECONDS = 10**9
+# Before the message: plain CDR, little-endian. Alignment counts from behind it.
+_ENCAPSULATION = bytes([0, 1, 0, 0])
+# The stamp 0, which tells the controller to start at once, and an empty frame_id.
+_HEADER = bytes(8) + (1).to_bytes(4, "little") + bytes(1)
+
+
+def serialize_trajectory(
+    trajectory: Trajectory, *, with_efforts: bool, last_point_only: bool = False
+) -> bytes:
+    """Write a trajectory that starts when the controller receives it.
+
+    With its last point only, the controller goes there from where it is.
+
+    Returns
+    -------
+    :
+        A serialised ``trajectory_msgs/JointTrajectory`` (XCDR version 1).
+
+    Raises
+    ------
+    TrajectoryError
+        If efforts are asked for and the trajectory has none, or points are less than 1 ns apart.
+    """
+    efforts = trajectory.efforts if with_efforts else None
+    if with_efforts and efforts is None:
+        raise TrajectoryError("the trajectory has no efforts, so none can be published")
+    stamps = np.rint(trajectory.times * _NANOSECONDS).astype(np.int64)
+    if np.any(np.diff(stamps) <= 0):
+        raise TrajectoryError("points of a trajectory must be at least 1 ns apart")
+    columns = {
+        "positions": trajectory.positions,
+        "velocities": trajectory.velocities,
+        "accelerations": trajectory.accelerations,
+    }
+    if efforts is not None:
+        columns["effort"] = efforts
+    first = trajectory.n_steps - 1 if last_point_only else 0
+    message = _HEADER + _strings(len(_HEADER), trajectory.joint_names)
+    message += _count(len(message), trajectory.n_steps - first)
+    # Where a point begins says how its fields are aligned: all but the first begin alike.
+    for part in (slice(first, first + 1), slice(first + 1, None)):
+        kind = _point_type(len(message), trajectory.n_joints, with_efforts)
+        points = np.zeros(len(stamps[part]), kind)
+        for name, values in columns.items():
+            points[f"n_{name}"] = trajectory.n_joints
+            points[name] = values[part]
+        points["sec"], points["nanosec"] = np.divmod(stamps[part], _NANOSECONDS)
+        message += points.tobytes()
+    return _ENCAPSULATION + message
+
+
+def _point_type(start: int, n_joints: int, with_efforts: bool) -> np.dtype[np.void]:
+    """Layout of a ``JointTrajectoryPoint`` that begins `start` bytes behind the encapsulation."""
+    count, numbers = np.dtype("<u4"), np.dtype(("<f8", (n_joints,)))
+    fields: list[tuple[str, np.dtype[Any], int]] = []  # name, type, alignment
+    for name in ("positions", "velocities", "accelerations", "effort"):
+        fields.append((f"n_{name}", count, 4))
+        if name != "effort" or with_efforts:
+            fields.append((name, numbers, 8))
+    fields += [("sec", np.dtype("<i4"), 4), ("nanosec", count, 4)]
+    offsets, end = [], start
+    for _, kind, alignment in fields:
+        end += -end % alignment
+        offsets.append(end - start)
+        end += kind.itemsize
+    names, formats, _ = zip(*fields, strict=True)
+    return np.dtype(
+        {"names": names, "formats": formats, "offsets": offsets, "itemsize": end - start}
+    )
+
+
+def _strings(start: int, texts: Sequence[str]) -> bytes:
+    """A sequence of strings that begins `start` bytes behind the encapsulation."""
+    written = _count(start, len(texts))
+    for text in texts:
+        encoded = text.encode() + bytes(1)
+        written += _count(start + len(written), len(encoded)) + encoded
+    return written
+
+
+def _count(start: int, n: int) -> bytes:
+    """A number of elements, aligned."""
+    return bytes(-start % 4) + n.to_bytes(4, "little")
