@@ -246,6 +246,14 @@ def test_inspect_shows_what_it_can_and_refuses_the_rest(primitive, tmp_path):
     assert "arm_arm_4" in done.stdout
 
 
+def test_inspect_of_a_damaged_bag_says_what_may_help(recording, tmp_path):
+    (whole,) = recording[0].glob("*.mcap")
+    damaged = tmp_path / "damaged.mcap"
+    damaged.write_bytes(whole.read_bytes()[: whole.stat().st_size // 2])
+    assert "salvaging it takes" in run("inspect", damaged, ok=True).stdout
+    assert "only the" in run("inspect", damaged, "--salvage", ok=True).stdout
+
+
 def test_inspect_refuses_what_is_no_recording(tmp_path):
     (tmp_path / "notes.txt").write_text("none")
     assert "notes.txt' is no recording" in refusal("inspect", tmp_path / "notes.txt")

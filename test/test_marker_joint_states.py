@@ -248,6 +248,22 @@ def test_marker_recordings_become_a_primitive(
     assert "markers     the worst, '" in out
 
 
+def test_markers_before_the_damage_are_taken_on_request(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    places = {name: np.concatenate([p, p[::-1]] * 4) for name, p in markers().items()}
+    folder = write_marker_arrays(tmp_path / "session", places)
+    (file,) = (file for file in folder.iterdir() if file.suffix != ".yaml")
+    file.write_bytes(file.read_bytes()[: int(0.6 * file.stat().st_size)])
+    options = ("--markers", "/markers", "--robot", URDF, "--marker-map", MAP)
+    output = tmp_path / "x.npz"
+    status, _, err = build(capsys, file, *options, "--output", output)
+    assert status == 2 and "; salvaging it takes what is before the damage" in err
+    status, out, err = build(capsys, file, *options, "--output", output, "--salvage", "--json")
+    assert status == 0, err
+    assert 2 <= json.loads(out)["n_motions"] < 8
+
+
 @pytest.mark.parametrize(
     "options",
     [
@@ -255,7 +271,6 @@ def test_marker_recordings_become_a_primitive(
         ("--markers", "/markers", "--robot", URDF),
         ("--markers", "/markers", "--marker-map", MAP),
         ("--marker-map", MAP),
-        ("--markers", "/markers", "--robot", URDF, "--marker-map", MAP, "--salvage"),
         ("--markers", "/markers", "--robot", URDF, "--marker-map", MAP, "--field", "a"),
         ("--markers", "/markers", "--robot", URDF, "--marker-map", MAP, "--topic", "/joint_states"),
     ],

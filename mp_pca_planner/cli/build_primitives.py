@@ -279,8 +279,8 @@ def _marker_source(arguments: argparse.Namespace) -> MarkerSource | None:
         return None
     if None in files:
         raise RecordingError("--markers needs --robot and --marker-map")
-    if arguments.topic is not None or arguments.field is not None or arguments.salvage:
-        raise RecordingError("--markers goes without --topic, --field and --salvage")
+    if arguments.topic is not None or arguments.field is not None:
+        raise RecordingError("--markers goes without --topic and --field")
     return marker_source(arguments.markers, *files, arguments.joints)
 
 

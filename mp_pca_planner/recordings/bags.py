@@ -195,7 +195,7 @@ def open_bag(path: Path, *, salvage: bool = False) -> Iterator[Bag]:
         If it can't be read.
     """
     bag_format = recording_format(path)
-    with ExitStack() as stack:
+    with _hint_at_salvage(salvage), ExitStack() as stack:
         reader: _Reader | None = None
         failure: DamagedRecordingError | None = None
         try:
@@ -209,6 +209,18 @@ def open_bag(path: Path, *, salvage: bool = False) -> Iterator[Bag]:
         if failure is not None and not bag.topics:
             raise failure
         yield bag
+
+
+@contextmanager
+def _hint_at_salvage(salvage: bool) -> Iterator[None]:
+    """Say of damage, wherever it shows, what could be done."""
+    try:
+        yield
+    except DamagedRecordingError as error:
+        if salvage:
+            raise
+        hint = "salvaging it takes what is before the damage, if there is any"
+        raise DamagedRecordingError(f"{error}; {hint}") from error.__cause__
 
 
 class Bag:

@@ -15,7 +15,6 @@ import numpy as np
 
 from ..arrays import FloatArray
 from ..exceptions import (
-    DamagedRecordingError,
     RecordingError,
     UnusableRecordingError,
     unknown_name,
@@ -500,9 +499,7 @@ def _load(task: _Task, progress: Callable[[float], None] | None = None) -> _Load
         cuts, notes = _cut(task, clean, pieces, thresholds)
         motions = _demonstrations(cuts, clean, task.name, checksum(task.path))
     except RecordingError as error:
-        hint = "; salvaging it takes what is before the damage, if there is any"
-        is_hopeful = isinstance(error, DamagedRecordingError) and not settings.salvage
-        return Refusal(task.name, str(error) + hint * is_hopeful)
+        return Refusal(task.name, str(error))
     notes = clean.notes + notes
     report = _report(task.path, clean, motions, thresholds, notes, residuals)
     if settings.overview:
