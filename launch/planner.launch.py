@@ -61,7 +61,7 @@ def generate_launch_description() -> LaunchDescription:
                 default_value="base_link",
                 description="frame that RViz shows all in: the root link of the URDF, for example",
             ),
-            OpaqueFunction(function=_planner_node),
+            # Before the planner, which would be left running if there is no RViz.
             Node(
                 package="rviz2",
                 executable="rviz2",
@@ -79,6 +79,7 @@ def generate_launch_description() -> LaunchDescription:
                 ],
                 condition=IfCondition(LaunchConfiguration("rviz")),
             ),
+            OpaqueFunction(function=_planner_node),
         ]
     )
 

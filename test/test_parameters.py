@@ -4,10 +4,6 @@
 
 from __future__ import annotations
 
-import ast
-from importlib.util import find_spec
-from pathlib import Path
-
 import pytest
 import yaml
 
@@ -22,17 +18,6 @@ from mp_pca_planner.ros.parameters import (
 )
 
 BY_NAME = {declaration.name: declaration for declaration in DECLARATIONS}
-LAUNCH_FILE = Path(__file__).parents[1] / "launch" / "planner.launch.py"
-LAUNCH_ARGUMENTS = {
-    "primitives",
-    "robot_description_file",
-    "robot_description_topic",
-    "params_file",
-    "controller_topic",
-    "namespace",
-    "rviz",
-    "fixed_frame",
-}
 
 
 def test_parameter_file_shows_every_parameter_with_its_default() -> None:
@@ -114,31 +99,3 @@ def test_limits_of_the_joints_are_declared_one_by_one() -> None:
     names = [declaration.name for declaration in limit_declarations(["a", "b"])]
     check_limit_names(names, ["a", "b"])
     assert len(set(names)) == 8
-
-
-# The launch file; `launch` comes with a ROS installation only.
-
-
-def test_launch_file_declares_its_arguments_and_uses_no_others() -> None:
-    tree = ast.parse(LAUNCH_FILE.read_text(encoding="utf-8"))
-    calls = [node for node in ast.walk(tree) if isinstance(node, ast.Call)]
-
-    def first_arguments(function: str) -> set[str]:
-        found = [c for c in calls if isinstance(c.func, ast.Name) and c.func.id == function]
-        return {c.args[0].value for c in found if isinstance(c.args[0], ast.Constant)}
-
-    assert first_arguments("DeclareLaunchArgument") == LAUNCH_ARGUMENTS
-    used = first_arguments("value") | first_arguments("LaunchConfiguration")
-    assert used == LAUNCH_ARGUMENTS
-
-
-@pytest.mark.skipif(find_spec("launch_ros") is None, reason="launch_ros is not installed")
-def test_launch_file_loads_and_declares_its_arguments() -> None:
-    from launch import LaunchContext, LaunchDescriptionSource
-    from launch.actions import DeclareLaunchArgument
-
-    description = LaunchDescriptionSource(
-        location=str(LAUNCH_FILE), method="python"
-    ).get_launch_description(LaunchContext())
-    declared = [e.name for e in description.entities if isinstance(e, DeclareLaunchArgument)]
-    assert set(declared) == LAUNCH_ARGUMENTS
