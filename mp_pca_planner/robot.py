@@ -390,10 +390,11 @@ class Robot:
                 self._full, self._description, kind, package_dirs=folders
             )
         except (ValueError, RuntimeError) as error:
+            looked_in = f"is looked for in {quote_names(folders)}" if folders else "has to be given"
             raise RobotError(
                 f"the collision geometry of the {self._source} can't be read: "
-                f"{str(error).rstrip('.')}; meshes of packages are looked for in "
-                f"{quote_names(folders)}"
+                f"{str(error).rstrip('.')}; the folder in which such a package is {looked_in} "
+                "(package_dirs)"
             ) from None
         whole.addAllCollisionPairs()
         parents = self._full.parents
