@@ -872,8 +872,8 @@ class Planner:
     def _remedy(self, attempt: _Attempt) -> tuple[float, float] | None:
         """The duration and naturalness to try next if limits are broken, None if none is left.
 
-        What the expected motion breaks, too, takes more time; what it does not break was broken
-        for the sake of less effort, and takes more naturalness. So do links that meet.
+        What the expected motion breaks, too, takes more time. If it breaks nothing, less effort was
+        what broke a limit, or made links meet, and more naturalness mends it.
         """
         if not (attempt.check.violations or attempt.collisions) or attempt.is_hopeless:
             return None
@@ -887,10 +887,10 @@ class Planner:
         slower = min(duration * _stretch(check), longest)
         if slower > duration:
             return slower, naturalness
+        if check.violations or family.precision is None or family.is_corrected:
+            return None
         stronger = next((pull for pull in _PULLS if pull > naturalness), None)
-        if family.precision is not None and not family.is_corrected and stronger is not None:
-            return duration, stronger
-        return None
+        return None if stronger is None else (duration, stronger)
 
     def _sample(self, motion: Motion) -> Trajectory:
         times = motion.sample_times(self.options.sample_period)
