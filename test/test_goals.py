@@ -3,6 +3,7 @@
 """What the planner can be asked: poses, vias, durations, objectives, and more than the span."""
 
 import runpy
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -12,6 +13,7 @@ import pytest
 from arm import JOINTS, arm_primitive, arm_robot
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.optimize import linprog
 from test_planner import REQUESTS, planner, request
 
 from mp_pca_planner.exceptions import GoalError, RobotError
@@ -19,6 +21,7 @@ from mp_pca_planner.goal import JointGoal, JointState, Pose, PoseGoal, Via
 from mp_pca_planner.planning.objectives import Effort, Jerk, Straightness, Time
 from mp_pca_planner.planning.planner import INFEASIBLE, SOLVED, STOPPED_EARLY, PlannerOptions
 from mp_pca_planner.planning.pose_search import configurations_at
+from mp_pca_planner.primitives.basis import BSplineBasis
 from mp_pca_planner.resources import config_file
 from mp_pca_planner.validation import check_limits
 
@@ -258,6 +261,64 @@ def test_what_b_splines_can_do_components_with_a_correction_can_do_too():
         n_splines += splines.is_executable
         assert components.is_executable >= splines.is_executable
     assert n_splines > 0
+
+
+@settings(max_examples=25)
+@given(
+    i=st.integers(0, 19),
+    shares=st.lists(st.floats(0.8, 1.5), min_size=8, max_size=8),
+    naturalness=st.sampled_from([0.0, 1.0]),
+    coupling=st.sampled_from(["arm", "joint"]),
+)
+def test_whatever_splines_can_do_is_done(i, shares, naturalness, coupling):
+    goal, start = request(i)
+    goal = replace(goal, duration=arm_primitive().durations[i])
+    way = np.abs(goal.state.positions - start.positions) / goal.duration
+    peaks = np.concatenate([1.875 * way, 5.7735 * way / goal.duration])
+    limits = np.maximum(np.multiply(shares, peaks), 0.05).reshape(2, -1)
+    overrides = {
+        name: {"max_velocity": v, "max_acceleration": a, "max_effort": np.inf}
+        for name, v, a in zip(JOINTS, *limits.tolist(), strict=True)
+    }
+    least = least_share_with_splines(start.positions, goal, limits)
+    # The planner leaves a margin of 5e-4.
+    if least <= 0.999:
+        plan = planner(
+            overrides=overrides, coupling=coupling, naturalness=naturalness, max_solve_time=20.0
+        ).plan(goal, start)
+        assert plan.is_executable, (least, plan.message)
+
+
+def least_share_with_splines(start: np.ndarray, goal: JointGoal, limits: np.ndarray) -> float:
+    """Least share of limits of velocity and acceleration that a motion of splines takes.
+
+    What these are is linear in the weights, so linear programs, one for each joint, tell it.
+    """
+    basis, t = BSplineBasis(1), np.linspace(0.0, 1.0, 401)
+    functions = [basis.functions(t, order)[:, 0] / goal.duration**order for order in (1, 2)]
+    least = 0.0
+    for j, way in enumerate(goal.state.positions - start):
+        minimum_jerk = [
+            way / goal.duration**order * values
+            for order, values in (
+                (1, 30 * t**2 - 60 * t**3 + 30 * t**4),
+                (2, 60 * t - 180 * t**2 + 120 * t**3),
+            )
+        ]
+        rows = np.vstack(
+            [sign * f / limits[k, j] for k, f in enumerate(functions) for sign in (1, -1)]
+        )
+        bounds = np.concatenate(
+            [-sign * f / limits[k, j] for k, f in enumerate(minimum_jerk) for sign in (1, -1)]
+        )
+        found = linprog(
+            np.append(np.zeros(basis.n_weights), 1.0),
+            A_ub=np.hstack([rows, -np.ones((len(rows), 1))]),
+            b_ub=bounds,
+            bounds=(None, None),
+        )
+        least = max(least, found.fun)
+    return least
 
 
 @settings(max_examples=6)

@@ -1,0 +1,195 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Which family of motions solves a problem, and what fewer components would do.
+
+First, problems of fixed durations are planned: held-out motions of the demonstrated range, ends
+anywhere within the limits, and held-out ones with limits of velocity and acceleration so far drawn
+in that motions must be unlike those shown. It says whether it took components alone, components
+and splines, or splines alone, and whether a problem that splines alone solve is refused.
+
+Then held-out motions are planned with the first 1, 2, 4, … components, and with all of them and
+some naturalness ρ. Fewer components are nearer to what was shown at more effort; so is naturalness.
+
+    python benchmarks/families.py [--problems 50]
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections import Counter
+from dataclasses import dataclass
+
+import numpy as np
+
+from mp_pca_planner.benchmarking.problems import (
+    Problem,
+    Scene,
+    held_out_problems,
+    random_problems,
+    robot_file,
+    scene_of,
+)
+from mp_pca_planner.cli.common import table
+from mp_pca_planner.goal import JointGoal, JointState
+from mp_pca_planner.limits import JointLimits
+from mp_pca_planner.planning.planner import Plan, Planner, PlannerOptions
+from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
+from mp_pca_planner.primitives.primitive import MovementPrimitive
+
+ROBOTS = ("human_arm", "panda", "ur5", "kinova")
+COMPONENTS = {"arm": 8, "joint": 4}
+# Limits as shares of the peaks of the minimum-jerk motion, which are these over D / T and D / T²,
+# and the least [rad/s, rad/s²], for joints that hardly move.
+PEAKS = {"max_velocity": 1.875, "max_acceleration": 5.7735}
+DRAWN_IN = {"max_velocity": (0.65, 1.0), "max_acceleration": (0.8, 1.4)}
+LEAST = 0.05
+FEWER = (1, 2, 4, 6, 8)
+NATURALNESS = (1e-4, 1e-3, 1e-2, 1e-1, 1.0)
+
+
+def main() -> None:
+    """Print both tables."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--problems", type=int, default=50, help="of each kind and robot")
+    parser.add_argument("--robots", nargs="+", default=ROBOTS)
+    arguments = parser.parse_args()
+    families, trade_off = [], []
+    for name in arguments.robots:
+        scene = scene_of(*robot_file(name), n_motions=30)
+        for coupling, n_components in COMPONENTS.items():
+            primitive = primitive_of(scene, coupling, n_components)
+            for kind, problems in problems_of(scene, arguments.problems).items():
+                for naturalness in (0.0, 1.0):
+                    outcomes = [both_ways(scene, primitive, *one, naturalness) for one in problems]
+                    families.append([name, coupling, kind, f"{naturalness:g}", *shares(outcomes)])
+        trade_off += traded_off(scene, held_out_problems(scene, arguments.problems, 2))
+    header = ["robot", "coupling", "problems", "ρ", "components", "both", "splines", "refused"]
+    print(table(families, header=[*header, "B-splines solve", "refused of these", "ms", "worst"]))
+    header = ["robot", "components", "ρ", "solved", "effort", "from the demonstration [deg]", "ms"]
+    print(f"\n{table(trade_off, header=header)}")
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """One problem: our plan, and that of splines alone."""
+
+    plan: Plan
+    spline: Plan
+
+    @property
+    def family(self) -> str:
+        """What our plan is made of."""
+        if not self.plan.is_executable:
+            return "refused"
+        if self.plan.n_components_used == 0:
+            return "splines"
+        return "both" if self.plan.correction > 0.0 else "components"
+
+
+def primitive_of(scene: Scene, coupling: str, n_components: int) -> MovementPrimitive:
+    """What is learned from the demonstrations."""
+    options = PrimitiveOptions(coupling, n_components)
+    return build_primitive(scene.demonstrations, scene.name, options)
+
+
+def problems_of(scene: Scene, n_problems: int) -> dict[str, list[tuple[Problem, JointLimits]]]:
+    """Problems of all kinds, with the limits to keep."""
+    held_out, rng = held_out_problems(scene, n_problems, 2), np.random.default_rng(3)
+    return {
+        "held out": [(problem, scene.limits) for problem in held_out],
+        "anywhere": [(problem, scene.limits) for problem in random_problems(scene, n_problems, 2)],
+        "drawn in": [(problem, drawn_in(scene, problem, rng)) for problem in held_out],
+    }
+
+
+def drawn_in(scene: Scene, problem: Problem, rng: np.random.Generator) -> JointLimits:
+    """Limits near what the problem needs."""
+    way, names = np.abs(problem.goal - problem.start), scene.robot.joint_names
+    overrides: dict[str, dict[str, float]] = {name: {} for name in names}
+    for order, (key, share) in enumerate(DRAWN_IN.items(), start=1):
+        peaks = PEAKS[key] * way / problem.duration**order
+        within = scene.limits.velocity if order == 1 else scene.limits.acceleration
+        for name, limit in zip(
+            names, np.minimum(np.maximum(rng.uniform(*share) * peaks, LEAST), within), strict=True
+        ):
+            overrides[name][key] = float(limit)
+    return scene.robot.limits(overrides)
+
+
+def planned(
+    scene: Scene,
+    primitive: MovementPrimitive,
+    problem: Problem,
+    limits: JointLimits,
+    options: PlannerOptions,
+) -> Plan:
+    """Plan one problem."""
+    names = scene.robot.joint_names
+    goal = JointGoal(JointState(names, problem.goal), problem.duration)
+    planner = Planner(scene.robot, [primitive], limits, options)
+    return planner.plan(goal, JointState(names, problem.start))
+
+
+def both_ways(
+    scene: Scene,
+    primitive: MovementPrimitive,
+    problem: Problem,
+    limits: JointLimits,
+    naturalness: float,
+) -> Outcome:
+    """Plan one problem, and with splines alone."""
+    own = PlannerOptions(naturalness=naturalness)
+    splines = PlannerOptions(basis="bspline", naturalness=0.0)
+    return Outcome(*(planned(scene, primitive, problem, limits, one) for one in (own, splines)))
+
+
+def shares(outcomes: list[Outcome]) -> list[str]:
+    """How many problems each family solved, and the times."""
+    families = Counter(one.family for one in outcomes)
+    by_splines = [one for one in outcomes if one.spline.is_executable]
+    times = [1e3 * one.plan.solve_time for one in outcomes]
+    return [
+        *(str(families[family]) for family in ("components", "both", "splines", "refused")),
+        str(len(by_splines)),
+        str(sum(one.family == "refused" for one in by_splines)),
+        f"{np.median(times):.1f}",
+        f"{max(times):.0f}",
+    ]
+
+
+def traded_off(scene: Scene, problems: list[Problem]) -> list[list[str]]:
+    """Medians of effort and likeness with fewer components, and with all and naturalness."""
+    most = FEWER[-1]
+    ways = [(n, 0.0) for n in FEWER[::-1]] + [(most, rho) for rho in NATURALNESS] + [(1, 1.0)]
+    rows, least = [], np.zeros(0)
+    for n_components, naturalness in ways:
+        primitive = primitive_of(scene, "arm", n_components)
+        options = PlannerOptions(naturalness=naturalness)
+        plans = [planned(scene, primitive, one, scene.limits, options) for one in problems]
+        efforts = np.array([plan.solution.effort_cost for plan in plans])
+        least = least if least.size else efforts
+        away = [distance(*pair) for pair in zip(plans, problems, strict=True)]
+        rows.append(
+            [
+                scene.name,
+                str(n_components),
+                f"{naturalness:g}",
+                str(sum(plan.is_executable for plan in plans)),
+                f"{np.median(efforts / least):.2f}",
+                f"{np.degrees(np.median(away)):.1f}",
+                f"{1e3 * np.median([plan.solve_time for plan in plans]):.1f}",
+            ]
+        )
+    return rows
+
+
+def distance(plan: Plan, problem: Problem) -> float:
+    """RMS difference from the motion that was held out [rad or m]."""
+    shown = problem.demonstration
+    assert shown is not None
+    q, _, _ = plan.motion.evaluate(shown.times - shown.times[0])
+    return float(np.sqrt(np.mean((q - shown.positions) ** 2)))
+
+
+if __name__ == "__main__":
+    main()
