@@ -32,7 +32,8 @@ from mp_pca_planner.benchmarking.problems import (
 from mp_pca_planner.cli.common import table
 from mp_pca_planner.goal import JointGoal, JointState
 from mp_pca_planner.limits import JointLimits
-from mp_pca_planner.planning.planner import Plan, Planner, PlannerOptions
+from mp_pca_planner.planning.plan import Plan, PlannerOptions
+from mp_pca_planner.planning.planner import Planner
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
 from mp_pca_planner.primitives.primitive import MovementPrimitive
 

@@ -25,7 +25,8 @@ from mp_pca_planner.goal import JointGoal, JointState
 from mp_pca_planner.learning.family import family_around
 from mp_pca_planner.learning.refinement import RefinementCost, refine
 from mp_pca_planner.learning.trials import TrialLearner
-from mp_pca_planner.planning.planner import Plan, Planner
+from mp_pca_planner.planning.plan import Plan
+from mp_pca_planner.planning.planner import Planner
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
 from mp_pca_planner.recordings.synthetic import JOINT_NAMES, generate_motions
 from mp_pca_planner.resources import config_file

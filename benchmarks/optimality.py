@@ -23,9 +23,10 @@ from mp_pca_planner.benchmarking.problems import (
 )
 from mp_pca_planner.cli.common import table
 from mp_pca_planner.goal import JointGoal, JointState
-from mp_pca_planner.planning import planner as module
+from mp_pca_planner.planning import attempt
 from mp_pca_planner.planning.constraints import LimitedProgram
-from mp_pca_planner.planning.planner import Planner, PlannerOptions
+from mp_pca_planner.planning.plan import SOLVED, PlannerOptions
+from mp_pca_planner.planning.planner import Planner
 from mp_pca_planner.planning.solver import Solution, solve
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
 
@@ -79,13 +80,13 @@ def solved_programs(
         return solution
 
     solved = []
-    module.solve = keeping
+    attempt.solve = keeping
     for problem in held_out_problems(scene, n_problems, 2):
         goal = JointGoal(JointState(robot.joint_names, problem.goal), problem.duration)
         plan = planner.plan(goal, JointState(robot.joint_names, problem.start))
-        if plan.status == module.SOLVED:
+        if plan.status == SOLVED:
             solved.append(last[0])
-    module.solve = solve
+    attempt.solve = solve
     return solved
 
 

@@ -26,7 +26,8 @@ from mp_pca_planner.benchmarking.problems import (
 from mp_pca_planner.cli.common import table
 from mp_pca_planner.goal import JointGoal, JointState
 from mp_pca_planner.planning import solver
-from mp_pca_planner.planning.planner import Planner, PlannerOptions
+from mp_pca_planner.planning.plan import PlannerOptions
+from mp_pca_planner.planning.planner import Planner
 from mp_pca_planner.planning.quadratic import solve_quadratic
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
 

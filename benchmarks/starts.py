@@ -26,7 +26,8 @@ from mp_pca_planner.benchmarking.problems import (
 )
 from mp_pca_planner.cli.common import table
 from mp_pca_planner.goal import JointGoal, JointState
-from mp_pca_planner.planning.planner import SOLVED, Planner, PlannerOptions
+from mp_pca_planner.planning.plan import SOLVED, PlannerOptions
+from mp_pca_planner.planning.planner import Planner
 from mp_pca_planner.planning.starts import MOST_STARTS
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
 from mp_pca_planner.primitives.primitive import MovementPrimitive

@@ -24,7 +24,7 @@ from mp_pca_planner.benchmarking.run import PEERS, Result, compare, ratios, set_
 from mp_pca_planner.benchmarking.without_optimisation import MinimumJerk
 from mp_pca_planner.cli.benchmark import main
 from mp_pca_planner.exceptions import MissingDependencyError
-from mp_pca_planner.planning.planner import PlannerOptions
+from mp_pca_planner.planning.plan import PlannerOptions
 from mp_pca_planner.primitives.file import save_primitive
 from mp_pca_planner.robot import Robot
 

@@ -15,7 +15,8 @@ from mp_pca_planner.cli.sequence import main as sequence
 from mp_pca_planner.exceptions import RobotError
 from mp_pca_planner.goal import JointGoal, JointState, Pose, PoseGoal, SequenceGoal
 from mp_pca_planner.planning.collision import Collision, CollisionModel, package_folders
-from mp_pca_planner.planning.planner import INFEASIBLE, SOLVED, Planner, PlannerOptions
+from mp_pca_planner.planning.plan import INFEASIBLE, SOLVED, PlannerOptions
+from mp_pca_planner.planning.planner import Planner
 from mp_pca_planner.planning.sequence import OPTIMAL, REAL_TIME, SequencePlan, SequencePlanner
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
 from mp_pca_planner.primitives.file import save_primitive

@@ -19,7 +19,7 @@ from test_planner import REQUESTS, planner, request
 from mp_pca_planner.exceptions import GoalError, RobotError
 from mp_pca_planner.goal import JointGoal, JointState, Pose, PoseGoal, Via
 from mp_pca_planner.planning.objectives import Effort, Jerk, Straightness, Time
-from mp_pca_planner.planning.planner import INFEASIBLE, SOLVED, STOPPED_EARLY, PlannerOptions
+from mp_pca_planner.planning.plan import INFEASIBLE, SOLVED, STOPPED_EARLY, PlannerOptions
 from mp_pca_planner.planning.pose_search import configurations_at
 from mp_pca_planner.primitives.basis import BSplineBasis
 from mp_pca_planner.resources import config_file

@@ -23,7 +23,8 @@ from trajectory_msgs.msg import JointTrajectory
 
 from mp_pca_planner.exceptions import GoalError, TrajectoryError
 from mp_pca_planner.goal import JointGoal, JointState, Pose, SequenceGoal
-from mp_pca_planner.planning.planner import Plan, Planner
+from mp_pca_planner.planning.plan import Plan
+from mp_pca_planner.planning.planner import Planner
 from mp_pca_planner.ros.messages import (
     to_descriptor,
     to_goal,

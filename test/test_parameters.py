@@ -7,7 +7,7 @@ from __future__ import annotations
 import pytest
 import yaml
 
-from mp_pca_planner.planning.planner import PlannerOptions
+from mp_pca_planner.planning.plan import PlannerOptions
 from mp_pca_planner.resources import config_file
 from mp_pca_planner.ros.parameters import (
     DECLARATIONS,

@@ -8,7 +8,8 @@ from arm import arm_demonstrations, arm_primitive, arm_robot
 
 from mp_pca_planner.goal import JointGoal, JointState, Pose, PoseGoal
 from mp_pca_planner.planning.motion import Motion
-from mp_pca_planner.planning.planner import Planner, PlannerOptions
+from mp_pca_planner.planning.plan import PlannerOptions
+from mp_pca_planner.planning.planner import Planner
 from mp_pca_planner.planning.selection import Considered, Selection, Selector, effort_of
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
 from mp_pca_planner.primitives.primitive import MovementPrimitive

@@ -16,7 +16,7 @@ pytest.importorskip("cmaes", reason="cmaes (extra 'learn') is not installed")
 from mp_pca_planner.exceptions import LearningError
 from mp_pca_planner.goal import JointGoal, JointState
 from mp_pca_planner.planning.collision import CollisionModel
-from mp_pca_planner.planning.planner import Plan
+from mp_pca_planner.planning.plan import Plan
 from mp_pca_planner.resources import config_file
 from mp_pca_planner.ros.assembly import Model, assemble_model
 from mp_pca_planner.ros.parameters import ParameterError, Settings

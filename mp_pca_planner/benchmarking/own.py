@@ -5,7 +5,8 @@
 from __future__ import annotations
 
 from ..goal import JointGoal, JointState
-from ..planning.planner import Planner, PlannerOptions
+from ..planning.plan import PlannerOptions
+from ..planning.planner import Planner
 from ..primitives.build import PrimitiveOptions, build_primitive
 from ..primitives.primitive import MovementPrimitive
 from .method import SOLVED, Answer

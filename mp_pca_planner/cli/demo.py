@@ -22,7 +22,8 @@ from ..exceptions import MissingDependencyError, PlannerError
 from ..files import write_whole
 from ..goal import JointGoal, JointState
 from ..limits import JointLimits
-from ..planning.planner import Plan, Planner, PlannerOptions
+from ..planning.plan import Plan, PlannerOptions
+from ..planning.planner import Planner
 from ..primitives.file import load_primitive
 from ..primitives.primitive import MovementPrimitive
 from ..recordings.bags import write_joint_states

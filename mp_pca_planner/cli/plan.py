@@ -18,15 +18,8 @@ from ..files import check_writable, write_whole
 from ..goal import JointGoal, JointState, Pose, PoseGoal, Via
 from ..planning.collision import CollisionModel, package_folders
 from ..planning.objectives import OBJECTIVES, Objective, objective_by_name
-from ..planning.planner import (
-    BASES,
-    DEMONSTRATED,
-    FREE,
-    SHORTEST,
-    Plan,
-    Planner,
-    PlannerOptions,
-)
+from ..planning.plan import BASES, DEMONSTRATED, FREE, SHORTEST, Plan, PlannerOptions
+from ..planning.planner import Planner
 from ..planning.starts import MOST_STARTS
 from ..primitives.primitive_library import load_primitives
 from ..recordings.bags import FORMAT_OF_SUFFIX, write_joint_trajectory

@@ -21,7 +21,8 @@ from ..learning.refinement import AcceptedMotion, RefinementOptions, refine
 from ..learning.trials import TrialLearner
 from ..limits import JointLimits
 from ..planning.motion import Motion
-from ..planning.planner import Plan, Planner
+from ..planning.plan import Plan
+from ..planning.planner import Planner
 from ..planning.sequence import OPTIMAL, SequencePlan, SequencePlanner
 from ..primitives.file import save_primitive
 from ..primitives.primitive import MovementPrimitive

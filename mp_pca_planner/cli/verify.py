@@ -17,7 +17,8 @@ from ..control.stability import ErrorModel, Stability, analyse
 from ..control.verification import Verification, verify
 from ..exceptions import ControlError
 from ..files import check_writable, write_whole
-from ..planning.planner import Plan, Planner
+from ..planning.plan import Plan
+from ..planning.planner import Planner
 from ..primitives.file import save_primitive
 from .common import (
     DONE,

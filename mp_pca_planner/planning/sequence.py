@@ -35,8 +35,9 @@ from ..validation import LimitCheck, check_executable, check_limits
 from .collision import NOT_CHECKED, Collision, CollisionModel
 from .conditions import JointTarget, PoseTarget, Target
 from .motion import Motion
-from .planner import INFEASIBLE, LONGEST_DURATION, SOLVED, STOPPED_EARLY
+from .plan import INFEASIBLE, SOLVED, STOPPED_EARLY
 from .pose_search import configurations_at, starts_near
+from .request import LONGEST_DURATION
 from .selection import Selector, effort_of
 from .sequence_program import SequenceProgram
 from .sequence_request import SequenceRequest, duration_groups, fit_durations

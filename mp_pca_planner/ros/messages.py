@@ -18,7 +18,7 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from ..arrays import FloatArray
 from ..exceptions import GoalError
 from ..goal import JointGoal, JointState, Pose, PoseGoal, SequenceGoal
-from ..planning.planner import STOPPED_EARLY, Plan
+from ..planning.plan import STOPPED_EARLY, Plan
 from ..planning.sequence import SequencePlan
 from ..trajectory import Trajectory
 from .parameters import Declaration

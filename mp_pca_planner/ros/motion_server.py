@@ -16,7 +16,7 @@ import numpy as np
 
 from ..exceptions import TrajectoryError
 from ..goal import Goal, JointGoal, JointState, SequenceGoal
-from ..planning.planner import Plan
+from ..planning.plan import Plan
 from ..planning.sequence import SequencePlan
 from ..trajectory import Trajectory
 from ..validation import check_executable, check_limits

@@ -14,7 +14,8 @@ from pathlib import Path
 from typing import Any
 
 from ..exceptions import MissingDependencyError, PlannerError, quote_names, unknown_name
-from ..planning.planner import BASES, LONGEST_DURATION, PlannerOptions
+from ..planning.plan import BASES, PlannerOptions
+from ..planning.request import LONGEST_DURATION
 from ..planning.sequence import MODES, OPTIMAL
 from ..planning.starts import MOST_STARTS
 

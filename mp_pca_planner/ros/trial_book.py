@@ -26,7 +26,7 @@ from ..goal import JointGoal, JointState
 from ..learning.refined_motion import RefinedMotion
 from ..learning.refinement import RefinementCost, RefinementOptions, refine
 from ..learning.trials import TrialLearner, read_request
-from ..planning.planner import Plan
+from ..planning.plan import Plan
 from ..robot import Robot
 from ..validation import check_limits
 from .assembly import Model

@@ -21,7 +21,8 @@ from ..arrays import FloatArray
 from ..exceptions import PrimitiveError
 from ..goal import JointGoal, JointState
 from ..limits import JointLimits
-from ..planning.planner import Planner, PlannerOptions
+from ..planning.plan import PlannerOptions
+from ..planning.planner import Planner
 from ..primitives.boundary import hermite_functions
 from ..primitives.build import PrimitiveOptions, build_primitive
 from ..primitives.cross_validation import expected_motion, minimum_jerk_motion

@@ -1,0 +1,243 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""What a planner is asked to do, and what comes of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..arrays import FloatArray
+from ..exceptions import GoalError
+from ..trajectory import Trajectory
+from ..validation import LimitCheck
+from .compiler import DEFAULT_NODES
+from .motion import Motion
+from .objectives import Effort, Objective
+from .starts import MOST_STARTS
+
+BASES = ("pca", "bspline")
+DEMONSTRATED, SHORTEST, FREE = "demonstrated", "shortest", "free"
+TIMINGS = (DEMONSTRATED, SHORTEST, FREE)
+SOLVED = "solved"
+STOPPED_EARLY = "stopped_early"
+INFEASIBLE = "infeasible"
+
+
+@dataclass(frozen=True)
+class PlannerOptions:
+    """How motions are planned.
+
+    Attributes
+    ----------
+    basis : {'pca', 'bspline'}
+        Components of the primitive, or B-splines with 6 control points per joint ([P]). Where
+        components can't do it, B-splines are added to them, and the plan says so.
+    objectives : tuple of (float, Objective)
+        What to minimise: running costs and their weights, see :mod:`.objectives`. Effort alone
+        unless given.
+    timing : {'demonstrated', 'shortest', 'free'}
+        Of goals that don't say their duration: like the demonstrations; the shortest that all
+        limits allow; or the one with the least of the objectives.
+    naturalness : float
+        ρ: how much a motion one standard deviation away from the expected one costs, as a
+        share of what the expected motion costs. 0: least effort alone, which may leave the
+        demonstrations far behind. It is raised when a motion breaks limits otherwise.
+    sample_period : float
+        Time between the points of a trajectory [s].
+    max_solve_time : float
+        Longest time for the solver [s].
+    n_starts : int
+        Where likeness to the demonstrations counts for little (ρ < 0.1), there may be several
+        optima: from how many weights, at most 5, the least is searched for while there is time.
+        Five starts instead of one find a motion better by over 0.5 % for 3 % of the problems of
+        four robots, at most 24 % better, in about four times the time (benchmarks/starts.py).
+    n_nodes : int
+        Quadrature nodes.
+    allow_nonzero_end_velocity : bool
+        Whether the controller accepts motions that don't end at rest.
+
+    Raises
+    ------
+    GoalError
+        If an option is out of its range.
+    """
+
+    basis: str = "pca"
+    objectives: tuple[tuple[float, Objective], ...] = ((1.0, Effort()),)
+    timing: str = DEMONSTRATED
+    naturalness: float = 1.0
+    sample_period: float = 0.01
+    max_solve_time: float = 1.0
+    n_starts: int = 1
+    n_nodes: int = DEFAULT_NODES
+    allow_nonzero_end_velocity: bool = False
+
+    def __post_init__(self) -> None:
+        if self.basis not in BASES:
+            raise GoalError(f"basis must be one of {BASES}, got {self.basis!r}")
+        if self.timing not in TIMINGS:
+            raise GoalError(f"timing must be one of {TIMINGS}, got {self.timing!r}")
+        weights = [weight for weight, _ in self.objectives]
+        if not (weights and np.all(np.isfinite(weights)) and min(weights) > 0.0):
+            raise GoalError(
+                f"at least one objective with a weight > 0 is needed, got the weights {weights}"
+            )
+        if not (np.isfinite(self.naturalness) and self.naturalness >= 0.0):
+            raise GoalError(f"naturalness must be a number ≥ 0, got {self.naturalness}")
+        if not 1e-4 <= self.sample_period <= 1.0:
+            raise GoalError(f"sample_period must be 0.0001 to 1 s, got {self.sample_period}")
+        if not self.max_solve_time > 0.0:
+            raise GoalError(f"max_solve_time must be positive, got {self.max_solve_time}")
+        if not 1 <= self.n_starts <= MOST_STARTS:
+            raise GoalError(f"n_starts must be 1 to {MOST_STARTS}, got {self.n_starts}")
+        if not 4 <= self.n_nodes <= 1000:
+            raise GoalError(f"n_nodes must be 4 to 1000, got {self.n_nodes}")
+
+
+@dataclass(frozen=True, eq=False)
+class MotionSolution:
+    """What the solver found for a motion.
+
+    Attributes
+    ----------
+    weights : array, shape (n_weights,)
+        The best weights w found.
+    objective_cost : float
+        Their weighted sum of the objectives.
+    effort_cost : float
+        Their J = ½∫‖τ‖²dt [N²·m²·s], whether that is an objective or not.
+    naturalness_cost : float
+        Their ½ρ(w−ŵ)ᵀΛ⁻¹(w−ŵ), in units of the objectives.
+    start_cost : float
+        J of the expected motion.
+    converged : bool
+        Whether it is optimal within the limits, to the solver's tolerance.
+    iterations : int
+        Passes over the quadrature nodes.
+    kkt_residual : float
+        Norm of the Lagrangian's gradient by scaled weights, as a share of the objective.
+    """
+
+    weights: FloatArray
+    objective_cost: float
+    effort_cost: float
+    naturalness_cost: float
+    start_cost: float
+    converged: bool
+    iterations: int
+    kkt_residual: float
+
+    @property
+    def cost(self) -> float:
+        """The whole objective."""
+        return self.objective_cost + self.naturalness_cost
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """What came of a request.
+
+    Attributes
+    ----------
+    status : str
+        'solved': converged, and executable. 'stopped_early': executable, but time ran out
+        before the least effort was found. 'infeasible': must not be executed.
+    message : str
+        One sentence for a person.
+    trajectory : Trajectory
+        The sampled motion with its efforts; also of an infeasible plan, to look at.
+    motion : Motion
+        The continuous motion.
+    solution : MotionSolution
+        What the solver says.
+    primitive : str
+        Name of the primitive used.
+    considered : int
+        Number of primitives near the request, at most 32, that it was chosen among.
+    selection : str
+        Why the primitive was used, in a sentence.
+    in_span_score : float
+        How far outside the demonstrations the request lies (about 1: like them).
+    limit_check : LimitCheck
+        Comparison with the limits on a grid of at most 1 ms.
+    start_error, goal_error : float
+        Largest distance of the ends from the present and the goal position, or from the goal
+        pose [rad or m].
+    via_error : float
+        Largest distance from what to pass on the way [rad or m].
+    via_phases : tuple of float
+        When that is passed, as shares of the duration.
+    shortest_duration : float
+        Shortest duration [s] for which a motion within the limits was found; NaN unless it was
+        asked for, or the duration asked for was too short.
+    n_components_used : int
+        Number of principal components of the motion.
+    correction : float
+        Root of the mean square of what B-splines add to the components [rad or m].
+    deviation_score : float
+        How far the motion is from the one that the demonstrations let expect: root of the mean
+        square of its components' weights, less their expected ones, in standard deviations;
+        NaN without components.
+    naturalness : float
+        The ρ used: that of the options, or a larger one that was needed to meet the limits.
+    solve_time : float
+        Time taken to find the weights, [s]; attempts that failed the limits are included, the
+        check of the motion that is returned is not.
+    """
+
+    status: str
+    message: str
+    trajectory: Trajectory
+    motion: Motion
+    solution: MotionSolution
+    primitive: str
+    considered: int
+    selection: str
+    in_span_score: float
+    limit_check: LimitCheck
+    start_error: float
+    goal_error: float
+    via_error: float
+    via_phases: tuple[float, ...]
+    shortest_duration: float
+    n_components_used: int
+    correction: float
+    deviation_score: float
+    naturalness: float
+    solve_time: float
+
+    @property
+    def is_executable(self) -> bool:
+        """Whether the trajectory may be sent to a robot."""
+        return self.status != INFEASIBLE
+
+    def summary(self) -> dict[str, str | float | int]:
+        """Scalar facts, by the names of the package's public interface."""
+        return {
+            "status": self.status,
+            "message": self.message,
+            "primitive": self.primitive,
+            "considered": self.considered,
+            "selection": self.selection,
+            "duration": self.motion.duration,
+            "shortest_duration": self.shortest_duration,
+            "objective_cost": self.solution.objective_cost,
+            "effort_cost": self.solution.effort_cost,
+            "naturalness": self.naturalness,
+            "naturalness_cost": self.solution.naturalness_cost,
+            "start_cost": self.solution.start_cost,
+            "solve_time_s": self.solve_time,
+            "iterations": self.solution.iterations,
+            "kkt_residual": self.solution.kkt_residual,
+            "in_span_score": self.in_span_score,
+            "deviation_score": self.deviation_score,
+            "n_components_used": self.n_components_used,
+            "correction_used": int(self.correction > 0.0),
+            "correction": self.correction,
+            "limit_violation": self.limit_check.worst_excess,
+            "start_error": self.start_error,
+            "goal_error": self.goal_error,
+            "via_error": self.via_error,
+        }

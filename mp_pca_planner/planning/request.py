@@ -1,0 +1,254 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Goals made complete: what they leave open filled in, and what can't be served refused."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..arrays import FloatArray
+from ..exceptions import GoalError
+from ..goal import JointGoal, JointState, Pose, PoseGoal, Via
+from ..limits import JointLimits
+from ..primitives.boundary import hermite_functions
+from ..primitives.primitive import MovementPrimitive
+from ..primitives.statistics import Conditional
+from ..robot import Robot
+from .conditions import Condition, JointTarget, PoseTarget, Target
+from .plan import SHORTEST, PlannerOptions
+from .pose_search import configurations_at, starts_near
+from .selection import Selection, Selector
+from .states import check_within_limits, completed, in_order, unwrapped
+
+LONGEST_DURATION = 600.0
+"""Longer motions [s] are taken for mistakes."""
+
+# So are motions of more points, which would exhaust the memory.
+_MOST_POINTS = 100_000
+
+# Configurations that reach a pose to which motions are planned, the most natural first.
+_N_CONFIGURATIONS = 3
+
+
+@dataclass(frozen=True, eq=False)
+class Request:
+    """A goal made complete: everything the compiler needs to know.
+
+    Attributes
+    ----------
+    selection : Selection
+        Why its primitive was chosen.
+    primitive : MovementPrimitive
+        The primitive to serve it with.
+    start, goal : JointState
+        States of all joints; of a pose, one that reaches it.
+    pose : Pose or None
+        The pose to reach, if that is the goal: the goal state is a start then.
+    conditions : tuple of Condition
+        What to meet on the way, then at a pose.
+    duration_is_free : bool
+        Whether nobody fixed the duration.
+    expected : Conditional
+        What the demonstrations let expect.
+    """
+
+    selection: Selection
+    primitive: MovementPrimitive
+    start: JointState
+    goal: JointState
+    pose: Pose | None
+    conditions: tuple[Condition, ...]
+    duration_is_free: bool
+    expected: Conditional
+
+    @property
+    def n_vias(self) -> int:
+        """Number of conditions on the way."""
+        return len(self.conditions) - (self.pose is not None)
+
+
+class RequestMaker:
+    """Makes goals complete for a planner.
+
+    Parameters
+    ----------
+    robot, limits, options
+        The planner's.
+    selector : Selector
+        Chooses among its primitives.
+    """
+
+    def __init__(
+        self, robot: Robot, limits: JointLimits, options: PlannerOptions, selector: Selector
+    ) -> None:
+        self._robot, self._limits, self._options = robot, limits, options
+        self._selector = selector
+
+    def complete(self, goal: JointGoal | PoseGoal, start: JointState) -> list[Request]:
+        """Fill in what the goal leaves open; refuse what can't be served.
+
+        A pose can be reached in several configurations: several requests, the most natural first.
+        A configuration can be reached with several primitives, the one expected to be cheapest
+        first.
+
+        Parameters
+        ----------
+        goal : JointGoal or PoseGoal
+            What to reach.
+        start : JointState
+            Present state.
+
+        Raises
+        ------
+        GoalError, RobotError
+            See :meth:`.Planner.plan`.
+        """
+        here = in_order(start, self._robot.joint_names)
+        check_within_limits("present", here, self._limits)
+        self._check_size(goal.duration)
+        selector = self._selector.among(goal.primitive)
+        if isinstance(goal, JointGoal):
+            goals, pose = [self._joint_goal(goal, here)], None
+        else:
+            goals, pose = self._pose_goals(goal.pose, here, selector.primitives), goal.pose
+
+        def score(there: JointState) -> float:
+            return float(selector.scores(here.positions, there.positions, goal.duration).min())
+
+        # Of several motions to one place the cheapest is wanted, but not of several searches for
+        # the shortest duration, nor of several configurations.
+        searches = goal.duration is None and self._options.timing == SHORTEST
+        chosen: list[Request] = []
+        if len(goals) > 1:
+            goals = sorted(goals, key=score)[:_N_CONFIGURATIONS]
+        for there in goals:
+            selection = selector.choose(here.positions, there.positions, goal.duration)
+            several = pose is None and not searches
+            for one in selection.contenders if several else [selection.first]:
+                request = Request(
+                    selection,
+                    one.primitive,
+                    here,
+                    there,
+                    pose,
+                    (),
+                    goal.duration is None,
+                    one.expected,
+                )
+                conditions = self._conditions(request, goal.vias)
+                chosen.append(replace(request, conditions=conditions))
+        return chosen
+
+    def _joint_goal(self, goal: JointGoal, here: JointState) -> JointState:
+        there = completed(goal.state, here, self._robot, "goal")
+        check_within_limits("goal", there, self._limits)
+        if not self._options.allow_nonzero_end_velocity and np.any(there.velocities != 0.0):
+            moving = there.joint_names[int(np.abs(there.velocities).argmax())]
+            raise GoalError(
+                f"the goal velocity of joint '{moving}' is not 0, which the controller refuses "
+                "unless it and this planner are set to allow a nonzero velocity at the end"
+            )
+        return there
+
+    def _pose_goals(
+        self, pose: Pose, here: JointState, candidates: Sequence[MovementPrimitive]
+    ) -> list[JointState]:
+        """Configurations that reach the pose, from where the demonstrations end and from here."""
+        ends = np.concatenate([p.boundary_states[:, 3] for p in candidates])
+        starts = [*starts_near(self._robot, pose, ends), here.positions]
+        found = configurations_at(self._robot, self._limits, pose, starts)
+        return [JointState(here.joint_names, unwrapped(q, here, self._robot)) for q in found]
+
+    def _conditions(self, request: Request, vias: Sequence[Via]) -> tuple[Condition, ...]:
+        """What to meet on the way, and the pose to reach at the end."""
+        conditions = self._via_conditions(request, vias) if vias else []
+        if request.pose is not None:
+            conditions.append(Condition(PoseTarget(self._robot, request.pose), 1.0))
+        return tuple(conditions)
+
+    def _via_conditions(self, request: Request, vias: Sequence[Via]) -> list[Condition]:
+        targets = [self._target(via, request.start) for via in vias]
+        phases = np.linspace(0.0, 1.0, 201)
+        ends = np.zeros((6, self._robot.n_joints))
+        ends[0], ends[3] = request.start.positions, request.goal.positions
+        usual = hermite_functions(phases) @ ends + request.primitive.basis.shape(
+            request.expected.weights, phases
+        )
+        return [
+            Condition(target, via.phase, window)
+            for target, via, window in zip(
+                targets, vias, _windows(targets, vias, phases, usual), strict=True
+            )
+        ]
+
+    def _target(self, via: Via, here: JointState) -> Target:
+        names, target = self._robot.joint_names, via.target
+        if isinstance(target, Pose):
+            self._robot.frame_positions(here.positions[None], [target.frame])
+            return PoseTarget(self._robot, target)
+        state = completed(target, here, self._robot, "via")
+        check_within_limits("via", JointState(names, state.positions), self._limits)
+        index = np.array([names.index(name) for name in target.joint_names])
+        return JointTarget(index, state.positions[index], len(names))
+
+    def _check_size(self, duration: float | None) -> None:
+        if duration is None:
+            return
+        longest = min(LONGEST_DURATION, _MOST_POINTS * self._options.sample_period)
+        if duration > longest:
+            raise GoalError(
+                f"the duration {duration:g} s is too long: with a sample period of "
+                f"{self._options.sample_period:g} s at most {longest:g} s are accepted"
+            )
+
+    def expect(
+        self,
+        primitive: MovementPrimitive,
+        start: JointState,
+        goal: JointState,
+        duration: float | None,
+    ) -> Conditional:
+        """What the demonstrations let expect of a motion, however often joints have turned."""
+        # The demonstrations of a joint that turns without end may lie whole turns away.
+        mean = primitive.statistics.mean[: primitive.n_joints]
+        turns = np.round((mean - start.positions) / (2.0 * np.pi))
+        shift = np.where(self._robot.continuous, 2.0 * np.pi * turns, 0.0)
+        return primitive.statistics.condition(
+            start.positions + shift, goal.positions + shift, duration
+        )
+
+
+def _windows(
+    targets: Sequence[Target], vias: Sequence[Via], phases: FloatArray, usual: FloatArray
+) -> list[tuple[float, float]]:
+    """Where to look for the free phases of vias: around where the usual motion comes nearest.
+
+    Parameters
+    ----------
+    phases, usual
+        Phases and the positions of the usual motion there, shape (n_phases, n_joints).
+    """
+    windows: list[tuple[float, float]] = []
+    last = 0.0
+    for i, (target, via) in enumerate(zip(targets, vias, strict=True)):
+        later = [v.phase for v in vias[i:] if v.phase is not None]
+        until = via.phase or (later[0] if later else 1.0)
+        n_left = 1 + next((j for j, v in enumerate(vias[i + 1 :]) if v.phase), len(vias) - i - 1)
+        if via.phase is None:
+            # Room is left for the free ones after it.
+            low, high = last, last + (until - last) * (1.0 if n_left == 1 else 1.5 / n_left)
+            inside = np.flatnonzero((phases > low) & (phases < high))
+            misses = [float(np.sum(target.error(q)[0] ** 2)) for q in usual[inside]]
+            nearest = float(phases[inside[int(np.argmin(misses))]])
+            reach = min(nearest - low, high - nearest)
+            reach = max(reach, 0.25 * (high - low))
+            nearest = float(np.clip(nearest, low + reach, high - reach))
+            windows.append((nearest - reach, nearest + reach))
+            last = nearest + reach
+        else:
+            windows.append((0.0, 1.0))
+            last = via.phase
+    return windows
