@@ -34,7 +34,7 @@ from rcl_interfaces.srv import ListParameters
 from mp_pca_planner.primitives.build import build_primitive
 from mp_pca_planner.primitives.file import load_primitive, save_primitive
 from mp_pca_planner.primitives.primitive import MovementPrimitive
-from mp_pca_planner.ros.client import Answer, GoalClient
+from mp_pca_planner.ros.client import Answer, GoalClient, start_node
 
 
 @pytest.fixture(scope="module")
@@ -230,3 +230,20 @@ def test_controller_that_vanishes_does_not_hold_the_node_up(client: GoalClient) 
     # More than the reliable publishers keep for those who don't answer.
     for _ in range(150):
         assert client.send(goal_message()).trajectory is not None
+
+
+def test_node_that_security_keeps_out_ends_with_the_reason_and_status_2(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # Whether or not this ROS knows security, it can't do with an enclave without keys.
+    (tmp_path / "enclaves" / "mp_pca_planner").mkdir(parents=True)
+    monkeypatch.setenv("ROS_SECURITY_KEYSTORE", str(tmp_path))
+    monkeypatch.setenv("ROS_SECURITY_ENABLE", "true")
+    monkeypatch.setenv("ROS_SECURITY_STRATEGY", "Enforce")
+    with (tmp_path / "log.txt").open("w+") as log:
+        process = start_node("--enclave", "/mp_pca_planner", output=log)
+        assert process.wait(timeout=30.0) == 2
+        log.seek(0)
+        said = log.read()
+    assert "ROS refuses the node: error creating node: " in said
+    assert "Traceback" not in said

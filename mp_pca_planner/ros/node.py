@@ -140,7 +140,11 @@ class PlannerNode(Node):
 
     def __init__(self) -> None:
         # Unknown names must reach our own check, whose answer lists the valid ones.
-        super().__init__(NODE_NAME, allow_undeclared_parameters=True)
+        try:
+            super().__init__(NODE_NAME, allow_undeclared_parameters=True)
+        except RuntimeError as error:  # where DDS security lacks files, or support, for example
+            reason = str(error).splitlines()[0]
+            raise ParameterError(f"ROS refuses the node: {reason}") from error
         self._statistics = GoalStatistics()
         self._states = StartStates(
             SerializedStateReader(), time.monotonic, self._seconds, self._fetch_states
