@@ -52,6 +52,8 @@ setup(
             "ros-jazzy-common-interfaces==5.3.6",
         ],
         "plot": ["matplotlib>=3.6"],
+        # The running node in the terminal.
+        "view": ["rich>=13.0"],
         # Other ways to motions, to compare with: ProMP and DMP, optimal control, time-optimal.
         "peers": [
             "movement_primitives>=0.9",
@@ -77,6 +79,7 @@ setup(
             "hypothesis>=6.100",
             "mypy==2.4.*",
             "pytest>=7.4",
+            "rich>=13.0",
             "ruff==0.17.*",
             "setuptools>=70.1",
             "types-PyYAML",

@@ -45,7 +45,7 @@ ROSDEP_NAMES = {
 }
 
 # Extras that rosdep has no name for: pip brings them.
-EXTRAS_ONLY = {"filelock", "cmaes", "distributed"}
+EXTRAS_ONLY = {"filelock", "cmaes", "distributed", "rich"}
 
 
 def imported_modules(source: Path) -> Iterator[str]:

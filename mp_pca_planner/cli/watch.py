@@ -1,0 +1,160 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""`watch`: the running node in the terminal, live."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import time
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
+
+from ..exceptions import MissingDependencyError
+from .common import DONE, CommandParser, run, seconds
+
+if TYPE_CHECKING:
+    from diagnostic_msgs.msg import DiagnosticStatus
+    from rich.console import RenderableType
+    from rich.table import Table
+
+    from ..ros.monitor import Seen
+
+_PERIOD = 0.2  # of frames [s]
+_BAR_WIDTH = 24
+# Older joint states are no present ones [s].
+_STALE = 0.5
+_LEVELS = (("OK", "green"), ("WARN", "yellow"), ("ERROR", "red"), ("STALE", "red"))
+_REPORTED = ("status", "effort_cost", "solve_time_s", "duration", "primitive", "in_span_score")
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command; returns the exit status."""
+    parser = CommandParser(
+        "watch",
+        "Show the running planner node in the terminal: present joint states within their limits, "
+        "the last goal and its report, diagnostics. Ctrl-C ends it.",
+    )
+    parser.add_argument("--node", default="mp_pca_planner", metavar="NAME", help="name of the node")
+    parser.add_argument("--namespace", default="", metavar="NS", help="namespace of the node")
+    parser.add_argument(
+        "--for", dest="duration", type=seconds, metavar="S", help="end after this time [s]"
+    )
+    return run(parser, _watch, argv)
+
+
+def _watch(arguments: argparse.Namespace) -> int:
+    try:
+        from rich.console import Console
+        from rich.live import Live
+    except ModuleNotFoundError as error:
+        raise MissingDependencyError(str(error.name), "view", "the command 'watch'") from error
+    try:
+        from ..ros.monitor import Monitor
+    except ModuleNotFoundError as error:
+        raise MissingDependencyError(str(error.name), "ros", "the command 'watch'") from error
+    end = math.inf if arguments.duration is None else time.monotonic() + arguments.duration
+    with (
+        Monitor(arguments.namespace, arguments.node) as monitor,
+        Live(console=Console(), auto_refresh=False, screen=arguments.duration is None) as live,
+    ):
+        try:
+            while time.monotonic() < end:
+                live.update(frame(monitor.look(), time.monotonic()), refresh=True)
+                time.sleep(_PERIOD)
+        except KeyboardInterrupt:  # how it is meant to be ended
+            pass
+    return DONE
+
+
+def frame(seen: Seen, now: float) -> RenderableType:
+    """One picture.
+
+    Parameters
+    ----------
+    seen : Seen
+        What was heard.
+    now : float
+        The time, by :func:`time.monotonic` [s].
+    """
+    from rich.console import Group
+    from rich.panel import Panel
+    from rich.text import Text
+
+    goal = Text("none yet")
+    if seen.goal is not None:
+        goal = Text(f"{seen.goal[0]}   ({now - seen.goal[1]:.0f} s ago)")
+    return Group(
+        Panel(_joints(seen, now), title="joint states", title_align="left"),
+        Panel(goal, title="last goal", title_align="left"),
+        Panel(_status(seen.report, now, _REPORTED), title="last report", title_align="left"),
+        Panel(_status(seen.diagnostics, now), title="diagnostics", title_align="left"),
+    )
+
+
+def _joints(seen: Seen, now: float) -> RenderableType:
+    from rich.table import Table
+    from rich.text import Text
+
+    if not seen.states:
+        return Text("none yet")
+    bounds = {}
+    if seen.limits is not None:
+        pairs = zip(seen.limits.lower.tolist(), seen.limits.upper.tolist(), strict=True)
+        bounds = dict(zip(seen.limits.joint_names, pairs, strict=True))
+    table = Table(box=None)
+    for title in ("joint", "position", "lower", "", "upper", "velocity", "age"):
+        table.add_column(title, justify="left" if title in ("joint", "") else "right")
+    for name, (q, v, when) in seen.states.items():
+        low, high = bounds.get(name, (-math.inf, math.inf))
+        style = "red" if not low <= q <= high else "dim" if now - when > _STALE else ""
+        ends = [f"{x:.2f}" if math.isfinite(x) else "" for x in (low, high)]
+        velocity = f"{v:.3f}" if math.isfinite(v) else ""
+        age = f"{now - when:.1f} s"
+        bar = _bar(q, low, high)
+        # Names come from messages: no markup in them.
+        cells = (name, f"{q:.3f}", ends[0], bar, ends[1], velocity, age)
+        table.add_row(*(Text(cell) for cell in cells), style=style)
+    return table
+
+
+def _bar(value: float, low: float, high: float) -> str:
+    """Where a value is between its limits; nothing if there are none."""
+    if not (math.isfinite(high - low) and high > low and math.isfinite(value)):
+        return ""
+    place = round((_BAR_WIDTH - 1) * min(max((value - low) / (high - low), 0.0), 1.0))
+    return "─" * place + "●" + "─" * (_BAR_WIDTH - 1 - place)
+
+
+def _status(
+    heard: tuple[DiagnosticStatus, float] | None, now: float, names: Sequence[str] | None = None
+) -> RenderableType:
+    from rich.console import Group
+    from rich.text import Text
+
+    if heard is None:
+        return Text("none yet")
+    status, when = heard
+    word, colour = _LEVELS[min(int.from_bytes(status.level, "little"), len(_LEVELS) - 1)]
+    head = Text.assemble((word, colour), f"  {status.message}   ({now - when:.0f} s ago)")
+    values = {pair.key: pair.value for pair in status.values}
+    shown = values if names is None else {n: values[n] for n in names if n in values}
+    return Group(head, _values(shown)) if shown else head
+
+
+def _values(values: Mapping[str, str]) -> Table:
+    from rich.table import Table
+    from rich.text import Text
+
+    table = Table.grid(padding=(0, 2))
+    for name, value in values.items():
+        table.add_row(Text(name, style="cyan"), Text(_short(value)))
+    return table
+
+
+def _short(value: str) -> str:
+    """A value with as many digits as one reads."""
+    try:
+        return value if value.lstrip("-").isdigit() else f"{float(value):.4g}"
+    except ValueError:
+        return value
