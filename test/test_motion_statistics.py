@@ -106,6 +106,11 @@ def test_functions_are_orthonormal_on_the_phases_and_vanish_with_two_derivatives
     np.testing.assert_allclose(legendre.legval(2 * PHASES - 1, series.T).T, values, atol=1e-12)
 
 
+def test_functions_are_even_and_odd_in_turn():
+    values, _ = shape_functions(15, 101)
+    np.testing.assert_allclose(values[::-1], values * (-1.0) ** np.arange(10), atol=1e-12)
+
+
 def test_a_motion_of_seven_joints_is_a_few_hundred_numbers_however_long_it_is():
     def statistics(n_steps):
         times = np.linspace(0.0, 3.0, n_steps)

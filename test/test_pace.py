@@ -9,7 +9,7 @@ from arm import arm_primitive
 from mp_pca_planner.primitives.alignment import N_WARP_PHASES, aligned_phases
 from mp_pca_planner.primitives.basis import PolynomialBasis
 from mp_pca_planner.primitives.boundary import hermite_functions
-from mp_pca_planner.primitives.pace import PacedBasis, fit_paces, uneven_phases
+from mp_pca_planner.primitives.pace import PacedBasis, fit_paces, reversed_paces, uneven_phases
 
 PHASES = np.linspace(0.0, 1.0, 101)
 KNOTS = np.linspace(0.0, 1.0, N_WARP_PHASES)
@@ -38,6 +38,12 @@ def test_the_logarithm_of_the_rate_is_the_polynomial():
     x = 2.0 * PHASES - 1.0
     g = np.polynomial.legendre.legval(x, [0.0, *PACE])
     np.testing.assert_allclose(np.log(rate) - g, np.log(rate[0]) - g[0], atol=1e-9)
+
+
+def test_a_reversed_pace_runs_backwards():
+    (backwards,) = reversed_paces(PACE[None])
+    found = paced(backwards).aligned_phases(PHASES)
+    np.testing.assert_allclose(found, 1.0 - paced().aligned_phases(PHASES)[::-1], atol=1e-9)
 
 
 def test_the_most_uneven_pace_still_increases():

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from mp_pca_planner.exceptions import PlannerError, PrimitiveError, PrimitiveFileError
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
-from mp_pca_planner.primitives.file import load_primitive, save_primitive
+from mp_pca_planner.primitives.file import _checksum, load_primitive, save_primitive
 from mp_pca_planner.primitives.primitive_library import load_primitives
 
 
@@ -57,6 +57,25 @@ def test_a_loaded_primitive_is_saved_to_the_same_bytes(path, tmp_path):
     assert again.read_bytes() == path.read_bytes()
 
 
+def test_files_of_version_2_are_read(path):
+    """They have one kernel for each regression, that knows no way back."""
+    old = np.array([[0.0, 0.3, 10.0], [1.0, 0.1, 0.0], [0.0, 3.0, 1.0]])
+
+    def older(arrays, metadata):
+        arrays["kernels"] = old
+        del metadata["checksum"]
+        metadata["format_version"] = 2
+        metadata["checksum"] = _checksum(arrays, metadata)
+
+    rewrite(path, older)
+    loaded = load_primitive(path)
+    np.testing.assert_array_equal(loaded.statistics.kernels[:, 2:5], old)
+    start, goal = loaded.boundary_states[0, [0, 3]]
+    (weights,) = loaded.weights[:1]
+    expected = loaded.statistics.condition(start, goal, float(loaded.durations[0])).weights
+    assert np.linalg.norm(expected - weights) < np.linalg.norm(weights)
+
+
 def test_an_existing_file_is_not_overwritten(path):
     before = path.read_bytes()
     with pytest.raises(PlannerError, match="exists already"):
@@ -68,7 +87,10 @@ def test_an_existing_file_is_not_overwritten(path):
     ("change", "message"),
     [
         (lambda a, m: m.update(format="else"), "not made by this package"),
-        (lambda a, m: m.update(format_version=1), "version is 1, this release reads version 2"),
+        (
+            lambda a, m: m.update(format_version=1),
+            "version is 1, this release reads versions 2 and 3",
+        ),
         (lambda a, m: a.pop("weights"), "lacks the arrays weights"),
         (lambda a, m: a.update(weights=a["weights"] + 1e-12), "checksum"),
         (lambda a, m: m.update(name="other"), "checksum"),
@@ -92,7 +114,7 @@ def test_a_changed_file_is_refused_with_its_name_and_the_reason(path, change, me
         ("warps", lambda x: np.round(x, 1), "warps .* must increase from 0 to 1"),
         ("warps", lambda x: x[:, :1], "warps .* must increase from 0 to 1"),
         ("explained_variance", lambda x: 0.0 * x, "variance that is not positive"),
-        ("kernels", lambda x: -x, "must not be negative"),
+        ("kernels", lambda x: -x, "kernels must belong"),
         ("paces", lambda x: x * np.inf, "only finite"),
         ("mean_coefficients", lambda x: x[0], "must have the shape"),
     ],

@@ -4,98 +4,193 @@
 
 import numpy as np
 import pytest
+from scipy.stats import multivariate_normal
 
 from mp_pca_planner.primitives.regression import (
+    NOTHING,
     PLAIN_MEAN,
     Kernel,
     Regression,
-    _left_out_errors,
-    choose_kernel,
+    _scores,
+    choose_kernels,
 )
 
 RNG = np.random.default_rng(5)
-X = RNG.normal(size=(14, 3))
-Y = X @ RNG.normal(size=(3, 2)) + 0.3 * RNG.normal(size=(14, 2))
-KERNELS = [Kernel(0.0, 0.3, 10.0), Kernel(1.0, 0.1, 0.0), Kernel(2.0, 3.0, 1.0), PLAIN_MEAN]
+# Two joints and a duration; two outputs, of which the second changes its sign on the way back.
+X = RNG.normal(size=(9, 5))
+Y = X @ RNG.normal(size=(5, 2)) + 0.3 * RNG.normal(size=(9, 2))
+SIGNS = np.array([1.0, -1.0])
+KERNELS = [
+    Kernel(0.0, 0.3, 10.0),
+    Kernel(1.0, 0.1, 0.0),
+    Kernel(2.0, 3.0, 1.0, 0.8),
+    Kernel(0.0, 0.1, 1.0, -0.5),
+    Kernel(1.5, 0.1, 1.0, -0.8, 0.5),
+    Kernel(0.0, 0.1, 2.0, 0.3, 1.0),
+    PLAIN_MEAN,
+]
 
 
-def posterior_mean(x, y, request, kernel, origin, spread):
-    """The textbook formula, written out."""
-    a, b = (x - origin) / spread, (request - origin) / spread
+def reversed_requests(x):
+    return x[..., [2, 3, 0, 1, 4]]
 
-    def k(u, v):
-        similar = u @ v
+
+def prior(a, b, kernel, x):
+    """Covariance of both outputs at requests a and b, written out, shape (2,) (diagonal)."""
+    origin, spread = x.mean(axis=0), np.sqrt(np.sum(x.var(axis=0)))
+    if kernel.inverse_length == 0.0 and kernel.reversal:
+        origin = (origin + reversed_requests(origin)) / 2.0
+
+    def similar(u, v):
         if kernel.inverse_length:
-            similar = np.exp(-0.5 * kernel.inverse_length**2 * np.sum((u - v) ** 2))
-        return similar + kernel.constant
+            distance = np.sum((u - v) ** 2) / spread**2
+            return size(a) * size(b) * np.exp(-0.5 * kernel.inverse_length**2 * distance)
+        return (u - origin) @ (v - origin) / spread**2
 
-    gram = np.array([[k(u, v) for v in a] for u in a]) + kernel.noise * np.eye(len(a))
-    return np.array([k(b, u) for u in a]) @ np.linalg.solve(gram, y)
+    def size(u):
+        way = np.sum((u[2:4] - u[:2]) ** 2)
+        return (way / np.mean(np.sum((x[:, 2:4] - x[:, :2]) ** 2, axis=1)) + 0.09) ** (
+            kernel.growth / 2.0
+        )
+
+    one_way = similar(a, b) + kernel.constant * size(a) * size(b)
+    back = similar(a, reversed_requests(b)) + kernel.constant * size(a) * size(b)
+    return one_way + kernel.reversal * SIGNS * back, kernel.noise * size(a) ** 2
 
 
-def origin_and_spread(x):
-    origin = x.mean(axis=0)
-    return origin, np.sqrt(np.sum((x - origin) ** 2) / len(x))
+def covariance(x, kernel, output, units):
+    gram = np.array([[prior(a, b, kernel, units)[0][output] for b in x] for a in x])
+    return gram + np.diag([prior(a, a, kernel, units)[1] for a in x])
+
+
+def posterior_mean(x, y, request, kernel, units):
+    """The textbook formula, output by output."""
+    found = []
+    for output in range(2):
+        shares = np.array([prior(request, a, kernel, units)[0][output] for a in x])
+        found.append(shares @ np.linalg.solve(covariance(x, kernel, output, units), y[:, output]))
+    return np.array(found)
+
+
+def regression(x, y, *kernels):
+    return Regression(x, y, y * SIGNS, [(1.0 / len(kernels), kernel) for kernel in kernels])
 
 
 @pytest.mark.parametrize("kernel", KERNELS)
 def test_a_prediction_is_the_mean_of_the_posterior(kernel):
-    request = np.array([0.3, -0.5, 1.0])
-    found = Regression(X, kernel).shares(request) @ Y
-    expected = posterior_mean(X, Y, request, kernel, *origin_and_spread(X))
-    np.testing.assert_allclose(found, expected, rtol=1e-5, atol=1e-6)
+    request = np.array([0.3, -0.5, 1.0, 0.2, -0.4])
+    found = regression(X, Y, kernel).predict(request)
+    np.testing.assert_allclose(
+        found, posterior_mean(X, Y, request, kernel, X), rtol=1e-5, atol=1e-6
+    )
 
 
 @pytest.mark.parametrize("kernel", KERNELS)
 def test_what_is_left_out_is_predicted_by_the_others(kernel):
-    # Origin and unit are those of the whole set, as in the closed form.
-    found = Regression(X, kernel).left_out(Y)
+    # Origin and units are those of the whole set, as in the closed form.
+    found = regression(X, Y, kernel).left_out
     for i in range(len(X)):
         keep = np.arange(len(X)) != i
-        guess = posterior_mean(X[keep], Y[keep], X[i], kernel, *origin_and_spread(X))
+        guess = posterior_mean(X[keep], Y[keep], X[i], kernel, X)
         np.testing.assert_allclose(found[i], Y[i] - guess, rtol=1e-4, atol=1e-5)
 
 
-def test_errors_of_all_kernels_are_those_of_leaving_one_out():
-    for kernel, squared, freedom in _left_out_errors(X, Y):
-        expected = np.sum(Regression(X, kernel).left_out(Y) ** 2, axis=1)
-        np.testing.assert_allclose(squared, expected, rtol=1e-4)
-        assert -1e-9 <= freedom <= len(X)
+def test_predictions_of_several_kernels_are_averaged():
+    request = np.array([0.3, -0.5, 1.0, 0.2, -0.4])
+    both, first, second = (
+        regression(X, Y, *some) for some in (KERNELS[3:5], KERNELS[3:4], KERNELS[4:5])
+    )
+    mean = (first.predict(request) + second.predict(request)) / 2.0
+    np.testing.assert_allclose(both.predict(request), mean, rtol=1e-9)
+    np.testing.assert_allclose(both.left_out, (first.left_out + second.left_out) / 2.0, rtol=1e-9)
 
 
-def test_the_plain_mean_is_the_mean_everywhere():
-    found = Regression(X, PLAIN_MEAN).shares(np.full(3, 9.0)) @ Y
-    np.testing.assert_allclose(found, Y.mean(axis=0), rtol=1e-2, atol=1e-3)
+def test_scores_are_densities_of_what_is_left_out():
+    """Up to a constant, and with the variance that makes them highest, as the textbook has it."""
+    found, expected = [], []
+    for kernel, score in _scores(X, Y[:, :1], Y[:, 1:], 0.5):
+        if kernel == NOTHING or kernel.noise > 1.0:
+            continue
+        errors = []
+        for output in range(2):
+            whole = covariance(X, kernel, output, X)
+            for i in range(len(X)):
+                keep = np.arange(len(X)) != i
+                shares = np.linalg.solve(whole[np.ix_(keep, keep)], whole[keep, i])
+                variance = whole[i, i] - shares @ whole[keep, i]
+                errors.append((Y[i, output] - shares @ Y[keep, output], variance))
+        residuals, variances = np.array(errors).T
+        scale = np.mean(residuals**2 / variances)
+        logarithms = [
+            multivariate_normal.logpdf(r, cov=scale * v)
+            for r, v in zip(residuals, variances, strict=True)
+        ]
+        found.append(score)
+        expected.append(sum(logarithms) / 2.0)
+    assert len(found) == 18
+    np.testing.assert_allclose(np.diff(found), np.diff(expected), rtol=1e-6, atol=1e-9)
+
+
+def test_the_plain_mean_is_the_mean_everywhere_and_nothing_is_zero():
+    far = np.full(5, 9.0)
+    mean = Regression(X, Y, Y, [(1.0, PLAIN_MEAN)]).predict(far)
+    np.testing.assert_allclose(mean, Y.mean(axis=0), rtol=1e-2, atol=1e-3)
+    np.testing.assert_allclose(regression(X, Y, NOTHING).predict(far), 0.0, atol=1e-3)
+
+
+def shares_left(x, even, odd):
+    """Mean square of what is left of outputs left out, as a share of theirs."""
+    signs = np.repeat(SIGNS, [even.shape[1], odd.shape[1]])
+    y = np.hstack([even, odd])
+    left = Regression(x, y, y * signs, choose_kernels(x, even, odd)).left_out
+    return np.mean(left**2) / np.mean(y**2)
 
 
 def test_what_can_be_predicted_is_and_noise_is_not():
     x = np.random.default_rng(4).normal(size=(40, 2))
     noise = np.random.default_rng(6).normal(size=(40, 3))
-    waves = np.sin(2.0 * x[:, :1])
-    errors = {}
-    for name, y in (("linear", x[:, :1] * 2.0), ("waves", waves), ("noise", noise)):
-        left = Regression(x, choose_kernel(x, y)).left_out(y)
-        errors[name] = np.mean(left**2) / np.mean(y**2)
-    assert errors["linear"] < 0.01
-    assert errors["waves"] < 0.2
-    assert 0.9 < errors["noise"] < 1.15
+    nothing = np.zeros((40, 0))
+    assert shares_left(x, x[:, :1] * 2.0, nothing) < 0.01
+    assert shares_left(x, np.sin(2.0 * x[:, :1]), nothing) < 0.2
+    assert 0.9 < shares_left(x, noise, nothing) < 1.1
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_ways_back_are_told_by_ways_there(sign):
+    """Each motion and one that retraces it, or mirrors it, teach each other, and others don't."""
+    rng = np.random.default_rng(7)
+    starts, goals = rng.normal(size=(2, 10, 7))
+    there = np.hstack([starts, goals])
+    x = np.vstack([there, np.hstack([goals, starts])])
+    even, odd = rng.normal(size=(2, 10, 6))
+    found = shares_left(x, np.vstack([even, sign * even]), np.vstack([odd, -sign * odd]))
+    assert found < 0.3
+    assert shares_left(there, even, odd) > 0.9
 
 
 def test_nothing_in_common_is_not_made_up():
     """Where outputs scatter about zero, zero is predicted and not their accidental mean."""
     y = np.random.default_rng(8).normal(size=(30, 5))
     x = np.random.default_rng(9).normal(size=(30, 2))
-    found = Regression(x, choose_kernel(x, y)).shares(x.mean(axis=0)) @ y
-    assert np.abs(found).max() < np.abs(y.mean(axis=0)).max()
+    mixture = choose_kernels(x, y, np.zeros((30, 0)))
+    found = Regression(x, y, y, mixture).predict(x.mean(axis=0))
+    assert np.abs(found).max() < 0.5 * np.abs(y.mean(axis=0)).max()
+
+
+def test_probabilities_sum_to_one():
+    for n in (3, 5, 9):
+        mixture = choose_kernels(X[:n], Y[:n, :1], Y[:n, 1:], 0.5)
+        assert sum(probability for probability, _ in mixture) == pytest.approx(1.0)
+        assert all(probability > 0.0 for probability, _ in mixture)
 
 
 @pytest.mark.parametrize("n", [1, 2])
 def test_of_one_or_two_the_mean_is_taken(n):
-    assert choose_kernel(X[:n], Y[:n]) == PLAIN_MEAN
+    assert choose_kernels(X[:n], Y[:n, :1], Y[:n, 1:]) == [(1.0, PLAIN_MEAN)]
 
 
 def test_requests_that_never_vary_predict_the_mean():
     same = np.ones((8, 2))
-    kernel = choose_kernel(same, np.arange(8.0)[:, None] + 20.0)
-    found = Regression(same, kernel).shares(np.ones(2)) @ (np.arange(8.0) + 20.0)
-    assert found == pytest.approx(23.5, rel=0.1)
+    y = np.arange(8.0)[:, None] + 20.0
+    found = Regression(same, y, y, choose_kernels(same, y, np.zeros((8, 0)))).predict(np.ones(2))
+    assert found == pytest.approx([23.5], rel=0.1)

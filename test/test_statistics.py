@@ -8,20 +8,33 @@ from arm import arm_demonstrations, arm_primitive
 
 from mp_pca_planner.exceptions import PrimitiveFileError
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
-from mp_pca_planner.primitives.regression import PLAIN_MEAN
+from mp_pca_planner.primitives.cross_validation import expected_motion
+from mp_pca_planner.primitives.differences import FINE_PHASES, differences
+from mp_pca_planner.primitives.regression import PLAIN_MEAN, Kernel
 from mp_pca_planner.primitives.statistics import (
     RequestStatistics,
     asked_demonstrations,
-    choose_kernels,
+    find_kernels,
+    kernels_of_version_2,
 )
+from mp_pca_planner.recordings.demonstration import Demonstration
 
 
-def statistics(kernel=PLAIN_MEAN, n=6):
+def kernels(*kernel):
+    """The same kernel for the shape, the pace and the duration."""
+    return np.array([[which, 1.0, *kernel] for which in range(3)])
+
+
+MEAN = kernels(*PLAIN_MEAN)
+
+
+def statistics(rows=MEAN, n=6):
     """One joint, two weights, a pace of one number."""
     rng = np.random.default_rng(1)
     requests = np.column_stack([rng.normal(size=(n, 2)), np.log(rng.uniform(0.5, 1.5, size=n))])
     weights, paces = rng.normal(size=(n, 2)), rng.normal(size=(n, 1))
-    return RequestStatistics(requests, weights, np.array([3.0, -1.0]), paces, [kernel] * 3)
+    common = np.array([3.0, -1.0])
+    return RequestStatistics(requests, weights, weights, common, paces, paces, rows)
 
 
 def test_with_the_plain_mean_any_request_is_expected_alike():
@@ -36,10 +49,9 @@ def test_a_duration_that_is_given_is_kept():
 
 def test_an_expected_duration_is_one_like_those_demonstrated():
     requests = np.column_stack([np.linspace(0, 1, 9), np.linspace(0, 2, 9), np.linspace(0, 1, 9)])
-    kernels = [(0.0, 0.03, 0.0)] * 3
-    found = RequestStatistics(
-        requests, np.zeros((9, 0)), np.zeros(0), np.zeros((9, 1)), np.array(kernels)
-    )
+    weights, paces = np.zeros((9, 0)), np.zeros((9, 1))
+    rows = kernels(*Kernel(0.0, 0.03, 0.0))
+    found = RequestStatistics(requests, weights, weights, np.zeros(0), paces, paces, rows)
     inside = found.condition(np.array([0.75]), np.array([1.5])).duration
     assert inside == pytest.approx(np.exp(0.75), rel=0.05)
     far = found.condition(np.array([1e3]), np.array([2e3])).duration
@@ -87,9 +99,10 @@ def test_expected_weights_of_held_out_motions_are_no_worse_than_the_mean():
 @pytest.mark.parametrize("n", [1, 2])
 def test_one_or_two_demonstrations_give_their_mean(n):
     requests = np.column_stack([np.arange(2.0 * n).reshape(n, 2), np.full(n, np.log(0.5))])
-    kernels = choose_kernels(requests, np.full((n, 4), 3.0), np.zeros((n, 5)))
+    rows = find_kernels(requests, np.full((n, 1, 4), 3.0), np.zeros((n, 5)))
+    weights, paces = np.full((n, 1), 3.0), np.zeros((n, 1))
     found = RequestStatistics(
-        requests, np.full((n, 1), 3.0), np.zeros(1), np.zeros((n, 1)), kernels
+        requests, weights, weights, np.zeros(1), paces, paces, rows
     ).condition(np.array([7.0]), np.array([8.0]))
     assert found.weights == pytest.approx([3.0], rel=1e-2)
     assert found.duration == pytest.approx(0.5)
@@ -103,7 +116,51 @@ def test_of_many_demonstrations_some_are_asked_evenly_spread():
     assert asked[0] == 0 and max(np.diff(asked)) <= 4
 
 
-@pytest.mark.parametrize("kernel", [(0.0, 0.0, 1.0), (-1.0, 1.0, 1.0), (0.0, np.nan, 1.0)])
-def test_kernels_that_make_no_sense_are_refused(kernel):
+@pytest.mark.parametrize(
+    "rows",
+    [
+        kernels(0.0, 0.0, 1.0, 0.0, 0.0),
+        kernels(-1.0, 1.0, 1.0, 0.0, 0.0),
+        kernels(0.0, 1.0, 1.0, 1.1, 0.0),
+        kernels(0.0, np.nan, 1.0, 0.0, 0.0),
+        MEAN * np.array([1, 0.5, 1, 1, 1, 1, 1]),
+        MEAN[:2],
+        MEAN[:, :5],
+    ],
+)
+def test_kernels_that_make_no_sense_are_refused(rows):
     with pytest.raises(PrimitiveFileError, match="kernels"):
-        statistics(kernel)
+        statistics(rows)
+
+
+def test_kernels_of_version_2_are_one_for_each_regression_that_knows_no_way_back():
+    found = kernels_of_version_2(np.array([[1.0, 2.0, 3.0]] * 3))
+    np.testing.assert_array_equal(found, kernels(1.0, 2.0, 3.0, 0.0, 0.0))
+    with pytest.raises(PrimitiveFileError, match="kernels"):
+        kernels_of_version_2(np.ones((2, 3)))
+
+
+def test_a_motion_is_expected_backwards_on_the_way_back():
+    """All demonstrations of one loop, half of them backwards: the last one's twin tells it."""
+    demonstrations = arm_demonstrations(8, 3)
+    backwards = [gone_backwards(d) for d in demonstrations]
+    primitive = build_primitive([*demonstrations, *backwards[:-1]], "x")
+    motion = backwards[-1]
+    found = expected_motion(primitive, motion)
+    truth = motion.time_normalised(FINE_PHASES.size)
+    alone = expected_motion(build_primitive(demonstrations[:-1], "y"), motion)
+    (_, _, path), (_, _, path_alone) = differences(found, truth), differences(alone, truth)
+    assert path < 0.5 * path_alone
+
+
+def gone_backwards(motion):
+    return Demonstration(
+        motion.joint_names,
+        motion.times[-1] - motion.times[::-1],
+        motion.positions[::-1],
+        -motion.velocities[::-1],
+        motion.accelerations[::-1],
+        recording=motion.recording,
+        start_time=motion.start_time,
+        end_time=motion.end_time,
+    )

@@ -15,7 +15,7 @@ from arm import JOINTS, arm_primitive, arm_robot
 from mp_pca_planner.exceptions import LearningError
 from mp_pca_planner.goal import JointGoal, JointState
 from mp_pca_planner.learning.refined_motion import RefinedMotion
-from mp_pca_planner.learning.refinement import RefinementCost
+from mp_pca_planner.learning.refinement import BOUNDS, RefinementCost
 from mp_pca_planner.learning.trials import TrialLearner
 from mp_pca_planner.planning.planner import Planner
 from mp_pca_planner.validation import check_limits
@@ -66,6 +66,13 @@ def test_trials_lower_the_cost_and_start_with_the_motion_itself():
     assert not np.any(learner.trials[0].parameters)
     assert learner.best.cost < 0.95 * learner.trials[0].cost
     assert effort(learner.best_motion()) == learner.best.cost
+
+
+def test_trials_go_on_from_a_refinement_that_ended_at_a_bound():
+    start = np.zeros((1, BOUNDS.size))
+    start[0, 0] = BOUNDS[0] * (1.0 + 1e-12)
+    learner = TrialLearner([motion()], ROBOT, ROBOT.limits(), start=start)
+    assert len(learn(learner, 4).trials) == 4
 
 
 def test_every_trial_is_within_the_limits():

@@ -214,7 +214,8 @@ def _search(centre: FloatArray, bounds: FloatArray, seed: int) -> Any:
     except ImportError:
         raise MissingDependencyError("cmaes", "learn", "learning by trials") from None
     box = np.column_stack([-bounds, bounds])
-    return CMA(mean=centre.copy(), sigma=_FIRST_STEP, bounds=box, seed=seed)
+    # A refinement that ends at a bound may lie beyond it by a rounding error.
+    return CMA(mean=np.clip(centre, -bounds, bounds), sigma=_FIRST_STEP, bounds=box, seed=seed)
 
 
 def _identity(first: RefinedMotion, options: RefinementOptions, seed: int) -> str:

@@ -17,7 +17,7 @@ from .options import PrimitiveOptions as PrimitiveOptions
 from .pace import fit_paces, uneven_phases
 from .pca import components_for_share, fit_components
 from .primitive import MovementPrimitive
-from .statistics import choose_kernels
+from .statistics import find_kernels
 
 _DEFAULTS = PrimitiveOptions()
 
@@ -101,7 +101,7 @@ def build_from_statistics(
         "durations": durations,
         "warps": warps,
         "paces": paces,
-        "kernels": choose_kernels(requests, shapes.reshape(len(shapes), -1), uneven_phases(paces)),
+        "kernels": find_kernels(requests, shapes, uneven_phases(paces)),
         "fit_residual": np.sqrt((np.sum(left**2, axis=2) + remainders) / options.n_phases),
     }
     facts = {

@@ -21,9 +21,12 @@ from ..arrays import FloatArray
 from ..exceptions import PrimitiveFileError
 from ..files import write_whole
 from .primitive import MovementPrimitive
+from .statistics import kernels_of_version_2
 
 FORMAT_NAME = "mp_pca_planner/movement_primitive"
-FORMAT_VERSION = 2
+FORMAT_VERSION = 3
+
+_READABLE_VERSIONS = (2, FORMAT_VERSION)
 
 # What reading a damaged or hostile .npz was seen to raise, or may by its documentation.
 _UNREADABLE = (
@@ -87,10 +90,11 @@ def load_primitive(path: str | Path) -> MovementPrimitive:
             raise PrimitiveFileError(
                 "it was not made by this package (no 'format' in its metadata)"
             )
-        if metadata.get("format_version") != FORMAT_VERSION:
+        version = metadata.get("format_version")
+        if version not in _READABLE_VERSIONS:
             raise PrimitiveFileError(
-                f"its format version is {metadata.get('format_version')}, "
-                f"this release reads version {FORMAT_VERSION}: build it again"
+                f"its format version is {version}, "
+                f"this release reads versions 2 and {FORMAT_VERSION}: build it again"
             )
         missing = [name for name in MovementPrimitive.ARRAYS if name not in arrays]
         if missing:
@@ -98,6 +102,8 @@ def load_primitive(path: str | Path) -> MovementPrimitive:
         stated = metadata.pop("checksum", None)
         if stated != _checksum(arrays, metadata):
             raise PrimitiveFileError("its content does not match its checksum: it was damaged")
+        if version == 2:
+            arrays["kernels"] = kernels_of_version_2(arrays["kernels"])
         return MovementPrimitive(
             metadata.get("name", ""),
             tuple(metadata.get("joint_names", ())),

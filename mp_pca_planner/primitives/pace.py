@@ -74,6 +74,11 @@ def fit_paces(warps: FloatArray) -> FloatArray:
     return paces
 
 
+def reversed_paces(paces: FloatArray) -> FloatArray:
+    """Paces of the same motions gone backwards, shape (n_demonstrations, n_pace)."""
+    return np.asarray(paces * (-1.0) ** np.arange(1, paces.shape[1] + 1))
+
+
 def uneven_phases(paces: FloatArray) -> FloatArray:
     """σ(p) − p of paces at evenly spaced p, shape (n_demonstrations, n_shares): how they differ."""
     rates = np.exp(paces @ legendre.legvander(2.0 * _SHARES - 1.0, paces.shape[1])[:, 1:].T)

@@ -15,7 +15,7 @@ from ..exceptions import PrimitiveFileError
 from .alignment import aligned_phases
 from .basis import Basis, PolynomialBasis
 from .boundary import boundary_values, hermite_functions
-from .pace import PacedBasis
+from .pace import PacedBasis, reversed_paces
 from .statistics import RequestStatistics
 
 COUPLINGS = ("joint", "arm")
@@ -56,7 +56,7 @@ class MovementPrimitive:
         increasing from 0 to 1, see :mod:`.alignment`.
     paces : array, shape (n_demonstrations, n_pace)
         The same as polynomials, see :mod:`.pace`.
-    kernels : array, shape (3, 3)
+    kernels : array, shape (n_kernels, 7)
         See :class:`.RequestStatistics`.
     fit_residual : array, shape (n_demonstrations, n_joints)
         RMS difference between each demonstration and its reproduction with its weights and
@@ -141,9 +141,10 @@ class MovementPrimitive:
                 [self.boundary_states[:, 0], self.boundary_states[:, 3], np.log(self.durations)]
             ),
             self.weights,
-            _nearest_weights(self.basis),
+            *_reversed_and_common_weights(self.basis, self.weights),
             self.paces,
-            take("kernels", (3, 3)),
+            reversed_paces(self.paces),
+            take("kernels", (None, None)),
         )
 
     @property
@@ -229,8 +230,23 @@ class MovementPrimitive:
         return own | {"kernels": self.statistics.kernels}
 
 
-def _nearest_weights(basis: Basis) -> FloatArray:
-    """Weights of the components that come nearest to the mean shape."""
-    functions = basis.functions(_PHASES).reshape(_PHASES.size * basis.n_joints, basis.n_weights)
-    mean = basis.shape(np.zeros(basis.n_weights), _PHASES).ravel()
-    return np.asarray(np.linalg.lstsq(functions, mean, rcond=None)[0], dtype=np.float64)
+def _reversed_and_common_weights(
+    basis: Basis, weights: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Weights that come nearest to shapes gone backwards, and those nearest to the mean shape.
+
+    Parameters
+    ----------
+    basis : Basis
+        Of the primitive.
+    weights : array, shape (n_demonstrations, n_weights)
+        Weights of the shapes.
+    """
+    values = basis.functions(_PHASES)
+    functions, turned = (
+        x.reshape(_PHASES.size * basis.n_joints, basis.n_weights) for x in (values, values[::-1])
+    )
+    mean = basis.shape(np.zeros(basis.n_weights), _PHASES)
+    nearest = np.linalg.pinv(functions)
+    reversed_weights = weights @ (nearest @ turned).T + nearest @ (mean[::-1] - mean).ravel()
+    return reversed_weights, nearest @ mean.ravel()

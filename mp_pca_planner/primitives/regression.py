@@ -4,34 +4,42 @@
 
 A prediction is a sum of what the demonstrations did, each with a share that depends on how the
 request relates to theirs (Rasmussen and Williams, "Gaussian Processes for Machine Learning",
-2006, chapter 2). Its prior mean is zero: what the demonstrations don't tell is not made up. How
-smooth, how noisy, and how far common to all the outputs are is chosen by leaving each
-demonstration out (there, section 5.4.2).
+2006, chapter 2). Its prior mean is zero: what the demonstrations don't tell is not made up.
+
+How smooth, how noisy, and how far common to all the outputs are can't be told from a few
+demonstrations, and neither whether the way back is the way there gone backwards (knocking at a
+door), or mirrored at the straight line (circles). So no kernel is chosen: predictions of many are
+averaged, each as probable as it finds the demonstrations when it is told the others (there,
+section 5.4.2; Gelfand's and Dey's pseudo-Bayes factor, 1994).
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
 
 from ..arrays import FloatArray
 
-# The kernels tried, in units of the demonstrations' spread and of the variance of what depends
-# on the request.
-_INVERSE_LENGTHS = (0.0, 0.5, 1.0, 2.0)
-_NOISES = (0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0)
-_CONSTANTS = (0.0, 0.1, 1.0, 10.0, 100.0, 1000.0)
-# Noise beside which nothing depends on the request, and constants relative to it: from nothing
-# at all to the plain mean.
+# The kernels averaged, in units of the demonstrations' spread and of the variance of what depends
+# on the request. With more of them, or finer steps, errors on motions left out change by 1 %.
+_INVERSE_LENGTHS = (0.0, 1.0, 2.0)
+_NOISES = (0.02, 0.2, 2.0)
+_REVERSALS = (-0.8, 0.0, 0.8)
+_CONSTANT = 10.0
+# Noise beside which nothing depends on the request.
 _NOTHING_BUT_NOISE = 1e6
-_SHARES_OF_MEAN = (0.0, 0.03, 0.1, 0.3, 1.0, 10.0, 1000.0)
-# The stiffest kernel whose error exceeds the least by no more than this many standard errors of
-# the difference is taken: with 0 predictions of a few motions were worse than minimum-jerk ones,
-# with 1 much of what is gained was given away.
-_STANDARD_ERRORS = 0.5
+# Power of the densities of demonstrations left out: they are not independent, for each is told of
+# all others. With 1 paces are predicted worse by 2 %, with 0.3 shapes.
+_TEMPER = 0.7
+# The most probable kernels that have this share together are kept.
+_KEPT = 0.9
 _FEWEST = 3
+# Mean square of the distances from start to goal that is added to their squares, so that there is
+# variance where a motion ends where it starts.
+_NO_WAY = 0.09
 
 
 class Kernel(NamedTuple):
@@ -46,106 +54,246 @@ class Kernel(NamedTuple):
         Variance of what the request does not tell.
     constant : float
         Added to k: variance of what is common to all.
+    reversal : float
+        Correlation of a motion with the one that goes back, reversed in time, from −1 to 1.
+    growth : float
+        Power of the distance from start to goal with which outputs grow, deviations but not the
+        linear kernel: 0.5 for variances that grow with the distance.
     """
 
     inverse_length: float
     noise: float
     constant: float
+    reversal: float = 0.0
+    growth: float = 0.0
 
+
+Mixture = Sequence[tuple[float, Kernel]]
+"""Kernels and their probabilities."""
+
+NOTHING = Kernel(0.0, _NOTHING_BUT_NOISE, 0.0)
+"""The kernel that predicts zero whatever is asked: before the demonstrations are heard as probable
+as all others together, so that a few of them don't make up much."""
 
 PLAIN_MEAN = Kernel(0.0, _NOTHING_BUT_NOISE, _NOTHING_BUT_NOISE * 1000.0)
 """The kernel that predicts the mean of the demonstrations whatever is asked."""
 
 
 class Regression:
-    """Shares of the demonstrations in what is expected of a request.
+    """Predictions from demonstrations, averaged over kernels.
 
     Parameters
     ----------
     inputs : array, shape (n_demonstrations, n_inputs)
-        Requests that the demonstrations answer.
-    kernel : Kernel
-        The prior.
+        Requests that the demonstrations answer: start, goal, and what stays the same on the way
+        back.
+    outputs : array, shape (n_demonstrations, n_outputs)
+        What they answer.
+    reversed_outputs : array, shape (n_demonstrations, n_outputs)
+        What they would answer if they went back, reversed in time.
+    mixture : sequence of (float, Kernel)
+        Probabilities and priors.
+
+    Attributes
+    ----------
+    left_out : array, shape (n_demonstrations, n_outputs)
+        Outputs minus what the other demonstrations predict.
     """
 
-    def __init__(self, inputs: FloatArray, kernel: Kernel) -> None:
-        self._mean = inputs.mean(axis=0)
-        deviations = inputs - self._mean
-        # A spread of zero: all requests are the same, and any unit will do.
-        self._spread = float(np.sqrt(np.sum(deviations**2) / len(inputs))) or 1.0
-        self._scaled = deviations / self._spread
-        self._kernel = kernel
-        gram = _gram(self._scaled, self._scaled, kernel.inverse_length)
-        self._inverse = np.linalg.inv(gram + kernel.constant + kernel.noise * np.eye(len(inputs)))
+    def __init__(
+        self,
+        inputs: FloatArray,
+        outputs: FloatArray,
+        reversed_outputs: FloatArray,
+        mixture: Mixture,
+    ) -> None:
+        self._inputs = _Inputs(inputs)
+        # What stays the same on the way back, and what changes its sign, are told apart.
+        parts = np.array([outputs + reversed_outputs, outputs - reversed_outputs]) / 2.0
+        signs = np.array([1.0, -1.0])[:, None, None]
+        squared_distances = self._inputs.squared_distances()
+        n, size = outputs.shape
+        self.left_out = np.zeros((n, size))
+        self._linear = np.zeros((inputs.shape[1] + 1, size))
+        # By inverse length and growth: shares of what is similar to the request, of what is
+        # similar to its way back, and of all.
+        self._shares: dict[tuple[float, float], FloatArray] = {}
+        for probability, kernel in mixture:
+            grown = self._inputs.sizes[:, None] ** kernel.growth
+            there, back = self._inputs.grams(squared_distances, kernel)
+            constants = kernel.constant * (1.0 + signs * kernel.reversal)
+            gram = there + signs * kernel.reversal * back + constants + kernel.noise * np.eye(n)
+            inverse = np.linalg.inv(gram)
+            found = probability * inverse @ (parts / grown)
+            precision = np.diagonal(inverse, axis1=1, axis2=2)[:, :, None]
+            self.left_out += grown * np.sum(found / precision, axis=0)
+            ways = np.array([found[0] + found[1], kernel.reversal * (found[0] - found[1])])
+            key = kernel.inverse_length, kernel.growth
+            shares = self._shares.setdefault(key, np.zeros((2 * n + 1, size)))
+            shares[-1] += np.sum(constants * found, axis=(0, 1))
+            if kernel.inverse_length == 0.0:
+                self._linear += self._inputs.linear_terms(ways / grown, kernel.reversal)
+            else:
+                shares[:-1] += ways.reshape(2 * n, size)
 
-    def shares(self, request: FloatArray) -> FloatArray:
-        """Share of each demonstration in the prediction for a request, shape (n,)."""
-        scaled = ((request - self._mean) / self._spread)[None]
-        similar = _gram(scaled, self._scaled, self._kernel.inverse_length)[0]
-        return np.asarray((similar + self._kernel.constant) @ self._inverse)
+    def predict(self, request: FloatArray) -> FloatArray:
+        """What is expected of a request of shape (n_inputs,), shape (n_outputs,)."""
+        scaled, squared, size = self._inputs.relate(request)
+        found = np.append(scaled, 1.0) @ self._linear
+        for (inverse_length, growth), shares in self._shares.items():
+            if inverse_length:
+                similar = np.exp(-0.5 * inverse_length**2 * squared).ravel()
+                found += size**growth * (similar @ shares[:-1] + shares[-1])
+            else:
+                found += size**growth * shares[-1]
+        return np.asarray(found)
 
-    def left_out(self, outputs: FloatArray) -> FloatArray:
-        """Outputs minus what the other demonstrations predict, shape (n, n_outputs)."""
-        return np.asarray((self._inverse @ outputs) / np.diag(self._inverse)[:, None])
 
-
-def choose_kernel(inputs: FloatArray, outputs: FloatArray) -> Kernel:
-    """Choose the kernel by leave-one-out error.
+def choose_kernels(
+    inputs: FloatArray, even: FloatArray, odd: FloatArray, growth: float = 0.0
+) -> list[tuple[float, Kernel]]:
+    """Find how probable kernels are by what they predict of demonstrations left out.
 
     Parameters
     ----------
     inputs : array, shape (n_demonstrations, n_inputs)
         Requests.
-    outputs : array, shape (n_demonstrations, n_outputs)
-        What to predict; their squared differences, summed, are the error.
+    even, odd : array, shape (n_demonstrations, any)
+        Outputs that keep their sign, and such that change it, if a motion is reversed in time;
+        their squared differences, summed, are the error.
+    growth : float
+        Of all kernels.
+
+    Returns
+    -------
+    mixture : list of (float, Kernel)
+        The most probable kernels first.
     """
     n = len(inputs)
+    outputs = np.hstack([even, odd])
     if n < _FEWEST or not np.any(outputs):
-        return PLAIN_MEAN
-    kernels, errors, freedom = [], [], []
-    for kernel, squared, used in _left_out_errors(inputs, outputs):
-        kernels.append(kernel)
-        errors.append(squared)
-        freedom.append(used)
-    excess = np.array(errors) - errors[int(np.argmin(np.mean(errors, axis=1)))]
-    allowed = _STANDARD_ERRORS * excess.std(axis=1, ddof=1) / np.sqrt(n)
-    good = np.flatnonzero(excess.mean(axis=1) <= allowed)
-    return kernels[int(good[np.argmin(np.array(freedom)[good])])]
+        return [(1.0, PLAIN_MEAN)]
+    squares = outputs @ outputs.T
+    # As many independent outputs as these correlated ones are worth.
+    freedom = np.trace(squares) ** 2 / np.sum(squares**2)
+    kernels, scores = zip(*_scores(inputs, even, odd, growth), strict=True)
+    logarithms = _TEMPER * freedom * np.array(scores)
+    logarithms[kernels.index(NOTHING)] += np.log(len(kernels) - 1)
+    probabilities = np.exp(logarithms - logarithms.max())
+    probabilities /= probabilities.sum()
+    order = np.argsort(-probabilities, kind="stable")
+    enough = int(np.searchsorted(np.cumsum(probabilities[order]), _KEPT)) + 1
+    kept = order[:enough]
+    total = probabilities[kept].sum()
+    return [(float(probabilities[i] / total), kernels[i]) for i in kept]
 
 
-def _left_out_errors(
-    inputs: FloatArray, outputs: FloatArray
-) -> Iterator[tuple[Kernel, FloatArray, float]]:
-    """Every kernel, its squared error for each demonstration, and its degrees of freedom."""
-    deviations = inputs - inputs.mean(axis=0)
-    spread = float(np.sqrt(np.sum(deviations**2) / len(inputs))) or 1.0
-    scaled = deviations / spread
-    families: list[tuple[float, float, tuple[float, ...]]] = [
-        (inverse_length, constant, _NOISES)
-        for inverse_length in _INVERSE_LENGTHS
-        for constant in _CONSTANTS
-    ]
-    families += [
-        (0.0, _NOTHING_BUT_NOISE * share, (_NOTHING_BUT_NOISE,)) for share in _SHARES_OF_MEAN
-    ]
-    for inverse_length, constant, noises in families:
-        gram = _gram(scaled, scaled, inverse_length) + constant
-        values, vectors = np.linalg.eigh(gram)
-        values = np.maximum(values, 0.0)
-        projected = vectors.T @ outputs
-        for noise_variance in noises:
-            inverse = 1.0 / (values + noise_variance)
-            residual = (vectors * inverse) @ projected
-            residual /= (vectors**2 @ inverse)[:, None]
-            yield (
-                Kernel(inverse_length, noise_variance, constant),
-                np.sum(residual**2, axis=1),
-                float(values @ inverse),
-            )
+def _scores(
+    inputs: FloatArray, even: FloatArray, odd: FloatArray, growth: float
+) -> Iterator[tuple[Kernel, float]]:
+    """Every kernel and the logarithm of the density it gives to each output, left out.
+
+    That is for one independent output, less what is the same for all kernels. The variance of
+    what depends on the request is the one that makes it highest.
+    """
+    related = _Inputs(inputs)
+    grown = related.sizes[:, None] ** growth
+    parts = even / grown, odd / grown
+    shares = np.array([even.shape[1], odd.shape[1]]) / (even.shape[1] + odd.shape[1])
+    n = len(inputs)
+    yield NOTHING, -0.5 * n * float(np.log(np.mean(sum(np.sum(x**2, axis=1) for x in parts))))
+    squared_distances = related.squared_distances()
+    for inverse_length in _INVERSE_LENGTHS:
+        spectra = {}
+        for reversal in _REVERSALS:
+            kernel = Kernel(inverse_length, 0.0, _CONSTANT, reversal, growth)
+            there, back = related.grams(squared_distances, kernel)
+            gram = there + reversal * back + kernel.constant * (1.0 + reversal)
+            spectra[reversal] = np.linalg.eigh(gram)
+        for reversal, noise in product(_REVERSALS, _NOISES):
+            errors, log_precision = np.zeros(n), 0.0
+            for sign, part, share in zip((1.0, -1.0), parts, shares, strict=True):
+                values, vectors = spectra[sign * reversal]
+                inverse = 1.0 / (np.maximum(values, 0.0) + noise)
+                precision = vectors**2 @ inverse
+                residual = (vectors * inverse) @ (vectors.T @ part)
+                errors += np.sum(residual**2, axis=1) / precision
+                log_precision += share * float(np.sum(np.log(precision)))
+            score = 0.5 * (log_precision - n * float(np.log(np.mean(errors))))
+            yield Kernel(inverse_length, noise, _CONSTANT, reversal, growth), score
 
 
-def _gram(x: FloatArray, y: FloatArray, inverse_length: float) -> FloatArray:
-    if inverse_length == 0.0:
-        return np.asarray(x @ y.T)
-    squared = np.sum((x[:, None] - y[None]) ** 2, axis=2)
-    return np.asarray(np.exp(-0.5 * inverse_length**2 * squared))
+class _Inputs:
+    """Requests, in units of their spread, and those of the ways back.
+
+    Parameters
+    ----------
+    inputs : array, shape (n_demonstrations, n_inputs)
+        See :class:`Regression`.
+
+    Attributes
+    ----------
+    sizes : array, shape (n_demonstrations,)
+        Distances from start to goal in units of the usual one, bounded from below.
+    """
+
+    def __init__(self, inputs: FloatArray) -> None:
+        self._n_joints = inputs.shape[1] // 2
+        self._mean = inputs.mean(axis=0)
+        # A spread of zero: all requests are the same, and any unit will do.
+        self._spread = float(np.sqrt(np.sum(inputs.var(axis=0)))) or 1.0
+        there_and_back = np.array([inputs, self._reversed(inputs)])
+        self._scaled = (there_and_back - self._mean) / self._spread
+        # Of the linear kernels that know the way back, which is as far from it as the way there.
+        self._centre = (self._reversed(self._mean) - self._mean) / (2.0 * self._spread)
+        self._usual = float(np.mean(self._squared_ways(inputs))) or 1.0
+        self.sizes = self._sizes(inputs)
+
+    def squared_distances(self) -> FloatArray:
+        """Of each demonstration from each and from the way back of each, shape (2, n, n)."""
+        there = self._scaled[0]
+        return np.array([np.sum((there[:, None] - x) ** 2, axis=2) for x in self._scaled])
+
+    def grams(self, squared_distances: FloatArray, kernel: Kernel) -> tuple[FloatArray, FloatArray]:
+        """Similarity of each demonstration with each and with the way back of each."""
+        if kernel.inverse_length == 0.0:
+            deviations = self._scaled - self._origin(kernel.reversal)
+            there, back = deviations / self.sizes[:, None] ** kernel.growth
+            return there @ there.T, there @ back.T
+        there, back = np.exp(-0.5 * kernel.inverse_length**2 * squared_distances)
+        return there, back
+
+    def linear_terms(self, ways: FloatArray, reversal: float) -> FloatArray:
+        """What the linear kernel makes of a scaled request and 1, shape (n_inputs + 1, n_outputs).
+
+        Parameters
+        ----------
+        ways : array, shape (2, n_demonstrations, n_outputs)
+            What each contributes by its similarity, and by that of its way back.
+        reversal : float
+            Of the kernel.
+        """
+        origin = self._origin(reversal)
+        slopes = np.tensordot(self._scaled - origin, ways, axes=((0, 1), (0, 1)))
+        return np.concatenate([slopes, -(origin @ slopes)[None]])
+
+    def relate(self, request: FloatArray) -> tuple[FloatArray, FloatArray, float]:
+        """A scaled request, its squared distances from both ways of each, and its size."""
+        scaled = (request - self._mean) / self._spread
+        squared = np.sum((self._scaled - scaled) ** 2, axis=2)
+        return scaled, squared, float(self._sizes(request))
+
+    def _origin(self, reversal: float) -> FloatArray:
+        return self._centre if reversal else np.zeros_like(self._centre)
+
+    def _reversed(self, requests: FloatArray) -> FloatArray:
+        n = self._n_joints
+        starts, goals, rest = np.split(requests, [n, 2 * n], axis=-1)
+        return np.concatenate([goals, starts, rest], axis=-1)
+
+    def _squared_ways(self, requests: FloatArray) -> FloatArray:
+        n = self._n_joints
+        return np.asarray(np.sum((requests[..., n : 2 * n] - requests[..., :n]) ** 2, axis=-1))
+
+    def _sizes(self, requests: FloatArray) -> FloatArray:
+        return np.asarray(np.sqrt(self._squared_ways(requests) / self._usual + _NO_WAY))

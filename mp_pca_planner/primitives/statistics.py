@@ -10,11 +10,15 @@ import numpy as np
 
 from ..arrays import FloatArray, frozen_array
 from ..exceptions import PrimitiveFileError
-from .regression import Kernel, Regression, choose_kernel
+from .regression import Kernel, Mixture, Regression, choose_kernels
 
 # Of more demonstrations, so many are asked, evenly spread: the time to choose a kernel grows
 # with the cube of their number.
 _MOST_ASKED = 300
+
+# Variances of shapes grow with the distance from start to goal: small motions are straighter. With
+# powers of 0 and 1 errors in benchmarks/naturalness.py are 1 to 3 % larger.
+_GROWTH_OF_SHAPES = 0.5
 
 # Expected durations stay within this many standard deviations of the demonstrated ones.
 _MOST_DEVIATIONS = 3.0
@@ -65,13 +69,16 @@ class RequestStatistics:
         q0, qT [rad or m] and log T of each.
     weights : array, shape (n_demonstrations, n_weights)
         Weights of each.
+    reversed_weights : array, shape (n_demonstrations, n_weights)
+        Weights of each, if it were gone backwards.
     common_weights : array, shape (n_weights,)
         Weights that come nearest to the mean shape: what is added to those of each to tell its
         shape from minimum-jerk rather than from the mean.
-    paces : array, shape (n_demonstrations, n_pace)
-        Pace of each.
-    kernels : array, shape (3, 3)
-        The :class:`.Kernel` of the regressions of the shape, the pace and the duration.
+    paces, reversed_paces : array, shape (n_demonstrations, n_pace)
+        Pace of each, and if it were gone backwards.
+    kernels : array, shape (n_kernels, 7)
+        What the regressions average over, row by row: 0, 1 or 2 for that of the shape, the pace or
+        the duration, the probability, and the entries of the :class:`.Kernel`.
 
     Attributes
     ----------
@@ -85,29 +92,31 @@ class RequestStatistics:
         self,
         requests: FloatArray,
         weights: FloatArray,
+        reversed_weights: FloatArray,
         common_weights: FloatArray,
         paces: FloatArray,
+        reversed_paces: FloatArray,
         kernels: FloatArray,
     ) -> None:
-        kernels = frozen_array(kernels, (3, 3), "kernels", PrimitiveFileError)
-        if np.any(kernels < 0.0) or np.any(kernels[:, 1] == 0.0):
-            raise PrimitiveFileError(
-                f"kernels must not be negative, and their noise positive: {kernels.tolist()}"
-            )
-        shape, pace, duration = (Kernel(*map(float, row)) for row in kernels)
-        self.kernels = kernels
+        self.kernels = frozen_array(
+            kernels, (None, 2 + len(Kernel._fields)), "kernels", PrimitiveFileError
+        )
+        shape, pace, duration = _mixtures(self.kernels)
         self.mean = requests.mean(axis=0)
         centred = requests - self.mean
         self.covariance = centred.T @ centred / max(len(requests) - 1, 1)
         asked = asked_demonstrations(len(requests))
-        self._shape = Regression(requests[asked], shape)
-        self._pace = Regression(requests[asked], pace)
-        self._duration = Regression(requests[asked, :-1], duration)
-        self._log_durations = centred[asked, -1]
-        self._weights = weights[asked] + common_weights
         self._common_weights = common_weights
-        self._paces = paces[asked]
-        self._weight_covariance = _covariance(self._shape.left_out(self._weights))
+        self._shape = Regression(
+            requests[asked],
+            weights[asked] + common_weights,
+            reversed_weights[asked] + common_weights,
+            shape,
+        )
+        self._pace = Regression(requests[asked], paces[asked], reversed_paces[asked], pace)
+        log_durations = centred[asked, -1:]
+        self._duration = Regression(requests[asked, :-1], log_durations, log_durations, duration)
+        self._weight_covariance = _covariance(self._shape.left_out)
 
     def condition(
         self, start: FloatArray, goal: FloatArray, duration: float | None = None
@@ -123,7 +132,7 @@ class RequestStatistics:
         """
         ends = np.concatenate([start, goal])
         if duration is None:
-            deviation = self._duration.shares(ends) @ self._log_durations
+            (deviation,) = self._duration.predict(ends)
             # A request far away must not make a motion of hours out of a linear trend.
             reach = _MOST_DEVIATIONS * np.sqrt(self.covariance[-1, -1])
             expected = self.mean[-1] + np.clip(deviation, -reach, reach)
@@ -133,8 +142,8 @@ class RequestStatistics:
         else:
             request = np.append(ends, np.log(duration))
             score = self._score(request)
-        weights = self._shape.shares(request) @ self._weights - self._common_weights
-        pace = self._pace.shares(request) @ self._paces
+        weights = self._shape.predict(request) - self._common_weights
+        pace = self._pace.predict(request)
         return Conditional(weights, self._weight_covariance, pace, duration, score)
 
     def request_precision(self, size: int) -> FloatArray:
@@ -158,35 +167,78 @@ class RequestStatistics:
         return float(np.sqrt(distance / given.size))
 
 
-def choose_kernels(
+def find_kernels(
     requests: FloatArray, shapes: FloatArray, aligned_phases: FloatArray
 ) -> FloatArray:
-    """Choose the kernels by leave-one-out errors.
+    """Find how probable kernels are by what they predict of demonstrations left out.
 
     Parameters
     ----------
     requests : array, shape (n_demonstrations, 2 n_joints + 1)
         q0, qT [rad or m] and log T of each.
-    shapes : array, shape (n_demonstrations, n_features)
-        Shapes, such that distances between features are those between shapes.
+    shapes : array, shape (n_demonstrations, n_joints, n_functions)
+        Coefficients of the shapes in orthonormal functions, the first of which is even about the
+        middle of the motion, the second odd, and so on.
     aligned_phases : array, shape (n_demonstrations, n_shares)
         Aligned phases at evenly spaced shares of the duration, less those shares.
 
     Returns
     -------
-    kernels : array, shape (3, 3)
+    kernels : array, shape (n_kernels, 7)
         As :class:`RequestStatistics` takes them.
     """
     asked = asked_demonstrations(len(requests))
-    requests = requests[asked]
+    requests, shapes, phases = requests[asked], shapes[asked], aligned_phases[asked]
+    even, odd = (shapes[:, :, k::2].reshape(len(asked), -1) for k in (0, 1))
+    backwards = -phases[:, ::-1]
     log_durations = requests[:, -1:] - requests[:, -1].mean()
+    mixtures = (
+        choose_kernels(requests, even, odd, _GROWTH_OF_SHAPES),
+        choose_kernels(requests, (phases + backwards) / 2.0, (phases - backwards) / 2.0),
+        choose_kernels(requests[:, :-1], log_durations, np.zeros((len(asked), 0))),
+    )
     return np.array(
         [
-            choose_kernel(requests, shapes[asked]),
-            choose_kernel(requests, aligned_phases[asked]),
-            choose_kernel(requests[:, :-1], log_durations),
+            [which, probability, *kernel]
+            for which, mixture in enumerate(mixtures)
+            for probability, kernel in mixture
         ]
     )
+
+
+def _mixtures(kernels: FloatArray) -> list[Mixture]:
+    """The kernels of each regression."""
+    which, probability, inverse_length, noise, constant, reversal, growth = kernels.T
+    if (
+        not np.array_equal(np.unique(which), [0.0, 1.0, 2.0])
+        or not np.allclose([probability[which == k].sum() for k in range(3)], 1.0)
+        or np.any(np.array([probability, inverse_length, constant, growth]) < 0.0)
+        or np.any(noise <= 0.0)
+        or np.any(np.abs(reversal) > 1.0)
+    ):
+        raise PrimitiveFileError(
+            "kernels must belong to the shape (0), the pace (1) or the duration (2), with "
+            "probabilities that sum to 1, reversals from -1 to 1, positive noise, and nothing "
+            f"else negative: {kernels.tolist()}"
+        )
+    return [[(row[1], Kernel(*row[2:])) for row in kernels[which == k].tolist()] for k in range(3)]
+
+
+def kernels_of_version_2(kernels: FloatArray) -> FloatArray:
+    """Kernels of a primitive file of the format version 2, which has one for each regression.
+
+    Parameters
+    ----------
+    kernels : array, shape (3, 3)
+        Inverse length, noise and constant of each.
+
+    Raises
+    ------
+    PrimitiveFileError
+        If they have another shape.
+    """
+    kernels = frozen_array(kernels, (3, 3), "kernels", PrimitiveFileError)
+    return np.column_stack([np.arange(3.0), np.ones(3), kernels, np.zeros((3, 2))])
 
 
 def asked_demonstrations(n_demonstrations: int) -> list[int]:

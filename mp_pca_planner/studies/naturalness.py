@@ -225,9 +225,10 @@ def _ridge_weights(primitive: MovementPrimitive, motion: Demonstration) -> Float
     requests = np.column_stack([states[:, 0], states[:, 3], np.log(primitive.durations)])
     n, size = requests.shape
     noise = n / size
-    regression = Regression(requests, Kernel(0.0, noise, noise * _FREE_CONSTANT))
+    kernel = Kernel(0.0, noise, noise * _FREE_CONSTANT)
+    regression = Regression(requests, primitive.weights, primitive.weights, [(1.0, kernel)])
     request = np.concatenate([*motion.positions[[0, -1]], [np.log(motion.duration)]])
-    return np.asarray(regression.shares(request) @ primitive.weights)
+    return regression.predict(request)
 
 
 def _quantities(
