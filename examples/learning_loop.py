@@ -159,7 +159,8 @@ class SimulatedRobot:
         times = sample_times(trajectory, sampling)
         q = Reference.of(trajectory, times).q - done.errors
         rows, began = [], time.perf_counter()
-        for k in range(0, len(times), PUBLISHED_EVERY):
+        # To its end, which the published steps need not meet.
+        for k in sorted({*range(0, len(times), PUBLISHED_EVERY), len(times) - 1}):
             time.sleep(max(0.0, times[k] - (time.perf_counter() - began)))
             velocity = (q[min(k + 1, len(q) - 1)] - q[max(k - 1, 0)]) / (2.0 * sampling.period)
             self.publish(q[k], velocity, done.efforts[k])
