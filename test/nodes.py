@@ -7,7 +7,7 @@ from __future__ import annotations
 import os
 import signal
 import subprocess
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -36,10 +36,12 @@ PATIENTLY = tuple(word for name, time in PATIENCE.items() for word in ("-p", f"{
 
 
 @contextmanager
-def running_node(log: Path, *ros_arguments: str) -> Iterator[subprocess.Popen[str]]:
+def running_node(
+    log: Path, *ros_arguments: str, options: Sequence[str] = ()
+) -> Iterator[subprocess.Popen[str]]:
     """A node that has to end cleanly."""
     with log.open("w") as output:
-        process = start_node(*ros_arguments, output=output)
+        process = start_node(*ros_arguments, options=options, output=output)
     try:
         yield process
     finally:

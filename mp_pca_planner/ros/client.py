@@ -84,18 +84,23 @@ def this_machine_only(domain: int | None = None) -> dict[str, str]:
     }
 
 
-def start_node(*ros_arguments: str, output: IO[str] | None = None) -> subprocess.Popen[str]:
+def start_node(
+    *ros_arguments: str, options: Sequence[str] = (), output: IO[str] | None = None
+) -> subprocess.Popen[str]:
     """Start the node in a process of its own.
 
     Parameters
     ----------
     ros_arguments :
         What follows ``--ros-args``.
+    options :
+        What comes before.
     output :
         Where its output goes; that of this process by default.
     """
-    command = [sys.executable, "-m", __package__.partition(".")[0], "planner_node", "--ros-args"]
-    return subprocess.Popen([*command, *ros_arguments], stdout=output, stderr=output, text=True)
+    command = [sys.executable, "-m", __package__.partition(".")[0], "planner_node", *options]
+    command += ["--ros-args", *ros_arguments]
+    return subprocess.Popen(command, stdout=output, stderr=output, text=True)
 
 
 def is_served(report: DiagnosticStatus) -> bool:

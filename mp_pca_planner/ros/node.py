@@ -180,6 +180,10 @@ class PlannerNode(Node):
         """Check what the parameters say, and load what they name."""
         self._warn_of_unknown_parameters()
         _check_description(self._settings)
+        self._load()
+
+    def _load(self) -> None:
+        """Load the primitives, or keep why they can't be used."""
         if not self._settings.primitive_paths:
             return
         try:

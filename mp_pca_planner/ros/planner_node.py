@@ -35,7 +35,7 @@ def main(args: Sequence[str] | None = None) -> int:
     """
     arguments = list(sys.argv[1:] if args is None else args)
     own = arguments[: arguments.index(_ROS_ARGUMENTS)] if _ROS_ARGUMENTS in arguments else arguments
-    _, unknown = _parser().parse_known_args(own)
+    options, unknown = _parser().parse_known_args(own)
     # The matrices of planning are small: more threads would only wait for one another.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     # Before anything else is imported, which takes long enough to be interrupted.
@@ -43,7 +43,7 @@ def main(args: Sequence[str] | None = None) -> int:
     for number in _ENDING_SIGNALS:
         signal.signal(number, lambda *_: stop.set())
     try:
-        _run(arguments, unknown, stop)
+        _run(arguments, unknown, options.managed, stop)
     except PlannerError as error:
         print(f"{_PROGRAM}: {error}", file=sys.stderr)
         return REFUSED
@@ -54,7 +54,9 @@ def main(args: Sequence[str] | None = None) -> int:
     return DONE
 
 
-def _run(arguments: list[str], unknown: Sequence[str], stop: threading.Event) -> None:
+def _run(
+    arguments: list[str], unknown: Sequence[str], is_managed: bool, stop: threading.Event
+) -> None:
     from .parameters import ParameterError
 
     if unknown:
@@ -74,17 +76,22 @@ def _run(arguments: list[str], unknown: Sequence[str], stop: threading.Event) ->
         reason = str(error).splitlines()[0]
         raise ParameterError(f"the arguments after --ros-args are refused: {reason}") from error
     try:
-        _spin(stop)
+        _spin(is_managed, stop)
     finally:
         rclpy.try_shutdown()
 
 
-def _spin(stop: threading.Event) -> None:
+def _spin(is_managed: bool, stop: threading.Event) -> None:
     from rclpy.executors import SingleThreadedExecutor
 
     from .node import PlannerNode
 
-    node = PlannerNode()
+    if is_managed:
+        from .lifecycle_node import LifecyclePlannerNode
+
+        node: PlannerNode = LifecyclePlannerNode()
+    else:
+        node = PlannerNode()
     executor = SingleThreadedExecutor()
     executor.add_node(node)
     # Meanwhile, the nodes of the robot find this one.
@@ -106,11 +113,18 @@ def _load_what_goals_may_need() -> None:
 
 
 def _parser() -> argparse.ArgumentParser:
-    return argparse.ArgumentParser(
+    parser = argparse.ArgumentParser(
         prog=_PROGRAM,
-        usage="%(prog)s [-h] [--ros-args ...]",
+        usage="%(prog)s [-h] [--managed] [--ros-args ...]",
         description="The ROS 2 node: plans a least-effort motion for each goal configuration on "
         "~/goal and publishes it on ~/joint_trajectory.",
         epilog="Everything is set by ROS parameters, for example --ros-args -p "
         "primitives:=[reach.npz]; config/planner.yaml of this package explains them all.",
     )
+    parser.add_argument(
+        "--managed",
+        action="store_true",
+        help="as a managed (lifecycle) node: it loads primitives when it is configured, and "
+        "serves goals when it is active",
+    )
+    return parser
