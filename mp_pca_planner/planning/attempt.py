@@ -104,11 +104,7 @@ class Attempt:
     @property
     def is_hopeless(self) -> bool:
         """Whether links meet at an end that no other motion would change."""
-        goal_is_fixed, last = self.request.pose is None, self.motion.duration
-        return any(
-            one.first_time == 0.0 or (goal_is_fixed and one.last_time >= last)
-            for one in self.collisions
-        )
+        return _meet_at_ends(self.collisions, self.request, self.motion)
 
 
 class MotionSolver:
@@ -195,13 +191,14 @@ class MotionSolver:
             # What is only touched may be broken between the points of the check's grid: once is
             # enough, for an end of the motion may be there.
             again = check.violations or (check.touched and not touched and not unbounded)
-            if not (again or collisions) or not found.converged:
+            more = self._watches(collisions, watches, motion, request)
+            if not (again or more) or not found.converged:
                 break
             if again:
                 limited = limited.tightened(check.touched)
                 touched = not check.violations
-            if collisions:
-                watches += self._watches(collisions, watches, motion, request)
+            if more:
+                watches += more
                 # The way round from there may be blocked.
                 starts = [*starts, first[0]]
         natural = program.naturalness(x)
@@ -251,7 +248,8 @@ class MotionSolver:
         request: Request,
     ) -> tuple[Watch, ...]:
         """What to keep apart in addition, for a motion in which links meet."""
-        assert self._collision is not None
+        if self._collision is None or _meet_at_ends(collisions, request, motion):
+            return ()
         ends = [motion.start.positions]
         if request.pose is None:
             ends.append(motion.goal.positions)
@@ -278,6 +276,13 @@ class MotionSolver:
             for kind in ("positions", "velocities", "accelerations")
         )
         return np.stack([q, v, a, self._robot.inverse_dynamics(q, v, a)], axis=1)
+
+
+def _meet_at_ends(collisions: Sequence[Collision], request: Request, motion: Motion) -> bool:
+    goal_is_fixed, last = request.pose is None, motion.duration
+    return any(
+        one.first_time == 0.0 or (goal_is_fixed and one.last_time >= last) for one in collisions
+    )
 
 
 def _starts(family: Family, program: MotionProgram, naturalness: float) -> list[Start]:

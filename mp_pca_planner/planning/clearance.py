@@ -72,6 +72,8 @@ def watches_of(
     clearances = {watch.pair: watch.clearance for watch in known}
     added = []
     for one in collisions:
+        if clearances.get(one.pair, 0.0) < 0.0:
+            continue  # what the hulls tell is heeded already
         if one.pair in clearances:
             phases = np.linspace(one.first_time, one.last_time, _N_MORE) / duration
             added.append(Watch(one.pair, phases, clearances[one.pair]))
