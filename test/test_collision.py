@@ -237,6 +237,39 @@ def test_derivatives_of_distances_are_those_of_differences(which):
     assert apart > 50
 
 
+def two_cubes(path: Path) -> None:
+    """A mesh of cubes of 0.1 m whose centres are 0.3 m before and behind the origin."""
+    corners = 0.05 * np.array([[(i >> k & 1) * 2 - 1 for k in range(3)] for i in range(8)])
+    sides = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    lines = ["solid x"]
+    for centre in (-0.3, 0.3):
+        for a, b, c, d in sides:
+            for triangle in ((a, b, c), (a, c, d)):
+                lines += ["facet normal 0 0 0", "outer loop"]
+                lines += [f"vertex {x + centre} {y} {z}" for x, y, z in corners[list(triangle)]]
+                lines += ["endloop", "endfacet"]
+    path.write_text("\n".join([*lines, "endsolid x"]), encoding="utf-8")
+
+
+def test_links_may_be_where_only_the_convex_hull_of_a_mesh_is(tmp_path):
+    two_cubes(tmp_path / "x.stl")
+    mesh = f'<mesh filename="file://{tmp_path}/x.stl"/>'
+    model = CollisionModel(chain(**{'<box size="0.1 0.1 0.1"/>': mesh}))
+    pair = np.array([model.pairs.index(("base", "c"))])
+
+    # An equilateral triangle: the last sphere is between the cubes.
+    folded = np.array([0.0, 2.0 * np.pi / 3.0, 2.0 * np.pi / 3.0])
+    distances, _ = model.distances(folded, pair)
+    assert distances[0] == pytest.approx(0.25 - RADIUS, abs=1e-6)
+    assert worst(model, motion([0.0, 2.0, 2.1], folded)) is None
+    # Here it is at x = 0.22, half in a cube, and whole in the hull of both.
+    into = np.array([0.0, 1.79773936, 2.68770658])
+    distances, _ = model.distances(into, pair)
+    assert distances[0] < -0.05
+    found = worst(model, motion(folded, into))
+    assert found is not None and found.links == ("base", "c")
+
+
 # The planner
 
 ACROSS_BASE = JointState(NAMES, [0.0, 1.5, 2.09]), JointState(NAMES, [0.0, 2.7, 2.09])

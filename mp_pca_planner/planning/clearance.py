@@ -20,10 +20,9 @@ from .collision import Collision, CollisionModel
 from .compiler import Rows, StateMap, Unknowns, hermite_tables
 from .constraints import LimitedPoint, LimitedProgram
 
-# Links are kept this far apart [m], so that they don't meet between the phases at which they are.
-# At the ends of the motion there may be less room, and hulls of links that are not convex may even
-# be in each other: these shares of what is there are left then.
-_CLEARANCE, _SHARES_OF_ENDS = 3e-3, (0.5, 1.5)
+# Links are kept this far apart [m], so that they don't meet between the phases at which they are,
+# but by no more than this share of what they are apart at the ends of the motion.
+_CLEARANCE, _SHARE_OF_ENDS = 3e-3, 0.5
 # Phases at which a pair is kept apart at first, and those added where it meets nevertheless.
 _N_PHASES, _N_MORE = 40, 5
 
@@ -72,15 +71,13 @@ def watches_of(
     clearances = {watch.pair: watch.clearance for watch in known}
     added = []
     for one in collisions:
-        if clearances.get(one.pair, 0.0) < 0.0:
-            continue  # what the hulls tell is heeded already
         if one.pair in clearances:
             phases = np.linspace(one.first_time, one.last_time, _N_MORE) / duration
             added.append(Watch(one.pair, phases, clearances[one.pair]))
             continue
         pair = np.array([one.pair])
         room = min(float(model.distances(end, pair)[0][0]) for end in ends)
-        clearance = min(_CLEARANCE, *(share * room for share in _SHARES_OF_ENDS))
+        clearance = min(_CLEARANCE, _SHARE_OF_ENDS * room)
         # A free end is at the last phase.
         phases = np.linspace(0.0, 1.0, _N_PHASES + 1)[1 : None if len(ends) == 1 else -1]
         added.append(Watch(one.pair, phases, clearance))

@@ -33,6 +33,8 @@ NOT_CHECKED = "; self-collisions were not checked: the robot has no collision ge
 _CONTACT = 1e-6
 # Precision of distances [m]: derivatives hold to a hundredth of what is usual.
 _PRECISION = 1e-8
+# Nearer than this [m], it matters whether links are in their convex hulls as a whole.
+_NEAR = 1e-2
 # A pair that needs another look later than so many samples needs no exact distance, and none waits
 # for more than so many.
 _SOON, _LATEST = 20, 500
@@ -181,14 +183,14 @@ class CollisionModel:
         Returns
         -------
         distances : array, shape (n_pairs,)
-            Of the convex hulls of the links' geometry [m], negative where they are in each other.
+            In [m]; of meshes that are in each other, minus how deep their convex hulls are.
         rows : array, shape (n_pairs, n_joints)
             Their derivatives by the joints: of two links, how fast the nearest point of the second
             goes away from that of the first.
         """
         jacobian = pin.computeJointJacobians(self._model, self._data, self._in_model_order(q))
         pin.updateGeometryPlacements(self._model, self._data, self._hulls, self._hull_data)
-        found = [pin.computeDistance(self._hulls, self._hull_data, int(k)) for k in pairs]
+        found = [self._nearest_points(int(k)) for k in pairs]
         distances = np.array([one.min_distance for one in found])
         first = np.array([one.getNearestPoint1() for one in found])
         second = np.array([one.getNearestPoint2() for one in found])
@@ -204,6 +206,17 @@ class CollisionModel:
         rows = np.empty_like(along)
         rows[:, self._order] = along * self._moved[pairs]
         return distances, rows
+
+    def _nearest_points(self, pair: int) -> Any:
+        """Pinocchio's answer for the links where they are."""
+        found = pin.computeDistance(self._hulls, self._hull_data, pair)
+        if self._are_convex[pair] or found.min_distance > _NEAR:
+            return found
+        geometry, data = self._geometry, self._geometry_data
+        pin.updateGeometryPlacements(self._model, self._data, geometry, data)
+        exact = pin.computeDistance(geometry, data, pair)
+        # Of meshes in each other it tells nothing.
+        return exact if exact.min_distance > _CONTACT else found
 
     def _in_model_order(self, q: FloatArray) -> FloatArray:
         return np.ascontiguousarray(q[self._order])
