@@ -7,9 +7,10 @@ from its end points and its duration by what the others teach. Prints for every 
 in time / after the best time alignment / in path [deg]; with a robot also that of the tip's path
 [mm], and the effort as a multiple of least-effort B-splines' (median). In brackets: the 95 %
 bootstrap interval of the method's error less that of the planner's default (without a robot: of
-what the primitive expects); above 0 the default is better. ProMP and DMP are those of
-movement_primitives (extra peers): a ProMP of all others conditioned on both ends, a DMP of the one
-with the nearest ends.
+what the primitive expects); above 0 the default is better. "to tell": motions like these that it
+would take for the interval in path not to hold 0, if the difference stayed as it is. ProMP and DMP
+are those of movement_primitives (extra peers): a ProMP of all others conditioned on both ends, a
+DMP of the one with the nearest ends.
 
     python benchmarks/naturalness.py BAG... [--segments FILE.csv] [--by-label] [--by-activity]
         [--align linear,arc_length,dtw] [--robot URDF] [--tip FRAME] [--json]
@@ -95,6 +96,7 @@ def _text(comparison: Comparison) -> str:
         for q, error in zip(MEASURES, errors, strict=True):
             low, high = np.rad2deg(comparison.interval(name, q))
             row += [f"{error:.2f}", f"[{low:+.2f}, {high:+.2f}]"]
+        row.append(f"{comparison.motions_to_tell(name, 'path'):.0f}")
         row.append(f"{1e3 * comparison.rms(name, 'tip'):.0f}")
         row.append(f"{np.mean(comparison.column(name, 'peak')):.3f}")
         row.append(f"{np.median(comparison.column(name, 'deviation')):.2f}")
@@ -105,7 +107,7 @@ def _text(comparison: Comparison) -> str:
         row.append(ratio)
         rows.append(row)
     columns = [x for q in MEASURES for x in (q, "difference")]
-    return table(rows, header=["", *columns, "tip [mm]", "peak", "deviation", "effort"])
+    return table(rows, header=["", *columns, "to tell", "tip [mm]", "peak", "deviation", "effort"])
 
 
 def peers() -> dict[str, Method]:

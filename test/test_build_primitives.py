@@ -106,6 +106,17 @@ def test_joint_states_in_a_field_give_the_same_primitive_as_on_a_topic(
         np.testing.assert_array_equal(array, expected[name])
 
 
+def test_a_primitive_without_components_is_warned_of(tmp_path: Path) -> None:
+    (tmp_path / "a").mkdir()
+    bag = write_bag(tmp_path / "a" / "x", "mcap", stamped(reaching(GOALS[0])))
+    status, out, err = run(bag, "--output", tmp_path / "several.npz", "--json")
+    assert (status, err) == (0, "") and json.loads(out)["n_components"] > 0
+    status, out, err = run(bag, "--segment", "none", "--output", tmp_path / "one.npz", "--json")
+    assert status == 0 and json.loads(out)["n_components"] == 0
+    (line,) = err.splitlines()
+    assert line.startswith("warning: 'one' has no components, for it was learned from one motion")
+
+
 def test_refusal_of_a_damaged_recording_says_what_may_help(bags: Path, tmp_path: Path) -> None:
     (refused,) = build(bags, "--output", tmp_path / "p.npz")["refused"]
     assert refused["recording"] == "broken"

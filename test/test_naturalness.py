@@ -14,6 +14,8 @@ from mp_pca_planner.studies.naturalness import (
     BSPLINES,
     EXPECTED,
     MINIMUM_JERK,
+    QUANTITIES,
+    Comparison,
     Prediction,
     compare,
     planned,
@@ -74,6 +76,23 @@ def test_the_interval_tells_which_is_better(comparison):
     assert 0.0 < low < high
     assert comparison.interval(comparison.reference, "path") == (0.0, 0.0)
     assert comparison.interval("oracle", "path")[1] < 0.0
+
+
+def test_with_as_many_motions_as_it_takes_the_interval_ends_at_zero():
+    rng = np.random.default_rng(3)
+    ours = rng.uniform(1.0, 2.0, size=(12, 1)) * np.ones(len(QUANTITIES))
+    other = ours + rng.normal(0.05, 0.3, size=(12, 1))
+
+    def repeated(n):
+        results = {"ours": np.tile(ours, (n, 1)), "other": np.tile(other, (n, 1))}
+        return Comparison(tuple(MOTIONS[:1] * 12 * n), results, "ours")
+
+    needed = repeated(1).motions_to_tell("other", "path")
+    assert needed > 24
+    for share, holds_zero in ((0.5, True), (2.0, False)):
+        low, high = repeated(round(share * needed / 12)).interval("other", "path")
+        assert (low < 0.0 < high) == holds_zero
+    assert repeated(1).motions_to_tell("ours", "path") == np.inf
 
 
 def test_motions_of_a_group_teach_nothing_of_it():

@@ -243,7 +243,18 @@ def _build(arguments: argparse.Namespace) -> int:
         print(_text(facts, primitive))
     for refusal in recordings.refused:
         print(f"refused {refusal.recording}: {refusal.reason}", file=sys.stderr)
+    if not primitive.n_components:
+        print(_without_components(primitive), file=sys.stderr)
     return DONE
+
+
+def _without_components(primitive: MovementPrimitive) -> str:
+    n = len(primitive.durations)
+    why = "it was learned from one motion" if n == 1 else f"its {n} motions have the same shape"
+    return (
+        f"warning: '{primitive.name}' has no components, for {why}: every plan will have this "
+        "shape, and nothing is left to optimise; record motions that differ"
+    )
 
 
 def _segmentation(arguments: argparse.Namespace) -> SegmentationOptions:

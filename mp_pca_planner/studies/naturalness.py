@@ -105,12 +105,28 @@ class Comparison:
 
         Above zero: the reference is nearer to the motions.
         """
+        low, high = np.percentile(self._resampled_differences(method, quantity), (2.5, 97.5))
+        return float(low), float(high)
+
+    def motions_to_tell(self, method: str, quantity: str) -> float:
+        """How many motions like these would tell a method's RMS from that of the reference.
+
+        If the difference stayed as it is, its 95 % interval would end at zero with so many;
+        infinite if there is none.
+        """
+        difference = self.rms(method, quantity) - self.rms(self.reference, quantity)
+        if difference == 0.0:
+            return float("inf")
+        spread = 1.96 * float(self._resampled_differences(method, quantity).std())
+        return len(self.motions) * (spread / difference) ** 2
+
+    def _resampled_differences(self, method: str, quantity: str) -> FloatArray:
+        """A method's RMS less that of the reference in bootstrap samples of the motions."""
         pair = np.array([self.column(name, quantity) ** 2 for name in (method, self.reference)])
         n = pair.shape[1]
         draws = np.random.default_rng(1).integers(n, size=(_N_RESAMPLES, n))
         other, ours = np.sqrt(pair[:, draws].mean(axis=2))
-        low, high = np.percentile(other - ours, (2.5, 97.5))
-        return float(low), float(high)
+        return np.asarray(other - ours)
 
 
 def planned(rho: float) -> str:
