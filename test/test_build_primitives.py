@@ -341,7 +341,49 @@ def test_report_is_one_page_that_shows_what_was_found(
     assert "broken" in page.text and facts["refused"][0]["reason"] in page.text
     assert "minimum-jerk" in page.text and "Table 2" in page.text
     for report in load_recordings([bags]).reports:
-        assert f"rest below {np.rad2deg(report.thresholds.rest):.2f} °/s" in page.text
+        assert f"rest below {np.rad2deg(report.thresholds.rest):.2f} deg/s" in page.text
+
+
+def urdf(*types: str) -> str:
+    """A chain of joints a, b … of these types."""
+    parts = ['<link name="base"/>']
+    for parent, name, kind in zip(("base", "to_a"), "ab", types, strict=True):
+        parts.append(
+            f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="to_{name}"/>'
+            '<axis xyz="0 0 1"/><limit effort="9" velocity="9" lower="-3" upper="3"/></joint>'
+            f'<link name="to_{name}"><inertial><mass value="1"/><inertia ixx="1" ixy="0" ixz="0" '
+            'iyy="1" iyz="0" izz="1"/></inertial></link>'
+        )
+    return f'<robot name="r">{"".join(parts)}</robot>'
+
+
+@pytest.mark.parametrize(
+    ("types", "unit", "factor"),
+    [
+        (("revolute", "continuous"), "deg", np.rad2deg(1.0)),
+        (("prismatic", "prismatic"), "mm", 1e3),
+        (("prismatic", "revolute"), "rad or m", 1.0),
+    ],
+)
+def test_prismatic_joints_are_not_shown_in_degrees(
+    bags: Path, tmp_path: Path, types: tuple[str, str], unit: str, factor: float
+) -> None:
+    pytest.importorskip("matplotlib", reason="matplotlib is not installed")
+    (tmp_path / "r.urdf").write_text(urdf(*types), encoding="utf-8")
+    output, page = tmp_path / "p.npz", tmp_path / "page.html"
+    options = ("--robot", tmp_path / "r.urdf", "--output", output, "--report", page)
+    status, out, err = run(bags, *options, "--components", "1")
+    assert status == 0, err
+    rms = factor * np.sqrt(np.mean(load_primitive(output).fit_residual ** 2))
+    (line,) = (line for line in out.splitlines() if line.startswith("components"))
+    shown, _, name = line.partition("motions to ")[2].removesuffix(" RMS").partition(" ")
+    assert name == unit
+    assert float(shown) == pytest.approx(rms, abs=0.006)
+    assert f"Errors [{unit} RMS]" in read_page(page).text
+    stdout = io.StringIO()
+    with contextlib.redirect_stdout(stdout):
+        assert main(["inspect", str(output)]) == 0
+    assert f"reproduced to [{unit} RMS]" in stdout.getvalue()
 
 
 def test_report_tells_the_meaning_of_each_repair(tmp_path: Path) -> None:

@@ -167,6 +167,20 @@ def test_prismatic_joints_are_drawn_in_metres(
     np.testing.assert_allclose(panels["velocity [m/s]"], motion.velocities[:, 1])
 
 
+def test_shapes_of_prismatic_joints_are_drawn_in_millimetres(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    figures: list[Any] = []
+    monkeypatch.setattr(drawing, "_save", lambda figure, *_: figures.append(figure))
+    shown = primitive(prismatic=["joint1"])
+    draw_primitive(tmp_path / "p.png", **shown)
+    panels = {axes.get_ylabel(): axes.lines[0].get_ydata() for axes in figures[0].axes}
+    first = shown["demonstrations"][0]
+    np.testing.assert_allclose(panels["position [mm]"], 1e3 * first[:, 1])
+    np.testing.assert_allclose(panels["position [deg]"], np.rad2deg(first[:, 0]))
+    assert "shape [mm]" in panels and "shape [deg]" in panels
+
+
 def test_joint_that_does_not_move_is_drawn(tmp_path: Path) -> None:
     draw_motion(tmp_path / "m.png", trajectory(scale=0.0), title="No motion")
     assert n_pixels(tmp_path / "m.png", BLUE) > 1000

@@ -43,8 +43,8 @@ def prior(a, b, kernel, x):
 
     def similar(u, v):
         if kernel.inverse_length:
-            distance = np.sum((u - v) ** 2) / spread**2
-            return size(a) * size(b) * np.exp(-0.5 * kernel.inverse_length**2 * distance)
+            ratio = np.sqrt(5.0) * np.linalg.norm(u - v) / spread * kernel.inverse_length
+            return size(a) * size(b) * (1.0 + ratio + ratio**2 / 3.0) * np.exp(-ratio)
         return (u - origin) @ (v - origin) / spread**2
 
     def size(u):

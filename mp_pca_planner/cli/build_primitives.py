@@ -42,6 +42,7 @@ from .common import (
 )
 from .drawing import require_matplotlib
 from .report import REPORT_SAMPLES, report_page
+from .units import prismatic_joints, unit_of
 from .variance import variance_report
 
 
@@ -192,7 +193,9 @@ def _build(arguments: argparse.Namespace) -> int:
         degree=arguments.degree,
         align=arguments.align,
     )
-    joints = _checked_joints(arguments.robot, arguments.joints)
+    robot = None
+    if arguments.robot is not None:
+        robot = Robot.from_file(arguments.robot, arguments.joints)
     markers = _marker_source(arguments)
     # Dynamic time warping needs all motions at once.
     summarise = None if options.align == "dtw" else partial(MotionStatistics.of, options=options)
@@ -200,7 +203,7 @@ def _build(arguments: argparse.Namespace) -> int:
         recordings = load_recordings(
             arguments.bags,
             topic=arguments.topic,
-            joints=joints,
+            joints=arguments.joints if robot is None else robot.joint_names,
             segment=arguments.segment,
             segments_csv=arguments.segments,
             segmentation=_segmentation(arguments),
@@ -227,7 +230,10 @@ def _build(arguments: argparse.Namespace) -> int:
         statistics,
         arguments.name or output.stem,
         options,
-        {"repairs": {report.name: report.repairs for report in recordings.reports}},
+        {
+            "repairs": {report.name: report.repairs for report in recordings.reports},
+            "prismatic_joints": [] if robot is None else list(robot.prismatic_joints),
+        },
     )
     page = None if arguments.report is None else report_page(recordings, primitive, options)
     save_primitive(primitive, output, overwrite=arguments.force)
@@ -275,13 +281,6 @@ def _most_samples(arguments: argparse.Namespace) -> int | None:
     return 0 if arguments.report is None else REPORT_SAMPLES
 
 
-def _checked_joints(urdf: Path | None, joints: list[str] | None) -> list[str] | None:
-    """The chosen joints; all of the robot's if only a robot is given."""
-    if urdf is None:
-        return joints
-    return list(Robot.from_file(urdf, joints).joint_names)
-
-
 def _marker_source(arguments: argparse.Namespace) -> MarkerSource | None:
     files = (arguments.robot, arguments.marker_map)
     if arguments.markers is None:
@@ -327,6 +326,7 @@ def _text(facts: dict[str, Any], primitive: MovementPrimitive) -> str:
         repairs.update({kind: count for kind, count in counts.items() if count})
     repaired = ", ".join(f"{count} {kind}" for kind, count in sorted(repairs.items())) or "none"
     durations = primitive.durations
+    unit = unit_of(primitive.joint_names, prismatic_joints(primitive))
     return "\n".join(
         [
             f"recordings  {facts['n_recordings']} used, {len(facts['refused'])} refused",
@@ -335,7 +335,7 @@ def _text(facts: dict[str, Any], primitive: MovementPrimitive) -> str:
             f"motions     {facts['n_motions']} of {primitive.n_joints} joints, "
             f"{durations.min():.2f} to {durations.max():.2f} s",
             f"components  {primitive.n_components}, coupling '{primitive.coupling}', which "
-            f"reproduce the motions to {np.rad2deg(facts['fit_residual_rms']):.2f}° RMS",
+            f"reproduce the motions to {unit.number(facts['fit_residual_rms'])} {unit.name} RMS",
             "",
             variance_report(primitive),
             "",

@@ -25,6 +25,7 @@ from ..limits import JointLimits
 from ..recordings.demonstration import Demonstration
 from ..recordings.load import RecordingReport
 from ..trajectory import Trajectory
+from .units import unit_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -123,6 +124,7 @@ def draw_primitive(
     mean: ArrayLike,
     components: ArrayLike,
     explained_variance_ratio: ArrayLike,
+    prismatic: Collection[str] = (),
     title: str,
     force: bool = False,
 ) -> None:
@@ -140,14 +142,16 @@ def draw_primitive(
     phases : array, shape (n_phases,)
         Phases from 0 to 1.
     demonstrations : array, shape (n_demonstrations, n_phases, n_joints)
-        Time-normalised positions [rad].
+        Time-normalised positions [rad or m].
     mean : array, shape (n_phases, n_joints)
-        The mean shape [rad].
+        The mean shape [rad or m].
     components : array, shape (n_components, n_phases, n_joints)
-        The components, each times the standard deviation of its weight [rad]. A component
+        The components, each times the standard deviation of its weight [rad or m]. A component
         that is zero for a joint is not drawn there.
     explained_variance_ratio : array, shape (n_components,) or (n_joints, n_components)
         Shares of the variance, of all joints together or of each joint.
+    prismatic : collection of str
+        Joints that are measured in metres.
     title : str
         Title of the picture.
     force : bool
@@ -164,11 +168,13 @@ def draw_primitive(
     names = unique_names(joint_names, "joints of a primitive", PlannerError)
     n = len(names)
     s = frozen_array(phases, (None,), "phases", PlannerError)
-    shown = np.rad2deg(
-        frozen_array(demonstrations, (None, s.size, n), "demonstrations", PlannerError)
+    units = [unit_of([name], prismatic) for name in names]
+    factors = np.array([unit.factor for unit in units])
+    shown = factors * frozen_array(
+        demonstrations, (None, s.size, n), "demonstrations", PlannerError
     )
-    centre = np.rad2deg(frozen_array(mean, (s.size, n), "mean shape", PlannerError))
-    deviations = np.rad2deg(frozen_array(components, (None, s.size, n), "components", PlannerError))
+    centre = factors * frozen_array(mean, (s.size, n), "mean shape", PlannerError)
+    deviations = factors * frozen_array(components, (None, s.size, n), "components", PlannerError)
     shares = _variance_shares(explained_variance_ratio, len(deviations), n)
     if not len(shown):
         raise PlannerError("a picture of a primitive needs at least one demonstration, got none")
@@ -186,14 +192,19 @@ def draw_primitive(
         if per_joint:
             percents = ", ".join(f"{100 * share:.1f}" for share in shares[j, : len(styles)])
             below.set_title(f"variance: {percents} %", fontsize=_TICK_SIZE)
-        for axes, quantity in ((above, "position [deg]"), (below, "shape [deg]")):
-            _label(axes, "phase", quantity)
+        for axes, quantity in ((above, "position"), (below, "shape")):
+            label = f"{quantity} [{units[j].name}]"
+            _label(axes, "phase", label, in_all_columns=bool(prismatic))
             axes.set_xlim(s[0], s[-1])
     _save(figure, path, force)
 
 
 def draw_recording(
-    path: str | Path | io.BytesIO, report: RecordingReport, *, force: bool = False
+    path: str | Path | io.BytesIO,
+    report: RecordingReport,
+    prismatic: Collection[str] = (),
+    *,
+    force: bool = False,
 ) -> None:
     """Draw what a recording holds: positions and speed over time, its rests, motions and cuts.
 
@@ -203,6 +214,8 @@ def draw_recording(
         The PNG file to write, or the buffer that takes its content.
     report : RecordingReport
         What was found in it, with an overview.
+    prismatic : collection of str
+        Joints that are measured in metres.
     force : bool
         Whether an existing file may be overwritten.
 
@@ -222,15 +235,19 @@ def draw_recording(
         if len(joints) <= _MOST_NAMED
         else [_MOTION_BAND, _REST_BAND]
     )
+    unit = unit_of(report.joint_names, prismatic)
     figure = _recording_figure(entries)
     above, below = figure.subplots(2, 1, sharex=True, height_ratios=[3, 2])
     for values, curve in zip(overview.positions.T, joints, strict=True):
-        _draw(above, overview.times, np.rad2deg(values), curve)
-    _draw(below, overview.times, np.rad2deg(overview.speed), _SPEED)
+        _draw(above, overview.times, unit.factor * values, curve)
+    _draw(below, overview.times, unit.factor * overview.speed, _SPEED)
     for threshold in (report.thresholds.rest, report.thresholds.moving):
-        below.axhline(np.rad2deg(threshold), color=_GREY, linestyle="--", linewidth=1.0)
+        below.axhline(unit.factor * threshold, color=_GREY, linestyle="--", linewidth=1.0)
     rests = _runs(overview.speed <= report.thresholds.rest)
-    for axes, name in ((above, "position [deg]"), (below, "speed [deg/s]")):
+    for axes, name in (
+        (above, f"position [{unit.name}]"),
+        (below, f"speed [{unit.speed}]"),
+    ):
         for first, last in rests:
             axes.axvspan(*overview.times[[first, last]], color=_REST_BAND.colour, linewidth=0)
         for motion in report.motions:

@@ -20,6 +20,7 @@ from ..recordings.load import RecordingInspection, inspect_recording
 from ..recordings.markers import MarkerFinding
 from ..recordings.repair import REPAIRS
 from .common import DONE, REFUSED, CommandParser, print_json, run, table
+from .units import prismatic_joints, unit_of
 from .variance import variance_report
 
 
@@ -122,19 +123,20 @@ def _primitive_facts(name: str, primitive: MovementPrimitive) -> dict[str, Any]:
 
 
 def _primitive_text(name: str, primitive: MovementPrimitive) -> str:
-    residual = np.rad2deg(np.sqrt(np.mean(primitive.fit_residual**2, axis=1)))
+    residual = np.sqrt(np.mean(primitive.fit_residual**2, axis=1))
+    unit = unit_of(primitive.joint_names, prismatic_joints(primitive))
     rows = [
         [
             f"{d['recording']} {d['label']}".strip(),
             f"{d['start_time_s']:.2f}",
             f"{duration:.2f}",
-            f"{error:.2f}",
+            unit.number(error),
         ]
         for d, duration, error in zip(
             primitive.metadata["demonstrations"], primitive.durations, residual, strict=True
         )
     ]
-    header = ["demonstration", "start [s]", "duration [s]", "reproduced to [deg RMS]"]
+    header = ["demonstration", "start [s]", "duration [s]", f"reproduced to [{unit.name} RMS]"]
     return "\n".join(
         [
             f"{name}: movement primitive '{primitive.name}'",

@@ -25,6 +25,7 @@ from ..studies.paper import TABLE_2
 from .common import percent
 from .drawing import draw_primitive, draw_recording
 from .page import html_image, html_page, html_table
+from .units import Unit, prismatic_joints, unit_of
 
 # What would make the page too heavy or too slow to make is left out beyond these numbers, and
 # the page says so.
@@ -71,7 +72,7 @@ def report_page(
         "<h2>The recordings</h2>",
         _refused(recordings),
         _repairs(recordings.reports),
-        _recordings(recordings.reports),
+        _recordings(recordings.reports, prismatic_joints(primitive)),
     ]
     return html_page(title, "\n".join(section for section in sections if section))
 
@@ -79,14 +80,15 @@ def report_page(
 def _summary(recordings: RecordingSet, primitive: MovementPrimitive) -> str:
     durations = primitive.durations
     of_all = "whole arm" if primitive.coupling == "arm" else "of all joints"
-    residual = np.rad2deg(np.sqrt(np.mean(primitive.fit_residual**2)))
+    residual = float(np.sqrt(np.mean(primitive.fit_residual**2)))
+    unit = _unit(primitive)
     facts = {
         "recordings used": str(len(recordings.reports)),
         "refused": str(len(recordings.refused)),
         "motions": str(len(durations)),
         "joints": str(primitive.n_joints),
         "components": f"{primitive.n_components}, {of_all}",
-        "reproduced to": f"{residual:.2f}° RMS",
+        "reproduced to": f"{unit.number(residual)} {unit.name} RMS",
         "durations": f"{durations.min():.2f} – {durations.max():.2f} s",
     }
     cells = "".join(f"<div><dt>{name}</dt><dd>{text}</dd></div>" for name, text in facts.items())
@@ -112,6 +114,7 @@ def _shapes(motions: Sequence[Demonstration], primitive: MovementPrimitive) -> s
         mean=basis.shape(np.zeros(basis.n_weights), _PHASES),
         components=components,
         explained_variance_ratio=ratios,
+        prismatic=prismatic_joints(primitive),
         title="",
     )
     return (
@@ -184,7 +187,8 @@ def _percents(values: Sequence[float], n: int) -> list[str]:
 def _demonstrations(
     motions: Sequence[Demonstration], primitive: MovementPrimitive, options: PrimitiveOptions
 ) -> str:
-    residuals = np.rad2deg(np.sqrt(np.mean(primitive.fit_residual**2, axis=1)))
+    residuals = np.sqrt(np.mean(primitive.fit_residual**2, axis=1))
+    unit = _unit(primitive)
     worst = primitive.fit_residual.argmax(axis=1)
     affordable = max(_LEAST_LEFT_OUT, _MOST_BUILT_FROM // len(motions))
     chosen = _evenly(len(motions), min(MOST_LEFT_OUT, affordable))
@@ -197,7 +201,7 @@ def _demonstrations(
             f"{motion.recording} {motion.label}".strip(),
             f"{motion.start_time:.2f}",
             f"{motion.duration:.2f}",
-            f"{residuals[i]:.2f}",
+            unit.number(residuals[i]),
             primitive.joint_names[worst[i]],
         ]
         if held_out is not None:
@@ -206,18 +210,24 @@ def _demonstrations(
                 ["", ""]
                 if k is None
                 else [
-                    f"{np.rad2deg(held_out.minimum_jerk[k, 0]):.2f}",
-                    f"{np.rad2deg(held_out.expected[k, 0]):.2f}",
+                    unit.number(held_out.minimum_jerk[k, 0]),
+                    unit.number(held_out.expected[k, 0]),
                 ]
             )
         rows.append(row)
-    header = ["recording", "start [s]", "duration [s]", "reproduced to [° RMS]", "worst joint"]
+    header = [
+        "recording",
+        "start [s]",
+        "duration [s]",
+        f"reproduced to [{unit.name} RMS]",
+        "worst joint",
+    ]
     if held_out is not None:
-        header += ["minimum-jerk, in time [°]", "expected [°]"]
+        header += [f"minimum-jerk, in time [{unit.name}]", f"expected [{unit.name}]"]
     table = html_table(header, rows, "")
     return (
         "<h3>How well motions are predicted</h3>\n"
-        + (why_not if held_out is None else _held_out_text(held_out, len(motions)))
+        + (why_not if held_out is None else _held_out_text(held_out, len(motions), unit))
         + "\n<h3>Each demonstration</h3>\n"
         "<p>How well the components reproduce it"
         + (
@@ -242,8 +252,8 @@ def _held_out(
         return None, f"<p>Motions can't be left out: {escape(str(error))}.</p>"
 
 
-def _held_out_text(errors: HeldOutErrors, n_motions: int) -> str:
-    rms = np.rad2deg(errors.rms())
+def _held_out_text(errors: HeldOutErrors, n_motions: int, unit: Unit) -> str:
+    rms = errors.rms()
     minimum_jerk, _, expected = rms[:, MEASURES.index("path")]
     change = 1.0 - expected / minimum_jerk if minimum_jerk > 0.0 else 0.0
     verdict = (
@@ -257,10 +267,10 @@ def _held_out_text(errors: HeldOutErrors, n_motions: int) -> str:
     table = html_table(
         ["prediction", "in time", "after time alignment", "in path"],
         [
-            [name, *(f"{error:.2f}" for error in row)]
+            [name, *(unit.number(error) for error in row)]
             for name, row in zip(("minimum-jerk", "mean shape", "expected"), rms, strict=True)
         ],
-        "Errors [° RMS]",
+        f"Errors [{unit.name} RMS]",
     )
     return (
         "<p>Each motion is left out in turn and predicted from its end points and duration by a "
@@ -299,10 +309,10 @@ def _repairs(reports: Sequence[RecordingReport]) -> str:
     return f"<h3>Repaired</h3>\n{html_table(header, rows, '', text=True)}"
 
 
-def _recordings(reports: Sequence[RecordingReport]) -> str:
+def _recordings(reports: Sequence[RecordingReport], prismatic: Sequence[str]) -> str:
     is_few = len(reports) <= _OPEN_AT_FIRST
     details = [
-        _recording(report, is_open=is_few, is_drawn=i < MOST_PICTURES)
+        _recording(report, prismatic, is_open=is_few, is_drawn=i < MOST_PICTURES)
         for i, report in enumerate(reports)
     ]
     return (
@@ -316,16 +326,19 @@ def _recordings(reports: Sequence[RecordingReport]) -> str:
     )
 
 
-def _recording(report: RecordingReport, *, is_open: bool, is_drawn: bool) -> str:
+def _recording(
+    report: RecordingReport, prismatic: Sequence[str], *, is_open: bool, is_drawn: bool
+) -> str:
     found = [
         f"{kind}: {count} ({REPAIRS.get(kind, 'repaired')})"
         for kind, count in report.repairs.items()
         if count
     ]
-    rest, moving = np.rad2deg([report.thresholds.rest, report.thresholds.moving])
+    unit = unit_of(report.joint_names, prismatic)
+    rest, moving = (unit.number(x) for x in (report.thresholds.rest, report.thresholds.moving))
     facts = [
         f"{report.n_messages} messages on {report.topic}, {report.rate:.1f} Hz, {report.format}",
-        f"rest below {rest:.2f} °/s, motion with a peak over {moving:.2f} °/s",
+        f"rest below {rest} {unit.speed}, motion with a peak over {moving} {unit.speed}",
         *found,
         *report.notes,
     ]
@@ -341,12 +354,16 @@ def _recording(report: RecordingReport, *, is_open: bool, is_drawn: bool) -> str
     image = ""
     if is_drawn and report.overview is not None:
         picture = io.BytesIO()
-        draw_recording(picture, report)
+        draw_recording(picture, report, prismatic)
         image = html_image(picture, f"Positions and speed of {report.name} over time", "recording")
     return (
         f"<details{' open' if is_open else ''}><summary><strong>{escape(report.name)}</strong> "
         f'<span class="soft">{summary}</span></summary>\n<ul>{items}</ul>\n{image}</details>'
     )
+
+
+def _unit(primitive: MovementPrimitive) -> Unit:
+    return unit_of(primitive.joint_names, prismatic_joints(primitive))
 
 
 def _evenly(n: int, most: int) -> list[int]:

@@ -227,6 +227,8 @@ def _mixtures(kernels: FloatArray) -> list[Mixture]:
 def kernels_of_version_2(kernels: FloatArray) -> FloatArray:
     """Kernels of a primitive file of the format version 2, which has one for each regression.
 
+    Inverse lengths were those of squared exponentials: other kernels expect a little else.
+
     Parameters
     ----------
     kernels : array, shape (3, 3)
