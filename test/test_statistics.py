@@ -58,6 +58,44 @@ def test_an_expected_duration_is_one_like_those_demonstrated():
     assert far <= np.exp(0.5 + 3.0 * requests[:, 2].std(ddof=1)) * (1 + 1e-9)
 
 
+def timed(starts, goals, durations):
+    """Statistics of straight motions, which know of nothing but durations."""
+    requests = np.column_stack([starts, goals, np.log(durations)])
+    n = len(requests)
+    nothing = np.zeros((n, 0))
+    rows = find_kernels(requests, np.zeros((n, 2, 0)), np.zeros((n, 5)))
+    return RequestStatistics(
+        requests, nothing, nothing, np.zeros(0), np.zeros((n, 1)), np.zeros((n, 1)), rows
+    )
+
+
+def test_longer_ways_are_expected_to_take_longer_wherever_they_are():
+    rng = np.random.default_rng(3)
+    starts, goals = rng.normal(size=(2, 30, 2))
+    ways = np.linalg.norm(goals - starts, axis=1)
+    found = timed(starts, goals, 0.6 * ways**0.6)
+    for way, angle in rng.uniform(0.7, 3.0, size=(20, 2)):
+        start = rng.normal(3.0, size=2)
+        goal = start + way * np.array([np.cos(angle), np.sin(angle)])
+        expected = found.condition(start, goal).duration
+        assert expected == pytest.approx(0.6 * way**0.6, rel=0.1)
+
+
+def test_a_few_ways_that_are_all_as_long_do_not_tell_how_durations_grow():
+    angles = np.linspace(0.0, np.pi, 4)
+    goals = np.column_stack([np.cos(angles), np.sin(angles)])
+    found = timed(np.zeros((4, 2)), goals, [0.5, 0.9, 0.6, 1.2])
+    usual, twice = (found.condition(np.zeros(2), k * goals[1]).duration for k in (1.0, 2.0))
+    assert 1.2 < twice / usual < 1.6  # about the square root of 2, which is usual
+
+
+@pytest.mark.parametrize("goals", [[[0.0, 0.0]] * 3, [[1.0, 0.0]] * 3])
+def test_ways_to_nowhere_and_equal_durations_are_no_trouble(goals):
+    found = timed(np.zeros((3, 2)), np.array(goals), np.full(3, 0.8))
+    for goal in (np.zeros(2), np.ones(2)):
+        assert found.condition(np.zeros(2), goal).duration == pytest.approx(0.8)
+
+
 def test_the_covariance_is_that_of_predictions_of_motions_left_out():
     found = statistics(n=400)
     # With the plain mean and independent weights of variance 1, that of the weights themselves.

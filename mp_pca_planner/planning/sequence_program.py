@@ -36,7 +36,7 @@ _DURATION_SPREAD = 0.3
 # Passing at speed bends segments by more than demonstrations from rest to rest show: this many of
 # their standard deviations count as one (`benchmarks/sequences.py` shows what comes of it). Where
 # a joint hardly spreads, the deviation is at least this [rad or m].
-_BEND_SPREAD, _LEAST_SPREAD = 12.0, 0.01
+_BEND_SPREAD, _LEAST_SPREAD = 18.0, 0.01
 
 
 class _Tables(QuadratureTables):

@@ -23,6 +23,14 @@ _GROWTH_OF_SHAPES = 0.5
 # Expected durations stay within this many standard deviations of the demonstrated ones.
 _MOST_DEVIATIONS = 3.0
 
+# Power of the distance from start to goal with which durations grow, and how sure that is before
+# the demonstrations are heard. It is usual that longer ways take longer, but not in proportion; a
+# few demonstrations, or ways that are all as long, don't tell.
+_DURATION_POWER, _POWER_DEVIATION = 0.5, 0.25
+# Share of the mean square of distances that is added to their squares, so that ways to nowhere
+# have a logarithm.
+_NO_WAY = 0.09
+
 # Deviation that a request may have even in a direction in which the demonstrations don't
 # vary, 1 degree (or 17 mm, or 1.7 % of the duration): keeps the in-span score finite.
 _FLOOR_DEVIATION = np.deg2rad(1.0)
@@ -114,7 +122,8 @@ class RequestStatistics:
             shape,
         )
         self._pace = Regression(requests[asked], paces[asked], reversed_paces[asked], pace)
-        log_durations = centred[asked, -1:]
+        self._usual_duration = _UsualDuration(requests[asked])
+        log_durations = requests[asked, -1:] - self._usual_duration.logarithm(requests[asked, :-1])
         self._duration = Regression(requests[asked, :-1], log_durations, log_durations, duration)
         self._weight_covariance = _covariance(self._shape.left_out)
 
@@ -132,10 +141,10 @@ class RequestStatistics:
         """
         ends = np.concatenate([start, goal])
         if duration is None:
-            (deviation,) = self._duration.predict(ends)
+            usual = self._usual_duration.logarithm(ends) + self._duration.predict(ends)
             # A request far away must not make a motion of hours out of a linear trend.
             reach = _MOST_DEVIATIONS * np.sqrt(self.covariance[-1, -1])
-            expected = self.mean[-1] + np.clip(deviation, -reach, reach)
+            expected = self.mean[-1] + np.clip(usual[0] - self.mean[-1], -reach, reach)
             score = self._score(ends)
             duration = float(np.exp(expected))
             request = np.append(ends, expected)
@@ -167,6 +176,45 @@ class RequestStatistics:
         return float(np.sqrt(distance / given.size))
 
 
+class _UsualDuration:
+    """Durations as a power of the distance from start to goal.
+
+    Parameters
+    ----------
+    requests : array, shape (n_demonstrations, 2 n_joints + 1)
+        q0, qT [rad or m] and log T of each.
+    """
+
+    def __init__(self, requests: FloatArray) -> None:
+        self._usual_square = float(np.mean(_squared_ways(requests[:, :-1]))) or 1.0
+        self._mean_size, self._mean, self._power = 0.0, float(requests[:, -1].mean()), 0.0
+        sizes, durations = self._log_sizes(requests[:, :-1]), requests[:, -1] - self._mean
+        self._mean_size = float(sizes.mean())
+        sizes -= self._mean_size
+        # Bayesian regression with one coefficient, whose prior is a normal distribution.
+        told = float(sizes @ sizes)
+        power = float(sizes @ durations) / told if told > 0.0 else 0.0
+        errors = durations - power * sizes
+        variance = float(errors @ errors) / max(len(requests) - 2, 1)
+        prior = variance / _POWER_DEVIATION**2
+        if told + prior > 0.0:
+            power = (told * power + prior * _DURATION_POWER) / (told + prior)
+            self._power = min(max(power, 0.0), 1.0)
+
+    def logarithm(self, ends: FloatArray) -> FloatArray:
+        """Of the usual duration [s] between start and goal, shape (..., 1)."""
+        grown = self._power * (self._log_sizes(ends) - self._mean_size)
+        return np.asarray(self._mean + grown[..., None])
+
+    def _log_sizes(self, ends: FloatArray) -> FloatArray:
+        return np.asarray(0.5 * np.log(_squared_ways(ends) / self._usual_square + _NO_WAY))
+
+
+def _squared_ways(ends: FloatArray) -> FloatArray:
+    starts, goals = np.split(ends, 2, axis=-1)
+    return np.asarray(np.sum((goals - starts) ** 2, axis=-1))
+
+
 def find_kernels(
     requests: FloatArray, shapes: FloatArray, aligned_phases: FloatArray
 ) -> FloatArray:
@@ -191,7 +239,7 @@ def find_kernels(
     requests, shapes, phases = requests[asked], shapes[asked], aligned_phases[asked]
     even, odd = (shapes[:, :, k::2].reshape(len(asked), -1) for k in (0, 1))
     backwards = -phases[:, ::-1]
-    log_durations = requests[:, -1:] - requests[:, -1].mean()
+    log_durations = requests[:, -1:] - _UsualDuration(requests).logarithm(requests[:, :-1])
     mixtures = (
         choose_kernels(requests, even, odd, _GROWTH_OF_SHAPES),
         choose_kernels(requests, (phases + backwards) / 2.0, (phases - backwards) / 2.0),
