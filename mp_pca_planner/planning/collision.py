@@ -197,9 +197,11 @@ class CollisionModel:
         away = (second - first) * np.sign(distances)[:, None]
         lengths = np.linalg.norm(away, axis=1)
         for i in np.flatnonzero(~(lengths > _CONTACT)):
-            # In contact there are no two points to tell the direction.
+            # In contact there are no two points to tell the direction; centres do, if they differ.
             a, b = (self._centre(part) for part in _both(self._hulls.collisionPairs[int(pairs[i])]))
-            away[i], lengths[i] = b - a, max(float(np.linalg.norm(b - a)), _CONTACT)
+            second[i] = b
+            away[i] = b - a if np.linalg.norm(b - a) > _CONTACT else np.ones(3)
+            lengths[i] = np.linalg.norm(away[i])
         away /= lengths[:, None]
         # Both points are on one line along that direction, which turns about the origin alike.
         along = np.hstack([away, np.cross(second, away)]) @ jacobian
