@@ -2,9 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """The families of motions among which a request is served, from the narrowest to the widest.
 
-The components of the primitive come first. What can't be done with them may be possible with
-B-splines added to them, at the price of what leaves the demonstrations, and what can be done with
-B-splines alone is done with them in the end.
+The components of the primitive come first, all of them: with fewer, motions are nearer to the
+demonstrations, but naturalness brings them there for less effort (benchmarks/families.py). What
+can't be done with them may be possible with B-splines added to them, at the price of what leaves
+the demonstrations, and what can be done with B-splines alone is done with them in the end.
 """
 
 from __future__ import annotations
