@@ -61,6 +61,19 @@ def test_no_parameters_leave_a_motion_as_it_is():
         np.testing.assert_allclose(mine, its, atol=1e-9)
 
 
+@pytest.mark.parametrize("n_segments", [2, 3, 9, 17])
+def test_ends_are_kept_to_the_last_bit_whatever_the_durations(n_segments):
+    there, back = joined_motions()
+    segments = [(there, back)[i % 2] for i in range(n_segments)]
+    for seed in range(40):
+        motion = RefinedMotion(segments, some_parameters(n_segments, seed, 1.0))
+        q, v, a = motion.evaluate(np.linspace(0.0, motion.duration, 7))
+        for k, state in ((0, segments[0].start), (-1, segments[-1].goal)):
+            np.testing.assert_array_equal(q[k], state.positions)
+            np.testing.assert_array_equal(v[k], state.velocities)
+            np.testing.assert_array_equal(a[k], state.accelerations)
+
+
 @pytest.mark.parametrize("seed", range(5))
 def test_segments_stay_joined_to_the_acceleration(seed):
     motion = RefinedMotion(joined_motions(seed), some_parameters(2, seed, 1.0))

@@ -69,7 +69,12 @@ class RefinedMotion:
     @property
     def duration(self) -> float:
         """Duration of the whole [s]."""
-        return float(self.durations.sum())
+        return float(self._ends[-1])
+
+    @cached_property
+    def _ends(self) -> FloatArray:
+        """When the segments end, shape (n_segments,) [s]."""
+        return np.cumsum(self.durations)
 
     def lasting(self, duration: float) -> RefinedMotion:
         """The same, all segments slowed or hastened alike to last so long [s]."""
@@ -85,13 +90,14 @@ class RefinedMotion:
         q, v, a : array, shape (n_steps, n_joints)
             [rad or m], [/s], [/s²]; at the ends of segments their states, to the last bit.
         """
-        ends = np.cumsum(self.durations)
+        ends = self._ends
+        starts = np.concatenate([[0.0], ends[:-1]])
         index = np.minimum(np.searchsorted(ends, times, side="right"), len(ends) - 1)
         states = np.empty((3, len(times), len(self.segments[0].start.positions)))
         for i, segment in enumerate(self.segments):
             here = index == i
-            since = times[here] - (ends[i] - self.durations[i])
-            phases = np.clip(since / self.durations[i], 0.0, 1.0)
+            # Written so that it is 0 and 1 to the last bit at the ends.
+            phases = np.clip((times[here] - starts[i]) / (ends[i] - starts[i]), 0.0, 1.0)
             values = segment_states(segment, self.parameters[i], phases).values
             for end, state in ((phases == 0.0, segment.start), (phases == 1.0, segment.goal)):
                 exact = np.stack([state.positions, state.velocities, state.accelerations])
