@@ -7,8 +7,8 @@ request relates to theirs (Rasmussen and Williams, "Gaussian Processes for Machi
 2006, chapter 2). Its prior mean is zero: what the demonstrations don't tell is not made up.
 
 How smooth, how noisy, and how far common to all the outputs are can't be told from a few
-demonstrations, and neither whether the way back is the way there gone backwards (knocking at a
-door), or mirrored at the straight line (circles). So no kernel is chosen: predictions of many are
+demonstrations, and neither whether the way back is the way there gone backwards (waving), or
+mirrored at the straight line (circles). So no kernel is chosen: predictions of many are
 averaged, each as probable as it finds the demonstrations when it is told the others (there,
 section 5.4.2; Gelfand's and Dey's pseudo-Bayes factor, 1994).
 """
@@ -24,7 +24,7 @@ import numpy as np
 from ..arrays import FloatArray
 
 # The kernels averaged, in units of the demonstrations' spread and of the variance of what depends
-# on the request. With more of them, or finer steps, errors on motions left out change by 1 %.
+# on the request. With more or finer ones, errors in benchmarks/naturalness.py hardly move.
 _INVERSE_LENGTHS = (0.0, 1.0, 2.0)
 _NOISES = (0.02, 0.2, 2.0)
 _REVERSALS = (-0.8, 0.0, 0.8)
@@ -32,7 +32,7 @@ _CONSTANT = 10.0
 # Noise beside which nothing depends on the request.
 _NOTHING_BUT_NOISE = 1e6
 # Power of the densities of demonstrations left out: they are not independent, for each is told of
-# all others. With 1 paces are predicted worse by 2 %, with 0.3 shapes.
+# all others. With 1 paces are predicted worse, with 0.3 shapes.
 _TEMPER = 0.7
 # The most probable kernels that have this share together are kept.
 _KEPT = 0.9
@@ -226,8 +226,8 @@ def _scores(
 def _similarity(inverse_length: float, squared_distances: FloatArray) -> FloatArray:
     """Matérn's covariance of smoothness 5/2 (Rasmussen and Williams, equation 4.17).
 
-    Smoother ones overshoot between and beyond demonstrations: with squared exponentials errors on
-    activities of which none was shown are 12 % larger, and those on motions left out the same.
+    Smoother ones overshoot between and beyond demonstrations: with squared exponentials activities
+    of which none was shown are expected worse, and motions left out no better.
     """
     scaled = np.sqrt(5.0 * squared_distances) * inverse_length
     return np.asarray((1.0 + scaled + scaled**2 / 3.0) * np.exp(-scaled))

@@ -17,7 +17,7 @@ from .regression import Kernel, Mixture, Regression, choose_kernels
 _MOST_ASKED = 300
 
 # Variances of shapes grow with the distance from start to goal: small motions are straighter. With
-# powers of 0 and 1 errors in benchmarks/naturalness.py are 1 to 3 % larger.
+# powers of 0 and 1 errors in benchmarks/naturalness.py are larger.
 _GROWTH_OF_SHAPES = 0.5
 
 # Expected durations stay within this many standard deviations of the demonstrated ones.
