@@ -14,7 +14,7 @@ from test_compiler import BASES, compile_motion
 
 from mp_pca_planner.planning.compiler import QuadratureTables
 from mp_pca_planner.planning.constraints import LimitedProgram, LimitTables
-from mp_pca_planner.planning.solver import SolverOptions, solve, trust_region_step
+from mp_pca_planner.planning.solver import SolverOptions, _nearest, solve, trust_region_step
 
 UNLIMITED = {
     "min_position": -np.inf,
@@ -136,6 +136,23 @@ def test_equalities_and_bounds_that_contradict_each_other_are_said():
     solution = solve(Rosenbrock(wall=-4.0, circle=3.0), np.array([-2.0, 1.0]))
     assert not solution.converged
     assert solution.infeasibility > 0.5
+
+
+@given(st.integers(0, 2**32 - 1), st.sampled_from([-0.3, 0.1, 5.0]))
+@settings(max_examples=60, deadline=None)
+def test_where_no_quadratic_program_is_solved_the_step_nearly_keeps_its_bounds(seed, room):
+    rng = np.random.default_rng(seed)
+    factor, rows = rng.normal(size=(2, 5, 5))
+    hessian, gradient, bounds = factor @ factor.T + np.eye(5), rng.normal(size=5), np.full(5, room)
+    with np.errstate(all="raise"):
+        step, multipliers = _nearest(hessian, gradient, rows, bounds)
+    free = -np.linalg.solve(hessian, gradient)
+    watched = np.full(5, True) if room < 0.0 else rows @ free > room
+    left, before = (float(np.maximum(rows @ p - bounds, 0.0)[watched].sum()) for p in (step, free))
+    assert left <= 0.2 * before + 0.2
+    assert np.all(multipliers >= 0.0)
+    if not watched.any():
+        np.testing.assert_allclose(step, free)
 
 
 def test_going_on_from_where_it_stopped_takes_fewer_evaluations():

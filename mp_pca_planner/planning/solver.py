@@ -440,6 +440,11 @@ def _nearest(
 ) -> tuple[FloatArray, FloatArray]:
     """A step that breaks contradicting constraints as little as it can, and their penalties."""
     broken = bounds < 0.0
+    if not broken.any():  # no contradiction, but too hard a program
+        step = np.asarray(np.linalg.solve(hessian, -gradient))
+        broken = rows @ step > bounds
+        if not broken.any():
+            return step, np.zeros(len(bounds))
     matrix = rows[broken]
     penalty = 1e3 * float(np.trace(hessian)) / max(float(np.sum(matrix**2)), _TINY)
     regular = hessian + penalty * matrix.T @ matrix
