@@ -201,13 +201,14 @@ class MotionSolver:
                 watches += more
                 # The way round from there may be blocked.
                 starts = [*starts, first[0]]
+        effort_cost, start_cost = program.effort_costs(np.array([x, program.expected])).tolist()
         natural = program.naturalness(x)
         solution = MotionSolution(
             weights=motion.weights,
             objective_cost=found.cost - natural,
-            effort_cost=float(program.effort_costs(x[None])[0]),
+            effort_cost=effort_cost,
             naturalness_cost=natural,
-            start_cost=float(program.effort_costs(program.expected[None])[0]),
+            start_cost=start_cost,
             converged=found.converged,
             iterations=passes,
             kkt_residual=found.kkt_residual,

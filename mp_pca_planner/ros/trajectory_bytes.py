@@ -9,6 +9,7 @@ serialise them, takes several times longer than to lay the numbers out as they g
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -58,7 +59,7 @@ def serialize_trajectory(
     message += _count(len(message), trajectory.n_steps - first)
     # Where a point begins says how its fields are aligned: all but the first begin alike.
     for part in (slice(first, first + 1), slice(first + 1, None)):
-        kind = _point_type(len(message), trajectory.n_joints, with_efforts)
+        kind = _point_type(len(message) % 8, trajectory.n_joints, with_efforts)
         points = np.zeros(len(stamps[part]), kind)
         for name, values in columns.items():
             points[f"n_{name}"] = trajectory.n_joints
@@ -68,6 +69,7 @@ def serialize_trajectory(
     return _ENCAPSULATION + message
 
 
+@lru_cache(maxsize=16)
 def _point_type(start: int, n_joints: int, with_efforts: bool) -> np.dtype[np.void]:
     """Layout of a ``JointTrajectoryPoint`` that begins `start` bytes behind the encapsulation."""
     count, numbers = np.dtype("<u4"), np.dtype(("<f8", (n_joints,)))
