@@ -124,7 +124,10 @@ def test_cluster_gives_the_same_bytes_also_when_a_worker_is_killed_during_the_wo
         MotionStatistics.merged(loaded.summaries),
         "p",
         PrimitiveOptions(),
-        {"repairs": {report.name: report.repairs for report in loaded.reports}},
+        {
+            "repairs": {report.name: report.repairs for report in loaded.reports},
+            "prismatic_joints": [],
+        },
     )
     save_primitive(primitive, after)
     assert after.read_bytes() == local.read_bytes()
