@@ -171,23 +171,23 @@ class Planner:
         Parameters
         ----------
         max_time : float
-            Time [s] after which no further primitive is begun.
+            Time [s] after which no further motion is begun.
         """
         if self.options.basis != "pca" or self.options.naturalness >= NEAR_EXPECTED:
             return
         deadline = time.perf_counter() + max_time
         for primitive in self.primitives:
-            if _is_over(deadline):
-                return
-            found = self._practised(primitive)
+            found = self._practised(primitive, deadline)
             if found.starts:
                 self._practice[primitive.name] = found
 
-    def _practised(self, primitive: MovementPrimitive) -> Practice:
+    def _practised(self, primitive: MovementPrimitive, deadline: float) -> Practice:
         names, states = primitive.joint_names, primitive.boundary_states
         chosen = np.linspace(0, len(states) - 1, min(len(states), _N_PRACTISED)).astype(int)
         ends, starts = [np.zeros((0, 2 * len(names)))], []
         for i in chosen:
+            if _is_over(deadline):
+                break
             here, there = (JointState(names, states[i, k]) for k in (0, 3))
             duration = float(primitive.durations[i])
             goal = JointGoal(there, duration, primitive=primitive.name)
@@ -196,9 +196,9 @@ class Planner:
             except GoalError:  # demonstrations may lie outside the limits
                 continue
             family = next(self._families(request))
-            deadline = time.perf_counter() + self.options.max_solve_time
+            enough = time.perf_counter() + self.options.max_solve_time
             found = self._solver.attempt(
-                request, family, duration, self.options.naturalness, deadline
+                request, family, duration, self.options.naturalness, enough
             )
             if found.fault == 0.0 and found.solution.converged:
                 ends.append(states[i : i + 1, [0, 3]].reshape(1, -1))
