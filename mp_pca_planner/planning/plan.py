@@ -52,7 +52,7 @@ class PlannerOptions:
         Where likeness to the demonstrations counts for little (ρ < 0.1), there may be several
         optima: from how many weights, at most 5, the least is searched for while there is time.
         Five starts instead of one find a motion better by over 0.5 % for 3 % of the problems of
-        four robots, at most 24 % better, in about four times the time (benchmarks/starts.py).
+        four robots, at most 12 % better, in about four times the time (benchmarks/starts.py).
     n_nodes : int
         Quadrature nodes.
     allow_nonzero_end_velocity : bool
