@@ -384,7 +384,8 @@ class GoalClient:
         self.wait_for_diagnostics(lambda values: values["model"] != "none")
 
     def _on_trajectory(self, message: bytes, facts: dict[str, int]) -> None:
-        self._trajectory_received = facts["received_timestamp"] * 1e-9
+        # Not every middleware tells when.
+        self._trajectory_received = 1e-9 * (facts["received_timestamp"] or time.time_ns())
         self.trajectories.append(deserialize_message(message, JointTrajectory))
 
     def _call(self, client: Any, request: Any, timeout: float = 10.0) -> Any:
