@@ -15,7 +15,7 @@ from subprocess import Popen
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
-from node_setup import URDF, joint_states, processor_time, running_node
+from node_setup import URDF, joint_states, print_latencies, processor_time, running_node
 from sensor_msgs.msg import JointState
 
 from mp_pca_planner.recordings.synthetic import JOINT_NAMES, SyntheticMotion, generate_motions
@@ -71,15 +71,10 @@ def report(answers: list[Answer]) -> None:
     print(f"  {len(answers)} goals, {len(served)} motions")
     for reason in {a.report.message for a in answers if a not in served}:
         print(f"  refused: {reason}")
-    latencies = np.array([a.latency for a in served]) * 1e3
-    solve_times = np.array([float(a.values["solve_time_s"]) for a in served]) * 1e3
-    for name, values in (
-        ("goal to trajectory", latencies),
-        ("solve time", solve_times),
-        ("difference", latencies - solve_times),
-    ):
-        median, high = np.percentile(values, (50, 99))
-        print(f"  {name:20} median {median:6.2f} ms   99th percentile {high:6.2f} ms")
+    print_latencies(
+        np.array([a.latency for a in served]),
+        np.array([float(a.values["solve_time_s"]) for a in served]),
+    )
 
 
 if __name__ == "__main__":

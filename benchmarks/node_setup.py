@@ -14,6 +14,7 @@ from multiprocessing.synchronize import Event
 from pathlib import Path
 from subprocess import Popen
 
+import numpy as np
 import rclpy
 from rclpy.node import Node
 from rclpy.serialization import serialize_message
@@ -109,3 +110,14 @@ def resident_megabytes(node: Popen[str]) -> float:
     """Memory of the node that is not swapped out [MB]."""
     pages = Path(f"/proc/{node.pid}/statm").read_text(encoding="ascii").split()[1]
     return int(pages) * os.sysconf("SC_PAGE_SIZE") / 1e6
+
+
+def print_latencies(latencies: np.ndarray, solve_times: np.ndarray) -> None:
+    """Medians and 99th percentiles of times from goal to trajectory, and of what is in them [s]."""
+    for name, values in (
+        ("goal to trajectory", latencies),
+        ("solve time", solve_times),
+        ("difference", latencies - solve_times),
+    ):
+        median, high = 1e3 * np.nanpercentile(values, (50, 99))
+        print(f"{name:18} median {median:6.2f} ms   99th percentile {high:6.2f} ms")

@@ -25,6 +25,7 @@ from node_setup import (
     PROCESSES,
     URDF,
     joint_states,
+    print_latencies,
     processor_time,
     resident_megabytes,
     running_node,
@@ -189,15 +190,10 @@ def report(found: list[Outcome], memory: list[float]) -> int:
     served = [one for one in found if one.status == "served"]
     missed = sum(one.n_trajectories != 1 for one in served)
     print(f"{missed} of {len(served)} served goals without exactly one trajectory")
-    latencies = 1e3 * np.array([one.to_trajectory for one in served])
-    solve_times = 1e3 * np.array([one.solve_time for one in served])
-    for name, values in (
-        ("goal to trajectory", latencies),
-        ("solve time", solve_times),
-        ("difference", latencies - solve_times),
-    ):
-        median, high = np.nanpercentile(values, (50, 99))
-        print(f"{name:18} median {median:6.2f} ms   99th percentile {high:6.2f} ms")
+    print_latencies(
+        np.array([one.to_trajectory for one in served]),
+        np.array([one.solve_time for one in served]),
+    )
     growth = max(memory[10:]) - memory[10]
     print(f"memory after a tenth of the goals {memory[10]:.1f} MB, at most {growth:.1f} MB more")
     allowed = {("good", "served"), ("bad", "refused")}

@@ -144,13 +144,21 @@ def interpolate(trajectory: Trajectory, period: float = GRID_PERIOD) -> DenseSam
     ends = segment_ends(
         trajectory.times, trajectory.positions, trajectory.velocities, trajectory.accelerations
     )
-    n_joints = trajectory.n_joints
-    q, v, a, jerk = (
-        (hermite_functions(fractions, d) @ ends / steps[:, None, None] ** d).reshape(-1, n_joints)
-        for d in range(4)
-    )
+    q, v, a, jerk = _derivatives(ends, steps, fractions, 3)
     times = (trajectory.times[:-1, None] + steps[:, None] * fractions).ravel()
     return DenseSamples(times, q, v, a, jerk)
+
+
+def _derivatives(
+    ends: FloatArray, steps: FloatArray, fractions: FloatArray, highest: int
+) -> list[FloatArray]:
+    """Positions and derivatives by time at fractions of each segment, segment by segment."""
+    return [
+        (hermite_functions(fractions, d) @ ends / steps[:, None, None] ** d).reshape(
+            -1, ends.shape[2]
+        )
+        for d in range(highest + 1)
+    ]
 
 
 def check_limits(trajectory: Trajectory, robot: Robot, limits: JointLimits) -> LimitCheck:
@@ -205,12 +213,7 @@ def _efforts_stay_clear(trajectory: Trajectory, robot: Robot, limits: JointLimit
     degree = len(_CHEBYSHEV) - 1
     # The last of a segment is the first of the next.
     fractions = 0.5 * (_CHEBYSHEV[:-1] + 1.0)
-    states = [
-        (hermite_functions(fractions, d) @ ends / steps[:, None, None] ** d).reshape(
-            -1, trajectory.n_joints
-        )
-        for d in range(3)
-    ]
+    states = _derivatives(ends, steps, fractions, 2)
     last = (trajectory.positions, trajectory.velocities, trajectory.accelerations)
     q, v, a = (np.concatenate([x, end[-1:]]) for x, end in zip(states, last, strict=True))
     tau = robot.inverse_dynamics(q, v, a)

@@ -90,7 +90,7 @@ def component_family(
     """
     if practice is None:
         own = primitive.boundary_states[:, [0, 3]].reshape(len(primitive.weights), -1)
-        practice = Practice(own, [Start(weights) for weights in primitive.weights])
+        practice = Practice(own, primitive.weights)
     mean = np.zeros_like(expected.weights)
     return Family(
         tables,

@@ -39,7 +39,7 @@ from .plan import (
 from .pose_search import POSE_TOLERANCE
 from .request import Request, RequestMaker
 from .selection import Selector
-from .starts import Practice, Start
+from .starts import Practice
 
 # Share of the time that goes to the duration that was asked for.
 _SHARE_OF_FIXED = 0.6
@@ -178,13 +178,13 @@ class Planner:
         deadline = time.perf_counter() + max_time
         for primitive in self.primitives:
             found = self._practised(primitive, deadline)
-            if found.starts:
+            if found.memories:
                 self._practice[primitive.name] = found
 
     def _practised(self, primitive: MovementPrimitive, deadline: float) -> Practice:
         names, states = primitive.joint_names, primitive.boundary_states
         chosen = np.linspace(0, len(states) - 1, min(len(states), _N_PRACTISED)).astype(int)
-        ends, starts = [np.zeros((0, 2 * len(names)))], []
+        ends, weights, memories = [], [], []
         for i in chosen:
             if _is_over(deadline):
                 break
@@ -201,9 +201,10 @@ class Planner:
                 request, family, duration, self.options.naturalness, enough
             )
             if found.fault == 0.0 and found.solution.converged:
-                ends.append(states[i : i + 1, [0, 3]].reshape(1, -1))
-                starts.append(Start(found.solution.weights, found.memory.curvature_alone()))
-        return Practice(np.concatenate(ends), starts)
+                ends.append(states[i, [0, 3]].ravel())
+                weights.append(found.solution.weights)
+                memories.append(found.memory.curvature_alone())
+        return Practice(np.array(ends), np.array(weights), memories)
 
     def _serve(self, request: Request, deadline: float) -> Attempt:
         """The best motion of the narrowest family in which there is one."""

@@ -48,12 +48,15 @@ class Practice:
     ----------
     ends : array, shape (n_motions, 2 * n_joints)
         Start and goal positions [rad or m].
-    starts : sequence of Start
+    weights : array, shape (n_motions, n_weights)
         Weights for each of them.
+    memories : sequence of SolverMemory
+        What the solver has learned there; none, or of each.
     """
 
     ends: FloatArray
-    starts: Sequence[Start]
+    weights: FloatArray
+    memories: Sequence[SolverMemory] = ()
 
     def nearest(self, ends: FloatArray) -> list[Start]:
         """Those of the motions with the nearest ends, at most `N_NEAREST`, the nearest first.
@@ -64,4 +67,7 @@ class Practice:
             Start and goal positions [rad or m].
         """
         distance = np.sum((self.ends - ends) ** 2, axis=1)
-        return [self.starts[i] for i in np.argsort(distance, kind="stable")[:N_NEAREST]]
+        nearest = np.argsort(distance, kind="stable")[:N_NEAREST].tolist()
+        if not self.memories:
+            return [Start(self.weights[i]) for i in nearest]
+        return [Start(self.weights[i], self.memories[i]) for i in nearest]

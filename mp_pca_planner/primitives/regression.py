@@ -233,6 +233,28 @@ def _similarity(inverse_length: float, squared_distances: FloatArray) -> FloatAr
     return np.asarray((1.0 + scaled + scaled**2 / 3.0) * np.exp(-scaled))
 
 
+class WaySizes:
+    """Distances from start to goal in units of the usual one, bounded from below.
+
+    Parameters
+    ----------
+    requests : array, shape (n_demonstrations, n_entries)
+        Start, goal, and perhaps one entry more of each: the usual ones.
+    """
+
+    def __init__(self, requests: FloatArray) -> None:
+        self._n_joints = requests.shape[1] // 2
+        self._usual_square = float(np.mean(self._squared_ways(requests))) or 1.0
+
+    def __call__(self, requests: FloatArray) -> FloatArray:
+        """Of requests of shape (..., n_entries), shape (...)."""
+        return np.asarray(np.sqrt(self._squared_ways(requests) / self._usual_square + _NO_WAY))
+
+    def _squared_ways(self, requests: FloatArray) -> FloatArray:
+        n = self._n_joints
+        return np.asarray(np.sum((requests[..., n : 2 * n] - requests[..., :n]) ** 2, axis=-1))
+
+
 class _Inputs:
     """Requests, in units of their spread, and those of the ways back.
 
@@ -256,8 +278,8 @@ class _Inputs:
         self._scaled = (there_and_back - self._mean) / self._spread
         # Of the linear kernels that know the way back, which is as far from it as the way there.
         self._centre = (self._reversed(self._mean) - self._mean) / (2.0 * self._spread)
-        self._usual = float(np.mean(self._squared_ways(inputs))) or 1.0
-        self.sizes = self._sizes(inputs)
+        self._size_of = WaySizes(inputs)
+        self.sizes = self._size_of(inputs)
 
     def squared_distances(self) -> FloatArray:
         """Of each demonstration from each and from the way back of each, shape (2, n, n)."""
@@ -291,7 +313,7 @@ class _Inputs:
         """A scaled request, its squared distances from both ways of each, and its size."""
         scaled = (request - self._mean) / self._spread
         squared = np.sum((self._scaled - scaled) ** 2, axis=2)
-        return scaled, squared, float(self._sizes(request))
+        return scaled, squared, float(self._size_of(request))
 
     def _origin(self, reversal: float) -> FloatArray:
         return self._centre if reversal else np.zeros_like(self._centre)
@@ -300,10 +322,3 @@ class _Inputs:
         n = self._n_joints
         starts, goals, rest = np.split(requests, [n, 2 * n], axis=-1)
         return np.concatenate([goals, starts, rest], axis=-1)
-
-    def _squared_ways(self, requests: FloatArray) -> FloatArray:
-        n = self._n_joints
-        return np.asarray(np.sum((requests[..., n : 2 * n] - requests[..., :n]) ** 2, axis=-1))
-
-    def _sizes(self, requests: FloatArray) -> FloatArray:
-        return np.asarray(np.sqrt(self._squared_ways(requests) / self._usual + _NO_WAY))

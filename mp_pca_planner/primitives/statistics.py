@@ -10,7 +10,7 @@ import numpy as np
 
 from ..arrays import FloatArray, frozen_array
 from ..exceptions import PrimitiveFileError
-from .regression import Kernel, Mixture, Regression, choose_kernels
+from .regression import Kernel, Mixture, Regression, WaySizes, choose_kernels
 
 # Of more demonstrations, so many are asked, evenly spread: the time to choose a kernel grows
 # with the cube of their number.
@@ -27,9 +27,6 @@ _MOST_DEVIATIONS = 3.0
 # the demonstrations are heard. It is usual that longer ways take longer, but not in proportion; a
 # few demonstrations, or ways that are all as long, don't tell.
 _DURATION_POWER, _POWER_DEVIATION = 0.5, 0.25
-# Share of the mean square of distances that is added to their squares, so that ways to nowhere
-# have a logarithm.
-_NO_WAY = 0.09
 
 # Deviation that a request may have even in a direction in which the demonstrations don't
 # vary, 1 degree (or 17 mm, or 1.7 % of the duration): keeps the in-span score finite.
@@ -186,9 +183,9 @@ class _UsualDuration:
     """
 
     def __init__(self, requests: FloatArray) -> None:
-        self._usual_square = float(np.mean(_squared_ways(requests[:, :-1]))) or 1.0
-        self._mean_size, self._mean, self._power = 0.0, float(requests[:, -1].mean()), 0.0
-        sizes, durations = self._log_sizes(requests[:, :-1]), requests[:, -1] - self._mean
+        self._size_of = WaySizes(requests)
+        self._mean, self._power = float(requests[:, -1].mean()), 0.0
+        sizes, durations = np.log(self._size_of(requests)), requests[:, -1] - self._mean
         self._mean_size = float(sizes.mean())
         sizes -= self._mean_size
         # Bayesian regression with one coefficient, whose prior is a normal distribution.
@@ -203,16 +200,8 @@ class _UsualDuration:
 
     def logarithm(self, ends: FloatArray) -> FloatArray:
         """Of the usual duration [s] between start and goal, shape (..., 1)."""
-        grown = self._power * (self._log_sizes(ends) - self._mean_size)
+        grown = self._power * (np.log(self._size_of(ends)) - self._mean_size)
         return np.asarray(self._mean + grown[..., None])
-
-    def _log_sizes(self, ends: FloatArray) -> FloatArray:
-        return np.asarray(0.5 * np.log(_squared_ways(ends) / self._usual_square + _NO_WAY))
-
-
-def _squared_ways(ends: FloatArray) -> FloatArray:
-    starts, goals = np.split(ends, 2, axis=-1)
-    return np.asarray(np.sum((goals - starts) ** 2, axis=-1))
 
 
 def find_kernels(
