@@ -4,11 +4,12 @@
 
 import numpy as np
 import pytest
-from scipy.stats import multivariate_normal
+from scipy.stats import multivariate_normal, norm
 
 from mp_pca_planner.primitives.regression import (
     NOTHING,
     PLAIN_MEAN,
+    Elsewhere,
     Kernel,
     Regression,
     _scores,
@@ -105,17 +106,39 @@ def test_predictions_of_several_kernels_are_averaged():
     np.testing.assert_allclose(both.left_out, (first.left_out + second.left_out) / 2.0, rtol=1e-9)
 
 
-def test_scores_are_densities_of_what_is_left_out():
+def test_the_farther_a_request_the_more_count_kernels_for_elsewhere():
+    activities = np.array([0, 1, 1, 0, 0, 2, 2, 2, 2.0])
+    here, there = ([(1.0, kernel)] for kernel in KERNELS[1:3])
+    both = Regression(X, Y, Y * SIGNS, here, Elsewhere(there, activities))
+    one, other = (Regression(X, Y, Y * SIGNS, mixture) for mixture in (here, there))
+    np.testing.assert_allclose(both.predict(X[2]), one.predict(X[2]), atol=0.01)
+    np.testing.assert_allclose(both.predict(X[2] + 1e9), other.predict(X[2] + 1e9), rtol=1e-6)
+    # As probable as distances like these are among those of demonstrations from others.
+    distances = np.linalg.norm(X[:, None] - X, axis=2)
+    nearest, unlike = (
+        np.log(np.where(out, np.inf, distances).min(axis=1))
+        for out in (np.eye(len(X), dtype=bool), activities[:, None] == activities)
+    )
+    deviation = np.sqrt((nearest.var() + unlike.var()) / 2.0)
+    densities = [norm.pdf(nearest, x.mean(), deviation) for x in (nearest, unlike)]
+    share = (densities[0] / sum(densities))[:, None]
+    expected = share * one.left_out + (1.0 - share) * other.left_out
+    np.testing.assert_allclose(both.left_out, expected, rtol=1e-3)
+
+
+@pytest.mark.parametrize("activities", [None, np.array([0, 1, 1, 0, 0, 2, 2, 2, 2.0])])
+def test_scores_are_densities_of_what_is_left_out(activities):
     """Up to a constant, and with the variance that makes them highest, as the textbook has it."""
+    groups = np.arange(len(X)) if activities is None else activities
     found, expected = [], []
-    for kernel, score in _scores(X, Y[:, :1], Y[:, 1:], 0.5):
+    for kernel, score in _scores(X, Y[:, :1], Y[:, 1:], 0.5, activities):
         if kernel == NOTHING or kernel.noise > 1.0:
             continue
         errors = []
         for output in range(2):
             whole = covariance(X, kernel, output, X)
             for i in range(len(X)):
-                keep = np.arange(len(X)) != i
+                keep = groups != groups[i]
                 shares = np.linalg.solve(whole[np.ix_(keep, keep)], whole[keep, i])
                 variance = whole[i, i] - shares @ whole[keep, i]
                 errors.append((Y[i, output] - shares @ Y[keep, output], variance))

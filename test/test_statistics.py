@@ -28,13 +28,14 @@ def kernels(*kernel):
 MEAN = kernels(*PLAIN_MEAN)
 
 
-def statistics(rows=MEAN, n=6):
-    """One joint, two weights, a pace of one number."""
+def statistics(rows=MEAN, n=6, activities=None):
+    """One joint, two weights, a pace of one number; of one activity unless given."""
     rng = np.random.default_rng(1)
     requests = np.column_stack([rng.normal(size=(n, 2)), np.log(rng.uniform(0.5, 1.5, size=n))])
     weights, paces = rng.normal(size=(n, 2)), rng.normal(size=(n, 1))
     common = np.array([3.0, -1.0])
-    return RequestStatistics(requests, weights, weights, common, paces, paces, rows)
+    activities = np.zeros(n) if activities is None else activities
+    return RequestStatistics(requests, weights, weights, common, paces, paces, rows, activities)
 
 
 def test_with_the_plain_mean_any_request_is_expected_alike():
@@ -51,7 +52,9 @@ def test_an_expected_duration_is_one_like_those_demonstrated():
     requests = np.column_stack([np.linspace(0, 1, 9), np.linspace(0, 2, 9), np.linspace(0, 1, 9)])
     weights, paces = np.zeros((9, 0)), np.zeros((9, 1))
     rows = kernels(*Kernel(0.0, 0.03, 0.0))
-    found = RequestStatistics(requests, weights, weights, np.zeros(0), paces, paces, rows)
+    found = RequestStatistics(
+        requests, weights, weights, np.zeros(0), paces, paces, rows, np.zeros(9)
+    )
     inside = found.condition(np.array([0.75]), np.array([1.5])).duration
     assert inside == pytest.approx(np.exp(0.75), rel=0.05)
     far = found.condition(np.array([1e3]), np.array([2e3])).duration
@@ -63,9 +66,16 @@ def timed(starts, goals, durations):
     requests = np.column_stack([starts, goals, np.log(durations)])
     n = len(requests)
     nothing = np.zeros((n, 0))
-    rows = find_kernels(requests, np.zeros((n, 2, 0)), np.zeros((n, 5)))
+    rows = find_kernels(requests, np.zeros((n, 2, 0)), np.zeros((n, 5)), np.zeros(n))
     return RequestStatistics(
-        requests, nothing, nothing, np.zeros(0), np.zeros((n, 1)), np.zeros((n, 1)), rows
+        requests,
+        nothing,
+        nothing,
+        np.zeros(0),
+        np.zeros((n, 1)),
+        np.zeros((n, 1)),
+        rows,
+        np.zeros(n),
     )
 
 
@@ -134,13 +144,52 @@ def test_expected_weights_of_held_out_motions_are_no_worse_than_the_mean():
     assert np.mean(expected) <= np.mean(plain)
 
 
+def test_what_activities_shown_do_is_expected_of_them_rather_than_of_others():
+    """Activities whose shapes have nothing in common, at ends that partly overlap."""
+    rng = np.random.default_rng(2)
+    labels = np.repeat(np.arange(8.0), 10)
+    n = labels.size
+    requests = rng.normal(size=(8, 5))[labels.astype(int)] + 0.3 * rng.normal(size=(n, 5))
+    shapes = rng.normal(size=(8, 2, 4))[labels.astype(int)] + 0.1 * rng.normal(size=(n, 2, 4))
+    weights = shapes.reshape(n, 8)
+    backwards = weights * np.tile([1.0, -1.0], 4)
+
+    def error(taught, told, activities):
+        no_pace = np.zeros((np.sum(taught), 5))
+        arguments = requests[taught], shapes[taught], no_pace, activities[taught]
+        found = RequestStatistics(
+            requests[taught],
+            weights[taught],
+            backwards[taught],
+            np.zeros(8),
+            no_pace,
+            no_pace,
+            find_kernels(*arguments),
+            activities[taught],
+        )
+        expected = [found.condition(q[:2], q[2:4], np.exp(q[4])).weights for q in requests[told]]
+        return np.mean((expected - weights[told]) ** 2) / np.mean(weights[told] ** 2)
+
+    def errors(activities):
+        """Of activities that were not shown, and of motions of those that were."""
+        shown = np.arange(n) % 5 > 0
+        others = [error(labels != k, labels == k, activities) for k in range(8)]
+        return np.mean(others), error(shown, ~shown, activities)
+
+    others, like = errors(labels)
+    others_untold, _ = errors(np.zeros(n))
+    # 1 is the error of expecting nothing.
+    assert others - 1.0 < 0.5 * (others_untold - 1.0)
+    assert like < 0.5
+
+
 @pytest.mark.parametrize("n", [1, 2])
 def test_one_or_two_demonstrations_give_their_mean(n):
     requests = np.column_stack([np.arange(2.0 * n).reshape(n, 2), np.full(n, np.log(0.5))])
-    rows = find_kernels(requests, np.full((n, 1, 4), 3.0), np.zeros((n, 5)))
+    rows = find_kernels(requests, np.full((n, 1, 4), 3.0), np.zeros((n, 5)), np.zeros(n))
     weights, paces = np.full((n, 1), 3.0), np.zeros((n, 1))
     found = RequestStatistics(
-        requests, weights, weights, np.zeros(1), paces, paces, rows
+        requests, weights, weights, np.zeros(1), paces, paces, rows, np.zeros(n)
     ).condition(np.array([7.0]), np.array([8.0]))
     assert found.weights == pytest.approx([3.0], rel=1e-2)
     assert found.duration == pytest.approx(0.5)
@@ -169,6 +218,15 @@ def test_of_many_demonstrations_some_are_asked_evenly_spread():
 def test_kernels_that_make_no_sense_are_refused(rows):
     with pytest.raises(PrimitiveFileError, match="kernels"):
         statistics(rows)
+
+
+def test_elsewhere_has_kernels_where_there_are_several_activities():
+    elsewhere = np.vstack([MEAN, MEAN[:2] + np.array([3.0, 0, 0, 0, 0, 0, 0])])
+    for rows, activities in ((elsewhere, np.arange(6.0)), (MEAN, np.ones(6))):
+        statistics(rows, activities=activities)
+    for rows, activities in ((MEAN, np.arange(6.0)), (elsewhere, np.ones(6))):
+        with pytest.raises(PrimitiveFileError, match="several activities also"):
+            statistics(rows, activities=activities)
 
 
 def test_kernels_of_version_2_are_one_for_each_regression_that_knows_no_way_back():

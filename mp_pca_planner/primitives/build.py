@@ -89,6 +89,8 @@ def build_from_statistics(
     requests = np.column_stack([boundary_states[:, 0], boundary_states[:, 3], np.log(durations)])
     warps = np.array([motion.warp for motion in motions])
     paces = fit_paces(warps)
+    labels = [motion.label for motion in motions]
+    activities = np.unique(labels, return_inverse=True)[1].astype(np.float64)
     arrays = {
         "mean_coefficients": mean @ legendre_coefficients,
         "component_coefficients": directions @ legendre_coefficients,
@@ -101,7 +103,8 @@ def build_from_statistics(
         "durations": durations,
         "warps": warps,
         "paces": paces,
-        "kernels": find_kernels(requests, shapes, uneven_phases(paces)),
+        "kernels": find_kernels(requests, shapes, uneven_phases(paces), activities),
+        "activities": activities,
         "fit_residual": np.sqrt((np.sum(left**2, axis=2) + remainders) / options.n_phases),
     }
     facts = {

@@ -57,6 +57,7 @@ class MovementPrimitive:
     paces : array, shape (n_demonstrations, n_pace)
         The same as polynomials, see :mod:`.pace`.
     kernels : array, shape (n_kernels, 7)
+    activities : array, shape (n_demonstrations,)
         See :class:`.RequestStatistics`.
     fit_residual : array, shape (n_demonstrations, n_joints)
         RMS difference between each demonstration and its reproduction with its weights and
@@ -81,6 +82,7 @@ class MovementPrimitive:
         "warps",
         "paces",
         "kernels",
+        "activities",
         "fit_residual",
     )
 
@@ -136,6 +138,7 @@ class MovementPrimitive:
         ):
             raise PrimitiveFileError(f"the warps of primitive '{name}' must increase from 0 to 1")
         self.paces = take("paces", (demonstrations, None))
+        self.activities = take("activities", (demonstrations,))
         self.statistics = RequestStatistics(
             np.column_stack(
                 [self.boundary_states[:, 0], self.boundary_states[:, 3], np.log(self.durations)]
@@ -145,6 +148,7 @@ class MovementPrimitive:
             self.paces,
             reversed_paces(self.paces),
             take("kernels", (None, None)),
+            self.activities,
         )
 
     @property

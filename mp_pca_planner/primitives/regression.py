@@ -11,6 +11,10 @@ demonstrations, and neither whether the way back is the way there gone backwards
 mirrored at the straight line (circles). So no kernel is chosen: predictions of many are
 averaged, each as probable as it finds the demonstrations when it is told the others (there,
 section 5.4.2; Gelfand's and Dey's pseudo-Bayes factor, 1994).
+
+Demonstrations left out alone tell nothing of activities that were never shown. Where several were
+shown, kernels that find whole ones left out are averaged, too: those count where a request is
+farther from the demonstrations than they are from each other.
 """
 
 from __future__ import annotations
@@ -20,6 +24,8 @@ from itertools import product
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.special import expit
 
 from ..arrays import FloatArray
 
@@ -40,6 +46,8 @@ _FEWEST = 3
 # Mean square of the distances from start to goal that is added to their squares, so that there is
 # variance where a motion ends where it starts.
 _NO_WAY = 0.09
+# Square of a distance between requests, in their spread, below which they count as the same.
+_SAME = 1e-6
 
 
 class Kernel(NamedTuple):
@@ -71,6 +79,22 @@ class Kernel(NamedTuple):
 Mixture = Sequence[tuple[float, Kernel]]
 """Kernels and their probabilities."""
 
+
+class Elsewhere(NamedTuple):
+    """What to average where a request is unlike the demonstrations.
+
+    Attributes
+    ----------
+    mixture : sequence of (float, Kernel)
+        Probabilities and priors.
+    activities : array, shape (n_demonstrations,)
+        A number for the activity of each demonstration, of two at least.
+    """
+
+    mixture: Mixture
+    activities: FloatArray
+
+
 NOTHING = Kernel(0.0, _NOTHING_BUT_NOISE, 0.0)
 """The kernel that predicts zero whatever is asked: before the demonstrations are heard as probable
 as all others together, so that a few of them don't make up much."""
@@ -93,6 +117,9 @@ class Regression:
         What they would answer if they went back, reversed in time.
     mixture : sequence of (float, Kernel)
         Probabilities and priors.
+    elsewhere : Elsewhere, optional
+        The same for requests that are unlike the demonstrations. Both are averaged, as probable as
+        it is that an activity is asked for that was shown, or another one.
 
     Attributes
     ----------
@@ -106,19 +133,23 @@ class Regression:
         outputs: FloatArray,
         reversed_outputs: FloatArray,
         mixture: Mixture,
+        elsewhere: Elsewhere | None = None,
     ) -> None:
+        mixtures = [mixture] if elsewhere is None else [mixture, elsewhere.mixture]
         self._inputs = _Inputs(inputs)
         # What stays the same on the way back, and what changes its sign, are told apart.
         parts = np.array([outputs + reversed_outputs, outputs - reversed_outputs]) / 2.0
         signs = np.array([1.0, -1.0])[:, None, None]
         squared_distances = self._inputs.squared_distances()
         n, size = outputs.shape
-        self.left_out = np.zeros((n, size))
-        self._linear = np.zeros((inputs.shape[1] + 1, size))
+        left_out = np.zeros((len(mixtures), n, size))
+        self._linear = np.zeros((len(mixtures), inputs.shape[1] + 1, size))
         # By inverse length and growth: shares of what is similar to the request, of what is
-        # similar to its way back, and of all.
+        # similar to its way back, and of all; by mixture.
         self._shares: dict[tuple[float, float], FloatArray] = {}
-        for probability, kernel in mixture:
+        for which, probability, kernel in (
+            (which, *pair) for which, pairs in enumerate(mixtures) for pair in pairs
+        ):
             grown = self._inputs.sizes[:, None] ** kernel.growth
             there, back = self._inputs.grams(squared_distances, kernel)
             constants = kernel.constant * (1.0 + signs * kernel.reversal)
@@ -126,15 +157,21 @@ class Regression:
             inverse = np.linalg.inv(gram)
             found = probability * inverse @ (parts / grown)
             precision = np.diagonal(inverse, axis1=1, axis2=2)[:, :, None]
-            self.left_out += grown * np.sum(found / precision, axis=0)
+            left_out[which] += grown * np.sum(found / precision, axis=0)
             ways = np.array([found[0] + found[1], kernel.reversal * (found[0] - found[1])])
             key = kernel.inverse_length, kernel.growth
-            shares = self._shares.setdefault(key, np.zeros((2 * n + 1, size)))
-            shares[-1] += np.sum(constants * found, axis=(0, 1))
+            shares = self._shares.setdefault(key, np.zeros((len(mixtures), 2 * n + 1, size)))
+            shares[which, -1] += np.sum(constants * found, axis=(0, 1))
             if kernel.inverse_length == 0.0:
-                self._linear += self._inputs.linear_terms(ways / grown, kernel.reversal)
+                self._linear[which] += self._inputs.linear_terms(ways / grown, kernel.reversal)
             else:
-                shares[:-1] += ways.reshape(2 * n, size)
+                shares[which, :-1] += ways.reshape(2 * n, size)
+        self._familiarity = None
+        self.left_out = left_out[0]
+        if elsewhere is not None:
+            self._familiarity = _Familiarity(squared_distances[0], elsewhere.activities)
+            familiar = self._familiarity.left_out[:, None]
+            self.left_out = familiar * left_out[0] + (1.0 - familiar) * left_out[1]
 
     def predict(self, request: FloatArray) -> FloatArray:
         """What is expected of a request of shape (n_inputs,), shape (n_outputs,)."""
@@ -143,14 +180,60 @@ class Regression:
         for (inverse_length, growth), shares in self._shares.items():
             if inverse_length:
                 similar = _similarity(inverse_length, squared).ravel()
-                found += size**growth * (similar @ shares[:-1] + shares[-1])
+                found += size**growth * (similar @ shares[:, :-1] + shares[:, -1])
             else:
-                found += size**growth * shares[-1]
-        return np.asarray(found)
+                found += size**growth * shares[:, -1]
+        if self._familiarity is None:
+            return np.asarray(found[0])
+        familiar = self._familiarity.of(squared[0].min())
+        return np.asarray(familiar * found[0] + (1.0 - familiar) * found[1])
+
+
+class _Familiarity:
+    """How probable it is that an activity is asked for that was shown.
+
+    That follows from the distance of a request from the nearest demonstration, by how far
+    demonstrations are from the nearest other one, and from the nearest of another activity: by
+    linear discriminant analysis of the logarithms, where neither is more frequent (Hastie,
+    Tibshirani and Friedman, "The Elements of Statistical Learning", 2009, section 4.3).
+
+    Parameters
+    ----------
+    squared_distances : array, shape (n_demonstrations, n_demonstrations)
+        Between the demonstrations, in their spread.
+    activities : array, shape (n_demonstrations,)
+        A number for the activity of each, of two at least.
+
+    Attributes
+    ----------
+    left_out : array, shape (n_demonstrations,)
+        Of each demonstration, told of the others.
+    """
+
+    def __init__(self, squared_distances: FloatArray, activities: FloatArray) -> None:
+        same_activity = activities[:, None] == activities
+        one, other = (
+            np.where(excluded, np.inf, squared_distances).min(axis=1)
+            for excluded in (np.eye(len(activities), dtype=bool), same_activity)
+        )
+        logarithms = np.log(np.array([one, other]) + _SAME)
+        means = logarithms.mean(axis=1)
+        self._middle = float(means.mean())
+        self._slope = float(np.diff(means)[0] / max(logarithms.var(axis=1).mean(), _SAME))
+        self.left_out = self.of(one)
+
+    def of(self, squared_distance: FloatArray) -> FloatArray:
+        """Of requests, given the squares of their distances from the nearest demonstration."""
+        further = np.log(squared_distance + _SAME) - self._middle
+        return np.asarray(expit(-self._slope * further))
 
 
 def choose_kernels(
-    inputs: FloatArray, even: FloatArray, odd: FloatArray, growth: float = 0.0
+    inputs: FloatArray,
+    even: FloatArray,
+    odd: FloatArray,
+    growth: float = 0.0,
+    activities: FloatArray | None = None,
 ) -> list[tuple[float, Kernel]]:
     """Find how probable kernels are by what they predict of demonstrations left out.
 
@@ -163,6 +246,8 @@ def choose_kernels(
         their squared differences, summed, are the error.
     growth : float
         Of all kernels.
+    activities : array, shape (n_demonstrations,), optional
+        Numbers of activities that are left out one by one; by default each demonstration is.
 
     Returns
     -------
@@ -176,7 +261,7 @@ def choose_kernels(
     squares = outputs @ outputs.T
     # As many independent outputs as these correlated ones are worth.
     freedom = np.trace(squares) ** 2 / np.sum(squares**2)
-    kernels, scores = zip(*_scores(inputs, even, odd, growth), strict=True)
+    kernels, scores = zip(*_scores(inputs, even, odd, growth, activities), strict=True)
     logarithms = _TEMPER * freedom * np.array(scores)
     logarithms[kernels.index(NOTHING)] += np.log(len(kernels) - 1)
     probabilities = np.exp(logarithms - logarithms.max())
@@ -189,7 +274,11 @@ def choose_kernels(
 
 
 def _scores(
-    inputs: FloatArray, even: FloatArray, odd: FloatArray, growth: float
+    inputs: FloatArray,
+    even: FloatArray,
+    odd: FloatArray,
+    growth: float,
+    activities: FloatArray | None = None,
 ) -> Iterator[tuple[Kernel, float]]:
     """Every kernel and the logarithm of the density it gives to each output, left out.
 
@@ -203,6 +292,9 @@ def _scores(
     n = len(inputs)
     yield NOTHING, -0.5 * n * float(np.log(np.mean(sum(np.sum(x**2, axis=1) for x in parts))))
     squared_distances = related.squared_distances()
+    groups = None
+    if activities is not None:
+        groups = [np.flatnonzero(activities == activity) for activity in np.unique(activities)]
     for inverse_length in _INVERSE_LENGTHS:
         spectra = {}
         for reversal in _REVERSALS:
@@ -214,13 +306,41 @@ def _scores(
             errors, log_precision = np.zeros(n), 0.0
             for sign, part, share in zip((1.0, -1.0), parts, shares, strict=True):
                 values, vectors = spectra[sign * reversal]
-                inverse = 1.0 / (np.maximum(values, 0.0) + noise)
-                precision = vectors**2 @ inverse
-                residual = (vectors * inverse) @ (vectors.T @ part)
-                errors += np.sum(residual**2, axis=1) / precision
-                log_precision += share * float(np.sum(np.log(precision)))
+                roots = vectors / np.sqrt(np.maximum(values, 0.0) + noise)
+                residuals, variances = _left_out(roots, part, groups)
+                errors += np.sum(residuals**2, axis=1) / variances
+                log_precision -= share * float(np.sum(np.log(variances)))
             score = 0.5 * (log_precision - n * float(np.log(np.mean(errors))))
             yield Kernel(inverse_length, noise, _CONSTANT, reversal, growth), score
+
+
+def _left_out(
+    roots: FloatArray, outputs: FloatArray, groups: Sequence[NDArray[np.intp]] | None
+) -> tuple[FloatArray, FloatArray]:
+    """Outputs minus what the other groups predict, and the variances of that.
+
+    Without refitting (Rasmussen and Williams, equations 5.10 to 5.12, with blocks of the inverse
+    covariance for its entries).
+
+    Parameters
+    ----------
+    roots : array, shape (n_demonstrations, n_demonstrations)
+        The inverse of the covariance is this, times its transpose.
+    outputs : array, shape (n_demonstrations, n_outputs)
+        What is predicted.
+    groups : sequence of arrays of int, optional
+        Demonstrations that are left out together; by default each alone.
+    """
+    residuals = roots @ (roots.T @ outputs)
+    if groups is None:
+        variances = 1.0 / np.sum(roots**2, axis=1)
+        return residuals * variances[:, None], variances
+    variances = np.empty(len(roots))
+    for group in groups:
+        covariance = np.linalg.inv(roots[group] @ roots[group].T)
+        residuals[group] = covariance @ residuals[group]
+        variances[group] = np.diag(covariance)
+    return residuals, variances
 
 
 def _similarity(inverse_length: float, squared_distances: FloatArray) -> FloatArray:

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..arrays import FloatArray, frozen_array
 from ..exceptions import PrimitiveFileError
-from .regression import Kernel, Mixture, Regression, WaySizes, choose_kernels
+from .regression import Elsewhere, Kernel, Mixture, Regression, WaySizes, choose_kernels
 
 # Of more demonstrations, so many are asked, evenly spread: the time to choose a kernel grows
 # with the cube of their number.
@@ -83,7 +83,11 @@ class RequestStatistics:
         Pace of each, and if it were gone backwards.
     kernels : array, shape (n_kernels, 7)
         What the regressions average over, row by row: 0, 1 or 2 for that of the shape, the pace or
-        the duration, the probability, and the entries of the :class:`.Kernel`.
+        the duration, the probability, and the entries of the :class:`.Kernel`; of several
+        activities, also 3 or 4 for that of the shape or the pace elsewhere, see
+        :class:`.Elsewhere`.
+    activities : array, shape (n_demonstrations,)
+        A number for the activity of each.
 
     Attributes
     ----------
@@ -102,23 +106,30 @@ class RequestStatistics:
         paces: FloatArray,
         reversed_paces: FloatArray,
         kernels: FloatArray,
+        activities: FloatArray,
     ) -> None:
         self.kernels = frozen_array(
             kernels, (None, 2 + len(Kernel._fields)), "kernels", PrimitiveFileError
         )
-        shape, pace, duration = _mixtures(self.kernels)
+        asked = asked_demonstrations(len(requests))
+        shape, pace, duration, *others = _mixtures(self.kernels, activities[asked])
+        elsewhere: list[Elsewhere | None] = [
+            Elsewhere(mixture, activities[asked]) for mixture in others
+        ] or [None, None]
         self.mean = requests.mean(axis=0)
         centred = requests - self.mean
         self.covariance = centred.T @ centred / max(len(requests) - 1, 1)
-        asked = asked_demonstrations(len(requests))
         self._common_weights = common_weights
         self._shape = Regression(
             requests[asked],
             weights[asked] + common_weights,
             reversed_weights[asked] + common_weights,
             shape,
+            elsewhere[0],
         )
-        self._pace = Regression(requests[asked], paces[asked], reversed_paces[asked], pace)
+        self._pace = Regression(
+            requests[asked], paces[asked], reversed_paces[asked], pace, elsewhere[1]
+        )
         self._usual_duration = _UsualDuration(requests[asked])
         log_durations = requests[asked, -1:] - self._usual_duration.logarithm(requests[asked, :-1])
         self._duration = Regression(requests[asked, :-1], log_durations, log_durations, duration)
@@ -205,9 +216,12 @@ class _UsualDuration:
 
 
 def find_kernels(
-    requests: FloatArray, shapes: FloatArray, aligned_phases: FloatArray
+    requests: FloatArray, shapes: FloatArray, aligned_phases: FloatArray, activities: FloatArray
 ) -> FloatArray:
     """Find how probable kernels are by what they predict of demonstrations left out.
+
+    For requests elsewhere, by what they predict of activities left out, if there are several. For
+    durations that makes no difference.
 
     Parameters
     ----------
@@ -218,6 +232,8 @@ def find_kernels(
         middle of the motion, the second odd, and so on.
     aligned_phases : array, shape (n_demonstrations, n_shares)
         Aligned phases at evenly spaced shares of the duration, less those shares.
+    activities : array, shape (n_demonstrations,)
+        A number for the activity of each.
 
     Returns
     -------
@@ -229,11 +245,15 @@ def find_kernels(
     even, odd = (shapes[:, :, k::2].reshape(len(asked), -1) for k in (0, 1))
     backwards = -phases[:, ::-1]
     log_durations = requests[:, -1:] - _UsualDuration(requests).logarithm(requests[:, :-1])
-    mixtures = (
-        choose_kernels(requests, even, odd, _GROWTH_OF_SHAPES),
-        choose_kernels(requests, (phases + backwards) / 2.0, (phases - backwards) / 2.0),
+    shape = requests, even, odd, _GROWTH_OF_SHAPES
+    pace = requests, (phases + backwards) / 2.0, (phases - backwards) / 2.0, 0.0
+    mixtures = [
+        choose_kernels(*shape),
+        choose_kernels(*pace),
         choose_kernels(requests[:, :-1], log_durations, np.zeros((len(asked), 0))),
-    )
+    ]
+    if np.any(np.diff(activities[asked])):
+        mixtures += [choose_kernels(*x, activities[asked]) for x in (shape, pace)]
     return np.array(
         [
             [which, probability, *kernel]
@@ -243,22 +263,26 @@ def find_kernels(
     )
 
 
-def _mixtures(kernels: FloatArray) -> list[Mixture]:
-    """The kernels of each regression."""
+def _mixtures(kernels: FloatArray, activities: FloatArray) -> list[Mixture]:
+    """The kernels of each regression, given the activities of the demonstrations asked."""
     which, probability, inverse_length, noise, constant, reversal, growth = kernels.T
+    regressions = range(5 if np.any(np.diff(activities)) else 3)
     if (
-        not np.array_equal(np.unique(which), [0.0, 1.0, 2.0])
-        or not np.allclose([probability[which == k].sum() for k in range(3)], 1.0)
+        not np.array_equal(np.unique(which), regressions)
+        or not np.allclose([probability[which == k].sum() for k in regressions], 1.0)
         or np.any(np.array([probability, inverse_length, constant, growth]) < 0.0)
         or np.any(noise <= 0.0)
         or np.any(np.abs(reversal) > 1.0)
     ):
         raise PrimitiveFileError(
-            "kernels must belong to the shape (0), the pace (1) or the duration (2), with "
-            "probabilities that sum to 1, reversals from -1 to 1, positive noise, and nothing "
-            f"else negative: {kernels.tolist()}"
+            "kernels must belong to the shape (0), the pace (1) and the duration (2), of several "
+            "activities also to the shape (3) and the pace (4) elsewhere, with probabilities that "
+            "sum to 1, reversals from -1 to 1, positive noise, and nothing else negative: "
+            f"{kernels.tolist()}"
         )
-    return [[(row[1], Kernel(*row[2:])) for row in kernels[which == k].tolist()] for k in range(3)]
+    return [
+        [(row[1], Kernel(*row[2:])) for row in kernels[which == k].tolist()] for k in regressions
+    ]
 
 
 def kernels_of_version_2(kernels: FloatArray) -> FloatArray:
