@@ -9,6 +9,8 @@ these are quintics, told by their value and first two derivatives at both ends.
 
 from __future__ import annotations
 
+from math import comb
+
 import numpy as np
 from numpy.polynomial import polynomial
 
@@ -28,6 +30,19 @@ _HERMITE = np.array(
 )
 # The same for the derivatives by phase, a column per function.
 _HERMITE_DERIVATIVES = [polynomial.polyder(_HERMITE, d, axis=1).T for d in range(4)]
+
+
+def _to_bezier(degree: int) -> FloatArray:
+    """Takes coefficients by rising power of the phase to Bézier points."""
+    return np.array(
+        [[comb(i, k) / comb(degree, k) for k in range(degree + 1)] for i in range(degree + 1)]
+    )
+
+
+BEZIER_POINTS = tuple(_to_bezier(5 - d) @ _HERMITE_DERIVATIVES[d] for d in range(4))
+"""Take the values at both ends of a quintic, as :func:`hermite_functions` does, to the Bézier
+points of it and of its first three derivatives by phase, shape (6 - derivative, 6). All of the
+curve lies between the lowest and the highest of them."""
 
 
 def hermite_functions(phases: FloatArray, derivative: int = 0) -> FloatArray:
@@ -69,15 +84,16 @@ def segment_ends(
         q, dq/ds and d²q/ds² at the start of each segment, then at its end, s from 0 to 1.
     """
     steps = np.diff(times)[:, None]
-    way = np.diff(positions, axis=0)
     v = [velocities[part] * steps for part in (slice(None, -1), slice(1, None))]
     a = [accelerations[part] * steps**2 for part in (slice(None, -1), slice(1, None))]
     straight = ~np.isfinite(v).all(axis=0)
-    v = [np.where(straight, way, own) for own in v]
-    # The second derivatives of the cubic; of a straight line they are zero.
-    cubic = [6.0 * way - 4.0 * v[0] - 2.0 * v[1], -6.0 * way + 2.0 * v[0] + 4.0 * v[1]]
     lower = straight | ~np.isfinite(a).all(axis=0)
-    a = [np.where(lower, own, given) for own, given in zip(cubic, a, strict=True)]
+    if lower.any():
+        way = np.diff(positions, axis=0)
+        v = [np.where(straight, way, own) for own in v]
+        # The second derivatives of the cubic; of a straight line they are zero.
+        cubic = [6.0 * way - 4.0 * v[0] - 2.0 * v[1], -6.0 * way + 2.0 * v[0] + 4.0 * v[1]]
+        a = [np.where(lower, own, given) for own, given in zip(cubic, a, strict=True)]
     return np.stack([positions[:-1], v[0], a[0], positions[1:], v[1], a[1]], axis=1)
 
 

@@ -17,7 +17,7 @@ from numpy.polynomial import chebyshev
 from .arrays import FloatArray
 from .exceptions import TrajectoryError
 from .goal import JointState
-from .interpolation import hermite_functions, segment_ends
+from .interpolation import BEZIER_POINTS, hermite_functions, segment_ends
 from .limits import JointLimits
 from .robot import Robot
 from .trajectory import Trajectory
@@ -39,6 +39,8 @@ _FEWEST_PARTS = 4
 # and that polynomial at points as dense as those of the grid usually are. What it leaves out must
 # be no more than this share of the limit.
 _CHEBYSHEV = -np.cos(np.linspace(0.0, np.pi, 5))
+# The last of a segment is the first of the next.
+_AT_CHEBYSHEV = np.array([hermite_functions(0.5 * (_CHEBYSHEV[:-1] + 1.0), d) for d in range(3)])
 _TO_CHEBYSHEV = np.linalg.inv(chebyshev.chebvander(_CHEBYSHEV, 4))
 _FROM_CHEBYSHEV = chebyshev.chebvander(np.linspace(-1.0, 1.0, 11), 4)
 _SMOOTH = 1e-3
@@ -141,24 +143,41 @@ def interpolate(trajectory: Trajectory, period: float = GRID_PERIOD) -> DenseSam
         )
     n_parts = max(int(np.ceil(steps.max() / period - 1e-6)), _FEWEST_PARTS)
     fractions = np.linspace(0.0, 1.0, n_parts + 1)
-    ends = segment_ends(
-        trajectory.times, trajectory.positions, trajectory.velocities, trajectory.accelerations
-    )
-    q, v, a, jerk = _derivatives(ends, steps, fractions, 3)
+    tables = np.array([hermite_functions(fractions, d) for d in range(4)])
+    q, v, a, jerk = _derivatives(_segment_ends(trajectory), steps, tables)
     times = (trajectory.times[:-1, None] + steps[:, None] * fractions).ravel()
     return DenseSamples(times, q, v, a, jerk)
 
 
-def _derivatives(
-    ends: FloatArray, steps: FloatArray, fractions: FloatArray, highest: int
-) -> list[FloatArray]:
-    """Positions and derivatives by time at fractions of each segment, segment by segment."""
-    return [
-        (hermite_functions(fractions, d) @ ends / steps[:, None, None] ** d).reshape(
-            -1, ends.shape[2]
-        )
-        for d in range(highest + 1)
-    ]
+def _segment_ends(trajectory: Trajectory) -> FloatArray:
+    return segment_ends(
+        trajectory.times, trajectory.positions, trajectory.velocities, trajectory.accelerations
+    )
+
+
+def _derivatives(ends: FloatArray, steps: FloatArray, tables: FloatArray) -> FloatArray:
+    """Positions and derivatives by time at some phases of each segment, segment by segment.
+
+    Parameters
+    ----------
+    ends, steps : array, shape (n_segments, 6, n_joints) and (n_segments,)
+        Segments, see :func:`.segment_ends`, and their durations [s].
+    tables : array, shape (n_derivatives, n_phases, 6)
+        :func:`.hermite_functions` and their derivatives there.
+
+    Returns
+    -------
+    :
+        Shape (n_derivatives, n_segments * n_phases, n_joints).
+    """
+    n_derivatives, n_phases, n_values = tables.shape
+    n_segments, _, n_joints = ends.shape
+    # One product of matrices, however many segments there are.
+    columns = ends.transpose(1, 0, 2).reshape(n_values, -1)
+    values = tables.reshape(-1, n_values) @ columns
+    by_segment = values.reshape(n_derivatives, n_phases, n_segments, n_joints).swapaxes(1, 2)
+    rates = steps ** -np.arange(float(n_derivatives))[:, None]
+    return np.asarray((by_segment * rates[:, :, None, None]).reshape(n_derivatives, -1, n_joints))
 
 
 def check_limits(trajectory: Trajectory, robot: Robot, limits: JointLimits) -> LimitCheck:
@@ -173,16 +192,23 @@ def check_limits(trajectory: Trajectory, robot: Robot, limits: JointLimits) -> L
     limits : JointLimits
         Limits of the same joints.
     """
+    steps, ends = np.diff(trajectory.times), _segment_ends(trajectory)
+    moves_inside = _stays_inside(ends, steps, limits)
+    efforts_inside = _efforts_stay_clear(trajectory, ends, steps, robot, limits)
+    if moves_inside and efforts_inside:
+        return LimitCheck(())
     dense = interpolate(trajectory)
-    magnitudes = [
-        ("velocity", dense.v, limits.velocity),
-        ("acceleration", dense.a, limits.acceleration),
-        ("jerk", dense.jerk, limits.jerk),
-    ]
-    if not _efforts_stay_clear(trajectory, robot, limits):
+    found, magnitudes = [], []
+    if not moves_inside:
+        found = _outside_range(dense, limits)
+        magnitudes = [
+            ("velocity", dense.v, limits.velocity),
+            ("acceleration", dense.a, limits.acceleration),
+            ("jerk", dense.jerk, limits.jerk),
+        ]
+    if not efforts_inside:
         tau = robot.inverse_dynamics(dense.q, dense.v, dense.a)
         magnitudes.append(("effort", tau, limits.effort))
-    found = _outside_range(dense, limits)
     for quantity, values, bound in magnitudes:
         peak = np.abs(values).argmax(axis=0)
         for j, name in enumerate(limits.joint_names):
@@ -195,7 +221,29 @@ def check_limits(trajectory: Trajectory, robot: Robot, limits: JointLimits) -> L
     return LimitCheck(tuple(found))
 
 
-def _efforts_stay_clear(trajectory: Trajectory, robot: Robot, limits: JointLimits) -> bool:
+def _stays_inside(ends: FloatArray, steps: FloatArray, limits: JointLimits) -> bool:
+    """Whether all but efforts stay clear of their limits, told from Bézier points.
+
+    The answer may be no where a curve comes near a limit without breaking it.
+    """
+    if steps.size == 0:
+        return False
+    columns = ends.transpose(1, 0, 2).reshape(6, -1)
+    q, *rates = (
+        (points @ columns).reshape(len(points), *ends[:, 0].shape) for points in BEZIER_POINTS
+    )
+    room = LIMIT_NEAR * _span(limits)
+    inside = bool(np.all(q > limits.lower + room) and np.all(q < limits.upper - room))
+    bounds = (limits.velocity, limits.acceleration, limits.jerk)
+    for order, (points, bound) in enumerate(zip(rates, bounds, strict=True), start=1):
+        highest = np.abs(points).max(axis=0) / steps[:, None] ** order
+        inside = inside and bool(np.all(highest < (1.0 - LIMIT_NEAR) * bound))
+    return inside
+
+
+def _efforts_stay_clear(
+    trajectory: Trajectory, ends: FloatArray, steps: FloatArray, robot: Robot, limits: JointLimits
+) -> bool:
     """Whether efforts stay clear of their limits, told from fewer points than the grid has.
 
     Between two points of a trajectory efforts are smooth. The polynomials through five Chebyshev
@@ -204,16 +252,10 @@ def _efforts_stay_clear(trajectory: Trajectory, robot: Robot, limits: JointLimit
     """
     if not np.isfinite(limits.effort).any():
         return True
-    steps = np.diff(trajectory.times)
     if steps.size == 0:
         return False
-    ends = segment_ends(
-        trajectory.times, trajectory.positions, trajectory.velocities, trajectory.accelerations
-    )
     degree = len(_CHEBYSHEV) - 1
-    # The last of a segment is the first of the next.
-    fractions = 0.5 * (_CHEBYSHEV[:-1] + 1.0)
-    states = _derivatives(ends, steps, fractions, 2)
+    states = _derivatives(ends, steps, _AT_CHEBYSHEV)
     last = (trajectory.positions, trajectory.velocities, trajectory.accelerations)
     q, v, a = (np.concatenate([x, end[-1:]]) for x, end in zip(states, last, strict=True))
     tau = robot.inverse_dynamics(q, v, a)
@@ -226,7 +268,7 @@ def _efforts_stay_clear(trajectory: Trajectory, robot: Robot, limits: JointLimit
 
 
 def _outside_range(dense: DenseSamples, limits: JointLimits) -> list[Violation]:
-    span = np.where(np.isfinite(limits.upper - limits.lower), limits.upper - limits.lower, 1.0)
+    span = _span(limits)
     found = []
     for bound, outside in (
         (limits.lower, (limits.lower - dense.q) / span),
@@ -239,6 +281,12 @@ def _outside_range(dense: DenseSamples, limits: JointLimits) -> list[Violation]:
                 time, value = float(dense.times[peak[j]]), float(dense.q[peak[j], j])
                 found.append(Violation("position", name, time, value, float(bound[j]), excess))
     return found
+
+
+def _span(limits: JointLimits) -> FloatArray:
+    """Lengths of the ranges of positions, 1 rad or m where they are infinite."""
+    span = limits.upper - limits.lower
+    return np.where(np.isfinite(span), span, 1.0)
 
 
 def check_executable(

@@ -12,7 +12,7 @@ from functools import lru_cache
 from typing import Protocol
 
 import numpy as np
-from numpy.polynomial import legendre
+from numpy.polynomial import chebyshev, legendre
 
 from ..arrays import FloatArray
 
@@ -208,7 +208,7 @@ def legendre_values(
     coefficients : array, shape (..., degree + 1)
         Coefficients, lowest degree first.
     phases : array, shape (n_steps,)
-        Phases s.
+        Phases s, from 0 to 1.
     derivative : int
         Which derivative with respect to phase.
 
@@ -219,7 +219,7 @@ def legendre_values(
     """
     degree = coefficients.shape[-1] - 1
     table = _table(np.asarray(phases, dtype=np.float64).tobytes(), degree)
-    series = coefficients @ _differentiation(degree, derivative)
+    series = coefficients @ _differentiations(degree, derivative)[derivative]
     return np.asarray(np.tensordot(table, series, axes=(1, -1)))
 
 
@@ -231,7 +231,7 @@ def legendre_derivatives(coefficients: FloatArray, phases: FloatArray, highest: 
     coefficients : array, shape (..., degree + 1)
         Coefficients, lowest degree first.
     phases : array, shape (n_steps,)
-        Phases s.
+        Phases s, from 0 to 1.
     highest : int
         The highest derivative with respect to phase.
 
@@ -249,24 +249,31 @@ def legendre_derivatives(coefficients: FloatArray, phases: FloatArray, highest: 
 
 @lru_cache(maxsize=16)
 def _differentiations(degree: int, highest: int) -> FloatArray:
-    """The matrices of :func:`_differentiation`, stacked."""
-    return np.stack([_differentiation(degree, d) for d in range(highest + 1)])
+    """Matrices that take rows of coefficients to those of the derivatives by phase.
+
+    The coefficients are Legendre's, those of the derivatives Chebyshev's, see :func:`_table`.
+    """
+    nodes = np.cos(np.pi * (np.arange(degree + 1) + 0.5) / (degree + 1))
+    # Chebyshev polynomials are orthogonal on these nodes.
+    to_chebyshev = np.linalg.solve(
+        chebyshev.chebvander(nodes, degree), legendre.legvander(nodes, degree)
+    ).T
+    matrices = np.zeros((highest + 1, degree + 1, degree + 1))
+    for d in range(highest + 1):
+        # dx/ds = 2
+        derived = chebyshev.chebder(to_chebyshev, d, scl=2.0, axis=1)
+        matrices[d, :, : derived.shape[1]] = derived
+    return matrices
 
 
 @lru_cache(maxsize=16)
 def _table(phases: bytes, degree: int) -> FloatArray:
-    """Legendre polynomials at phases, which are mostly asked for several times in a row."""
-    return np.asarray(legendre.legvander(2.0 * np.frombuffer(phases) - 1.0, degree))
+    """Chebyshev polynomials at phases, which are mostly asked for several times in a row.
 
-
-@lru_cache(maxsize=64)
-def _differentiation(degree: int, derivative: int) -> FloatArray:
-    """Matrix that takes rows of coefficients to those of the derivative by phase."""
-    matrix = np.zeros((degree + 1, degree + 1))
-    # dx/ds = 2
-    derived = legendre.legder(np.eye(degree + 1), derivative, scl=2.0, axis=1)
-    matrix[:, : derived.shape[1]] = derived
-    return matrix
+    Their closed form takes a third of the time of Legendre's recurrence.
+    """
+    angles = np.arccos(np.clip(2.0 * np.frombuffer(phases) - 1.0, -1.0, 1.0))
+    return np.asarray(np.cos(angles[:, None] * np.arange(degree + 1.0)))
 
 
 @lru_cache(maxsize=16)

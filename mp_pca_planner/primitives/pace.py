@@ -157,10 +157,11 @@ class PacedBasis:
         highest = len(values) - 1
         if highest > 3:
             raise ValueError(f"derivative must be 0 to 3, got {highest}")
-        rates = legendre_derivatives(self._series, phases, highest)[:, :, None, None]
+        even_too = np.array([self._series, _minimum_jerk_series(self._series.size)])
+        found = legendre_derivatives(even_too, phases, highest)
+        rates = found[:, :, :1, None]
         chained = np.array([_chained(values, rates, d) for d in range(highest + 1)])
-        even = legendre_derivatives(_minimum_jerk_series(6), phases, highest)
-        chained[..., 0] -= even[:, :, None] * self._way
+        chained[..., 0] -= found[:, :, 1:] * self._way
         return chained
 
 
