@@ -10,6 +10,7 @@ from numpy.polynomial import legendre
 from mp_pca_planner.primitives.basis import (
     BSplineBasis,
     end_vanishing_coefficients,
+    legendre_derivatives,
     legendre_values,
 )
 
@@ -49,6 +50,20 @@ def test_a_shape_is_the_mean_and_the_weighted_functions(basis):
         )
         np.testing.assert_allclose(basis.shape(weights, phases, order), expected, atol=1e-9)
         assert basis.functions(phases, order).shape == (17, basis.n_joints, basis.n_weights)
+
+
+@pytest.mark.parametrize("degree", [6, 15, 26])
+def test_series_agree_with_those_of_an_independent_library(degree):
+    series = np.random.default_rng(degree).normal(size=(3, 2, degree + 1))
+    phases = np.linspace(0.0, 1.0, 41)
+    found = legendre_derivatives(series, phases, 3)
+    for order in range(4):
+        # dx/ds = 2
+        derived = legendre.legder(series, order, scl=2.0, axis=2)
+        expected = legendre.legval(2.0 * phases - 1.0, np.moveaxis(derived, 2, 0))
+        tolerance = 1e-12 * np.abs(expected).max()
+        for values in (found[order], legendre_values(series, phases, order)):
+            np.testing.assert_allclose(values, np.moveaxis(expected, 2, 0), atol=tolerance)
 
 
 @pytest.mark.parametrize("degree", [6, 10, 15, 25])

@@ -11,6 +11,7 @@ from scipy.interpolate import BPoly
 
 from mp_pca_planner.exceptions import TrajectoryError
 from mp_pca_planner.goal import JointState
+from mp_pca_planner.interpolation import BEZIER_POINTS
 from mp_pca_planner.limits import JointLimits, merge_limits
 from mp_pca_planner.primitives.boundary import boundary_values, hermite_functions
 from mp_pca_planner.trajectory import Trajectory
@@ -51,6 +52,18 @@ def test_a_good_trajectory_passes():
     judge(reach())
 
 
+def peaks_of(quantity, trajectory):
+    """The largest magnitudes on the grid, shape (n_joints,); of positions the largest."""
+    dense = interpolate(trajectory)
+    if quantity == "position":
+        return dense.q.max(axis=0)
+    if quantity == "effort":
+        return np.abs(arm_robot().inverse_dynamics(dense.q, dense.v, dense.a)).max(axis=0)
+    values = {"velocity": dense.v, "acceleration": dense.a, "jerk": dense.jerk}[quantity]
+    return np.abs(values).max(axis=0)
+
+
+@pytest.mark.parametrize("quantity", ["position", "velocity", "acceleration", "jerk", "effort"])
 @given(
     st.integers(2, 5),
     st.floats(-3.0, -0.3),
@@ -58,8 +71,10 @@ def test_a_good_trajectory_passes():
     st.floats(-1e-3, 1e-3),
     st.integers(0, 2**32 - 1),
 )
-@settings(max_examples=300, deadline=None)
-def test_efforts_are_judged_as_on_the_whole_grid(n_points, log_step, log_size, excess, seed):
+@settings(max_examples=200, deadline=None)
+def test_limits_are_judged_as_on_the_whole_grid(
+    quantity, n_points, log_step, log_size, excess, seed
+):
     """However wild a motion is, and however near to the limits."""
     assume(abs(excess + LIMIT_NEAR) > 1e-9)
     rng = np.random.default_rng(seed)
@@ -67,17 +82,26 @@ def test_efforts_are_judged_as_on_the_whole_grid(n_points, log_step, log_size, e
     size = 10.0**log_size * 10.0 ** (-log_step * np.arange(3))
     q, v, a = size[:, None, None] * rng.normal(size=(3, n_points, 4))
     trajectory = Trajectory(JOINTS, times, q, v, a)
-    dense = interpolate(trajectory)
-    peaks = np.abs(arm_robot().inverse_dynamics(dense.q, dense.v, dense.a)).max(axis=0)
-    limits = {
-        name: {"max_effort": peak / (1.0 + excess)}
-        for name, peak in zip(JOINTS, peaks, strict=True)
-    }
+    peaks = peaks_of(quantity, trajectory)
+    # Without another end a range counts as 1 rad long.
+    bounds = peaks - excess if quantity == "position" else peaks / (1.0 + excess)
+    limits = {name: {f"max_{quantity}": bound} for name, bound in zip(JOINTS, bounds, strict=True)}
     found = check_limits(trajectory, arm_robot(), JointLimits(JOINTS, limits)).touched
     assert len(found) == (4 if excess > -LIMIT_NEAR else 0)
     for violation in found:
-        peak = peaks[JOINTS.index(violation.joint)]
-        assert abs(violation.value) == peak
+        assert violation.quantity == quantity
+        assert abs(violation.value) == abs(peaks[JOINTS.index(violation.joint)])
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(0, 3))
+def test_a_quintic_and_its_derivatives_lie_between_their_bezier_points(seed, order):
+    ends = np.random.default_rng(seed).normal(size=6)
+    points = BEZIER_POINTS[order] @ ends
+    curve = hermite_functions(np.linspace(0.0, 1.0, 101), order) @ ends
+    assert points.min() - 1e-9 <= curve.min() and curve.max() <= points.max() + 1e-9
+    # An independent library's curve through the same points.
+    expected = BPoly(points[:, None], [0.0, 1.0])(np.linspace(0.0, 1.0, 101))
+    np.testing.assert_allclose(curve, expected, atol=1e-9)
 
 
 @pytest.mark.parametrize("duration", [1e-9, 1e-3, 2e-3, 0.1])

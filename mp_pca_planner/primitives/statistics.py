@@ -43,6 +43,8 @@ class Conditional:
         Expected weights ŵ.
     covariance : array, shape (n_weights, n_weights)
         Their covariance Λ, positive definite.
+    precision : array, shape (n_weights, n_weights)
+        Λ⁻¹.
     pace : array, shape (n_pace,)
         Expected pace, see :mod:`.pace`; zero: even.
     duration : float
@@ -55,14 +57,10 @@ class Conditional:
 
     weights: FloatArray
     covariance: FloatArray
+    precision: FloatArray
     pace: FloatArray
     duration: float
     in_span_score: float
-
-    @property
-    def precision(self) -> FloatArray:
-        """Λ⁻¹, shape (n_weights, n_weights)."""
-        return np.asarray(np.linalg.inv(self.covariance))
 
 
 class RequestStatistics:
@@ -134,6 +132,9 @@ class RequestStatistics:
         log_durations = requests[asked, -1:] - self._usual_duration.logarithm(requests[asked, :-1])
         self._duration = Regression(requests[asked, :-1], log_durations, log_durations, duration)
         self._weight_covariance = _covariance(self._shape.left_out)
+        self._weight_precision = np.asarray(np.linalg.inv(self._weight_covariance))
+        sizes = (self.mean.size - 1, self.mean.size)
+        self._request_precision = {size: self._inverse_covariance(size) for size in sizes}
 
     def condition(
         self, start: FloatArray, goal: FloatArray, duration: float | None = None
@@ -161,7 +162,9 @@ class RequestStatistics:
             score = self._score(request)
         weights = self._shape.predict(request) - self._common_weights
         pace = self._pace.predict(request)
-        return Conditional(weights, self._weight_covariance, pace, duration, score)
+        return Conditional(
+            weights, self._weight_covariance, self._weight_precision, pace, duration, score
+        )
 
     def request_precision(self, size: int) -> FloatArray:
         """Inverse of the covariance of the first entries of requests, as scores use it.
@@ -171,16 +174,16 @@ class RequestStatistics:
         size : int
             Number of entries: 2 n_joints for the end points, one more for the duration, too.
         """
+        return self._request_precision[size]
+
+    def _inverse_covariance(self, size: int) -> FloatArray:
         variance = self.covariance[:size, :size] + _FLOOR_DEVIATION**2 * np.eye(size)
         return np.asarray(np.linalg.inv(variance))
 
     def _score(self, given: FloatArray) -> float:
         """Distance of the first entries of a request from the demonstrated ones."""
         deviation = given - self.mean[: given.size]
-        variance = self.covariance[: given.size, : given.size]
-        distance = deviation @ np.linalg.solve(
-            variance + _FLOOR_DEVIATION**2 * np.eye(given.size), deviation
-        )
+        distance = deviation @ self._request_precision[given.size] @ deviation
         return float(np.sqrt(distance / given.size))
 
 
