@@ -11,10 +11,14 @@ import pytest
 from arm import JOINTS, arm_demonstrations, arm_primitive, arm_robot
 
 from mp_pca_planner.cli.plan import main
+from mp_pca_planner.cli.refine import main as refine_command
 from mp_pca_planner.cli.sequence import main as sequence
 from mp_pca_planner.exceptions import RobotError
 from mp_pca_planner.goal import JointGoal, JointState, Pose, PoseGoal, SequenceGoal
+from mp_pca_planner.learning.refinement import refine
+from mp_pca_planner.learning.trials import TrialLearner
 from mp_pca_planner.planning.collision import Collision, CollisionModel, package_folders
+from mp_pca_planner.planning.motion import Motion
 from mp_pca_planner.planning.plan import INFEASIBLE, SOLVED, PlannerOptions
 from mp_pca_planner.planning.planner import Planner
 from mp_pca_planner.planning.sequence import OPTIMAL, REAL_TIME, SequencePlan, SequencePlanner
@@ -415,6 +419,43 @@ def test_optimal_sequence_that_collides_gives_way_to_the_one_joined_in_real_time
     assert "in the optimal one 'chest'" in plan.message
 
 
+# Learning
+
+
+@pytest.fixture(scope="module")
+def around_base() -> Motion:
+    """A motion that goes around the base, for no other reason than what is there."""
+    start, goal = ACROSS_BASE
+    planner = chain_planner(CollisionModel(chain()), max_solve_time=20.0)
+    plan = planner.plan(JointGoal(goal, 1.5), start)
+    assert plan.is_executable
+    return plan.motion
+
+
+def test_refinement_does_not_lead_through_the_body(model, around_base):
+    robot = chain()
+    blind = refine([around_base], robot, robot.limits())
+    assert model.collisions(blind.trajectory)
+    found = refine([around_base], robot, robot.limits(), collision=model)
+    assert not model.collisions(found.trajectory)
+    assert blind.cost < found.cost <= found.original_cost
+
+
+def test_no_trial_leads_through_the_body(model, around_base):
+    pytest.importorskip("cmaes", reason="cmaes (extra 'learn') is not installed")
+    robot = chain()
+
+    def n_through(collision: CollisionModel | None) -> int:
+        learner = TrialLearner([around_base], robot, robot.limits(), collision=collision)
+        n = 0
+        for _ in range(15):
+            n += bool(model.collisions(learner.propose().trajectory))
+            learner.tell(0.0)
+        return n
+
+    assert n_through(model) == 0 < n_through(None)
+
+
 # The command
 
 
@@ -453,3 +494,11 @@ def test_sequence_refuses_to_end_in_itself_too(files, capsys):
     capsys.readouterr()
     assert sequence([*files, *ends, "--collision"]) == 1
     assert "'a' and 'c' collide" in json.loads(capsys.readouterr().out)["message"]
+
+
+@pytest.mark.parametrize("via", [[], ["--via", "0.1,0.9,0.5"]])
+def test_what_ends_in_itself_is_not_refined(files, capsys, via):
+    ends = ["--start", "0,0.9,0", "--goal", "0,0.9,3.0"]
+    assert refine_command([*files, *ends, *via]) == 0
+    assert refine_command([*files, *ends, *via, "--collision"]) == 2
+    assert "'a' and 'c' collide" in capsys.readouterr().err

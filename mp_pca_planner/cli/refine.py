@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,6 +21,7 @@ from ..learning.refined_motion import RefinedMotion
 from ..learning.refinement import AcceptedMotion, RefinementOptions, refine
 from ..learning.trials import TrialLearner
 from ..limits import JointLimits
+from ..planning.collision import NOT_CHECKED, CollisionModel
 from ..planning.motion import Motion
 from ..planning.plan import Plan
 from ..planning.planner import Planner
@@ -49,9 +51,6 @@ _NOT_OF_SEQUENCES = (
     "objective",
     "basis",
     "starts",
-    "collision",
-    "srdf",
-    "package_dirs",
 )
 
 
@@ -127,6 +126,7 @@ class _Planned:
 
     robot: Robot
     limits: JointLimits
+    collision: CollisionModel | None
     motions: tuple[Motion, ...]
     primitives: tuple[MovementPrimitive, ...]
 
@@ -153,8 +153,12 @@ def _planned(arguments: argparse.Namespace) -> _Planned:
         motions, names = (plan.motion,), (plan.primitive,)
     if not plan.is_executable:
         raise LearningError(f"there is no motion to refine: {plan.message}")
+    collision = planner.collision
+    if collision is not None and not collision.has_geometry:
+        print(f"refine{NOT_CHECKED}", file=sys.stderr)
     known = {primitive.name: primitive for primitive in planner.primitives}
-    return _Planned(planner.robot, planner.limits, motions, tuple(known[name] for name in names))
+    made_from = tuple(known[name] for name in names)
+    return _Planned(planner.robot, planner.limits, collision, motions, made_from)
 
 
 def _check_options(arguments: argparse.Namespace) -> None:
@@ -202,7 +206,7 @@ def _outputs(arguments: argparse.Namespace) -> list[Path]:
 def _refine_by_model(
     arguments: argparse.Namespace, planned: _Planned, options: RefinementOptions
 ) -> int:
-    found = refine(planned.motions, planned.robot, planned.limits, options)
+    found = refine(planned.motions, planned.robot, planned.limits, options, planned.collision)
     before, after = RefinedMotion(planned.motions).duration, found.motion.duration
     accepted = AcceptedMotion(found.motion, found.trajectory, found.check)
     facts = _facts(planned, accepted) | {
@@ -231,10 +235,10 @@ def _refine_by_trials(
     arguments: argparse.Namespace, planned: _Planned, options: RefinementOptions
 ) -> int:
     request = planned.motions, planned.robot, planned.limits, options
-    start = refine(*request).motion.parameters
     learner = TrialLearner(
         *request,
-        start=start,
+        start=refine(*request, planned.collision).motion.parameters,
+        collision=planned.collision,
         seed=arguments.seed,
         state=arguments.trials,
     )

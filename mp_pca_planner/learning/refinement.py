@@ -15,6 +15,7 @@ from scipy.optimize import OptimizeResult, minimize
 from ..arrays import FloatArray
 from ..exceptions import GoalError, TrajectoryError
 from ..limits import JointLimits
+from ..planning.collision import CollisionModel
 from ..planning.motion import Motion
 from ..robot import Robot
 from ..trajectory import Trajectory
@@ -39,7 +40,7 @@ _MARGIN = 1e-3
 # Only limits that are this near, as shares of themselves, are constraints at first.
 _NEAR = 0.4
 _MOST_ROUNDS = 6
-# A refinement that still breaks limits is taken back by these factors.
+# A refinement that still breaks limits, or in which links meet, is taken back by these factors.
 _RETREATS = (0.95, 0.8, 0.5, 0.25)
 
 
@@ -118,6 +119,7 @@ def refine(
     robot: Robot,
     limits: JointLimits,
     options: RefinementOptions = RefinementOptions(),
+    collision: CollisionModel | None = None,
 ) -> Refinement:
     """Scale and warp a motion, or several joined ones, to the least cost within the limits.
 
@@ -131,6 +133,8 @@ def refine(
         Limits of the joints.
     options : RefinementOptions
         How.
+    collision : CollisionModel, optional
+        Of the same robot: a refinement in which it hits itself is taken back.
 
     Returns
     -------
@@ -143,7 +147,7 @@ def refine(
         If the original motion is not executable.
     """
     cost = RefinementCost(segments, robot, options.time_price)
-    judge = ExecutableMotions(segments, robot, limits, options)
+    judge = ExecutableMotions(segments, robot, limits, options, collision)
     original = RefinedMotion(segments)
     best = judge.accept(original)
     before = cost.effort_and_cost(original.parameters)
@@ -194,11 +198,13 @@ class ExecutableMotions:
         robot: Robot,
         limits: JointLimits,
         options: RefinementOptions,
+        collision: CollisionModel | None,
     ) -> None:
         self._start = segments[0].start
         self._robot = robot
         self._limits = limits
         self._options = options
+        self._collision = collision
 
     def check(self, motion: RefinedMotion) -> LimitCheck:
         """Compare a motion with the limits."""
@@ -211,12 +217,15 @@ class ExecutableMotions:
         Raises
         ------
         TrajectoryError
-            If it breaks a limit or a rule of the controller.
+            If it breaks a limit or a rule of the controller, or the robot hits itself.
         """
         trajectory = motion.sample(self._robot, self._options.sample_period)
         check = check_limits(trajectory, self._robot, self._limits)
         allowed = self._options.allow_nonzero_end_velocity
         check_executable(trajectory, check, self._start, allow_nonzero_end_velocity=allowed)
+        collisions = self._collision.collisions(trajectory) if self._collision else ()
+        if collisions:
+            raise TrajectoryError(str(collisions[0]))
         return AcceptedMotion(motion, trajectory, check)
 
 

@@ -23,6 +23,7 @@ from ..arrays import FloatArray
 from ..exceptions import LearningError, MissingDependencyError, TrajectoryError
 from ..files import write_whole
 from ..limits import JointLimits
+from ..planning.collision import CollisionModel
 from ..planning.motion import Motion
 from ..robot import Robot
 from .refined_motion import LOG_DURATION, RefinedMotion
@@ -75,6 +76,8 @@ class TrialLearner:
         File that keeps the trials; those in it are not repeated.
     request : mapping, optional
         What the motion is for, of JSON types: kept in that file for :func:`read_request`.
+    collision : CollisionModel, optional
+        Of the same robot: in no trial it hits itself.
 
     Raises
     ------
@@ -97,11 +100,12 @@ class TrialLearner:
         seed: int = 0,
         state: Path | None = None,
         request: Mapping[str, Any] | None = None,
+        collision: CollisionModel | None = None,
     ) -> None:
         options = options or RefinementOptions()
         original, first = RefinedMotion(segments), RefinedMotion(segments, start)
         self._segments = original.segments
-        self._judge = ExecutableMotions(segments, robot, limits, options)
+        self._judge = ExecutableMotions(segments, robot, limits, options, collision)
         # What is tried before the search begins.
         self._first = [self._judge.accept(original)]
         if np.any(first.parameters):

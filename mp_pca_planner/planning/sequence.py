@@ -175,7 +175,7 @@ class SequencePlanner:
         self._naturalness = naturalness
         self._period = sample_period
         self._max_solve_time = max_solve_time
-        self._collision = collision
+        self.collision = collision
 
     def plan(self, goal: SequenceGoal, start: JointState, mode: str = OPTIMAL) -> SequencePlan:
         """Plan a motion through the configurations and poses of a goal.
@@ -407,9 +407,9 @@ class SequencePlanner:
         return motions, check, passes, converged
 
     def _collisions(self, motions: Sequence[Motion]) -> tuple[Collision, ...]:
-        if self._collision is None:
+        if self.collision is None:
             return ()
-        return self._collision.collisions(self._sample(motions))
+        return self.collision.collisions(self._sample(motions))
 
     def _in_span_score(self, primitive: MovementPrimitive, motion: Motion) -> float:
         scores = self._selector.scores(motion.start.positions, motion.goal.positions)
@@ -449,7 +449,7 @@ class SequencePlanner:
             if collisions:
                 status = INFEASIBLE
                 note = f"no motion without self-collision was found: {collisions[0]}"
-            elif self._collision is not None and not self._collision.has_geometry:
+            elif self.collision is not None and not self.collision.has_geometry:
                 note += NOT_CHECKED
         ends = np.cumsum([motion.duration for motion in motions])
         rows = [int(np.abs(trajectory.times - end).argmin()) for end in ends]
