@@ -15,6 +15,7 @@ pytest.importorskip("rclpy", reason="ROS 2 (rclpy) is not installed")
 from arm import JOINTS, arm_primitive
 from nodes import GOAL, PATIENTLY, START, URDF, goal_message, ros_node, running_node, set_domain
 from rclpy.executors import SingleThreadedExecutor
+from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory
 
 from mp_pca_planner.cli.send_goal import main as send_goal
@@ -112,3 +113,32 @@ def test_flood_of_goals_leaves_no_goal_without_a_report_and_ends_at_the_newest(
     assert len(set(answered)) == len(answered)
     n_taken = sum(int(after[count]) - int(before[count]) for count in COUNTS)
     assert n_taken == len(answered)
+
+
+def test_each_goal_of_a_burst_gets_its_report_and_the_newest_good_one_its_motion(
+    clients: Clients,
+) -> None:
+    _, client = clients
+    wait_for_diagnostics(client, "/right/planner")
+    client.publish_state(JOINTS, START)
+    deadline = time.monotonic() + 30.0
+    with ros_node("operators") as operators:
+        goals = operators.create_publisher(JointState, "/right/planner/goal", 20)
+        while not goals.get_subscription_count():
+            assert time.monotonic() < deadline
+            time.sleep(0.01)
+        for _ in range(10):
+            client.reports.clear()
+            for k in range(10):
+                goal = goal_message(GOAL if k % 3 else [float("nan"), *GOAL[1:]])
+                goal.header.stamp.nanosec = k
+                goals.publish(goal)
+            while len(client.reports) < 10:
+                assert time.monotonic() < deadline
+                client.spin_once(0.1)
+            found = [Answer(report, None, None).values for report in client.reports]
+            status = {values["goal_stamp"][-1]: values["status"] for values in found}
+            assert len(status) == 10
+            assert {number for number in status if status[number] == "refused"} == set("0369")
+            assert {status[number] for number in "12457"} <= {"overtaken", "solved"}
+            assert status["8"] == "solved"

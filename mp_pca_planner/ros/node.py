@@ -10,6 +10,7 @@ import time
 import traceback
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import takewhile
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +24,7 @@ from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValu
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.subscription import Subscription
 from sensor_msgs.msg import JointState as JointStateMessage
 from std_msgs.msg import Float64, String
 from std_srvs.srv import Trigger
@@ -68,6 +70,8 @@ from .trajectory_bytes import serialize_trajectory
 NODE_NAME = "mp_pca_planner"
 
 _NEWEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
+# Only the newest goal counts, but those that come while another is planned get their reports, too.
+_GOALS = QoSProfile(depth=20, reliability=ReliabilityPolicy.RELIABLE)
 # A reliable subscription gets nothing from a best-effort publisher; this one hears both. Several
 # broadcasters (arm, gripper) may publish at once, a thousand times a second, between two fetches.
 _ANY_PUBLISHER = QoSProfile(depth=200, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -207,11 +211,9 @@ class PlannerNode(Node):
             callback_group=_FetchedByHand(),
             raw=True,
         )
-        self.create_subscription(JointStateMessage, "~/goal", self._on_goal, _NEWEST)
-        self.create_subscription(PoseStamped, "~/goal_pose", self._on_goal_pose, _NEWEST)
-        self.create_subscription(
-            JointTrajectory, "~/goal_sequence", self._on_goal_sequence, _NEWEST
-        )
+        self._listen(JointStateMessage, "~/goal", JointGoal, self._read_goal)
+        self._listen(PoseStamped, "~/goal_pose", PoseGoal, self._read_goal_pose)
+        self._listen(JointTrajectory, "~/goal_sequence", SequenceGoal, self._read_goal_sequence)
         self.create_subscription(Float64, "~/trial_cost", self._on_trial_cost, _NEWEST)
         self._descriptions = self.create_subscription(
             String, "robot_description", self._on_description, _LATCHED
@@ -225,19 +227,6 @@ class PlannerNode(Node):
         self.create_timer(_FETCH_PERIOD, self._fetch_states, clock=steady)
 
     # Callbacks
-
-    def _on_goal(self, message: JointStateMessage) -> None:
-        self._take(JointGoal, lambda _: _fixed(to_goal(message, self._settings.duration)), message)
-
-    def _on_goal_sequence(self, message: JointTrajectory) -> None:
-        self._take(SequenceGoal, lambda _: _fixed(to_sequence_goal(message)), message)
-
-    def _on_goal_pose(self, message: PoseStamped) -> None:
-        def read(model: Model) -> MakeGoal:
-            goal = to_pose_goal(message, model.end_effector, self._settings.duration)
-            return stated_in(goal, message.header.frame_id, model.planning_robot)
-
-        self._take(PoseGoal, read, message)
 
     def _on_trial_cost(self, message: Float64) -> None:
         if self._last_served is None or not math.isfinite(message.data):
@@ -324,17 +313,60 @@ class PlannerNode(Node):
 
     # Goals
 
-    def _take(self, kind: type[Goal], read: Callable[[Model], MakeGoal], message: Any) -> None:
-        """Have a goal served; one that is wrong as it stands doesn't disturb another one."""
+    def _listen(
+        self,
+        message_type: Any,
+        topic: str,
+        kind: type[Goal],
+        read: Callable[[Any, Model], MakeGoal],
+    ) -> None:
+        """Take goals of a kind from a topic; `read` raises a `PlannerError` of wrong ones."""
+
+        def on_goal(message: Any) -> None:
+            messages = [message, *self._waiting(subscription, message_type)]
+            while messages and not self._judge(messages.pop(), kind, read, self._goals.submit):
+                pass  # refused: the one before may be served
+            self._goals.wait(_PATIENCE)
+            for overtaken in messages:
+                self._judge(overtaken, kind, read, self._on_overtaken)
+
+        subscription = self.create_subscription(message_type, topic, on_goal, _GOALS)
+
+    @staticmethod
+    def _waiting(subscription: Subscription, message_type: Any) -> list[Any]:
+        """Messages that have come since the one that is handled, the newest last."""
+        handle = subscription.handle
+        with handle:
+            taken = (handle.take_message(message_type, False) for _ in range(_GOALS.depth))
+            return [message for message, _ in takewhile(bool, taken)]
+
+    def _judge(
+        self,
+        message: Any,
+        kind: type[Goal],
+        read: Callable[[Any, Model], MakeGoal],
+        accept: Callable[[_Job], None],
+    ) -> bool:
+        """Accept a goal, or refuse one that is wrong as it stands; returns which of both."""
         stamp = message.header.stamp
         try:
             model = self._ready_model()
-            make_goal = read(model)
+            make_goal = read(message, model)
         except PlannerError as error:
             self._refuse(to_refusal(str(error), stamp))
-        else:
-            self._goals.submit(_Job(kind, make_goal, model, stamp))
-            self._goals.wait(_PATIENCE)
+            return False
+        accept(_Job(kind, make_goal, model, stamp))
+        return True
+
+    def _read_goal(self, message: JointStateMessage, _: Model) -> MakeGoal:
+        return _fixed(to_goal(message, self._settings.duration))
+
+    def _read_goal_pose(self, message: PoseStamped, model: Model) -> MakeGoal:
+        goal = to_pose_goal(message, model.end_effector, self._settings.duration)
+        return stated_in(goal, message.header.frame_id, model.planning_robot)
+
+    def _read_goal_sequence(self, message: JointTrajectory, _: Model) -> MakeGoal:
+        return _fixed(to_sequence_goal(message))
 
     def _serve(self, job: _Job, is_cancelled: IsCancelled) -> None:
         """Plan, publish and report: in the planning thread."""
