@@ -330,3 +330,32 @@ def test_any_position_is_reached_or_refused_in_a_sentence(position, i):
     except GoalError:
         return
     assert not plan.is_executable or (kept(plan) and plan.goal_error <= 1e-6)
+
+
+def refusal(serve, *arguments):
+    try:
+        serve(*arguments)
+    except GoalError as error:
+        return str(error)
+    return None
+
+
+@settings(max_examples=100, deadline=None)
+@given(
+    st.lists(st.sampled_from([*JOINTS, "nose"]), min_size=1, max_size=4, unique=True),
+    st.lists(st.sampled_from([0.0, -1.0, 1.5, 100.0, 1e9]), min_size=4, max_size=4),
+    st.sampled_from([0.0, 0.0, 0.5, 1e3]),
+    st.sampled_from([None, None, 1.0, 1e-9, -1.0, 1e9]),
+    st.sampled_from([None, None, "arm", "leg"]),
+)
+def test_what_can_be_served_from_nowhere_is_refused_without_planning(
+    names, positions, velocity, duration, primitive
+):
+    subject = planner(max_solve_time=1e-3)
+    state = JointState(names, positions[: len(names)], np.full(len(names), velocity))
+    try:
+        goal = JointGoal(state, duration, primitive)
+    except GoalError:  # the goal itself sees to it
+        return
+    _, start = request()
+    assert refusal(subject.check, goal) == refusal(subject.plan, goal, start)

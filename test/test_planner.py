@@ -477,3 +477,8 @@ def test_a_joint_that_turns_without_end_goes_the_shorter_way():
     assert travelled == pytest.approx(2.0 * np.pi - 6.0)
     assert plan.in_span_score < 100.0
     assert not check_limits(plan.trajectory, robot, robot.limits()).violations
+    # Which turn a goal means depends on the start, and so does whether it is inside limits.
+    bounded = robot.limits({"turn": {"min_position": 5.0, "max_position": 25.0}})
+    careful, goal = Planner(robot, [primitive], bounded), JointGoal(JointState(["turn"], [-3.0]))
+    careful.check(goal)
+    assert careful.plan(goal, JointState(["turn"], [3.0 + 4.0 * np.pi])).is_executable

@@ -130,7 +130,8 @@ def test_each_goal_of_a_burst_gets_its_report_and_the_newest_good_one_its_motion
         for _ in range(10):
             client.reports.clear()
             for k in range(10):
-                goal = goal_message(GOAL if k % 3 else [float("nan"), *GOAL[1:]])
+                bad = float("nan") if k % 2 else 100.0
+                goal = goal_message(GOAL if k % 3 else [bad, *GOAL[1:]])
                 goal.header.stamp.nanosec = k
                 goals.publish(goal)
             while len(client.reports) < 10:

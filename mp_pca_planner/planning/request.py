@@ -86,6 +86,18 @@ class RequestMaker:
     ) -> None:
         self._robot, self._limits, self._options = robot, limits, options
         self._selector = selector
+        zero = np.zeros(robot.n_joints)
+        self._anywhere = JointState(robot.joint_names, np.clip(zero, limits.lower, limits.upper))
+
+    def check(self, goal: JointGoal) -> None:
+        """Refuse a goal that can't be served from anywhere, see :meth:`.Planner.check`."""
+        self._check_size(goal.duration)
+        self._selector.check_name(goal.primitive)
+        here = self._anywhere
+        there = completed(goal.state, here, self._robot, "goal")
+        # Which turn of a joint that turns without end is meant depends on the start.
+        q = np.where(self._robot.continuous, here.positions, there.positions)
+        self._check_end(JointState(here.joint_names, q, there.velocities, there.accelerations))
 
     def complete(self, goal: JointGoal | PoseGoal, start: JointState) -> list[Request]:
         """Fill in what the goal leaves open; refuse what can't be served.
@@ -144,6 +156,10 @@ class RequestMaker:
 
     def _joint_goal(self, goal: JointGoal, here: JointState) -> JointState:
         there = completed(goal.state, here, self._robot, "goal")
+        self._check_end(there)
+        return there
+
+    def _check_end(self, there: JointState) -> None:
         check_within_limits("goal", there, self._limits)
         if not self._options.allow_nonzero_end_velocity and np.any(there.velocities != 0.0):
             moving = there.joint_names[int(np.abs(there.velocities).argmax())]
@@ -151,7 +167,6 @@ class RequestMaker:
                 f"the goal velocity of joint '{moving}' is not 0, which the controller refuses "
                 "unless it and this planner are set to allow a nonzero velocity at the end"
             )
-        return there
 
     def _pose_goals(
         self, pose: Pose, here: JointState, candidates: Sequence[MovementPrimitive]

@@ -166,12 +166,17 @@ class Selector:
         GoalError
             If no primitive is called so.
         """
+        self.check_name(name)
         if name is None:
             return self
         found = [p for p in self.primitives if p.name == name]
-        if not found:
-            raise GoalError(unknown_name("primitive", name, [p.name for p in self.primitives]))
         return Selector(self._robot, found, self._objectives)
+
+    def check_name(self, name: str | None) -> None:
+        """Refuse a name that no primitive has, see :meth:`among`."""
+        names = [p.name for p in self.primitives]
+        if name is not None and name not in names:
+            raise GoalError(unknown_name("primitive", name, names))
 
     def scores(
         self, start: FloatArray, goal: FloatArray, duration: float | None = None

@@ -358,8 +358,10 @@ class PlannerNode(Node):
         accept(_Job(kind, make_goal, model, stamp))
         return True
 
-    def _read_goal(self, message: JointStateMessage, _: Model) -> MakeGoal:
-        return _fixed(to_goal(message, self._settings.duration))
+    def _read_goal(self, message: JointStateMessage, model: Model) -> MakeGoal:
+        goal = to_goal(message, self._settings.duration)
+        model.planner.check(goal)
+        return _fixed(goal)
 
     def _read_goal_pose(self, message: PoseStamped, model: Model) -> MakeGoal:
         goal = to_pose_goal(message, model.end_effector, self._settings.duration)
