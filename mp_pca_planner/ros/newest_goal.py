@@ -68,6 +68,11 @@ class NewestGoalThread(Generic[T]):
         if overtaken is not None:
             self._drop(overtaken)
 
+    @property
+    def is_idle(self) -> bool:
+        """Whether no goal is served or waits."""
+        return self._waiting is None and not self._is_serving
+
     def wait(self, timeout: float) -> None:
         """Wait until every goal is served, or for the timeout [s].
 
@@ -75,7 +80,7 @@ class NewestGoalThread(Generic[T]):
         of Python that have work, one waits for the other.
         """
         with self._changed:
-            self._changed.wait_for(lambda: self._waiting is None and not self._is_serving, timeout)
+            self._changed.wait_for(lambda: self.is_idle, timeout)
 
     def cancel(self) -> None:
         """Give up what waits and what is served."""

@@ -10,6 +10,7 @@ import time
 import traceback
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import takewhile
 from pathlib import Path
 from typing import Any
@@ -106,6 +107,11 @@ class _FetchedByHand(CallbackGroup):
 
     def ending_execution(self, entity: object) -> None:
         """Nothing ever begins."""
+
+
+_ReadGoal = Callable[[Any, Model, bool], MakeGoal]
+"""Reads a message, for a model; or raises a `PlannerError` if it is wrong as it stands. The last
+argument says that the goal takes no other one's place, so that planning may find what is wrong."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -318,17 +324,19 @@ class PlannerNode(Node):
         message_type: Any,
         topic: str,
         kind: type[Goal],
-        read: Callable[[Any, Model], MakeGoal],
+        read: _ReadGoal,
     ) -> None:
-        """Take goals of a kind from a topic; `read` raises a `PlannerError` of wrong ones."""
+        """Take goals of a kind from a topic."""
 
         def on_goal(message: Any) -> None:
             messages = [message, *self._waiting(subscription, message_type)]
-            while messages and not self._judge(messages.pop(), kind, read, self._goals.submit):
+            is_alone = len(messages) == 1 and self._goals.is_idle
+            judge = partial(self._judge, kind, read, is_alone)
+            while messages and not judge(messages.pop(), self._goals.submit):
                 pass  # refused: the one before may be served
             self._goals.wait(_PATIENCE)
             for overtaken in messages:
-                self._judge(overtaken, kind, read, self._on_overtaken)
+                judge(overtaken, self._on_overtaken)
 
         subscription = self.create_subscription(message_type, topic, on_goal, _GOALS)
 
@@ -342,32 +350,38 @@ class PlannerNode(Node):
 
     def _judge(
         self,
-        message: Any,
         kind: type[Goal],
-        read: Callable[[Any, Model], MakeGoal],
+        read: _ReadGoal,
+        is_alone: bool,
+        message: Any,
         accept: Callable[[_Job], None],
     ) -> bool:
         """Accept a goal, or refuse one that is wrong as it stands; returns which of both."""
         stamp = message.header.stamp
         try:
             model = self._ready_model()
-            make_goal = read(message, model)
+            make_goal = read(message, model, is_alone)
         except PlannerError as error:
             self._refuse(to_refusal(str(error), stamp))
+            return False
+        except Exception as error:
+            self._report_defect(error, stamp)
             return False
         accept(_Job(kind, make_goal, model, stamp))
         return True
 
-    def _read_goal(self, message: JointStateMessage, model: Model) -> MakeGoal:
+    def _read_goal(self, message: JointStateMessage, model: Model, is_alone: bool) -> MakeGoal:
         goal = to_goal(message, self._settings.duration)
-        model.planner.check(goal)
+        if not is_alone:
+            # It must not take another one's place if it can't be served. Planning looks, too.
+            model.planner.check(goal)
         return _fixed(goal)
 
-    def _read_goal_pose(self, message: PoseStamped, model: Model) -> MakeGoal:
+    def _read_goal_pose(self, message: PoseStamped, model: Model, _: bool) -> MakeGoal:
         goal = to_pose_goal(message, model.end_effector, self._settings.duration)
         return stated_in(goal, message.header.frame_id, model.planning_robot)
 
-    def _read_goal_sequence(self, message: JointTrajectory, _: Model) -> MakeGoal:
+    def _read_goal_sequence(self, message: JointTrajectory, _: Model, __: bool) -> MakeGoal:
         return _fixed(to_sequence_goal(message))
 
     def _serve(self, job: _Job, is_cancelled: IsCancelled) -> None:
@@ -381,15 +395,20 @@ class PlannerNode(Node):
         except CancelledError:
             raise
         except Exception as error:
-            # Any error means a defect of this package. It must not take the node away from a robot
-            # at work, nor leave a goal without its report.
-            self.get_logger().error(traceback.format_exc())
-            self._refuse(to_refusal(f"internal error, please report it: {error!r}", job.stamp))
+            self._report_defect(error, job.stamp)
         else:
             # A cost may follow the report at once.
             self._last_served, self._last_cost = served, None
             trial = served.trial.facts if served.trial else None
             self._reports.publish(to_plan_report(served.plan, job.stamp, trial))
+
+    def _report_defect(self, error: Exception, stamp: Time) -> None:
+        """Any other error than ours means a defect of this package.
+
+        It must not take the node away from a robot at work, nor leave a goal without its report.
+        """
+        self.get_logger().error(traceback.format_exc())
+        self._refuse(to_refusal(f"internal error, please report it: {error!r}", stamp))
 
     def _refuse(self, report: DiagnosticStatus) -> None:
         self._statistics.refused()
