@@ -87,12 +87,15 @@ def call(node: Node, kind: Any, name: str, request: Any) -> Any:
     """What a service answers."""
     client = node.create_client(kind, name)
     assert client.wait_for_service(10.0)
-    future = client.call_async(request)
     executor = SingleThreadedExecutor(context=node.context)
     executor.add_node(node)
-    executor.spin_until_future_complete(future, 10.0)
-    assert future.done(), name
-    return future.result()
+    # DDS may find the service before the service finds the client; then the answer is lost.
+    for _ in range(3):
+        future = client.call_async(request)
+        executor.spin_until_future_complete(future, 10.0)
+        if future.done():
+            return future.result()
+    raise AssertionError(f"{name} did not answer")
 
 
 def goal_message(
