@@ -11,7 +11,6 @@ import traceback
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from itertools import takewhile
 from pathlib import Path
 from typing import Any
 
@@ -19,13 +18,11 @@ from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped
 from rcl_interfaces.msg import SetParametersResult
-from rclpy.callback_groups import CallbackGroup
 from rclpy.clock import Clock, ClockType
 from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-from rclpy.subscription import Subscription
 from sensor_msgs.msg import JointState as JointStateMessage
 from std_msgs.msg import Float64, String
 from std_srvs.srv import Trigger
@@ -39,6 +36,7 @@ from ..primitives.primitive_library import load_primitives
 from ..robot import Robot
 from ..trajectory import Trajectory
 from .assembly import Model, assemble_model
+from .goal_intake import FetchedByHand, GoalIntake, Inlet
 from .goal_statistics import GoalStatistics
 from .kept_motion import keep_motion
 from .messages import (
@@ -76,7 +74,7 @@ _GOALS = QoSProfile(depth=20, reliability=ReliabilityPolicy.RELIABLE)
 # A reliable subscription gets nothing from a best-effort publisher; this one hears both. Several
 # broadcasters (arm, gripper) may publish at once, a thousand times a second, between two fetches.
 _ANY_PUBLISHER = QoSProfile(depth=200, reliability=ReliabilityPolicy.BEST_EFFORT)
-_FETCH_PERIOD = 0.05
+_FETCH_PERIOD = 0.01
 _LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 _EVERY = QoSProfile(depth=100, reliability=ReliabilityPolicy.RELIABLE)
 
@@ -88,25 +86,6 @@ _PATIENCE = 0.01
 
 # Declared by rclpy itself when it needs them.
 _NAMES_OF_ROS = ("use_sim_time", "qos_overrides.", "start_type_description_service")
-
-
-class _FetchedByHand(CallbackGroup):
-    """Of subscriptions whose messages wait in the middleware until they are fetched.
-
-    For the executor to hand out a message takes it longer than to plan with some: a thousand
-    states a second would keep it busy, to no use.
-    """
-
-    def can_execute(self, entity: object) -> bool:
-        """Never: see the class."""
-        return False
-
-    def beginning_execution(self, entity: object) -> bool:
-        """Never: see the class."""
-        return False
-
-    def ending_execution(self, entity: object) -> None:
-        """Nothing ever begins."""
 
 
 _ReadGoal = Callable[[Any, Model, bool], MakeGoal]
@@ -178,11 +157,13 @@ class PlannerNode(Node):
         self.add_on_set_parameters_callback(self._on_set_parameters)
         self._connect()
         self._goals = NewestGoalThread(self._serve, self._on_overtaken, self._preview)
+        self._intake = GoalIntake(self.context, self._inlets)
         if not self._primitives_problem:
             self._log_readiness()
 
     def destroy_node(self) -> None:
-        """End the planning thread, then the node."""
+        """End the threads, then the node."""
+        self._intake.close()
         self._goals.close()
         super().destroy_node()
 
@@ -214,12 +195,14 @@ class PlannerNode(Node):
             "joint_states",
             lambda _: None,
             _ANY_PUBLISHER,
-            callback_group=_FetchedByHand(),
+            callback_group=FetchedByHand(),
             raw=True,
         )
-        self._listen(JointStateMessage, "~/goal", JointGoal, self._read_goal)
-        self._listen(PoseStamped, "~/goal_pose", PoseGoal, self._read_goal_pose)
-        self._listen(JointTrajectory, "~/goal_sequence", SequenceGoal, self._read_goal_sequence)
+        self._inlets = [
+            self._inlet(JointStateMessage, "~/goal", JointGoal, self._read_goal),
+            self._inlet(PoseStamped, "~/goal_pose", PoseGoal, self._read_goal_pose),
+            self._inlet(JointTrajectory, "~/goal_sequence", SequenceGoal, self._read_goal_sequence),
+        ]
         self.create_subscription(Float64, "~/trial_cost", self._on_trial_cost, _NEWEST)
         self._descriptions = self.create_subscription(
             String, "robot_description", self._on_description, _LATCHED
@@ -319,34 +302,21 @@ class PlannerNode(Node):
 
     # Goals
 
-    def _listen(
-        self,
-        message_type: Any,
-        topic: str,
-        kind: type[Goal],
-        read: _ReadGoal,
-    ) -> None:
+    def _inlet(self, message_type: Any, topic: str, kind: type[Goal], read: _ReadGoal) -> Inlet:
         """Take goals of a kind from a topic."""
 
-        def on_goal(message: Any) -> None:
-            messages = [message, *self._waiting(subscription, message_type)]
+        def receive(messages: list[Any]) -> None:
             is_alone = len(messages) == 1 and self._goals.is_idle
             judge = partial(self._judge, kind, read, is_alone)
             while messages and not judge(messages.pop(), self._goals.submit):
                 pass  # refused: the one before may be served
-            self._goals.wait(_PATIENCE)
             for overtaken in messages:
                 judge(overtaken, self._on_overtaken)
 
-        subscription = self.create_subscription(message_type, topic, on_goal, _GOALS)
-
-    @staticmethod
-    def _waiting(subscription: Subscription, message_type: Any) -> list[Any]:
-        """Messages that have come since the one that is handled, the newest last."""
-        handle = subscription.handle
-        with handle:
-            taken = (handle.take_message(message_type, False) for _ in range(_GOALS.depth))
-            return [message for message, _ in takewhile(bool, taken)]
+        subscription = self.create_subscription(
+            message_type, topic, lambda _: None, _GOALS, callback_group=FetchedByHand()
+        )
+        return Inlet(subscription, _GOALS.depth, receive)
 
     def _judge(
         self,
