@@ -141,17 +141,12 @@ def test_cancelling_drops_what_is_served_and_what_waits(kitchen: Kitchen) -> Non
     assert kitchen.served == [3]
 
 
-def test_waiting_ends_when_all_is_served_and_not_before(kitchen: Kitchen) -> None:
+def test_thread_is_idle_but_while_a_goal_is_served_or_waits(kitchen: Kitchen) -> None:
+    assert kitchen.thread.is_idle
     kitchen.thread.submit(1)
+    assert not kitchen.thread.is_idle
     kitchen.wait_for(begun=1)
-    kitchen.thread.wait(0.01)
-    assert not kitchen.served
+    assert not kitchen.thread.is_idle
     kitchen.allow()
-    kitchen.thread.wait(TIMEOUT)
-    assert kitchen.served == [1]
-
-
-def test_waiting_where_there_is_nothing_to_serve_ends_at_once(kitchen: Kitchen) -> None:
-    began = time.monotonic()
-    kitchen.thread.wait(TIMEOUT)
-    assert time.monotonic() - began < TIMEOUT
+    kitchen.wait_for_rest()
+    assert kitchen.thread.is_idle

@@ -2,8 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """A thread that takes goals as soon as they come.
 
-An executor of rclpy waits for everything of a node at once, and takes half a millisecond to find
-out what has come. A goal can't wait so long, nor behind whatever else the executor is busy with.
+An executor of rclpy waits for everything of a node at once, which takes it half a millisecond, and
+a goal would wait behind whatever else it is busy with. A thread for goals alone is quicker, and it
+hears of the next goal while one is planned.
 """
 
 from __future__ import annotations
@@ -102,7 +103,7 @@ class GoalIntake:
             wait_set = rclpy_implementation.WaitSet(
                 len(handles), 0, 0, 0, 0, 0, self._context.handle
             )
-            while not self._is_closed:
+            while not self._is_closed and self._context.ok():
                 wait_set.clear_entities()
                 for handle in handles:
                     wait_set.add_subscription(handle)

@@ -73,15 +73,6 @@ class NewestGoalThread(Generic[T]):
         """Whether no goal is served or waits."""
         return self._waiting is None and not self._is_serving
 
-    def wait(self, timeout: float) -> None:
-        """Wait until every goal is served, or for the timeout [s].
-
-        Whoever has nothing better to do leaves the interpreter to the goal by this: of two threads
-        of Python that have work, one waits for the other.
-        """
-        with self._changed:
-            self._changed.wait_for(lambda: self.is_idle, timeout)
-
     def cancel(self) -> None:
         """Give up what waits and what is served."""
         with self._changed:
@@ -122,6 +113,4 @@ class NewestGoalThread(Generic[T]):
                 self._may_cancel = False
                 self._drop(goal)
             finally:
-                with self._changed:
-                    self._is_serving = False
-                    self._changed.notify_all()
+                self._is_serving = False

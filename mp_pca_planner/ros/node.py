@@ -74,31 +74,42 @@ _GOALS = QoSProfile(depth=20, reliability=ReliabilityPolicy.RELIABLE)
 # A reliable subscription gets nothing from a best-effort publisher; this one hears both. Several
 # broadcasters (arm, gripper) may publish at once, a thousand times a second, between two fetches.
 _ANY_PUBLISHER = QoSProfile(depth=200, reliability=ReliabilityPolicy.BEST_EFFORT)
-_FETCH_PERIOD = 0.01
+_FETCH_PERIOD = 0.05
 _LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 _EVERY = QoSProfile(depth=100, reliability=ReliabilityPolicy.RELIABLE)
 
 _LOG_PERIOD = 1.0
 
-# How long callbacks wait for a goal's motion before they go on [s]: a little longer than most take,
-# and short for whoever wants to stop the robot, or has a newer goal.
-_PATIENCE = 0.01
-
 # Declared by rclpy itself when it needs them.
 _NAMES_OF_ROS = ("use_sim_time", "qos_overrides.", "start_type_description_service")
 
 
-_ReadGoal = Callable[[Any, Model, bool], MakeGoal]
-"""Reads a message, for a model; or raises a `PlannerError` if it is wrong as it stands. The last
-argument says that the goal takes no other one's place, so that planning may find what is wrong."""
+@dataclass(frozen=True, eq=False)
+class _Asked:
+    """What a message asks for.
+
+    Attributes
+    ----------
+    make_goal : callable
+        Makes the goal for a start state.
+    check : callable
+        Raises a `PlannerError` if it can be told without planning that it can't be served.
+    """
+
+    make_goal: MakeGoal
+    check: Callable[[], None] = lambda: None
+
+
+_ReadGoal = Callable[[Any, Model], _Asked]
+"""Reads a message, for a model; or raises a `PlannerError` if it is wrong as it stands."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Job:
-    """A goal to be served: its kind, how to make it for a start state, the model, its stamp."""
+    """A goal to be served: its kind, what is asked for, of which model, its stamp."""
 
     kind: type[Goal]
-    make_goal: MakeGoal
+    asked: _Asked
     model: Model
     stamp: Time
 
@@ -111,10 +122,6 @@ def _check_description(settings: Settings) -> None:
 
 def _joint_names(primitives: Sequence[MovementPrimitive]) -> tuple[str, ...]:
     return primitives[0].joint_names if primitives else ()
-
-
-def _fixed(goal: Goal) -> MakeGoal:
-    return lambda _: goal
 
 
 class PlannerNode(Node):
@@ -303,61 +310,55 @@ class PlannerNode(Node):
     # Goals
 
     def _inlet(self, message_type: Any, topic: str, kind: type[Goal], read: _ReadGoal) -> Inlet:
-        """Take goals of a kind from a topic."""
+        """Where goals of a kind come in."""
 
         def receive(messages: list[Any]) -> None:
-            is_alone = len(messages) == 1 and self._goals.is_idle
-            judge = partial(self._judge, kind, read, is_alone)
-            while messages and not judge(messages.pop(), self._goals.submit):
-                pass  # refused: the one before may be served
-            for overtaken in messages:
-                judge(overtaken, self._on_overtaken)
+            # One that can't be served must not take another one's place; otherwise planning sees.
+            check = len(messages) > 1 or not self._goals.is_idle
+            found = [self._job(message, kind, read, check) for message in messages]
+            jobs = [job for job in found if job is not None]
+            if jobs:
+                self._goals.submit(jobs[-1])
+            for job in jobs[:-1]:
+                self._on_overtaken(job)
 
         subscription = self.create_subscription(
             message_type, topic, lambda _: None, _GOALS, callback_group=FetchedByHand()
         )
         return Inlet(subscription, _GOALS.depth, receive)
 
-    def _judge(
-        self,
-        kind: type[Goal],
-        read: _ReadGoal,
-        is_alone: bool,
-        message: Any,
-        accept: Callable[[_Job], None],
-    ) -> bool:
-        """Accept a goal, or refuse one that is wrong as it stands; returns which of both."""
+    def _job(self, message: Any, kind: type[Goal], read: _ReadGoal, check: bool) -> _Job | None:
+        """What there is to do; nothing for a goal that is refused."""
         stamp = message.header.stamp
         try:
             model = self._ready_model()
-            make_goal = read(message, model, is_alone)
+            asked = read(message, model)
+            if check:
+                asked.check()
         except PlannerError as error:
             self._refuse(to_refusal(str(error), stamp))
-            return False
         except Exception as error:
             self._report_defect(error, stamp)
-            return False
-        accept(_Job(kind, make_goal, model, stamp))
-        return True
+        else:
+            return _Job(kind, asked, model, stamp)
+        return None
 
-    def _read_goal(self, message: JointStateMessage, model: Model, is_alone: bool) -> MakeGoal:
+    def _read_goal(self, message: JointStateMessage, model: Model) -> _Asked:
         goal = to_goal(message, self._settings.duration)
-        if not is_alone:
-            # It must not take another one's place if it can't be served. Planning looks, too.
-            model.planner.check(goal)
-        return _fixed(goal)
+        return _Asked(lambda _: goal, partial(model.planner.check, goal))
 
-    def _read_goal_pose(self, message: PoseStamped, model: Model, _: bool) -> MakeGoal:
+    def _read_goal_pose(self, message: PoseStamped, model: Model) -> _Asked:
         goal = to_pose_goal(message, model.end_effector, self._settings.duration)
-        return stated_in(goal, message.header.frame_id, model.planning_robot)
+        return _Asked(stated_in(goal, message.header.frame_id, model.planning_robot))
 
-    def _read_goal_sequence(self, message: JointTrajectory, _: Model, __: bool) -> MakeGoal:
-        return _fixed(to_sequence_goal(message))
+    def _read_goal_sequence(self, message: JointTrajectory, _: Model) -> _Asked:
+        goal = to_sequence_goal(message)
+        return _Asked(lambda _: goal)
 
     def _serve(self, job: _Job, is_cancelled: IsCancelled) -> None:
         """Plan, publish and report: in the planning thread."""
         try:
-            served = self._server.serve(job.kind, job.make_goal, job.model, is_cancelled)
+            served = self._server.serve(job.kind, job.asked.make_goal, job.model, is_cancelled)
         except UnexecutablePlanError as error:
             self._refuse(to_refusal(str(error), job.stamp, error.plan))
         except PlannerError as error:
@@ -388,8 +389,13 @@ class PlannerNode(Node):
         self._reports.publish(report)
 
     def _on_overtaken(self, job: _Job) -> None:
-        self._statistics.overtaken()
-        self._reports.publish(to_overtaken_report(job.stamp))
+        try:
+            job.asked.check()
+        except PlannerError as error:
+            self._refuse(to_refusal(str(error), job.stamp))
+        else:
+            self._statistics.overtaken()
+            self._reports.publish(to_overtaken_report(job.stamp))
 
     def _send(self, trajectory: Trajectory, last_point_only: bool) -> None:
         with_efforts = self._settings.publish_effort and not last_point_only
