@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -62,7 +63,13 @@ def unique_names(names: Sequence[str], what: str, error: type[PlannerError]) -> 
         raise error(f"{what}: at least one is needed, none was given")
     if any(not isinstance(name, str) or not name for name in result):
         raise error(f"{what}: names must be non-empty strings, got {result!r:.80}")
-    repeated = sorted({name for name in result if result.count(name) > 1})
+    repeated = _repeated(result)
     if repeated:
         raise error(f"{what}: {quote_names(repeated)} given more than once")
     return result
+
+
+@lru_cache(maxsize=64)
+def _repeated(names: tuple[str, ...]) -> list[str]:
+    # The same few joints are named again and again.
+    return sorted({name for name in names if names.count(name) > 1})

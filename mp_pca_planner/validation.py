@@ -229,16 +229,20 @@ def _stays_inside(ends: FloatArray, steps: FloatArray, limits: JointLimits) -> b
     if steps.size == 0:
         return False
     columns = ends.transpose(1, 0, 2).reshape(6, -1)
-    q, *rates = (
-        (points @ columns).reshape(len(points), *ends[:, 0].shape) for points in BEZIER_POINTS
-    )
+
+    def bezier_points(order: int) -> FloatArray:
+        return (BEZIER_POINTS[order] @ columns).reshape(-1, *ends[:, 0].shape)
+
     room = LIMIT_NEAR * _span(limits)
-    inside = bool(np.all(q > limits.lower + room) and np.all(q < limits.upper - room))
-    bounds = (limits.velocity, limits.acceleration, limits.jerk)
-    for order, (points, bound) in enumerate(zip(rates, bounds, strict=True), start=1):
-        highest = np.abs(points).max(axis=0) / steps[:, None] ** order
-        inside = inside and bool(np.all(highest < (1.0 - LIMIT_NEAR) * bound))
-    return inside
+    q = bezier_points(0)
+    if not (np.all(q > limits.lower + room) and np.all(q < limits.upper - room)):
+        return False
+    for order, bound in enumerate((limits.velocity, limits.acceleration, limits.jerk), start=1):
+        if np.isfinite(bound).any():
+            highest = np.abs(bezier_points(order)).max(axis=0) / steps[:, None] ** order
+            if not np.all(highest < (1.0 - LIMIT_NEAR) * bound):
+                return False
+    return True
 
 
 def _efforts_stay_clear(
