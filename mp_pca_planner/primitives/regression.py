@@ -25,7 +25,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import expit
 
 from ..arrays import FloatArray
 
@@ -225,7 +224,8 @@ class _Familiarity:
     def of(self, squared_distance: FloatArray) -> FloatArray:
         """Of requests, given the squares of their distances from the nearest demonstration."""
         further = np.log(squared_distance + _SAME) - self._middle
-        return np.asarray(expit(-self._slope * further))
+        # The logistic function, which exponentials might overflow.
+        return np.asarray(0.5 - 0.5 * np.tanh(0.5 * self._slope * further))
 
 
 def choose_kernels(
