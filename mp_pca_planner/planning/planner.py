@@ -126,7 +126,7 @@ class Planner:
     def check(self, goal: JointGoal) -> None:
         """Refuse a goal that can't be served wherever the robot is.
 
-        This takes a hundredth of the time of planning, and may be done while another thread plans.
+        This takes far less time than planning, and may be done while another thread plans.
 
         Raises
         ------
