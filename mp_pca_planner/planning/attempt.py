@@ -201,13 +201,14 @@ class MotionSolver:
                 watches += more
                 # The way round from there may be blocked.
                 starts = [*starts, first[0]]
+        effort_cost, start_cost = program.effort_costs(np.array([x, program.expected])).tolist()
         natural = program.naturalness(x)
         solution = MotionSolution(
             weights=motion.weights,
             objective_cost=found.cost - natural,
-            effort_cost=program.effort_cost(x, found.cost - natural),
+            effort_cost=effort_cost,
             naturalness_cost=natural,
-            start_cost=program.effort_cost(program.expected, program.expected_cost),
+            start_cost=start_cost,
             converged=found.converged,
             iterations=passes,
             kkt_residual=found.kkt_residual,
@@ -292,7 +293,7 @@ def _starts(family: Family, program: MotionProgram, naturalness: float) -> list[
     if family.precision is not None and naturalness > 0.0:
         n = program.unknowns.n_weights
         scales = program.scales[:n]
-        price = naturalness * program.expected_cost
+        price = naturalness * program.costs(candidates[:1])[0]
         program.precision[:n, :n] = price * family.precision * np.outer(scales, scales)
         if naturalness >= NEAR_EXPECTED:
             order = order[:1]

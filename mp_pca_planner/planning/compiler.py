@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -341,9 +341,6 @@ class MotionProgram:
         self._robot = robot
         self._tables = tables
         self._objectives = tuple(objectives)
-        # Effort alone costs no derivatives; 0 where there are other objectives.
-        alone = all(isinstance(objective, Effort) for _, objective in self._objectives)
-        self._effort_weight = sum(weight for weight, _ in self._objectives) if alone else 0.0
         self._conditions = tuple(conditions)
         self.unknowns = Unknowns(
             tables.basis.scales,
@@ -430,21 +427,11 @@ class MotionProgram:
     def costs(self, candidates: FloatArray) -> FloatArray:
         """The whole objective of candidates x, shape (n_candidates, n_unknowns)."""
         natural = np.array([self.naturalness(x) for x in candidates])
-        if self._effort_weight:
-            return np.asarray(self._effort_weight * self.effort_costs(candidates) + natural)
+        if all(isinstance(objective, Effort) for _, objective in self._objectives):
+            weight = sum(weight for weight, _ in self._objectives)
+            return np.asarray(weight * self.effort_costs(candidates) + natural)
         residuals = (self.linearise(x).residual for x in candidates)
         return np.asarray([0.5 * float(r @ r) for r in residuals] + natural)
-
-    @cached_property
-    def expected_cost(self) -> float:
-        """The objectives of the expected motion."""
-        return float(self.costs(self.expected[None])[0])
-
-    def effort_cost(self, x: FloatArray, cost: float) -> float:
-        """J of x, whose objectives are known to cost so much without naturalness."""
-        if self._effort_weight:
-            return cost / self._effort_weight
-        return float(self.effort_costs(x[None])[0])
 
     def naturalness(self, x: FloatArray) -> float:
         """The naturalness term ½ρ(w−ŵ)ᵀΛ⁻¹(w−ŵ)."""
