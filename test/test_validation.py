@@ -71,7 +71,7 @@ def peaks_of(quantity, trajectory):
     st.floats(-1e-3, 1e-3),
     st.integers(0, 2**32 - 1),
 )
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=300, deadline=None)
 def test_limits_are_judged_as_on_the_whole_grid(
     quantity, n_points, log_step, log_size, excess, seed
 ):
