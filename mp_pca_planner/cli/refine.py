@@ -155,7 +155,7 @@ def _planned(arguments: argparse.Namespace) -> _Planned:
         raise LearningError(f"there is no motion to refine: {plan.message}")
     collision = planner.collision
     if collision is not None and not collision.has_geometry:
-        print(f"refine{NOT_CHECKED}", file=sys.stderr)
+        print(f"refine: {NOT_CHECKED.removeprefix('; ')}", file=sys.stderr)
     known = {primitive.name: primitive for primitive in planner.primitives}
     made_from = tuple(known[name] for name in names)
     return _Planned(planner.robot, planner.limits, collision, motions, made_from)
