@@ -39,7 +39,7 @@ class Kitchen:
         subscription = node.create_subscription(
             Float64, topic, lambda _: None, DEPTH, callback_group=FetchedByHand()
         )
-        self.inlet = Inlet(subscription, DEPTH, self._receive)
+        self.inlet = Inlet(subscription, self._receive)
         self.publisher = node.create_publisher(Float64, topic, 10)
         while not self.publisher.get_subscription_count():
             time.sleep(0.01)

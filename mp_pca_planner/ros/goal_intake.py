@@ -10,10 +10,9 @@ hears of the next goal while one is planned.
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass
-from itertools import takewhile
 from typing import Any
 
 from rclpy.callback_groups import CallbackGroup
@@ -46,6 +45,18 @@ class FetchedByHand(CallbackGroup):
         """Nothing ever begins."""
 
 
+def waiting_messages(subscription: Subscription) -> Iterator[tuple[Any, dict[str, int]]]:
+    """Fetch what has come to a subscription: messages, the newest last, and facts about each.
+
+    Its handle must be held meanwhile.
+    """
+    for _ in range(subscription.qos_profile.depth):
+        taken = subscription.handle.take_message(subscription.msg_type, subscription.raw)
+        if taken is None:
+            return
+        yield taken
+
+
 @dataclass(frozen=True, eq=False)
 class Inlet:
     """A subscription that is fetched by hand, and what becomes of its messages.
@@ -54,21 +65,16 @@ class Inlet:
     ----------
     subscription : Subscription
         In a group :class:`FetchedByHand`.
-    depth : int
-        Most messages that wait.
     receive : callable
         Called with all messages that have come, the newest last; it must not raise.
     """
 
     subscription: Subscription
-    depth: int
     receive: Callable[[list[Any]], None]
 
     def fetch(self) -> None:
         """Hand over what has come."""
-        handle, kind = self.subscription.handle, self.subscription.msg_type
-        taken = (handle.take_message(kind, False) for _ in range(self.depth))
-        messages = [message for message, _ in takewhile(bool, taken)]
+        messages = [message for message, _ in waiting_messages(self.subscription)]
         if messages:
             self.receive(messages)
 

@@ -36,7 +36,7 @@ from ..primitives.primitive_library import load_primitives
 from ..robot import Robot
 from ..trajectory import Trajectory
 from .assembly import Model, assemble_model
-from .goal_intake import FetchedByHand, GoalIntake, Inlet
+from .goal_intake import FetchedByHand, GoalIntake, Inlet, waiting_messages
 from .goal_statistics import GoalStatistics
 from .kept_motion import keep_motion
 from .messages import (
@@ -164,7 +164,16 @@ class PlannerNode(Node):
         self.add_on_set_parameters_callback(self._on_set_parameters)
         self._connect()
         self._goals = NewestGoalThread(self._serve, self._on_overtaken, self._preview)
-        self._intake = GoalIntake(self.context, self._inlets)
+        self._intake = GoalIntake(
+            self.context,
+            [
+                self._inlet(JointStateMessage, "~/goal", JointGoal, self._read_goal),
+                self._inlet(PoseStamped, "~/goal_pose", PoseGoal, self._read_goal_pose),
+                self._inlet(
+                    JointTrajectory, "~/goal_sequence", SequenceGoal, self._read_goal_sequence
+                ),
+            ],
+        )
         if not self._primitives_problem:
             self._log_readiness()
 
@@ -205,11 +214,6 @@ class PlannerNode(Node):
             callback_group=FetchedByHand(),
             raw=True,
         )
-        self._inlets = [
-            self._inlet(JointStateMessage, "~/goal", JointGoal, self._read_goal),
-            self._inlet(PoseStamped, "~/goal_pose", PoseGoal, self._read_goal_pose),
-            self._inlet(JointTrajectory, "~/goal_sequence", SequenceGoal, self._read_goal_sequence),
-        ]
         self.create_subscription(Float64, "~/trial_cost", self._on_trial_cost, _NEWEST)
         self._descriptions = self.create_subscription(
             String, "robot_description", self._on_description, _LATCHED
@@ -325,7 +329,7 @@ class PlannerNode(Node):
         subscription = self.create_subscription(
             message_type, topic, lambda _: None, _GOALS, callback_group=FetchedByHand()
         )
-        return Inlet(subscription, _GOALS.depth, receive)
+        return Inlet(subscription, receive)
 
     def _job(self, message: Any, kind: type[Goal], read: _ReadGoal, check: bool) -> _Job | None:
         """What there is to do; nothing for a goal that is refused."""
@@ -434,15 +438,10 @@ class PlannerNode(Node):
 
     def _fetch_states(self) -> None:
         """Take the states that wait; their age counts from when the middleware got them."""
-        subscription = self._state_subscription.handle
-        with self._fetching, subscription:
+        with self._fetching, self._state_subscription.handle:
             now, wall_clock = time.monotonic(), time.time_ns()
             longest, self._fetched = now - self._fetched, now
-            for _ in range(_ANY_PUBLISHER.depth):
-                taken = subscription.take_message(JointStateMessage, True)
-                if taken is None:
-                    return
-                message, facts = taken
+            for message, facts in waiting_messages(self._state_subscription):
                 age = (wall_clock - facts["received_timestamp"]) * 1e-9
                 # Not older than the last time that none was left: the wall clock may be set.
                 self._states.receive(message, min(max(age, 0.0), longest))

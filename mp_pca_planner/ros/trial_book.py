@@ -21,14 +21,13 @@ from typing import Any
 import numpy as np
 
 from ..arrays import FloatArray
-from ..exceptions import GoalError, LearningError, PlannerError
+from ..exceptions import GoalError, LearningError, PlannerError, TrajectoryError
 from ..goal import JointGoal, JointState
 from ..learning.refined_motion import RefinedMotion
-from ..learning.refinement import RefinementCost, RefinementOptions, refine
+from ..learning.refinement import ExecutableMotions, RefinementCost, RefinementOptions, refine
 from ..learning.trials import TrialLearner, read_request
 from ..planning.plan import Plan
 from ..robot import Robot
-from ..validation import check_limits
 from .assembly import Model
 from .start_state import START_TOLERANCE
 
@@ -167,16 +166,22 @@ class TrialBook:
             proposed = learned.learner.propose().motion.parameters
             number, best = len(learned.learner.trials) + 1, learned.learner.best
         trajectory, check, parameters = plan.trajectory, plan.limit_check, 0.0 * proposed
+        judge = ExecutableMotions(
+            [plan.motion],
+            learned.robot,
+            model.limits,
+            _refinement_options(model),
+            model.planner.collision,
+        )
         # What may be executed from one start may break limits from another one near by.
         for share in _SHARES:
-            motion = RefinedMotion([plan.motion], share * proposed)
-            sampled = motion.sample(learned.robot, model.settings.sample_period)
-            sampled_check = check_limits(sampled, learned.robot, model.limits)
-            collision = model.planner.collision
-            meets = collision is not None and collision.collisions(sampled)
-            if not (sampled_check.violations or meets):
-                trajectory, check, parameters = sampled, sampled_check, motion.parameters
-                break
+            try:
+                accepted = judge.accept(RefinedMotion([plan.motion], share * proposed))
+            except TrajectoryError:
+                continue
+            trajectory, check = accepted.trajectory, accepted.check
+            parameters = accepted.motion.parameters
+            break
         effort, _ = RefinementCost([plan.motion], learned.robot).effort_and_cost(parameters)
         varied = replace(
             plan,
@@ -219,12 +224,8 @@ class TrialBook:
             raise LearningError(f"the trials in '{file}' can't go on: {plan.message}")
         # Of its own: costs are told in another thread than that of planning.
         robot = Robot(model.urdf, model.robot.joint_names)
-        settings, start = model.settings, plan.motion.start
-        options = RefinementOptions(
-            sample_period=settings.sample_period,
-            allow_nonzero_end_velocity=settings.allow_nonzero_end_velocity,
-        )
-        request = [plan.motion], robot, model.limits, options
+        start = plan.motion.start
+        request = [plan.motion], robot, model.limits, _refinement_options(model)
         learner = TrialLearner(
             *request,
             start=refine(*request).motion.parameters,
@@ -239,6 +240,14 @@ class TrialBook:
         while len(self._open) > _MOST_OPEN:
             self._open.popitem(last=False)
         return self._open[file]
+
+
+def _refinement_options(model: Model) -> RefinementOptions:
+    settings = model.settings
+    return RefinementOptions(
+        sample_period=settings.sample_period,
+        allow_nonzero_end_velocity=settings.allow_nonzero_end_velocity,
+    )
 
 
 def _asked(goal: JointGoal) -> dict[str, Any]:
