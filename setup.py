@@ -64,6 +64,8 @@ setup(
         ],
         # Has no wheels for many platforms: apart, so that it doesn't hold up the other peers.
         "drake": ["drake>=1.30"],
+        # Another physics engine for the simulated robot.
+        "sim": ["mujoco>=3.3"],
         # Libraries that several processes may change at once.
         "library": ["filelock>=3.12"],
         # Learning by trials: CMA-ES.
@@ -77,6 +79,7 @@ setup(
             "distributed>=2024.1",
             "filelock>=3.12",
             "hypothesis>=6.100",
+            "mujoco>=3.3",
             "mypy==2.4.*",
             "pytest>=7.4",
             "rich>=13.0",

@@ -15,8 +15,9 @@ import argparse
 import numpy as np
 
 from mp_pca_planner.cli.common import table
+from mp_pca_planner.control.errors import ErrorModel
 from mp_pca_planner.control.law import KINDS, ControlLaw
-from mp_pca_planner.control.stability import ErrorModel, analyse
+from mp_pca_planner.control.stability import analyse
 from mp_pca_planner.control.verification import verify
 from mp_pca_planner.goal import JointGoal, JointState
 from mp_pca_planner.planning.planner import Planner

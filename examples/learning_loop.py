@@ -46,7 +46,7 @@ from mp_pca_planner.trajectory import Trajectory
 MODEL_ERROR = 0.3
 NATURAL_FREQUENCY = 30.0
 PUBLISHED_EVERY = 10  # control periods of 1 ms
-STILL_SECONDS = 0.1
+STILL_SECONDS = 0.5  # more than the node needs to see that a robot rests
 
 
 def main() -> None:

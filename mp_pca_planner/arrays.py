@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import lru_cache
 
 import numpy as np
@@ -67,6 +67,16 @@ def unique_names(names: Sequence[str], what: str, error: type[PlannerError]) -> 
     if repeated:
         raise error(f"{what}: {quote_names(repeated)} given more than once")
     return result
+
+
+def by_name(names: Sequence[str], values: FloatArray) -> dict[str, float]:
+    """Values, of shape (n_names,), by their names."""
+    return dict(zip(names, values.tolist(), strict=True))
+
+
+def name_values(values: Mapping[str, float]) -> str:
+    """List values for a person: ``a=0.1, b=-1.2``, the form in which commands accept them."""
+    return ", ".join(f"{name}={value:.6g}" for name, value in values.items())
 
 
 @lru_cache(maxsize=64)

@@ -81,6 +81,10 @@ class ControlError(PlannerError):
     """A control law, or an assumption on its errors, that can't be used."""
 
 
+class SimulationError(PlannerError):
+    """A simulated robot, or a fault of it, that can't be as it is asked for."""
+
+
 class MissingDependencyError(PlannerError):
     """An optional dependency that is not installed."""
 

@@ -9,9 +9,9 @@ order, translates its errors, and runs it over whole motions.
 from __future__ import annotations
 
 import copy
-import re
-import xml.etree.ElementTree as ET
 from collections.abc import Mapping, Sequence
+from functools import cached_property
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -21,12 +21,12 @@ from numpy.typing import NDArray
 
 from .arrays import FloatArray, frozen_array, unique_names
 from .exceptions import RobotError, quote_names, unknown_name
+from .inertias import inertia_flaws, joint_of
 from .limits import JointLimits, Overrides, merge_limits
+from .link_inertias import LinkInertias
+from .urdf import read_description
 
-_ONE_DOF_TYPES = ("revolute", "continuous", "prismatic")
-# Stands for "no limit" where a URDF must have a number: continuous joints are handed to
-# Pinocchio as revolute ones, so that a configuration is one angle per joint.
-_UNBOUNDED = "1e30"
+_NOT_A_LINK = " (joint)"
 
 
 class Robot:
@@ -46,6 +46,8 @@ class Robot:
 
     Attributes
     ----------
+    name : str
+        The robot's name in its description.
     joint_names : tuple of str
         The joints, n_joints of them.
     continuous : array of bool, shape (n_joints,)
@@ -71,30 +73,26 @@ class Robot:
         locked: Mapping[str, float] | None = None,
         source: str = "robot description",
     ) -> None:
-        root = _parse(urdf, source)
-        self._source = source
-        joints = {j.get("name", ""): j for j in root.iter("joint") if j.get("type") is not None}
-        movable = [name for name, j in joints.items() if j.get("type") in _ONE_DOF_TYPES]
-        if not movable:
-            raise RobotError(f"{source} has no revolute, continuous or prismatic joint")
-        self._urdf_limits = {name: _limits_of(joints[name], source) for name in movable}
-        continuous = {name for name in movable if joints[name].get("type") == "continuous"}
-        full = _build_model(root, joints, continuous, source)
-        self.movable_joints = tuple(name for name in full.names if name in self._urdf_limits)
-        driven = [name for name in self.movable_joints if joints[name].find("mimic") is None]
-        chosen = driven if joint_names is None else joint_names
-        self.joint_names = unique_names(chosen, f"joints of the {source}", RobotError)
-        for name in self.joint_names:
-            if name not in self._urdf_limits:
-                raise RobotError(
-                    f"{source}: {unknown_name('movable joint', name, self.movable_joints)}"
-                )
-        self._full, self._description = full, ET.tostring(root, encoding="unicode")
-        self._use(self._lock_others(full, dict(locked or {})))
-        self.continuous = np.array([name in continuous for name in self.joint_names])
+        found = read_description(urdf, source)
+        self._source, self.name, self._urdf_limits = source, found.name, found.limits
+        try:
+            full = pin.buildModelFromXML(found.xml)
+        except (ValueError, RuntimeError) as error:
+            raise RobotError(f"{source} is refused by Pinocchio: {error}") from None
+        self.movable_joints = tuple(name for name in full.names if name in found.types)
+        driven = [name for name in self.movable_joints if name not in found.mimics]
+        self.joint_names = self._checked(driven if joint_names is None else joint_names)
+        self._full, self._description = full, found
+        model = self._lock_others(full, dict(locked or {}))
+        self._inertia_flaws, unknown = inertia_flaws(model, found)
+        for joint in unknown:  # what can't be computed shall not look like 0
+            model.inertias[joint] = pin.Inertia(np.nan, np.zeros(3), np.zeros((3, 3)))
+        self._use(model)
+        kinds = [found.types[name] for name in self.joint_names]
+        self.continuous = np.array([kind == "continuous" for kind in kinds])
         self.continuous.setflags(write=False)
         self.prismatic_joints = tuple(
-            name for name in self.joint_names if joints[name].get("type") == "prismatic"
+            name for name, kind in zip(self.joint_names, kinds, strict=True) if kind == "prismatic"
         )
         self.frame_names = tuple(f.name for f in self._model.frames if f.type == pin.FrameType.BODY)
         # Position of each of our joints in Pinocchio's vectors, and the other way round.
@@ -136,6 +134,11 @@ class Robot:
         """Number of joints that move."""
         return len(self.joint_names)
 
+    @property
+    def described_joints(self) -> tuple[str, ...]:
+        """The joints that move, in the order of the robot description."""
+        return tuple(name for name in self.movable_joints if name in self.joint_names)
+
     def limits(self, *overrides: Overrides) -> JointLimits:
         """Limits of the joints: the URDF's, with the overrides laid over them in turn.
 
@@ -150,8 +153,37 @@ class Robot:
             source=f"limits of the {self._source}",
         )
 
+    def require_inertias(self, purpose: str, instead: str = "") -> None:
+        """Refuse a robot for something that takes the efforts of its joints.
+
+        Parameters
+        ----------
+        purpose : str
+            What takes efforts, in the plural.
+        instead : str
+            What can be done about it but to correct the description.
+
+        Raises
+        ------
+        RobotError
+            If a moving link has no valid inertia.
+        """
+        if not self._inertia_flaws:
+            return
+        links: dict[str, list[str]] = {}
+        for link, flaw in self._inertia_flaws.items():
+            links.setdefault(flaw, []).append(link)
+        wrong = ", ".join(f"{quote_names(names)} ({flaw})" for flaw, names in links.items())
+        remedy = f", or {instead}" if instead else ""
+        raise RobotError(
+            f"{self._source}: {purpose} need the inertia of every moving link, but these have no "
+            f"valid one: {wrong}; give each an <inertial> with a positive mass and a positive "
+            "definite inertia tensor, of which no principal moment exceeds the sum of the others"
+            + remedy
+        )
+
     def inverse_dynamics(self, q: FloatArray, v: FloatArray, a: FloatArray) -> FloatArray:
-        """Efforts of a motion.
+        """Efforts of a motion, NaN where the inertia of a moving link is not known.
 
         Parameters
         ----------
@@ -171,6 +203,11 @@ class Robot:
             rows = [pin.rnea(self._model, self._data, *x) for x in zip(q, v, a, strict=True)]
             tau = np.array(rows).reshape(q.shape)
         return tau if self._in_order else tau[:, self._to_pin]
+
+    def known_efforts(self, q: FloatArray, v: FloatArray, a: FloatArray) -> FloatArray | None:
+        """The same, or None if some of them are not known."""
+        tau = self.inverse_dynamics(q, v, a)
+        return None if np.isnan(tau).any() else tau
 
     def inverse_dynamics_derivatives(
         self, q: FloatArray, v: FloatArray, a: FloatArray
@@ -213,6 +250,39 @@ class Robot:
         _, dtau = self.inverse_dynamics_derivatives(np.reshape(q, (1, -1)), zero, zero)
         return dtau[0, :, 2 * self.n_joints :]
 
+    def pinocchio_model(self) -> tuple[Any, NDArray[np.intp]]:
+        """Pinocchio's model of the joints that move, and where each joint is in its vectors."""
+        return self._model.copy(), self._to_pin
+
+    def motion_equation(self, q: FloatArray, v: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Mass matrix and bias efforts of one state: τ = M q̈ + h, the fast way.
+
+        Parameters
+        ----------
+        q, v : array, shape (n_joints,)
+            Positions [rad or m] and velocities [/s].
+
+        Returns
+        -------
+        M : array, shape (n_joints, n_joints)
+            The mass matrix; only its upper triangle is sure to be filled.
+        h : array, shape (n_joints,)
+            Efforts that gravity, centrifugal and Coriolis forces ask for.
+        """
+        model, data, back, there = self._model, self._data, self._from_pin, self._to_pin
+        if self._in_order:
+            return pin.crba(model, data, q), pin.nonLinearEffects(model, data, q, v)
+        M = np.triu(pin.crba(model, data, q[back]))
+        M = M + np.triu(M, 1).T
+        return M[np.ix_(there, there)], pin.nonLinearEffects(model, data, q[back], v[back])[there]
+
+    def gravity_efforts(self, q: FloatArray) -> FloatArray:
+        """Efforts that hold the robot still in one configuration, shape (n_joints,)."""
+        if self._in_order:
+            return np.asarray(pin.computeGeneralizedGravity(self._model, self._data, q))
+        g = pin.computeGeneralizedGravity(self._model, self._data, q[self._from_pin])
+        return np.asarray(g[self._to_pin])
+
     def forward_dynamics(self, q: FloatArray, v: FloatArray, tau: FloatArray) -> FloatArray:
         """Accelerations [/s²] of one state under efforts, all of shape (n_joints,).
 
@@ -251,11 +321,32 @@ class Robot:
                 inertia.mass * scale, inertia.lever, inertia.inertia * scale
             )
         carrier = model.frames[frame_id]
-        joint = carrier.parentJoint if hasattr(carrier, "parentJoint") else carrier.parent
+        joint = joint_of(carrier)
         point = pin.Inertia(payload, carrier.placement.translation, np.zeros((3, 3)))
         if joint > 0 and payload != 0.0:
             model.inertias[joint] = model.inertias[joint] + point
         other = copy.copy(self)
+        other._use(model)
+        return other
+
+    @cached_property
+    def link_inertias(self) -> LinkInertias:
+        """Masses and principal moments of inertia of the links that the joints move."""
+        return LinkInertias.of(self._description.xml, self._model)
+
+    def with_link_inertias(self, factors: FloatArray) -> Robot:
+        """The same robot with other links.
+
+        Parameters
+        ----------
+        factors : array, shape (n_links, 4)
+            Of the mass and of the three principal moments of inertia about the centre of mass,
+            of each link of `link_inertias`.
+        """
+        model = self._model.copy()
+        self.link_inertias.change(model, factors)
+        other = copy.copy(self)
+        other.__dict__.pop("link_inertias", None)
         other._use(model)
         return other
 
@@ -354,10 +445,11 @@ class Robot:
         ids = []
         for i, (frame_id, offset) in enumerate(zip(self._frame_ids(frames), offsets, strict=True)):
             frame = model.frames[frame_id]
-            joint = frame.parentJoint if hasattr(frame, "parentJoint") else frame.parent
             placement = frame.placement * pin.SE3(np.eye(3), np.asarray(offset))
             kind = pin.FrameType.OP_FRAME
-            ids.append(model.addFrame(pin.Frame(f"point {i}", joint, frame_id, placement, kind)))
+            ids.append(
+                model.addFrame(pin.Frame(f"point {i}", joint_of(frame), frame_id, placement, kind))
+            )
         return AttachedPoints(model, ids, self._to_pin, self._from_pin)
 
     def collision_geometry(self, package_dirs: Sequence[Path]) -> tuple[Any, Any, NDArray[np.intp]]:
@@ -381,13 +473,15 @@ class Robot:
         Raises
         ------
         RobotError
-            If a mesh can't be found or read.
+            If a shape can't be used, or a mesh can't be found or read.
         """
+        for link, problem in self._description.lost_shapes.items():
+            raise RobotError(f"{self._source}: <collision> of link '{link}': {problem}")
         folders = [str(folder) for folder in package_dirs]
         kind = pin.GeometryType.COLLISION
         try:
             whole = pin.buildGeomFromUrdfString(
-                self._full, self._description, kind, package_dirs=folders
+                self._full, self._description.xml, kind, package_dirs=folders
             )
         except (ValueError, RuntimeError) as error:
             looked_in = f"is looked for in {quote_names(folders)}" if folders else "has to be given"
@@ -396,23 +490,28 @@ class Robot:
                 f"{str(error).rstrip('.')}; the folder in which such a package is {looked_in} "
                 "(package_dirs)"
             ) from None
-        whole.addAllCollisionPairs()
-        parents = self._full.parents
-        for pair in list(whole.collisionPairs):
-            objects = whole.geometryObjects
-            a, b = objects[pair.first].parentJoint, objects[pair.second].parentJoint
-            if a in (b, parents[b]) or b == parents[a]:
-                whole.removeCollisionPair(pair)
-        model, (geometry,) = pin.buildReducedModel(
-            self._full, [whole], self._others, self._reference
-        )
+        above, objects = self._full.parents, whole.geometryObjects
+        for first, second in combinations(range(whole.ngeoms), 2):
+            a, b = objects[first].parentJoint, objects[second].parentJoint
+            if a not in (b, above[b]) and b != above[a]:
+                whole.addCollisionPair(pin.CollisionPair(first, second))
+        model, (geometry,) = _reduced(self._full, [whole], self._others, self._reference)
         return model, geometry, self._from_pin
+
+    def _checked(self, joint_names: Sequence[str]) -> tuple[str, ...]:
+        names = unique_names(joint_names, f"joints of the {self._source}", RobotError)
+        for name in names:
+            if name not in self.movable_joints:
+                raise RobotError(
+                    f"{self._source}: {unknown_name('movable joint', name, self.movable_joints)}"
+                )
+        return names
 
     def _frame_ids(self, frames: Sequence[str]) -> list[int]:
         for name in frames:
             if name not in self.frame_names:
                 raise RobotError(f"{self._source}: {unknown_name('link', name, self.frame_names)}")
-        return [self._model.getFrameId(name) for name in frames]
+        return [self._model.getFrameId(name, pin.FrameType.BODY) for name in frames]
 
     def _arranged(self, x: FloatArray) -> FloatArray:
         return np.ascontiguousarray(x if self._in_order else x[:, self._from_pin])
@@ -435,7 +534,7 @@ class Robot:
             reference[full.joints[full.getJointId(name)].idx_q] = position
         others = [i for i, name in enumerate(full.names) if i > 0 and name not in self.joint_names]
         self._others, self._reference = others, reference
-        return pin.buildReducedModel(full, others, reference) if others else full
+        return _reduced(full, [], others, reference)[0]
 
     def _mass_matrix_is_whole(self) -> bool:
         """Whether Pinocchio fills both triangles of M (releases before 3.0 fill the upper one)."""
@@ -489,65 +588,22 @@ class AttachedPoints:
         return points, jacobians[..., self._to_pin]
 
 
-def _parse(urdf: str, source: str) -> ET.Element:
-    try:
-        root = ET.fromstring(urdf)
-    except ET.ParseError as error:
-        raise RobotError(f"{source} is not XML: {error}") from None
-    except ValueError as error:  # for example an encoding declaration that text can't have
-        raise RobotError(f"{source} can't be parsed: {error}") from None
-    if root.tag != "robot":
-        raise RobotError(f"{source} is no URDF: its root element is <{root.tag}>, not <robot>")
-    if _is_xacro(root):
-        raise RobotError(
-            f"{source} is a xacro file: expand it to a URDF first (`xacro file.xacro`)"
-        )
-    return root
+def _reduced(full: Any, geometries: list[Any], locked: list[int], reference: Any) -> Any:
+    """The model without locked joints, and geometries of its links.
 
-
-def _is_xacro(root: ET.Element) -> bool:
-    """Tell a xacro file that was not expanded; what is in comments survives expansion."""
-    return any(
-        re.match(r"\{[^}]*xacro\}", element.tag)
-        or any("${" in value for value in element.attrib.values())
-        for element in root.iter()
-    )
-
-
-def _limits_of(joint: ET.Element, source: str) -> dict[str, float]:
-    """Limits that the URDF states for a joint, by the keys of limits files."""
-    limit = joint.find("limit")
-    if limit is None:
-        return {}
-    keys = {"velocity": "max_velocity", "effort": "max_effort"}
-    if joint.get("type") != "continuous":
-        keys |= {"lower": "min_position", "upper": "max_position"}
-    values = {}
-    for attribute, key in keys.items():
-        text = limit.get(attribute, "0" if key.endswith("position") else None)
-        if text is None:
-            continue
-        try:
-            values[key] = float(text)
-        except ValueError:
-            raise RobotError(
-                f"{source}: the limit '{attribute}' of joint '{joint.get('name')}' is "
-                f"'{text}', not a number"
-            ) from None
-    return values
-
-
-def _build_model(
-    root: ET.Element, joints: Mapping[str, ET.Element], continuous: set[str], source: str
-) -> Any:
-    for name in continuous:
-        joints[name].set("type", "revolute")
-        limit = joints[name].find("limit")
-        if limit is None:
-            limit = ET.SubElement(joints[name], "limit", velocity=_UNBOUNDED, effort=_UNBOUNDED)
-        limit.set("lower", "-" + _UNBOUNDED)
-        limit.set("upper", _UNBOUNDED)
-    try:
-        return pin.buildModelFromXML(ET.tostring(root, encoding="unicode"))
-    except (ValueError, RuntimeError) as error:
-        raise RobotError(f"{source} is refused by Pinocchio: {error}") from None
+    Pinocchio finds frames by name there, and some joints are called as a link: they get other names
+    meanwhile.
+    """
+    if not locked:
+        return full, geometries
+    links = {frame.name for frame in full.frames if frame.type == pin.FrameType.BODY}
+    model = full.copy()
+    for frame in model.frames:
+        if frame.type != pin.FrameType.BODY and frame.name in links:
+            frame.name += _NOT_A_LINK
+    for joint, name in enumerate(full.names):
+        model.names[joint] = name + _NOT_A_LINK if name in links else name
+    reduced, geometries = pin.buildReducedModel(model, geometries, locked, reference)
+    for joint, name in enumerate(list(reduced.names)):
+        reduced.names[joint] = name.removesuffix(_NOT_A_LINK)
+    return reduced, geometries

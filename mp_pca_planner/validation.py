@@ -191,7 +191,13 @@ def check_limits(trajectory: Trajectory, robot: Robot, limits: JointLimits) -> L
         For the efforts, which are computed here, not taken from the trajectory.
     limits : JointLimits
         Limits of the same joints.
+
+    Raises
+    ------
+    RobotError
+        If efforts are limited, and a moving link of the robot has no valid inertia.
     """
+    require_effort_limits(robot, limits)
     steps, ends = np.diff(trajectory.times), _segment_ends(trajectory)
     moves_inside = _stays_inside(ends, steps, limits)
     efforts_inside = _efforts_stay_clear(trajectory, ends, steps, robot, limits)
@@ -219,6 +225,18 @@ def check_limits(trajectory: Trajectory, robot: Robot, limits: JointLimits) -> L
                 found.append(Violation(quantity, name, time, value, float(bound[j]), excess))
     found.sort(key=lambda violation: -violation.excess)
     return LimitCheck(tuple(found))
+
+
+def require_effort_limits(robot: Robot, limits: JointLimits) -> None:
+    """Refuse a robot whose efforts are limited, but can't be computed.
+
+    Raises
+    ------
+    RobotError
+        If a moving link has no valid inertia.
+    """
+    if np.isfinite(limits.effort).any():
+        robot.require_inertias("limits of efforts", "take those away (max_effort: .inf)")
 
 
 def _stays_inside(ends: FloatArray, steps: FloatArray, limits: JointLimits) -> bool:

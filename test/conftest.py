@@ -128,7 +128,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption(
         "--planned-sequences",
         type=int,
-        default=40,
+        default=12,
         help="random sequences of goals that are planned and followed (test_motion_server.py)",
     )
 

@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 import rclpy
 from arm import JOINTS, arm_primitive
+from patience import HANG, NODE_EVER
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
@@ -31,7 +32,7 @@ URDF = config_file("human_arm.urdf").read_text(encoding="utf-8")
 
 # Tests publish a state once, and the machine may be busy: how long states are good for, and plans
 # may take [s].
-PATIENCE = {"state_timeout": 60.0, "max_solve_time": 30.0}
+PATIENCE = {"state_timeout": NODE_EVER, "max_solve_time": NODE_EVER}
 PATIENTLY = tuple(word for name, time in PATIENCE.items() for word in ("-p", f"{name}:={time}"))
 
 
@@ -47,7 +48,7 @@ def running_node(
     finally:
         process.send_signal(signal.SIGINT)
         try:
-            status = process.wait(timeout=20.0)
+            status = process.wait(timeout=HANG)
         finally:
             process.kill()
     assert status == 0, log.read_text()
@@ -86,7 +87,7 @@ def ros_node(name: str) -> Iterator[Node]:
 def call(node: Node, kind: Any, name: str, request: Any) -> Any:
     """What a service answers."""
     client = node.create_client(kind, name)
-    assert client.wait_for_service(10.0)
+    assert client.wait_for_service(HANG)
     executor = SingleThreadedExecutor(context=node.context)
     executor.add_node(node)
     # DDS may find the service before the service finds the client; then the answer is lost.

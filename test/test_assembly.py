@@ -4,15 +4,16 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
 from arm import JOINTS, arm_primitive
 
 from mp_pca_planner.exceptions import LimitsError, PlannerError, RobotError
+from mp_pca_planner.execution.assembly import assemble_model
+from mp_pca_planner.execution.parameters import Settings
 from mp_pca_planner.resources import config_file
-from mp_pca_planner.ros.assembly import assemble_model
-from mp_pca_planner.ros.parameters import Settings
 
 URDF = config_file("human_arm.urdf").read_text(encoding="utf-8")
 MESHED = URDF.replace(
@@ -62,6 +63,7 @@ def test_meshes_are_needed_only_where_collisions_are_looked_for(tmp_path: Path) 
     [
         ("<robot", Settings(), RobotError),
         (URDF.replace('"elbow"', '"knee"'), Settings(), RobotError),
+        (re.sub("<inertial>.*?</inertial>", "", URDF, flags=re.DOTALL), Settings(), RobotError),
         (URDF, Settings(limits_file="/nowhere.yaml"), LimitsError),
         (URDF, Settings(limits={"elbow": {"max_velocity": -1.0}}), LimitsError),
         (URDF, Settings(collision=True, srdf="/nowhere.srdf"), RobotError),

@@ -8,6 +8,7 @@ import sys
 import numpy as np
 import pytest
 from arm import arm_primitive
+from patience import EVER
 
 from mp_pca_planner.benchmarking.check import RigidArm, judge
 from mp_pca_planner.benchmarking.collocation import SequentialLeastSquares, _Program
@@ -52,7 +53,7 @@ def problem(scene) -> Problem:
 
 
 def benchmark(capsys, *options: str) -> dict:
-    assert main([*options, "--json"]) == 0
+    assert main([*options, "--time-limit", str(EVER), "--json"]) == 0
     return json.loads(capsys.readouterr().out)
 
 
@@ -64,7 +65,7 @@ def test_peer_goes_from_start_to_goal(scene, problem, name):
     if name in PEER_MODULES:
         extra = "drake" if name == "drake" else "peers"
         pytest.importorskip(PEER_MODULES[name], reason=f"the extra '{extra}' is not installed")
-    answer = PEERS[name](scene, 30.0).solve(problem)
+    answer = PEERS[name](scene, EVER).solve(problem)
     assert answer.status == "solved" and answer.solve_time > 0.0
     verdict = judge(
         answer.trajectory, problem, RigidArm(scene.urdf, scene.robot.joint_names), scene.limits
@@ -78,7 +79,7 @@ def test_peer_goes_from_start_to_goal(scene, problem, name):
 def test_planners_methods_keep_the_limits_for_the_referee(scene, problem):
     arm = RigidArm(scene.urdf, scene.robot.joint_names)
     costs = {}
-    for method in planner_methods(scene, 10.0):
+    for method in planner_methods(scene, EVER):
         verdict = judge(method.solve(problem).trajectory, problem, arm, scene.limits)
         assert verdict.feasible and verdict.end_error == 0.0
         costs[method.name] = verdict.effort_cost

@@ -17,6 +17,7 @@ from pathlib import Path
 import pytest
 from cluster_work import die_of_three, die_once, fail, kill
 from conftest import reaching, stamped, write_bag
+from patience import HANG
 from test_build_primitives import build, refusal
 
 from mp_pca_planner.exceptions import MissingDependencyError, RecordingError
@@ -30,7 +31,7 @@ from mp_pca_planner.recordings.load import load_recordings
 from mp_pca_planner.recordings.processes import Outcome
 
 FOLDER = Path(__file__).parent
-MOST_SECONDS = 60
+MOST_SECONDS = HANG
 
 
 @dataclass(frozen=True)

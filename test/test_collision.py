@@ -3,12 +3,14 @@
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
 import pytest
 from arm import JOINTS, arm_demonstrations, arm_primitive, arm_robot
+from patience import EVER, PATIENT
 
 from mp_pca_planner.cli.plan import main
 from mp_pca_planner.cli.refine import main as refine_command
@@ -281,7 +283,8 @@ ACROSS_BASE = JointState(NAMES, [0.0, 1.5, 2.09]), JointState(NAMES, [0.0, 2.7, 
 
 def chain_planner(model: CollisionModel | None, **options: float) -> Planner:
     robot = chain()
-    return Planner(robot, [fold()], robot.limits(), PlannerOptions(**options), model)
+    options = PlannerOptions(**{"max_solve_time": EVER, **options})
+    return Planner(robot, [fold()], robot.limits(), options, model)
 
 
 def fold() -> MovementPrimitive:
@@ -300,7 +303,7 @@ def fold() -> MovementPrimitive:
 def test_motion_of_least_effort_goes_around_the_body():
     robot = arm_robot()
     limits, primitive = robot.limits(), arm_primitive()
-    model, options = CollisionModel(robot), PlannerOptions(naturalness=0.0, max_solve_time=20.0)
+    model, options = CollisionModel(robot), replace(PATIENT, naturalness=0.0)
     n_through = 0
     for shown in arm_demonstrations(12, 7):
         start, goal = (JointState(JOINTS, shown.positions[end]) for end in (0, -1))
@@ -342,9 +345,7 @@ def test_what_components_cannot_avoid_splines_do(model, naturalness):
     start, goal = ACROSS_BASE
     through = chain_planner(None, naturalness=naturalness).plan(JointGoal(goal, 1.5), start)
     assert {one.links for one in model.collisions(through.trajectory)} == {("base", "c")}
-    plan = chain_planner(model, naturalness=naturalness, max_solve_time=20.0).plan(
-        JointGoal(goal, 1.5), start
-    )
+    plan = chain_planner(model, naturalness=naturalness).plan(JointGoal(goal, 1.5), start)
     assert plan.is_executable
     assert plan.correction > 0.0 or plan.n_components_used == 0
     look = always_looking()
@@ -354,7 +355,7 @@ def test_what_components_cannot_avoid_splines_do(model, naturalness):
 def test_configuration_for_a_pose_is_one_without_collision():
     # The robot reaches a point before its base with the second link over it only from one side.
     robot = chain()
-    planner = chain_planner(CollisionModel(robot), max_solve_time=20.0)
+    planner = chain_planner(CollisionModel(robot))
     start = JointState(NAMES, [0.0, 1.5, 1.6])
     point = robot.frame_positions(np.array([[0.3, 1.9, 2.3]]), ["c"])[0, 0]
     plan = planner.plan(PoseGoal(Pose("c", point)), start)
@@ -426,7 +427,7 @@ def test_optimal_sequence_that_collides_gives_way_to_the_one_joined_in_real_time
 def around_base() -> Motion:
     """A motion that goes around the base, for no other reason than what is there."""
     start, goal = ACROSS_BASE
-    planner = chain_planner(CollisionModel(chain()), max_solve_time=20.0)
+    planner = chain_planner(CollisionModel(chain()))
     plan = planner.plan(JointGoal(goal, 1.5), start)
     assert plan.is_executable
     return plan.motion

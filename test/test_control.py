@@ -13,6 +13,7 @@ from arm import JOINTS, arm_primitive, arm_robot
 
 from mp_pca_planner.cli.verify import main
 from mp_pca_planner.control.closed_loop import Sampling, simulate
+from mp_pca_planner.control.errors import ErrorModel
 from mp_pca_planner.control.law import (
     COMPUTED_TORQUE,
     FEEDFORWARD_PD,
@@ -21,7 +22,7 @@ from mp_pca_planner.control.law import (
     pair_law,
     paired_law,
 )
-from mp_pca_planner.control.stability import ErrorModel, analyse
+from mp_pca_planner.control.stability import analyse
 from mp_pca_planner.control.verification import verify
 from mp_pca_planner.exceptions import ControlError, PrimitiveFileError
 from mp_pca_planner.primitives.boundary import boundary_values, hermite_functions

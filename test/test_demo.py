@@ -3,10 +3,15 @@
 """The README's first command, as a stranger runs it."""
 
 import os
+import signal
 import subprocess
 import sys
+import time
+from pathlib import Path
 
+import numpy as np
 import pytest
+from patience import HANG
 
 from mp_pca_planner.primitives.file import load_primitive
 from mp_pca_planner.recordings.load import load_recordings
@@ -22,18 +27,54 @@ def test_the_demo_goes_the_whole_way_and_leaves_pictures(tmp_path):
         capture_output=True,
         text=True,
         check=False,
-        timeout=120,
+        timeout=HANG,
     )
     assert done.returncode == 0, done.stderr
     assert done.stderr == ""
     lines = done.stdout.splitlines()
     assert sum(line.endswith("  executable") for line in lines) == 12
+    errors = [float(line.split()[6]) for line in lines if line.endswith("  executable")]
+    assert max(errors) < 1.0
     folder = tmp_path / "out"
+    # The arm was commanded to all of the goals: it raised itself six times.
+    elbow = np.load(folder / "commands.npz")["q"][:, 3]
+    level = 0.5 * (elbow.min() + elbow.max())
+    assert np.count_nonzero(np.diff(np.sign(elbow - level))) == 12
     for name in ("primitive.png", "motion.png", "arm.png"):
         assert (folder / name).read_bytes().startswith(b"\x89PNG")
     recordings = load_recordings([folder / "recording"])
     primitive = load_primitive(folder / "arm_raising.npz")
     assert len(primitive.durations) == len(recordings.demonstrations) >= 50
+
+
+def children(pid: int) -> dict[int, str]:
+    """Command lines of the running children of a process."""
+    found = {}
+    for status in Path("/proc").glob("[0-9]*/status"):
+        try:
+            if f"\nPPid:\t{pid}\n" in status.read_text():
+                found[int(status.parent.name)] = (status.parent / "cmdline").read_text()
+        except OSError:  # it has just ended
+            continue
+    return found
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_interrupted_demo_ends_its_child_processes(tmp_path, number):
+    pytest.importorskip("rclpy", reason="ROS 2 (extra 'ros') is not installed")
+    pytest.importorskip("matplotlib", reason="matplotlib (extra 'plot') is not installed")
+    environment = {**os.environ, "ROS_DOMAIN_ID": str(1 + (os.getpid() + 60) % 101)}
+    command = [sys.executable, "-m", "mp_pca_planner", "demo", "--output", str(tmp_path / "out")]
+    with subprocess.Popen(command, env=environment, stdout=subprocess.DEVNULL) as demo:
+        started: dict[int, str] = {}
+        while not any("simulate" in words for words in started.values()):
+            assert demo.poll() is None
+            started |= children(demo.pid)
+            time.sleep(0.01)
+        demo.send_signal(number)
+        assert demo.wait(60.0) == 1
+    assert len(started) == 2
+    assert not any(Path(f"/proc/{pid}").exists() for pid in started)
 
 
 def test_without_ros_the_demo_names_the_extra(tmp_path):

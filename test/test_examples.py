@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from patience import HANG
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 
@@ -20,7 +21,7 @@ def test_learning_loop_plans_executes_records_learns_and_plans_again(tmp_path):
         [sys.executable, EXAMPLES / "learning_loop.py", "--output", tmp_path, "--trials", "2"],
         capture_output=True,
         text=True,
-        timeout=300,
+        timeout=HANG,
         check=False,
         cwd=EXAMPLES.parent,
         env=os.environ | {"PYTHONPATH": str(EXAMPLES.parent), "MPLBACKEND": "Agg"},

@@ -14,6 +14,8 @@ pytest.importorskip("rclpy", reason="ROS 2 (rclpy) is not installed")
 
 import rclpy
 from nodes import ros_node, set_domain
+from patience import HANG
+from rclpy.duration import Duration
 from rclpy.node import Node
 from std_msgs.msg import Float64
 
@@ -46,10 +48,10 @@ class Kitchen:
 
     def _receive(self, messages: list[Float64]) -> None:
         self.got.append([message.data for message in messages])
-        self.may_go_on.wait(30.0)
+        self.may_go_on.wait(HANG)
 
     def wait_for(self, *expected: list[float]) -> None:
-        deadline = time.monotonic() + 30.0
+        deadline = time.monotonic() + HANG
         while self.got != list(expected) and time.monotonic() < deadline:
             time.sleep(0.01)
         assert self.got == list(expected)
@@ -77,7 +79,7 @@ def test_what_comes_meanwhile_is_handed_over_together_the_newest_last(node: Node
     kitchen.wait_for([0.0])
     for number in range(1, 8):
         kitchen.publisher.publish(Float64(data=float(number)))
-    time.sleep(0.2)
+    assert kitchen.publisher.wait_for_all_acked(Duration(seconds=HANG))
     kitchen.may_go_on.set()
     kitchen.wait_for([0.0], [3.0, 4.0, 5.0, 6.0, 7.0])
     intake.close()
@@ -87,6 +89,6 @@ def test_intake_ends_with_its_context(node: Node) -> None:
     kitchen = Kitchen(node, "here")
     intake = GoalIntake(node.context, [kitchen.inlet])
     rclpy.shutdown(context=node.context)
-    intake._thread.join(10.0)
+    intake._thread.join(HANG)
     assert not intake._thread.is_alive()
     intake.close()

@@ -4,8 +4,8 @@
 
 import pytest
 
+from mp_pca_planner.execution.goal_statistics import GoalStatistics
 from mp_pca_planner.goal import JointGoal, SequenceGoal
-from mp_pca_planner.ros.goal_statistics import GoalStatistics
 
 
 def test_nothing_is_known_before_the_first_goal() -> None:

@@ -13,6 +13,7 @@ import pytest
 from arm import JOINTS, arm_primitive, arm_robot
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from patience import EVER
 from scipy.optimize import linprog
 from test_planner import REQUESTS, planner, request
 
@@ -148,23 +149,23 @@ def test_a_via_of_an_unknown_joint_or_frame_is_refused():
 def test_the_shortest_duration_is_feasible_and_clearly_shorter_ones_are_not():
     for i in range(2):
         goal, start = request(i)
-        plan = planner(timing="shortest", max_solve_time=60.0).plan(goal, start)
+        plan = planner(timing="shortest").plan(goal, start)
         assert plan.status == SOLVED and kept(plan)
         shortest = plan.shortest_duration
         assert shortest == plan.motion.duration
-        patient = planner(naturalness=0.01, max_solve_time=60.0)
+        patient = planner(naturalness=0.01)
         assert patient.plan(request(i, duration=1.05 * shortest)[0], start).is_executable
         assert not patient.plan(request(i, duration=0.6 * shortest)[0], start).is_executable
 
 
 def test_a_duration_that_is_too_short_is_told_the_shortest_feasible_one():
     goal, start = request(1, duration=0.1)
-    plan = planner(max_solve_time=30.0).plan(goal, start)
+    plan = planner().plan(goal, start)
     assert plan.status == INFEASIBLE
     assert f"the shortest duration that the limits allow is {plan.shortest_duration:.4g} s" in (
         plan.message
     )
-    patient = planner(naturalness=0.01, max_solve_time=60.0)
+    patient = planner(naturalness=0.01)
     assert patient.plan(request(1, duration=1.05 * plan.shortest_duration)[0], start).is_executable
 
 
@@ -179,14 +180,27 @@ def test_a_duration_is_not_called_the_shortest_when_there_was_no_time_to_find_th
     assert timed.status == STOPPED_EARLY
 
 
-def test_a_duration_that_is_too_short_is_told_when_no_other_was_found_in_time():
-    goal, start = request(1, duration=0.1)
+def test_a_duration_that_is_too_short_is_told_a_feasible_one_even_without_time():
     # With hardly any jerk, a motion takes far longer than demonstrated, where the search begins.
-    slow = planner(overrides={"elbow": {"max_jerk": 0.5}}, max_solve_time=1e-3)
-    plan = slow.plan(goal, start)
+    limits = {"elbow": {"max_jerk": 0.5}}
+    goal, start = request(1, duration=1.0)
+    plan = planner(overrides=limits, max_solve_time=1e-9).plan(goal, start)
     assert plan.status == INFEASIBLE
-    assert np.isnan(plan.shortest_duration)
-    assert "nor was one found in another duration, within max_solve_time = 0.001 s" in plan.message
+    assert plan.message.startswith("time ran out (max_solve_time = 1e-09 s) before a motion")
+    assert f"; a feasible duration is {plan.shortest_duration:.4g} s" in plan.message
+    again = replace(goal, duration=plan.shortest_duration)
+    for max_solve_time in (1e-9, EVER):
+        served = planner(overrides=limits, max_solve_time=max_solve_time).plan(again, start)
+        assert served.is_executable, served.message
+        assert served.motion.duration == again.duration
+
+
+def test_a_duration_below_what_the_velocities_allow_is_called_impossible():
+    goal, start = request(1, duration=0.01)
+    plan = planner(max_solve_time=1e-9).plan(goal, start)
+    assert plan.status == INFEASIBLE
+    assert plan.message.startswith("no motion within the limits takes 0.01 s: at its limit of vel")
+    assert "ran out" not in plan.message and "; a feasible duration is" in plan.message
 
 
 def test_a_free_duration_is_where_the_cost_is_least():
@@ -255,8 +269,7 @@ def test_what_b_splines_can_do_components_with_a_correction_can_do_too():
     for i in range(3):
         goal, start = request(i, duration=0.27)
         splines, components = (
-            planner(basis=basis, max_solve_time=20.0).plan(goal, start)
-            for basis in ("bspline", "pca")
+            planner(basis=basis).plan(goal, start) for basis in ("bspline", "pca")
         )
         n_splines += splines.is_executable
         assert components.is_executable >= splines.is_executable
@@ -284,7 +297,9 @@ def test_whatever_splines_can_do_is_done(i, shares, naturalness, coupling):
     # The planner leaves a margin of 5e-4.
     if least <= 0.999:
         plan = planner(
-            overrides=overrides, coupling=coupling, naturalness=naturalness, max_solve_time=20.0
+            overrides=overrides,
+            coupling=coupling,
+            naturalness=naturalness,
         ).plan(goal, start)
         assert plan.is_executable, (least, plan.message)
 

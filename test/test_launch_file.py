@@ -14,6 +14,7 @@ from pathlib import Path
 
 import pytest
 import yaml
+from patience import HANG
 
 FOLDER = Path(__file__).parents[1]
 LAUNCH_FILE = FOLDER / "launch" / "planner.launch.py"
@@ -155,7 +156,7 @@ def test_launched_node_heeds_every_argument_and_ends_with_the_launch(
             executor.spin_once(timeout_sec=10.0)
     finally:
         os.killpg(process.pid, signal.SIGINT)  # as a terminal does at Ctrl-C
-        output, _ = process.communicate(timeout=30.0)
+        output, _ = process.communicate(timeout=HANG)
     last = received[0].points[-1]
     assert list(last.positions) == GOAL
     assert last.time_from_start.sec + last.time_from_start.nanosec * 1e-9 == 1.5
@@ -176,6 +177,6 @@ def test_wrong_argument_is_named_and_nothing_is_left_running(
     prefix: Path, argument: str, words: str
 ) -> None:
     process = launched(prefix, argument)
-    output, _ = process.communicate(timeout=30.0)
+    output, _ = process.communicate(timeout=HANG)
     assert process.returncode == 1
     assert words in output

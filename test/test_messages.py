@@ -16,12 +16,15 @@ from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus
 from hypothesis import given
 from hypothesis import strategies as st
+from patience import PATIENT
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import JointState as JointStateMessage
 from std_msgs.msg import Header
 from trajectory_msgs.msg import JointTrajectory
 
+from mp_pca_planner.control.statement import control_statement
 from mp_pca_planner.exceptions import GoalError, TrajectoryError
+from mp_pca_planner.execution.parameters import DECLARATIONS
 from mp_pca_planner.goal import JointGoal, JointState, Pose, SequenceGoal
 from mp_pca_planner.planning.plan import Plan
 from mp_pca_planner.planning.planner import Planner
@@ -35,7 +38,6 @@ from mp_pca_planner.ros.messages import (
     to_state,
     to_trajectory,
 )
-from mp_pca_planner.ros.parameters import DECLARATIONS
 from mp_pca_planner.ros.trajectory_bytes import serialize_trajectory
 from mp_pca_planner.trajectory import Trajectory
 
@@ -62,7 +64,7 @@ def written(sent: Trajectory, with_efforts: bool = False) -> JointTrajectory:
 def plan() -> Plan:
     robot, primitive = arm_robot(), arm_primitive()
     start, goal = (JointState(JOINTS, primitive.boundary_states[0][i]) for i in (0, 3))
-    return Planner(robot, [primitive], robot.limits()).plan(JointGoal(goal), start)
+    return Planner(robot, [primitive], robot.limits(), PATIENT).plan(JointGoal(goal), start)
 
 
 # Goals
@@ -249,6 +251,13 @@ def test_report_of_an_unusual_plan_is_a_warning(
     assert report.level == DiagnosticStatus.WARN
     for word in words:
         assert word in report.message
+
+
+def test_report_states_the_control_law_of_the_primitive_used(plan: Plan) -> None:
+    used, other = arm_primitive(), arm_primitive("joint", 2)
+    report = to_plan_report(replace(plan, primitive=used.name), STAMP, primitives=(used, other))
+    laws = {key: value for key, value in values(report).items() if key.startswith("control_law")}
+    assert laws == {f"control_law.{used.name}": control_statement(used)}
 
 
 def test_refusal_is_an_error_with_the_plan_if_there_is_one(plan: Plan) -> None:

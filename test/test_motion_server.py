@@ -1,360 +1,424 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Goals, stops and replacements, judged by what a controller commands after them.
+"""Goals, stops and replacements, judged by what a simulated controller commands after them.
 
-Time is the tests' own; planning takes as long as they say.
+Time is virtual; planning takes as long as the tests say.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from types import SimpleNamespace
-from typing import Any
+import sys
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
-
-pytest.importorskip("trajectory_msgs", reason="ROS 2 messages are not installed")
-
 from arm import JOINTS, arm_primitive
-from controller import Controller, RefusedMessageError
-from rclpy.serialization import deserialize_message
-from trajectory_msgs.msg import JointTrajectory
+from patience import NODE_EVER
 
-from mp_pca_planner.exceptions import GoalError, PlannerError
-from mp_pca_planner.goal import JointGoal, JointState, SequenceGoal
+from mp_pca_planner.exceptions import GoalError
+from mp_pca_planner.execution.assembly import assemble_model
+from mp_pca_planner.execution.goal_statistics import GoalStatistics
+from mp_pca_planner.execution.motion_server import MotionServer
+from mp_pca_planner.execution.newest_goal import CancelledError
+from mp_pca_planner.execution.parameters import Settings
+from mp_pca_planner.goal import JointGoal, JointState, Pose, PoseGoal, SequenceGoal
 from mp_pca_planner.resources import config_file
-from mp_pca_planner.ros.assembly import Model, assemble_model
-from mp_pca_planner.ros.goal_statistics import GoalStatistics
-from mp_pca_planner.ros.motion_server import MotionServer, UnexecutablePlanError
-from mp_pca_planner.ros.newest_goal import CancelledError
-from mp_pca_planner.ros.parameters import Settings
-from mp_pca_planner.ros.start_state import StartStates, TooLateError
-from mp_pca_planner.ros.trajectory_bytes import serialize_trajectory
-from mp_pca_planner.trajectory import Trajectory
-from mp_pca_planner.validation import check_limits
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
+
+from referee import judge
+from virtual_node import VirtualNode
 
 URDF = config_file("human_arm.urdf").read_text(encoding="utf-8")
 MOTION = arm_primitive().boundary_states[0]
 START, GOAL = MOTION[0], MOTION[3]
-MAX_VELOCITY, MAX_ACCELERATION = 3.0, 40.0
+HALF = 0.5 * (START + GOAL)
 LIMITS = {
-    name: {"max_velocity": MAX_VELOCITY, "max_acceleration": MAX_ACCELERATION} for name in JOINTS
+    name: {"max_velocity": 3.0, "max_acceleration": 12.0, "max_jerk": 200.0} for name in JOINTS
 }
-SETTINGS = Settings(start_from="commanded", limits=LIMITS)
-MODEL = assemble_model(URDF, [arm_primitive()], SETTINGS)
+WAIT = 0.02  # of motions from rest, in which any message is received [s]
+FINEST = 2e-7  # step that no encoder sees [rad]
 
 
-class MinimumJerk:
-    """A planner that is fast: one quintic to the goal, as long as the way needs."""
-
-    def __init__(self, model: Model) -> None:
-        self._model = model
-
-    def plan(self, goal: JointGoal, start: JointState) -> Any:
-        way = np.abs(goal.state.positions - start.positions).max()
-        duration = max(0.3, 1.0 * way, np.abs(start.velocities).max() / 4.0)
-        q = [start.positions, goal.state.positions]
-        v, a = ([x, np.zeros(4)] for x in (start.velocities, start.accelerations))
-        trajectory = Trajectory(JOINTS, [0.0, duration], q, v, a)
-        check = check_limits(trajectory, self._model.robot, self._model.limits)
-        return SimpleNamespace(
-            trajectory=trajectory,
-            limit_check=check,
-            is_executable=not check.violations,
-            message="",
-            solve_time=0.0,
-        )
+def model(**settings):
+    options = Settings(limits=LIMITS, max_solve_time=NODE_EVER, **settings)
+    return assemble_model(URDF, [arm_primitive()], options)
 
 
-@dataclass
-class World:
-    """A robot that does what its controller commands, and the server that commands it."""
+MODEL = model()
 
-    model: Model = MODEL
-    now: float = 10.0
-    planning_time: float = 0.01
-    rate: float = 1.0  # of the robot's time to that in which planning is measured
 
-    def __post_init__(self) -> None:
-        self.controller = Controller(JOINTS, START, self.now)
-        self.states = StartStates(self, lambda: self.now, lambda: self.now, self._measure)
-        self.states.expect(JOINTS)
-        self.server = MotionServer(
-            self.states, GoalStatistics(), self._send, lambda: self.now / self.rate
-        )
-        self.sent: list[JointTrajectory] = []
+class Node(VirtualNode):
+    """A node whose goals are numbered from 1."""
 
-    def serve(self, positions: Any, planner: Any = None) -> None:
-        """Plan while time passes."""
-        inner = planner or self.model.planner
+    def __init__(self, model=MODEL, **options):
+        super().__init__(model, START, **{"planning_time": (0.01, 0.01), **options})
+        self.model = model
+        self.n_goals = 0
+        self.run(0.3)
 
-        def plan(goal: JointGoal, start: JointState) -> Any:
-            self.now += self.planning_time
-            return inner.plan(goal, start)
+    def ask(self, positions, names=JOINTS, **options):
+        self.n_goals += 1
+        self.goal(JointGoal(JointState(names, positions), **options), self.n_goals)
+        self.run(0.001)
 
-        model = replace(self.model, planner=SimpleNamespace(plan=plan))
-        goal = JointGoal(JointState(JOINTS, positions))
-        self.server.serve(JointGoal, lambda _: goal, model, lambda: False)
+    def ask_sequence(self, *targets, times=()):
+        self.n_goals += 1
+        states = tuple(JointState(JOINTS, q) for q in targets)
+        self.goal(SequenceGoal(states, times), self.n_goals)
+        self.run(0.001)
 
-    def serve_sequence(self, *targets: Any, times: tuple[float | None, ...] = ()) -> int:
-        """Plan a sequence while time passes; returns how often it was planned."""
-        model, n_plans = replace(self.model), 0
-        inner = model.sequence_planner
+    @property
+    def statuses(self):
+        return [report.status for report in self.plan_reports]
 
-        def plan(*request: Any) -> Any:
-            nonlocal n_plans
-            n_plans += 1
-            self.now += self.planning_time
-            return inner.plan(*request)
+    @property
+    def outcomes(self):
+        return [report.outcome for _, report in self.execution_reports]
 
-        vars(model)["sequence_planner"] = SimpleNamespace(plan=plan)
-        goal = SequenceGoal(tuple(JointState(JOINTS, q) for q in targets), times)
-        self.server.serve(SequenceGoal, lambda _: goal, model, lambda: False)
-        return n_plans
+    @property
+    def commanded(self):
+        return self.robot.record.q[-1]
 
-    def names_all(self, message: bytes, joint_names: Any) -> bool:
-        return True
+    def assert_smooth(self, cuts=()):
+        """No command is beyond a limit, and none jumps."""
+        assert not self.robot.rejections
+        record, limits = self.robot.record, self.model.limits
+        bounds = {
+            name: getattr(limits, name)
+            for name in ("lower", "upper", "velocity", "acceleration", "jerk")
+        }
+        cuts = [*record.cuts, *cuts]
+        verdict = judge(record.q, record.clock, bounds, time=record.times, cuts=cuts, finest=FINEST)
+        assert verdict.is_clean, verdict
 
-    def read(self, message: bytes, joint_names: Any) -> JointState:
-        return JointState(JOINTS, *self.controller.state[:2])
-
-    def _measure(self) -> None:
-        self.controller.run_until(self.now)
-        self.states.receive(b"")
-
-    def _send(self, trajectory: Trajectory, last_point_only: bool) -> None:
-        raw = serialize_trajectory(trajectory, with_efforts=False, last_point_only=last_point_only)
-        self.sent.append(deserialize_message(raw, JointTrajectory))
-        self.controller.receive(self.sent[-1], self.now)
+    def assert_rests_at(self, positions):
+        np.testing.assert_allclose(self.commanded, positions, atol=1e-9)
+        assert not self.robot.record.v[-1].any()
 
 
 @pytest.fixture
-def world() -> World:
-    return World()
+def node():
+    return Node()
 
 
-def assert_smooth(controller: Controller) -> None:
-    """No command is further from the one before than the limits let a joint go in a cycle.
-
-    A controller starts a message in its next cycle, and the sender can't see how far off that is:
-    where one message replaces another, and only there, it may skip what is left of a cycle.
-    """
-    rounding = 1.0 + 1e-4
-    q, v, a = controller.commands().transpose(1, 0, 2)
-    assert np.abs(v).max() <= MAX_VELOCITY * rounding
-    assert np.abs(a).max() <= MAX_ACCELERATION * rounding
-    cycles = np.ones(len(q) - 1)
-    cycles[np.array(controller.replaced, dtype=int) - 1] = 2.0
-    time = cycles[:, None] * controller.period * rounding
-    assert np.all(np.abs(np.diff(q, axis=0)) <= MAX_VELOCITY * time)
-    assert np.all(np.abs(np.diff(v, axis=0)) <= MAX_ACCELERATION * time)
+# Goals
 
 
-def follow_random_sequences(n: int, planner: Any = None) -> tuple[int, int]:
-    """Goals and stops at random times; returns how many goals were served, and sent in motion."""
+def test_random_sequences_of_goals_and_stops_are_followed_without_a_jump(request):
     random = np.random.default_rng(3)
     low, high = np.minimum(START, GOAL), np.maximum(START, GOAL)
-    n_served = n_moving = 0
-    for _ in range(n):
-        world = World(now=float(random.uniform(0.0, 1e5)))
-        for _ in range(int(random.integers(2, 5))):
-            world.planning_time = float(random.uniform(0.0, 0.1))
-            try:
-                if random.random() < 0.15:
-                    world.server.stop(world.model)
-                else:
-                    n_moving += world.states.running is not None
-                    world.serve(random.uniform(low, high), planner)
-                    n_served += 1
-            except (UnexecutablePlanError, TooLateError):
-                continue  # published nothing
-            world.now += float(
-                random.choice([0.0, random.uniform(0.0, 0.7), 3.0], p=[0.1, 0.7, 0.2])
-            )
-        if world.sent:
-            end = world.sent[-1].points[-1].time_from_start
-            world.controller.run_until(world.now + end.sec + end.nanosec * 1e-9 + 0.01)
-        assert_smooth(world.controller)
-        assert not np.any(world.controller.state[1])
-    return n_served, n_moving
+    n_moving = 0
+    for seed in range(request.config.getoption("--planned-sequences")):
+        node = Node(seed=seed, planning_time=(0.0, 0.1))
+        for _ in range(random.integers(3, 6)):
+            if random.random() < 0.15:
+                node.stop()
+            else:
+                n_moving += bool(np.any(node.robot.record.v[-1]))
+                node.ask(random.uniform(low, high))
+            node.run(random.choice([0.0, random.uniform(0.0, 0.7), 3.0], p=[0.1, 0.7, 0.2]))
+        node.run(5.0)
+        node.ask(GOAL)
+        node.run(5.0)
+        node.assert_smooth()
+        node.assert_rests_at(GOAL)
+        assert set(node.statuses) <= {"served", "overtaken"}
+        assert len(node.plan_reports) == node.n_goals
+        assert len(node.outcomes) == node.statuses.count("served")
+    assert n_moving > seed
 
 
-def test_thousand_random_sequences_of_goals_and_stops_are_followed_without_a_jump() -> None:
-    n_served, n_moving = follow_random_sequences(1000, MinimumJerk(MODEL))
-    assert n_served > 2000
-    assert n_moving > 900
+def test_planned_motions_replace_each_other_without_a_jump(node):
+    for positions in (GOAL, START, HALF, GOAL):
+        node.ask(positions)
+        node.run(0.4)
+    node.run(5.0)
+    assert node.statuses == ["served"] * 4
+    assert node.outcomes == ["replaced"] * 3 + ["arrived"]
+    node.assert_smooth()
+    node.assert_rests_at(GOAL)
 
 
-def test_random_sequences_are_followed_without_a_jump_as_they_are_really_planned(
-    request: pytest.FixtureRequest,
-) -> None:
-    n = request.config.getoption("--planned-sequences")
-    n_served, n_moving = follow_random_sequences(n)
-    assert n_served > 2 * n
-    assert n_moving > 0.9 * n
+@pytest.mark.parametrize("planning_time", [0.15, 0.6])
+def test_planning_that_is_slower_than_expected_still_serves_a_moving_robot(node, planning_time):
+    node.ask(GOAL)
+    node.run(0.3)
+    node._planning_time = planning_time, planning_time
+    node.ask(START)
+    node.run(5.0)
+    assert node.statuses == ["served"] * 2
+    node.assert_smooth()
+    node.assert_rests_at(START)
 
 
-def test_planned_motions_replace_each_other_without_a_jump(world: World) -> None:
-    for positions in (GOAL, START, 0.5 * (START + GOAL), GOAL):
-        world.serve(positions)
-        world.now += 0.4
-    world.controller.run_until(world.now + 5.0)
-    assert len(world.sent) == 4
-    assert_smooth(world.controller)
-    np.testing.assert_allclose(world.controller.state[0], GOAL, atol=1e-12)
-
-
-def test_slow_planning_is_made_up_for_by_another_attempt(world: World) -> None:
-    world.serve(GOAL)
-    world.now += 0.3
-    world.planning_time = 0.15  # more than expected after one goal in 0.01 s
-    world.serve(START)
-    assert len(world.sent) == 2
-    world.controller.run_until(world.now + 5.0)
-    assert_smooth(world.controller)
-
-
-def test_robot_may_be_simulated_faster_than_it_is_planned_for() -> None:
-    world = World(rate=20.0, planning_time=0.2)
+def test_robot_may_be_simulated_faster_than_it_is_planned_for():
+    node = Node(planning_time=(0.2, 0.2))
+    node.server = MotionServer(
+        node.states, GoalStatistics(), node._send, lambda: node.now / 20, node._report, node.advance
+    )
     for positions in (GOAL, START, GOAL):
-        world.serve(positions)
-        world.now += 0.4
-    world.controller.run_until(world.now + 5.0)
-    assert len(world.sent) == 3
-    assert_smooth(world.controller)
+        node.ask(positions)
+        node.run(0.4)
+    node.run(5.0)
+    assert node.statuses == ["served"] * 3
+    node.assert_smooth()
 
 
-def test_stop_is_one_point_at_rest_that_is_reached_without_a_jump(world: World) -> None:
-    world.serve(GOAL)
-    world.now += 0.4
-    assert "rest" in world.server.stop(world.model)
-    (point,) = world.sent[-1].points
-    assert list(point.velocities) == list(point.accelerations) == [0.0] * 4
-    here, velocity, _ = world.controller.state
-    assert np.abs(velocity).max() > 0.1
-    world.controller.run_until(world.now + 5.0)
-    assert_smooth(world.controller)
-    assert not np.any(world.controller.state[1])
-    way = np.abs(world.controller.state[0] - here).max()
-    assert 0.0 < way < 0.2
+def test_motion_from_rest_is_stamped_and_waits_until_any_message_is_received(node):
+    node.robot.faults.delay = 0.9 * WAIT
+    node.ask(GOAL)
+    ((time, trajectory, stamp, last_point_only),) = node.sent
+    assert (stamp, last_point_only) == (time, False)
+    q = trajectory.positions[trajectory.times <= WAIT + 1e-9]
+    assert len(q) == 2 and (q == q[0]).all()
+    node.run(5.0)
+    node.assert_smooth()
 
 
-def test_stop_of_a_robot_at_rest_stays_where_it_is(world: World) -> None:
-    world.server.stop(world.model)
-    assert list(world.sent[-1].points[0].positions) == START.tolist()
+def test_motion_that_continues_another_one_is_stamped_with_the_moment_it_was_joined_for(node):
+    node.ask(GOAL)
+    node.run(0.4)
+    node.robot.faults.delay = 0.5 * WAIT
+    node.ask(START)
+    time, trajectory, stamp, _ = node.sent[-1]
+    assert stamp == time
+    tick = int(np.argmin(np.abs(node.robot.record.times - time)))
+    np.testing.assert_allclose(trajectory.positions[0], node.robot.record.q[tick - 1], atol=5e-5)
+    node.run(5.0)
+    node.assert_smooth()
 
 
-def test_stop_that_no_limit_allows_holds_the_position_and_says_so(world: World) -> None:
-    world.serve(GOAL)
-    world.now += 0.4
-    tight = world.model.robot.limits({name: {"max_acceleration": 1e-6} for name in JOINTS})
-    assert "no stop within the limits" in world.server.stop(replace(world.model, limits=tight))
-    assert len(world.sent[-1].points) == 1
+def test_no_motion_is_stamped_where_that_is_not_wanted():
+    node = Node(model(stamp_trajectories=False))
+    node.ask(GOAL)
+    node.run(0.4)
+    node.ask(START)
+    assert [stamp for _, _, stamp, _ in node.sent] == [None, None]
 
 
-def test_stop_needs_to_know_where_the_robot_is(world: World) -> None:
-    world.states.expect(("other",))
-    world.states.receive(b"")
-    world.states.expect(JOINTS)
-    world.server._states._fetch = lambda: None
-    with pytest.raises(GoalError, match="joint_states"):
-        world.server.stop(world.model)
-    assert not world.sent
+def test_measured_serves_a_resting_robot_and_refuses_one_that_moves():
+    node = Node(model(start_from="measured"))
+    node.ask(GOAL)
+    node.run(0.4)
+    node.ask(START)
+    assert node.statuses == ["served", "refused"]
+    assert "start_from" in node.plan_reports[-1].message
+    node.run(5.0)
+    node.ask(START)
+    node.run(5.0)
+    assert node.statuses[-1] == "served"
+    np.testing.assert_allclose(node.commanded, START, atol=1e-9)
 
 
-def test_cancelled_goal_publishes_nothing(world: World) -> None:
+def test_goal_that_repeats_is_under_way_and_then_there_and_publishes_nothing(node):
+    node.ask(GOAL)
+    node.run(0.3)
+    node.ask(GOAL)
+    assert node.statuses == ["served", "under_way"]
+    assert "arrives in" in node.plan_reports[-1].message
+    node.run(3.0)
+    node.ask(GOAL)
+    node.ask(GOAL[:2], JOINTS[:2])
+    assert node.statuses == ["served"] + ["under_way"] * 3
+    assert len(node.sent) == 1
+    assert node.outcomes == ["arrived"]
+
+
+def test_goal_is_served_again_after_a_stop(node):
+    node.ask(GOAL)
+    node.run(0.3)
+    node.stop()
+    node.run(2.0)
+    node.ask(GOAL)
+    node.run(4.0)
+    assert node.statuses == ["served", "served"]
+    assert node.outcomes == ["stopped", "arrived"]
+    node.assert_rests_at(GOAL)
+
+
+def test_pose_leads_a_moving_robot_to_a_configuration_that_reaches_it(node):
+    hand = MODEL.end_effector
+    there = MODEL.robot.frame_positions(HALF[None], [hand])[0, 0]
+    node.ask(GOAL)
+    node.run(0.3)
+    node.goal(PoseGoal(Pose(hand, there)), 2)
+    node.run(5.0)
+    assert node.statuses == ["served"] * 2
+    reached = MODEL.robot.frame_positions(node.commanded[None], [hand])[0, 0]
+    np.testing.assert_allclose(reached, there, atol=1e-3)
+    node.assert_smooth()
+
+
+def test_joints_that_goals_leave_out_keep_their_commanded_position_under_a_load(node):
+    node.ask(HALF)
+    node.run(4.0)
+    node.robot.faults.payload = 1.0
+    node.run(1.0)
+    assert np.abs(node.robot.measured_state()[0] - HALF).max() > 1e-3
+    for k in range(6):
+        node.ask([HALF[0] + 0.1 * (-1) ** k], JOINTS[:1])
+        node.run(3.0)
+    assert node.statuses == ["served"] * 7
+    np.testing.assert_array_equal(node.commanded[1:], HALF[1:])
+    node.assert_smooth()
+
+
+def test_second_goal_waits_until_it_is_seen_that_the_first_was_taken(node):
+    node.ask(GOAL)
+    node.run(0.3)
+    node.ask(START)
+    node.ask(HALF)
+    second, third = (time for time, *_ in node.sent[1:])
+    assert third - second > 0.05
+    node.run(5.0)
+    node.assert_smooth()
+    node.assert_rests_at(HALF)
+
+
+def test_motion_whose_message_is_lost_is_reported_and_the_next_goal_served(node):
+    node.ask(GOAL)
+    node.run(0.3)
+    node.robot.faults.drop = 1.0
+    node.ask(START)
+    node.robot.faults.drop = 0.0
+    node.run(5.0)
+    assert node.outcomes[:2] == ["replaced", "never_started"]
+    node.ask(START)
+    node.run(5.0)
+    assert node.outcomes[2:] == ["arrived"]
+    np.testing.assert_allclose(node.commanded, START, atol=1e-9)
+
+
+def test_cancelled_goal_publishes_nothing(node):
     goal = JointGoal(JointState(JOINTS, GOAL))
     with pytest.raises(CancelledError):
-        world.server.serve(JointGoal, lambda _: goal, world.model, lambda: True)
-    assert not world.sent
-
-
-def test_goal_that_is_cancelled_during_the_solve_ends_it(world: World) -> None:
-    asked = iter([False] * 5)
-    goal = JointGoal(JointState(JOINTS, GOAL))
-    with pytest.raises(CancelledError):
-        world.server.serve(JointGoal, lambda _: goal, world.model, lambda: next(asked, True))
-    assert next(asked, None) is None
-
-
-def test_refused_goal_leaves_the_running_motion_alone(world: World) -> None:
-    world.serve(GOAL)
-    world.now += 0.2
-    with pytest.raises(PlannerError, match="outside its limits"):
-        world.serve(GOAL + 100.0)
-    world.controller.run_until(world.now + 5.0)
-    np.testing.assert_allclose(world.controller.state[0], GOAL, atol=1e-12)
-
-
-def test_sequence_passes_its_vias_without_a_stop_or_a_jump(world: World) -> None:
-    via = START + 0.6 * (GOAL - START)
-    began = world.now
-    world.serve_sequence(via, GOAL, START, times=(None, 2.0, None))
-    world.controller.run_until(world.now + 10.0)
-    assert_smooth(world.controller)
-    q, v, _ = world.controller.commands().transpose(1, 0, 2)
-    passed = int(np.abs(q - via).max(axis=1).argmin())
-    # As near as commands are to each other.
-    assert np.abs(q[passed] - via).max() < MAX_VELOCITY * world.controller.period
-    assert np.abs(v[passed]).max() > 0.1
-    at_goal = round((world.now + 2.0 - began) / world.controller.period)
-    near = slice(at_goal - 3, at_goal + 3)
-    assert np.abs(q[near] - GOAL).max(axis=1).min() < MAX_VELOCITY * world.controller.period
-    np.testing.assert_allclose(q[-1], START, atol=1e-12)
-
-
-def test_sequence_takes_a_moving_robot_over_though_single_goals_were_faster(world: World) -> None:
-    world.serve(GOAL)
-    world.now += 0.3
-    world.planning_time = 0.5
-    assert world.serve_sequence(START + 0.5 * (GOAL - START), START) > 1
-    world.now += 0.3
-    # What sequences take is known by now.
-    assert world.serve_sequence(GOAL, START) == 1
-    world.controller.run_until(world.now + 10.0)
-    assert_smooth(world.controller)
-    np.testing.assert_allclose(world.controller.state[0], START, atol=1e-12)
-
-
-def test_sequence_that_is_cancelled_during_the_solve_publishes_nothing(world: World) -> None:
-    asked = iter([False] * 5)
-    goal = SequenceGoal((JointState(JOINTS, GOAL), JointState(JOINTS, START)))
-    with pytest.raises(CancelledError):
-        world.server.serve(SequenceGoal, lambda _: goal, world.model, lambda: next(asked, True))
-    assert next(asked, None) is None
-    assert not world.sent
-
-
-def test_sequence_that_breaks_limits_is_not_published(world: World) -> None:
-    with pytest.raises(UnexecutablePlanError, match="no motion within the limits was found"):
-        world.serve_sequence(GOAL, START, times=(0.05, 0.1))
-    assert not world.sent
+        node.server.serve(JointGoal, lambda _: goal, MODEL, lambda: True)
+    assert not node.sent
 
 
 @pytest.mark.parametrize(
-    ("spoil", "reason"),
+    "goal",
     [
-        (lambda m: m.points.clear(), "empty"),
-        (lambda m: m.joint_names.append("more"), "joints"),
-        (lambda m: m.points[-1].velocities.__setitem__(0, 1e-17), "velocity"),
-        (lambda m: m.points[1].positions.__setitem__(0, float("nan")), "finite"),
-        (lambda m: m.points.reverse(), "increase"),
+        JointGoal(JointState(JOINTS, GOAL)),
+        SequenceGoal((JointState(JOINTS, GOAL), JointState(JOINTS, START))),
     ],
 )
-def test_controller_of_these_tests_refuses_what_the_real_one_does(
-    world: World, spoil: Any, reason: str
-) -> None:
-    world.serve(GOAL)
-    spoil(world.sent[-1])
-    with pytest.raises(RefusedMessageError, match=reason):
-        world.controller.receive(world.sent[-1], world.now)
+def test_goal_that_is_cancelled_during_the_solve_ends_it(node, goal):
+    asked = iter([False] * 5)
+    with pytest.raises(CancelledError):
+        node.server.serve(type(goal), lambda _: goal, MODEL, lambda: next(asked, True))
+    assert next(asked, None) is None
+    assert not node.sent
 
 
-def test_controller_of_these_tests_sees_a_jump(world: World) -> None:
-    world.serve(GOAL)
-    late = world.sent[-1]
-    world.now += 0.3
-    world.controller.receive(late, world.now)
-    with pytest.raises(AssertionError):
-        assert_smooth(world.controller)
+def test_refused_goal_leaves_the_running_motion_alone(node):
+    node.ask(GOAL)
+    node.run(0.2)
+    node.ask(GOAL + 100.0)
+    assert node.statuses == ["served", "refused"]
+    assert "outside its limits" in node.plan_reports[-1].message
+    node.run(5.0)
+    node.assert_rests_at(GOAL)
+    assert node.outcomes == ["arrived"]
+
+
+# Sequences
+
+
+def test_sequence_passes_its_vias_without_a_stop_or_a_jump(node):
+    via = START + 0.6 * (GOAL - START)
+    node.ask_sequence(via, GOAL, START, times=(None, 2.0, None))
+    began = node.sent[0][0] + WAIT
+    node.run(10.0)
+    node.assert_smooth()
+    record = node.robot.record
+    passed = int(np.abs(record.q - via).max(axis=1).argmin())
+    # As near as commands are to each other.
+    assert np.abs(record.q[passed] - via).max() < 3e-3
+    assert np.abs(record.v[passed]).max() > 0.1
+    near = np.abs(record.times - began - 2.0) < 3.5e-3
+    assert np.abs(record.q[near] - GOAL).max(axis=1).min() < 3e-3
+    node.assert_rests_at(START)
+
+
+def test_sequence_takes_a_moving_robot_over_though_single_goals_were_faster(node):
+    node.ask(GOAL)
+    node.run(0.3)
+    node._planning_time = 0.3, 0.3
+    node.ask_sequence(HALF, START)
+    node.run(8.0)
+    assert node.statuses == ["served", "served"]
+    node.assert_smooth()
+    node.assert_rests_at(START)
+
+
+def test_sequence_that_breaks_limits_is_not_published(node):
+    node.ask_sequence(GOAL, START, times=(0.05, 0.1))
+    assert node.statuses == ["refused"]
+    assert "no motion within the limits was found" in node.plan_reports[0].message
+    assert not node.sent
+
+
+# Stops
+
+
+def test_stop_follows_the_path_and_ends_at_rest_within_the_limits(node):
+    node.ask(GOAL)
+    node.run(0.4)
+    path = node.sent[0][1].positions
+    assert "comes to rest on its path" in node.stop()
+    node.run(3.0)
+    node.assert_smooth()
+    assert not node.robot.record.v[-1].any()
+    for q in node.robot.record.q[-3000::20]:
+        assert np.abs(path - q).max(axis=1).min() < 0.02
+    assert np.abs(node.commanded - GOAL).max() > 0.05
+    assert node.outcomes == ["stopped"]
+
+
+@pytest.mark.parametrize("after", [0.0, 3.0])
+def test_stop_of_a_robot_at_rest_stays_where_it_is(node, after):
+    if after:
+        node.ask(START)
+        node.run(after)
+    assert "at rest" in node.stop()
+    _, trajectory, stamp, last_point_only = node.sent[-1]
+    assert (stamp, last_point_only, trajectory.positions.tolist()) == (None, True, [START.tolist()])
+
+
+def test_motion_is_ended_where_no_stop_keeps_the_limits(node):
+    node.ask(GOAL)
+    node.run(0.4)
+    tight = MODEL.robot.limits({name: {"max_acceleration": 1e-6} for name in JOINTS})
+    node.server.stop(replace(MODEL, limits=tight))
+    node.run(3.0)
+    node.assert_smooth()
+    node.assert_rests_at(GOAL)
+
+
+@pytest.mark.parametrize("silence", [0.6, 1.0])
+def test_stop_of_a_robot_that_is_not_heard_of_keeps_the_limits_and_says_what_is_not_known(silence):
+    node = Node()
+    node.ask(GOAL, duration=3.0)
+    node.run(0.4)
+    node.robot.faults.silent = True
+    node.run(silence)
+    said = node.stop()
+    assert "not known whether the robot stops" in said and "old" in said
+    assert node.sent[-1][-1]
+    node.run(4.0)
+    # The controller leads to a single point from the measured state.
+    node.assert_smooth([tick for tick, n_points in node.robot.taken if n_points == 1])
+    assert not node.robot.record.v[-1].any()
+    assert np.abs(node.commanded - GOAL).max() > 0.05
+
+
+def test_stop_of_a_robot_that_was_never_heard_of_is_refused(node):
+    node.robot.faults.silent = True
+    node.restart()
+    assert node.stop().startswith("nothing was published: the present state is not known")
+    with pytest.raises(GoalError, match="joint_states"):
+        node.server.stop(MODEL)
+    assert not node.sent

@@ -9,10 +9,16 @@ import time
 from collections.abc import Iterator
 
 import pytest
+from patience import HANG
 
-from mp_pca_planner.ros.newest_goal import PAUSE, CancelledError, IsCancelled, NewestGoalThread
+from mp_pca_planner.execution.newest_goal import (
+    PAUSE,
+    CancelledError,
+    IsCancelled,
+    NewestGoalThread,
+)
 
-TIMEOUT = 30.0
+TIMEOUT = HANG
 
 
 class Kitchen:

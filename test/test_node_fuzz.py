@@ -37,14 +37,14 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from mp_pca_planner.primitives.file import save_primitive
-from mp_pca_planner.ros.client import GoalClient
-from mp_pca_planner.ros.parameters import (
+from mp_pca_planner.execution.parameters import (
     DECLARATIONS,
     LIMITS_PREFIX,
     Declaration,
     limit_declarations,
 )
+from mp_pca_planner.primitives.file import save_primitive
+from mp_pca_planner.ros.client import GoalClient
 
 DECLARED = {d.name: d for d in (*DECLARATIONS, *limit_declarations(JOINTS))}
 

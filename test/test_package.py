@@ -27,10 +27,13 @@ SOURCES = sorted((ROOT / PACKAGE).rglob("*.py"))
 
 LAYERS = [
     {"exceptions", "arrays", "files"},
-    {"trajectory", "goal", "interpolation", "limits", "robot", "resources"},
+    {"trajectory", "goal", "interpolation", "limits", "resources"},
+    {"urdf", "inertias", "link_inertias", "robot"},
     {"recordings", "primitives"},
     {"planning", "validation"},
     {"benchmarking", "control", "learning", "studies"},
+    {"execution"},
+    {"simulation"},
     {"cli", "ros", "__main__"},
 ]
 
@@ -45,7 +48,7 @@ ROSDEP_NAMES = {
 }
 
 # Extras that rosdep has no name for: pip brings them.
-EXTRAS_ONLY = {"filelock", "cmaes", "distributed", "rich"}
+EXTRAS_ONLY = {"filelock", "cmaes", "distributed", "mujoco", "rich"}
 
 
 def imported_modules(source: Path) -> Iterator[str]:

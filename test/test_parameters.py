@@ -7,15 +7,15 @@ from __future__ import annotations
 import pytest
 import yaml
 
-from mp_pca_planner.planning.plan import PlannerOptions
-from mp_pca_planner.resources import config_file
-from mp_pca_planner.ros.parameters import (
+from mp_pca_planner.execution.parameters import (
     DECLARATIONS,
     ParameterError,
     Settings,
     check_limit_names,
     limit_declarations,
 )
+from mp_pca_planner.planning.plan import PlannerOptions
+from mp_pca_planner.resources import config_file
 
 BY_NAME = {declaration.name: declaration for declaration in DECLARATIONS}
 

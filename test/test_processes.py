@@ -10,6 +10,7 @@ import time
 from pathlib import Path
 
 import pytest
+from patience import HANG
 
 from mp_pca_planner.recordings.processes import Outcome, map_in_processes
 
@@ -93,8 +94,8 @@ def test_no_process_outlives_its_parent(how: signal.Signals) -> None:
         assert parent.stdout is not None
         workers = [int(parent.stdout.readline()) for _ in range(2)]
         parent.send_signal(how)
-        parent.wait(timeout=20)
-        deadline = time.monotonic() + 20
+        parent.wait(timeout=HANG)
+        deadline = time.monotonic() + HANG
         while any(is_alive(worker) for worker in workers):
             assert time.monotonic() < deadline, "a process is left"
             time.sleep(0.05)

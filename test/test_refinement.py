@@ -5,6 +5,7 @@
 import numpy as np
 import pytest
 from arm import JOINTS, arm_primitive, arm_robot
+from patience import PATIENT
 from scipy.integrate import trapezoid
 
 from mp_pca_planner.exceptions import GoalError, PlannerError, TrajectoryError
@@ -47,7 +48,9 @@ def some_parameters(n_segments, seed=0, size=0.4):
 def planned(i=0, j=3):
     states = arm_primitive().boundary_states
     goal = JointGoal(JointState(JOINTS, states[j, 3]))
-    plan = Planner(ROBOT, [arm_primitive()], LIMITS).plan(goal, JointState(JOINTS, states[i, 0]))
+    plan = Planner(ROBOT, [arm_primitive()], LIMITS, PATIENT).plan(
+        goal, JointState(JOINTS, states[i, 0])
+    )
     assert plan.is_executable
     return plan
 
@@ -216,7 +219,7 @@ def test_family_plans_goals_around_the_motion_more_cheaply():
     plan = planned()
     refined = refine([plan.motion], ROBOT, LIMITS).motion
     family = family_around(arm_primitive(), refined, "refined", {})
-    old, new = (Planner(ROBOT, [p], LIMITS) for p in (arm_primitive(), family))
+    old, new = (Planner(ROBOT, [p], LIMITS, PATIENT) for p in (arm_primitive(), family))
     for _ in range(5):
         start = JointState(JOINTS, plan.motion.start.positions + 0.05 * rng.normal(size=4))
         goal = JointState(JOINTS, plan.motion.goal.positions + 0.05 * rng.normal(size=4))

@@ -172,7 +172,10 @@ def test_an_unknown_link_is_refused_with_the_valid_names():
         ("<robot", "not XML"),
         ("<sdf/>", "root element is <sdf>"),
         ('<robot name="r"><link name="l"/></robot>', "no revolute, continuous or prismatic"),
-        (CART.replace('child link="bob"', 'child link="nothing"'), "refused by Pinocchio"),
+        (
+            CART.replace('child link="bob"', 'child link="nothing"'),
+            "child of joint 'swing': no link is called 'nothing'",
+        ),
         (CART.replace('velocity="2"', 'velocity="fast"'), "'velocity' of joint 'slide' is 'fast'"),
         (CART.replace('value="3"', 'value="${mass}"'), "xacro"),
         (

@@ -2,13 +2,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """Selection against scores computed one by one, and against what primitives were made from."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from arm import arm_demonstrations, arm_primitive, arm_robot
+from patience import PATIENT
 
 from mp_pca_planner.goal import JointGoal, JointState, Pose, PoseGoal
 from mp_pca_planner.planning.motion import Motion
-from mp_pca_planner.planning.plan import PlannerOptions
 from mp_pca_planner.planning.planner import Planner
 from mp_pca_planner.planning.selection import Considered, Selection, Selector, effort_of
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
@@ -91,7 +93,7 @@ def test_a_duration_that_is_asked_for_counts_in_the_scores() -> None:
 
 def test_the_plan_is_the_cheapest_of_those_with_each_contender_and_says_so() -> None:
     robot, primitives = arm_robot(), library()
-    planner = Planner(robot, primitives, robot.limits())
+    planner = Planner(robot, primitives, robot.limits(), PATIENT)
     n_contested = 0
     for motion in arm_demonstrations(6, 9):
         start, goal = (JointState(robot.joint_names, q) for q in motion.positions[[0, -1]])
@@ -123,9 +125,9 @@ def test_a_pose_and_the_shortest_duration_are_planned_with_the_first_alone() -> 
     start, goal = arm_demonstrations(6, 9)[4].positions[[0, -1]]
     here = JointState(robot.joint_names, start)
     pose = Pose("wrist", robot.frame_positions(goal[None], ["wrist"])[0, 0])
-    shortest = PlannerOptions(timing="shortest")
+    shortest = replace(PATIENT, timing="shortest")
     for request, options in (
-        (PoseGoal(pose), PlannerOptions()),
+        (PoseGoal(pose), PATIENT),
         (JointGoal(JointState(robot.joint_names, goal)), shortest),
     ):
         plan = Planner(robot, primitives, robot.limits(), options).plan(request, here)
@@ -137,7 +139,7 @@ def test_the_only_primitive_is_not_compiled_to_be_chosen() -> None:
     robot = arm_robot()
     motion = arm_demonstrations(6, 9)[0]
     start, goal = (JointState(robot.joint_names, q) for q in motion.positions[[0, -1]])
-    plan = Planner(robot, [arm_primitive()], robot.limits()).plan(JointGoal(goal), start)
+    plan = Planner(robot, [arm_primitive()], robot.limits(), PATIENT).plan(JointGoal(goal), start)
     assert plan.summary()["selection"] == f"'{plan.primitive}' is the only primitive"
     assert plan.summary()["considered"] == 1
     selection = Selector(robot, [arm_primitive()]).choose(start.positions, goal.positions)

@@ -191,13 +191,6 @@ def test_best_motion_so_far_is_returned_when_time_runs_out() -> None:
     assert not stopped.limit_check.violations
 
 
-def test_time_that_runs_out_before_limits_are_kept_is_no_motion() -> None:
-    goal, start = request(3)
-    plan = planner(1e-9, max_velocity=0.3).plan(goal, start)
-    assert plan.status == "infeasible"
-    assert plan.limit_check.violations
-
-
 def test_optimal_motion_does_not_swing_further_than_the_joined_one_by_much() -> None:
     furthest = {}
     for mode in MODES:

@@ -14,6 +14,7 @@ pytest.importorskip("rclpy", reason="ROS 2 (rclpy) is not installed")
 
 from arm import JOINTS, arm_primitive
 from nodes import GOAL, PATIENTLY, START, URDF, goal_message, ros_node, running_node, set_domain
+from patience import HANG
 from rclpy.executors import SingleThreadedExecutor
 from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory
@@ -22,7 +23,7 @@ from mp_pca_planner.cli.send_goal import main as send_goal
 from mp_pca_planner.primitives.file import save_primitive
 from mp_pca_planner.ros.client import Answer, GoalClient
 
-COUNTS = ("goals_served", "goals_refused", "goals_overtaken")
+COUNTS = ("goals_served", "goals_refused", "goals_under_way", "goals_overtaken")
 N_GOALS, PERIOD = 1000, 1e-3
 
 Clients = tuple[GoalClient, GoalClient]
@@ -74,7 +75,7 @@ def test_nodes_in_namespaces_keep_apart_and_feed_the_controllers_they_are_remapp
         left.publish_state(JOINTS, START)
         goal = ",".join(f"{name}={value!r}" for name, value in zip(JOINTS, GOAL, strict=True))
         assert send_goal([goal, "--namespace", "left"]) == 0
-        deadline = time.monotonic() + 10.0
+        deadline = time.monotonic() + HANG
         while not executed and time.monotonic() < deadline:
             executor.spin_once(0.1)
     assert len(executed) == 1
@@ -121,7 +122,9 @@ def test_each_goal_of_a_burst_gets_its_report_and_the_newest_good_one_its_motion
     _, client = clients
     wait_for_diagnostics(client, "/right/planner")
     client.publish_state(JOINTS, START)
-    deadline = time.monotonic() + 30.0
+    deadline = time.monotonic() + HANG
+    # The goals of a burst ask for the same: where one of them has its motion, others need none.
+    served = {"solved", "under_way"}
     with ros_node("operators") as operators:
         goals = operators.create_publisher(JointState, "/right/planner/goal", 20)
         while not goals.get_subscription_count():
@@ -141,5 +144,5 @@ def test_each_goal_of_a_burst_gets_its_report_and_the_newest_good_one_its_motion
             status = {values["goal_stamp"][-1]: values["status"] for values in found}
             assert len(status) == 10
             assert {number for number in status if status[number] == "refused"} == set("0369")
-            assert {status[number] for number in "12457"} <= {"overtaken", "solved"}
-            assert status["8"] == "solved"
+            assert {status[number] for number in "12457"} <= {"overtaken", *served}
+            assert status["8"] in served

@@ -16,6 +16,7 @@ pytest.importorskip("rclpy", reason="ROS 2 (rclpy) is not installed")
 
 import yaml
 from nodes import ros_node, running_node, set_domain
+from patience import HANG
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy
@@ -77,7 +78,7 @@ def displays() -> dict[str, Any]:
 def test_policy_allows_what_the_node_does_and_rviz_shows_what_it_publishes(onlooker: Node) -> None:
     executor = SingleThreadedExecutor(context=onlooker.context)
     executor.add_node(onlooker)
-    deadline = time.monotonic() + 20.0
+    deadline = time.monotonic() + HANG
     # They become known one by one.
     while real_names(onlooker) != allowed_names() and time.monotonic() < deadline:
         executor.spin_once(0.05)

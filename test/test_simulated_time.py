@@ -16,6 +16,7 @@ from arm import JOINTS, arm_primitive
 from builtin_interfaces.msg import Time
 from nodes import (
     GOAL,
+    PATIENCE,
     START,
     column,
     described_client,
@@ -68,7 +69,7 @@ def simulation(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Simu
         "start_from": "commanded",
         "commanded_tolerance": 10.0,
         "duration": DURATION,
-        "state_timeout": 60.0,
+        **PATIENCE,
     }
     arguments = [word for k, v in values.items() for word in ("-p", f"{k}:={v}")]
     with (
@@ -98,8 +99,9 @@ def test_motions_start_where_the_robot_is_by_the_simulators_clock(simulation: Si
     np.testing.assert_allclose(first(running), GOAL)
     # However long it took to send the next goal: by its clock the robot is half way.
     simulation.set_time(10.0 + DURATION / 2.0)
-    back = simulation.send(GOAL, GOAL)
-    np.testing.assert_allclose(first(back), state_at(running, DURATION / 2.0), atol=1e-4)
+    half_way = state_at(running, DURATION / 2.0)
+    back = simulation.send(GOAL, half_way.tolist())
+    np.testing.assert_allclose(first(back), half_way, atol=1e-4)
     # Before the running motion began, it can't be where the robot is.
     simulation.set_time(5.0)
     again = simulation.send(START, GOAL)

@@ -10,17 +10,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 from arm import JOINTS, arm_primitive, arm_robot
+from patience import NODE_EVER
 
 pytest.importorskip("cmaes", reason="cmaes (extra 'learn') is not installed")
 
 from mp_pca_planner.exceptions import LearningError
+from mp_pca_planner.execution.assembly import Model, assemble_model
+from mp_pca_planner.execution.parameters import ParameterError, Settings
+from mp_pca_planner.execution.trial_book import ServedTrial, TrialBook
 from mp_pca_planner.goal import JointGoal, JointState
 from mp_pca_planner.planning.collision import CollisionModel
 from mp_pca_planner.planning.plan import Plan
 from mp_pca_planner.resources import config_file
-from mp_pca_planner.ros.assembly import Model, assemble_model
-from mp_pca_planner.ros.parameters import ParameterError, Settings
-from mp_pca_planner.ros.trial_book import ServedTrial, TrialBook
 from mp_pca_planner.validation import check_executable, check_limits
 
 URDF = config_file("human_arm.urdf").read_text(encoding="utf-8")
@@ -30,7 +31,9 @@ LIMITS = {name: {"max_velocity": 2.5, "max_acceleration": 12.0} for name in JOIN
 
 @pytest.fixture
 def model(tmp_path: Path) -> Model:
-    settings = Settings(learn_trials=True, save_folder=str(tmp_path), limits=LIMITS)
+    settings = Settings(
+        learn_trials=True, save_folder=str(tmp_path), limits=LIMITS, max_solve_time=NODE_EVER
+    )
     return assemble_model(URDF, [arm_primitive()], settings)
 
 
@@ -91,7 +94,11 @@ def test_trials_keep_the_robot_from_hitting_itself_where_that_is_wanted(tmp_path
     collision, n_collisions = CollisionModel(arm_robot()), {}
     for wanted in (False, True):
         settings = Settings(
-            learn_trials=True, save_folder=str(tmp_path), naturalness=0.0, collision=wanted
+            learn_trials=True,
+            save_folder=str(tmp_path),
+            naturalness=0.0,
+            collision=wanted,
+            max_solve_time=NODE_EVER,
         )
         model = assemble_model(URDF, [arm_primitive()], settings)
         planned = replace(model.planner, collision=collision).plan(goal, here)

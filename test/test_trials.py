@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from arm import JOINTS, arm_primitive, arm_robot
+from patience import PATIENT
 
 from mp_pca_planner.exceptions import LearningError
 from mp_pca_planner.goal import JointGoal, JointState
@@ -29,7 +30,7 @@ ROBOT = arm_robot()
 def motion():
     states = arm_primitive().boundary_states
     goal = JointGoal(JointState(JOINTS, states[3, 3]))
-    planner = Planner(ROBOT, [arm_primitive()], ROBOT.limits())
+    planner = Planner(ROBOT, [arm_primitive()], ROBOT.limits(), PATIENT)
     return planner.plan(goal, JointState(JOINTS, states[0, 0])).motion
 
 

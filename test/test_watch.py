@@ -27,6 +27,7 @@ from nodes import (
     running_node,
     set_domain,
 )
+from patience import HANG
 from rich.console import Console
 
 from mp_pca_planner.cli.watch import frame
@@ -43,7 +44,7 @@ def drawn(seen: Seen, *, with_colours: bool = False) -> str:
 
 
 def wait_until(monitor: Monitor, client: GoalClient, wanted: Callable[[Seen], bool]) -> Seen:
-    deadline = time.monotonic() + 20.0
+    deadline = time.monotonic() + HANG
     while not wanted(monitor.look()) and time.monotonic() < deadline:
         client.publish_state((*JOINTS, "gripper"), (*START, 0.5))
         time.sleep(0.02)
@@ -96,6 +97,6 @@ def test_position_outside_of_its_limits_is_at_the_end_of_its_bar_and_red() -> No
 def test_view_ends_after_its_time(monkeypatch: pytest.MonkeyPatch) -> None:
     set_domain(monkeypatch, 33)
     command = [sys.executable, "-m", "mp_pca_planner", "watch", "--for", "0.3"]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=30.0, check=True)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=HANG, check=True)
     assert "joint states" in done.stdout
     assert not done.stderr

@@ -1,12 +1,11 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""`demo`: the whole way, from recorded demonstrations to trajectories on a ROS 2 topic."""
+"""`demo`: the whole pipeline, from recorded demonstrations to motions of a simulated robot."""
 
 from __future__ import annotations
 
 import argparse
 import os
-import signal
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -34,11 +33,13 @@ from ..robot import Robot
 from ..trajectory import Trajectory
 from ..validation import check_executable, check_limits
 from . import build_primitives
+from .children import Children
 from .common import DONE, FAILED, CommandParser, make_folder, run, table
 from .drawing import draw_arm, draw_motion, draw_primitive, require_matplotlib
 
 if TYPE_CHECKING:
     from ..ros.client import GoalClient
+    from ..ros.monitor import Monitor
 
 _N_DEMONSTRATIONS = 30
 _N_GOALS = 6
@@ -47,8 +48,9 @@ _DEMONSTRATION_SEED, _GOAL_SEED = 1, 2
 _RATE = 100.0
 # Recordings start at a time that nobody takes for simulation time.
 _EPOCH_NS = 1_700_000_000_000_000_000
-# Messages of a present state that make sure that one of them came before the goal.
-_N_STATES = 5
+# When the robot has arrived [rad, rad/s], and how long it may take to [s].
+_AT_GOAL, _AT_REST, _PATIENCE = 1e-3, 1e-5, 30.0
+_SETTLED = 1e-6  # [rad]
 _ARM = ("upper_arm", "lower_arm", "wrist")
 _GOOD = "executable"
 
@@ -58,7 +60,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = CommandParser(
         "demo",
         "Record demonstrations of a human-like arm into a bag, build primitives from it, start "
-        "the planner node, send it goals from another process, and draw what came of it.",
+        "the planner node and a simulated robot, send goals from another process, have the robot "
+        "execute the motions, and draw what came of it.",
     )
     parser.add_argument(
         "--output", type=Path, default=Path("demo_output"), metavar="DIR", help="folder for results"
@@ -87,8 +90,10 @@ def _demo(arguments: argparse.Namespace) -> int:
         return status
     primitive = load_primitive(primitive_file)
     robot = Robot.from_file(config_file("human_arm.urdf"), JOINT_NAMES)
-    print("\n3. Starting the planner node and sending it goals over ROS 2 topics")
-    served = _plan_over_topics(folder, primitive_file)
+    print(
+        "\n3. Starting the planner node and a simulated robot, and sending goals over ROS 2 topics"
+    )
+    served = _execute_over_topics(folder, primitive_file)
     failures = _report(robot, served)
     print(f"\n4. Drawing into {folder}")
     for path in _draw(folder, bag, primitive, robot, served):
@@ -109,60 +114,80 @@ def _record(path: Path) -> Path:
 
 @dataclass(frozen=True, eq=False)
 class _Served:
-    """A goal that was sent and what came back."""
+    """A goal that was sent and what came back; how far from it the robot ended [rad]."""
 
     start: FloatArray
     trajectory: Trajectory | None
     values: Mapping[str, str]
     message: str
     latency: float | None
+    arrival_error: float
 
 
-def _plan_over_topics(folder: Path, primitive_file: Path) -> list[_Served]:
-    """Start the node in a process of its own and act as its robot and its user."""
-    from ..ros.client import GoalClient, start_node, this_machine_only
+def _execute_over_topics(folder: Path, primitive_file: Path) -> list[_Served]:
+    """Start the node and a simulated robot in processes of their own, and act as their user."""
+    from ..ros.client import GoalClient, this_machine_only
+    from ..ros.monitor import Monitor
 
     os.environ.update(this_machine_only())
-    parameters = folder / "planner.yaml"
-    description = config_file("human_arm.urdf").read_text(encoding="utf-8")
+    parameters, arm = folder / "planner.yaml", config_file("human_arm.urdf")
+    description = arm.read_text(encoding="utf-8")
     values = {"primitives": [str(primitive_file)], "robot_description": description}
     content = {"mp_pca_planner": {"ros__parameters": values}}
     write_whole(parameters, yaml.safe_dump(content).encode(), overwrite=True)
     goals = generate_motions(_N_GOALS, _GOAL_SEED)
-    home = position = goals[0].positions[0]
-    served = []
-    node = start_node("--params-file", str(parameters), "--log-level", "warn")
-    try:
-        with GoalClient() as client:
+    home = goals[0].positions[0]
+    start = ",".join(f"{name}={q}" for name, q in zip(JOINT_NAMES, home, strict=True))
+    ros_arguments = ("--params-file", str(parameters), "--log-level", "warn")
+    with Children() as children:
+        children.start("planner_node", "--ros-args", *ros_arguments)
+        record = ("--record", str(folder / "commands.npz"), "--force")
+        children.start("simulate", "--robot", str(arm), "--start", start, *record)
+        with GoalClient() as client, Monitor() as monitor:
             client.wait_for_node()
             client.wait_for_model()
-            for goal in [p for motion in goals for p in (motion.positions[-1], home)]:
-                served.append(_serve(client, position, goal))
-                if served[-1].trajectory is not None:
-                    position = served[-1].trajectory.positions[-1]
-    finally:
-        node.send_signal(signal.SIGINT)
-        node.wait()
-    return served
+            _wait_until_at(monitor, home)
+            return [
+                _serve(client, monitor, goal)
+                for motion in goals
+                for goal in (motion.positions[-1], home)
+            ]
 
 
-def _serve(client: GoalClient, position: FloatArray, goal: FloatArray) -> _Served:
-    """Let the arm stand still until the node knows it does, then send a goal."""
+def _serve(client: GoalClient, monitor: Monitor, goal: FloatArray) -> _Served:
+    """Send a goal to the arm, which stands still, and let it get there."""
     from sensor_msgs.msg import JointState as JointStateMessage
 
     from ..ros.messages import to_trajectory
 
-    for _ in range(_N_STATES):
-        client.publish_state(JOINT_NAMES, position.tolist(), [0.0] * len(JOINT_NAMES))
-        time.sleep(1.0 / _RATE)
+    start = _measured(monitor)[0]
     answer = client.send(JointStateMessage(name=list(JOINT_NAMES), position=goal.tolist()))
     return _Served(
-        start=position,
+        start=start,
         trajectory=None if answer.trajectory is None else to_trajectory(answer.trajectory),
         values=answer.values,
         message=answer.report.message,
         latency=answer.latency,
+        arrival_error=_wait_until_at(monitor, goal if answer.trajectory else start),
     )
+
+
+def _measured(monitor: Monitor) -> FloatArray:
+    """Newest positions and velocities, shape (2, n_joints); NaN before there are any."""
+    states = monitor.look().states
+    return np.array([states.get(name, (np.nan, np.nan))[:2] for name in JOINT_NAMES]).T
+
+
+def _wait_until_at(monitor: Monitor, goal: FloatArray) -> float:
+    """Let the robot come to rest at a goal; returns how far from it the robot is [rad]."""
+    deadline = time.monotonic() + _PATIENCE
+    while True:
+        q, v = _measured(monitor)
+        error = float(np.abs(q - goal).max())
+        is_there = error < _AT_GOAL and np.abs(v).max() < _AT_REST
+        if is_there or time.monotonic() > deadline:
+            return error
+        time.sleep(1.0 / _RATE)
 
 
 def _report(robot: Robot, served: Sequence[_Served]) -> int:
@@ -171,7 +196,7 @@ def _report(robot: Robot, served: Sequence[_Served]) -> int:
     rows, failures = [], 0
     for i, goal in enumerate(served, start=1):
         verdict = _verdict(robot, limits, goal)
-        failures += verdict != _GOOD
+        failures += verdict != _GOOD or not goal.arrival_error < _AT_GOAL
         rows.append(
             [
                 str(i),
@@ -180,11 +205,13 @@ def _report(robot: Robot, served: Sequence[_Served]) -> int:
                 _number(goal.values.get("solve_time_s"), 1e3, ".2f"),
                 _number(goal.values.get("goal_error"), 1.0, ".1g"),
                 _number(goal.latency, 1e3, ".2f"),
+                _number(goal.arrival_error, 1e3, ".2g"),
                 verdict,
             ]
         )
     header = ["goal", "duration [s]", "effort [N²m²s]", "solve [ms]", "end error [rad]"]
-    print(table(rows, header=[*header, "goal to trajectory [ms]", "checked on receipt"]))
+    header += ["goal to trajectory [ms]", "arrival error [mrad]", "checked on receipt"]
+    print(table(rows, header=header))
     return failures
 
 
@@ -192,9 +219,12 @@ def _verdict(robot: Robot, limits: JointLimits, goal: _Served) -> str:
     """Check what was received, without believing what its sender says of it."""
     if goal.trajectory is None:
         return goal.message
+    # The robot settles by some nanometres between our look at it and the planner's.
+    first = goal.trajectory.positions[0]
+    start = first if np.abs(first - goal.start).max() < _SETTLED else goal.start
     try:
         check = check_limits(goal.trajectory, robot, limits)
-        check_executable(goal.trajectory, check, JointState(JOINT_NAMES, goal.start))
+        check_executable(goal.trajectory, check, JointState(JOINT_NAMES, start))
     except PlannerError as error:
         return str(error)
     return _GOOD

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from ..control.statement import control_statement
 from ..exceptions import PlannerError
 from ..primitives.file import load_primitive
 from ..primitives.primitive import MovementPrimitive
@@ -118,6 +119,7 @@ def _primitive_facts(name: str, primitive: MovementPrimitive) -> dict[str, Any]:
         "fit_residual": primitive.fit_residual,
         "durations": primitive.durations,
         "kernels": primitive.statistics.kernels,
+        "control_statement": control_statement(primitive),
         "metadata": primitive.metadata,
     }
 
@@ -143,6 +145,7 @@ def _primitive_text(name: str, primitive: MovementPrimitive) -> str:
             f"joints      {', '.join(primitive.joint_names)}",
             f"components  {primitive.n_components}, coupling '{primitive.coupling}', "
             f"polynomials of degree {primitive.degree}",
+            f"control     {control_statement(primitive)}",
             "",
             variance_report(primitive),
             "",

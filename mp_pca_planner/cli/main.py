@@ -52,6 +52,9 @@ COMMANDS = {
     "send_goal": Command(
         "mp_pca_planner.cli.send_goal:main", "a goal for the running node, and what it answers"
     ),
+    "simulate": Command(
+        "mp_pca_planner.cli.simulate:main", "a simulated robot on ROS topics, with faults on demand"
+    ),
     "watch": Command("mp_pca_planner.cli.watch:main", "the running node in the terminal, live"),
     "planner_node": Command("mp_pca_planner.ros.planner_node:main", "the ROS 2 node"),
 }

@@ -20,6 +20,7 @@ from ..planning.collision import CollisionModel, package_folders
 from ..planning.objectives import OBJECTIVES, Objective, objective_by_name
 from ..planning.plan import BASES, DEMONSTRATED, FREE, SHORTEST, Plan, PlannerOptions
 from ..planning.planner import Planner
+from ..planning.remarks import remarks
 from ..planning.starts import MOST_STARTS
 from ..primitives.primitive_library import load_primitives
 from ..recordings.bags import FORMAT_OF_SUFFIX, write_joint_trajectory
@@ -38,6 +39,7 @@ from .common import (
     run,
 )
 from .drawing import draw_motion, require_matplotlib
+from .states import VALUES, passed_lines, remark_lines, states_by_name
 
 _AT_PHASE = "at a phase from 0 to 1 or when it suits best"
 
@@ -74,10 +76,9 @@ def add_request_options(
     defaults = PlannerOptions()
     parser.add_argument("primitives", nargs="+", metavar="FILE", help="primitive files or folders")
     parser.add_argument("--robot", required=True, type=Path, metavar="URDF", help="the robot")
-    values = "name=value,… or values in joint order [rad or m]"
-    parser.add_argument("--start", required=True, help=f"start configuration: {values}")
+    parser.add_argument("--start", required=True, help=f"start configuration: {VALUES}")
     goal = parser.add_mutually_exclusive_group(required=True)
-    goal.add_argument("--goal", help=f"goal: {values}; joints left out stay")
+    goal.add_argument("--goal", help=f"goal: {VALUES}; joints left out stay")
     goal.add_argument(
         "--goal-pose",
         metavar="'X Y Z QX QY QZ QW'",
@@ -174,7 +175,7 @@ def _plan(arguments: argparse.Namespace) -> int:
     if arguments.json:
         print_json(plan_facts(plan))
     else:
-        print(_text(plan))
+        print(_text(plan, planner.robot))
     return DONE if plan.is_executable else FAILED
 
 
@@ -215,7 +216,7 @@ def plan_request(arguments: argparse.Namespace) -> tuple[Planner, Plan]:
         sample_period=arguments.sample_period,
         allow_nonzero_end_velocity=arguments.goal_velocity is not None,
     )
-    start = _state(arguments, "start", names)
+    start = _state(arguments, "start", robot.described_joints)
     if set(start.joint_names) != set(names):
         missing = [name for name in names if name not in start.joint_names]
         raise GoalError(f"--start lacks a position for {', '.join(missing)}")
@@ -244,10 +245,10 @@ def _goal(arguments: argparse.Namespace, robot: Robot) -> JointGoal | PoseGoal:
     how = {
         "duration": _duration(arguments.duration),
         "primitive": arguments.use,
-        "vias": tuple(_via(text, robot.joint_names) for text in arguments.via),
+        "vias": tuple(_via(text, robot.described_joints) for text in arguments.via),
     }
     if arguments.goal is not None:
-        return JointGoal(_state(arguments, "goal", robot.joint_names), **how)
+        return JointGoal(_state(arguments, "goal", robot.described_joints), **how)
     for option in ("goal_velocity", "goal_acceleration"):
         if getattr(arguments, option) is not None:
             raise GoalError(f"--{option.replace('_', '-')} needs --goal: a pose is reached at rest")
@@ -318,6 +319,8 @@ def _objectives(text: str, robot: Robot, frame: str | None) -> tuple[tuple[float
 def plan_facts(plan: Plan) -> dict[str, Any]:
     """What `plan --json` prints."""
     return plan.summary() | {
+        **states_by_name(_passed(plan)),
+        "remarks": remarks(plan),
         "joint_names": list(plan.trajectory.joint_names),
         "weights": plan.solution.weights,
         "via_phases": list(plan.via_phases),
@@ -402,6 +405,14 @@ def _csv(trajectory: Trajectory) -> bytes:
     return text.getvalue().encode()
 
 
+def _passed(plan: Plan) -> list[JointState]:
+    """The start, the configurations at the vias, and the goal."""
+    motion = plan.motion
+    at_vias, _, _ = motion.evaluate(motion.duration * np.array(plan.via_phases))
+    vias = [JointState(motion.start.joint_names, q) for q in at_vias]
+    return [motion.start, *vias, motion.goal]
+
+
 def _ways(plan: Plan) -> list[str]:
     """What is worth a line only of some plans."""
     lines = []
@@ -416,11 +427,13 @@ def _ways(plan: Plan) -> list[str]:
     return lines
 
 
-def _text(plan: Plan) -> str:
+def _text(plan: Plan, robot: Robot) -> str:
     facts = plan.summary()
     return "\n".join(
         [
             f"{facts['status']}: {facts['message']}",
+            *remark_lines(plan),
+            *passed_lines(_passed(plan), robot.described_joints),
             f"primitive    {facts['primitive']} (in-span score {facts['in_span_score']:.2f}, "
             "about 1 is like the demonstrations)",
             f"selection    {facts['selection']}",

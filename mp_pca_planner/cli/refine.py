@@ -25,6 +25,7 @@ from ..planning.collision import NOT_CHECKED, CollisionModel
 from ..planning.motion import Motion
 from ..planning.plan import Plan
 from ..planning.planner import Planner
+from ..planning.remarks import remarks
 from ..planning.sequence import OPTIMAL, SequencePlan, SequencePlanner
 from ..primitives.file import save_primitive
 from ..primitives.primitive import MovementPrimitive
@@ -38,6 +39,7 @@ from .plan import (
     write_trajectory,
 )
 from .sequence import sequence_request
+from .states import passed, passed_lines, remark_lines, states_by_name
 
 # Options of `plan` that sequences don't have.
 _NOT_OF_SEQUENCES = (
@@ -124,6 +126,7 @@ def _parser() -> CommandParser:
 class _Planned:
     """What is refined: one motion or those of a sequence, and what each is made from."""
 
+    plan: Plan | SequencePlan
     robot: Robot
     limits: JointLimits
     collision: CollisionModel | None
@@ -158,7 +161,7 @@ def _planned(arguments: argparse.Namespace) -> _Planned:
         print(f"refine: {NOT_CHECKED.removeprefix('; ')}", file=sys.stderr)
     known = {primitive.name: primitive for primitive in planner.primitives}
     made_from = tuple(known[name] for name in names)
-    return _Planned(planner.robot, planner.limits, collision, motions, made_from)
+    return _Planned(plan, planner.robot, planner.limits, collision, motions, made_from)
 
 
 def _check_options(arguments: argparse.Namespace) -> None:
@@ -223,10 +226,11 @@ def _refine_by_model(
     if arguments.json:
         print_json(facts | trajectory_columns(found.trajectory))
     else:
+        print(_request_text(planned))
         print(
-            f"cost       {found.original_cost:.4g} → {found.cost:.4g} ({found.gain:.1%} less)\n"
-            f"duration   {before:.3f} → {after:.3f} s\n"
-            f"primitive  {_kept_words(arguments, facts)}"
+            f"cost         {found.original_cost:.4g} → {found.cost:.4g} ({found.gain:.1%} less)\n"
+            f"duration     {before:.3f} → {after:.3f} s\n"
+            f"primitive    {_kept_words(arguments, facts)}"
         )
     return DONE if facts["kept"] or arguments.output is None else FAILED
 
@@ -263,6 +267,7 @@ def _refine_by_trials(
     if arguments.json:
         print_json(facts | trajectory_columns(proposal.trajectory))
     else:
+        print(_request_text(planned))
         if best is not None:
             print(
                 f"best of {len(learner.trials)} trials: {best.cost:.4g}, "
@@ -288,8 +293,17 @@ def _gain(before: float, after: float) -> float:
     return 1.0 - after / before if before > 0.0 else 0.0
 
 
+def _request_text(planned: _Planned) -> str:
+    """The start, the vias and the goal by joint name, and remarks on the planned motion."""
+    lines = passed_lines(passed(planned.motions), planned.robot.described_joints)
+    return "\n".join([*remark_lines(planned.plan), *lines])
+
+
 def _facts(planned: _Planned, accepted: AcceptedMotion) -> dict[str, Any]:
     return {
+        **states_by_name(passed(planned.motions)),
+        "in_span_score": planned.plan.in_span_score,
+        "remarks": remarks(planned.plan),
         "primitive": ", ".join(primitive.name for primitive in planned.primitives),
         "joint_names": list(accepted.trajectory.joint_names),
         "duration": accepted.motion.duration,

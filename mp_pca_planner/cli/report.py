@@ -12,6 +12,7 @@ from html import escape
 import numpy as np
 
 from ..arrays import FloatArray
+from ..control.statement import control_statement
 from ..exceptions import PrimitiveError
 from ..primitives.alignment import aligned_positions
 from ..primitives.cross_validation import HeldOutErrors, leave_one_out
@@ -93,7 +94,8 @@ def _summary(recordings: RecordingSet, primitive: MovementPrimitive) -> str:
     }
     cells = "".join(f"<div><dt>{name}</dt><dd>{text}</dd></div>" for name, text in facts.items())
     joints = ", ".join(map(escape, primitive.joint_names))
-    return f'<dl>{cells}</dl>\n<p class="soft">Joints: {joints}</p>'
+    law = escape(control_statement(primitive))
+    return f'<dl>{cells}</dl>\n<p class="soft">Joints: {joints}<br>Control law: {law}</p>'
 
 
 def _shapes(motions: Sequence[Demonstration], primitive: MovementPrimitive) -> str:

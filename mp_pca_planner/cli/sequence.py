@@ -10,6 +10,7 @@ from pathlib import Path
 
 from ..goal import JointState, SequenceGoal
 from ..planning.plan import PlannerOptions
+from ..planning.remarks import remarks
 from ..planning.sequence import MODES, OPTIMAL, SequencePlan, SequencePlanner
 from ..primitives.primitive_library import load_primitives
 from ..robot import Robot
@@ -34,6 +35,7 @@ from .plan import (
     trajectory_columns,
     write_trajectory,
 )
+from .states import VALUES, passed, passed_lines, remark_lines, states_by_name
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -49,12 +51,11 @@ def _parser() -> CommandParser:
     )
     parser.add_argument("primitives", nargs="+", metavar="FILE", help="primitive files or folders")
     parser.add_argument("--robot", required=True, type=Path, metavar="URDF", help="the robot")
-    values = "name=value,… or values in joint order [rad or m]"
-    parser.add_argument("--start", required=True, help=f"start configuration: {values}")
+    parser.add_argument("--start", required=True, help=f"start configuration: {VALUES}")
     add_via_options(
         parser,
         "V[@T]",
-        f"configuration ({values}; joints left out stay) or pose ('FRAME: X Y Z' or with a "
+        f"configuration ({VALUES}; joints left out stay) or pose ('FRAME: X Y Z' or with a "
         "quaternion), with @T to be there T s after the start,",
     )
     parser.add_argument("--goal", required=True, help="where to stop, likewise")
@@ -81,6 +82,8 @@ def _sequence(arguments: argparse.Namespace) -> int:
     check_outputs(arguments)
     planner, plan = sequence_request(arguments, arguments.mode)
     facts = plan.summary() | {
+        **states_by_name(passed(plan.motions)),
+        "remarks": remarks(plan),
         "joint_names": list(plan.trajectory.joint_names),
         "durations": [motion.duration for motion in plan.motions],
         **trajectory_columns(plan.trajectory),
@@ -99,7 +102,7 @@ def _sequence(arguments: argparse.Namespace) -> int:
     if arguments.json:
         print_json(facts)
     else:
-        print(_text(plan))
+        print(_text(plan, planner.robot))
     return DONE if plan.is_executable else FAILED
 
 
@@ -118,8 +121,8 @@ def sequence_request(
         naturalness=arguments.naturalness, sample_period=arguments.sample_period
     )
     primitives = load_primitives(arguments.primitives)
-    names = primitives[0].joint_names
-    robot = Robot.from_file(arguments.robot, names)
+    robot = Robot.from_file(arguments.robot, primitives[0].joint_names)
+    names = robot.described_joints
     start = joint_values(arguments.start, names, "--start")
     planner = SequencePlanner(
         robot,
@@ -143,12 +146,14 @@ def _goal(arguments: argparse.Namespace, names: Sequence[str]) -> SequenceGoal:
     return SequenceGoal(tuple(targets), tuple(times), arguments.use, stops)
 
 
-def _text(plan: SequencePlan) -> str:
+def _text(plan: SequencePlan, robot: Robot) -> str:
     facts = plan.summary()
     durations = ", ".join(f"{motion.duration:.3f}" for motion in plan.motions)
     return "\n".join(
         [
             f"{facts['status']}: {facts['message']}",
+            *remark_lines(plan),
+            *passed_lines(passed(plan.motions), robot.described_joints),
             f"primitives   {facts['primitive']} (in-span score {facts['in_span_score']:.2f})",
             f"duration     {facts['duration']:.3f} s ({durations})",
             f"effort       {facts['effort_cost']:.4g} N²m²s",

@@ -12,8 +12,10 @@ from typing import Any
 import numpy as np
 
 from ..control.closed_loop import Sampling
+from ..control.errors import ErrorModel
 from ..control.law import KINDS, ControlLaw, controller_parameters, pair_law, paired_law
-from ..control.stability import ErrorModel, Stability, analyse
+from ..control.stability import Stability, analyse
+from ..control.statement import verified_case
 from ..control.verification import Verification, verify
 from ..exceptions import ControlError
 from ..files import check_writable, write_whole
@@ -33,6 +35,7 @@ from .common import (
     table,
 )
 from .plan import add_request_options, plan_request
+from .states import passed_lines, remark_lines
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -62,7 +65,11 @@ def _parser() -> CommandParser:
     )
     assumed = parser.add_argument_group("errors assumed")
     assumed.add_argument(
-        "--inertia-error", type=float, default=errors.inertia, help="share of each link's inertia"
+        "--inertia-error",
+        type=float,
+        default=errors.inertia,
+        metavar="SHARE",
+        help="of the mass and of each principal moment of inertia of each link, either way",
     )
     assumed.add_argument(
         "--payload", type=float, default=errors.payload, help="largest unknown mass [kg]"
@@ -123,7 +130,8 @@ def _verify(arguments: argparse.Namespace) -> int:
             sampling=sampling,
             progress=progress,
         )
-    facts = _facts(law, errors, sampling, stability, found)
+    case = verified_case(planner.robot, plan.trajectory)
+    facts = _facts(law, errors, sampling, stability, found) | {"holds_for": case}
     if arguments.output is not None:
         primitive = next(p for p in planner.primitives if p.name == plan.primitive)
         save_primitive(pair_law(primitive, law, facts), arguments.output, overwrite=arguments.force)
@@ -132,6 +140,10 @@ def _verify(arguments: argparse.Namespace) -> int:
     if arguments.json:
         print_json(facts | {"law": law.kind, "joint_names": list(law.joint_names)})
     else:
+        lines = remark_lines(plan)
+        lines += passed_lines([plan.motion.start, plan.motion.goal], planner.robot.described_joints)
+        print("\n".join(lines))
+        print(f"duration     {plan.trajectory.duration:.3f} s, of robot '{planner.robot.name}'")
         print(_text(law, stability, found))
     return DONE if found.bound_held == arguments.trials and stability.holds else FAILED
 
@@ -145,7 +157,7 @@ def _choose_law(arguments: argparse.Namespace, planner: Planner, plan: Plan) -> 
         if not all(given):
             raise ControlError("--position-gains and --velocity-gains go together")
         gains = [
-            joint_values(text, names, option)
+            joint_values(text, planner.robot.described_joints, option)
             for text, option in zip(given, ("--position-gains", "--velocity-gains"), strict=True)
         ]
         for values, option in zip(gains, ("--position-gains", "--velocity-gains"), strict=True):

@@ -133,7 +133,14 @@ def simulate(
         Where efforts saturate.
     sampling : Sampling
         The timing.
+
+    Raises
+    ------
+    RobotError
+        If a moving link of one of them has no valid inertia.
     """
+    for one in (robot, model):
+        one.require_inertias("simulations")
     times = sample_times(trajectory, sampling)
     desired = Reference.of(trajectory, times)
     feedforward = model.inverse_dynamics(desired.q, desired.v, desired.a)

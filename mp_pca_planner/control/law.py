@@ -29,7 +29,7 @@ from ..trajectory import Trajectory
 FEEDFORWARD_PD, COMPUTED_TORQUE = "feedforward_pd", "computed_torque"
 KINDS = (FEEDFORWARD_PD, COMPUTED_TORQUE)
 
-_KEY = "control_law"
+_KEY, _KNOWN = "control_law", "known"
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,6 +112,8 @@ class ControlLaw:
         ------
         ControlError
             If the frequency or the damping isn't positive.
+        RobotError
+            If gains are torques, and a moving link has no valid inertia.
         """
         if not natural_frequency > 0.0 or not damping_ratio > 0.0:
             raise ControlError(
@@ -120,6 +122,7 @@ class ControlLaw:
             )
         inertia = np.ones(robot.n_joints)
         if kind == FEEDFORWARD_PD:
+            robot.require_inertias("gains for a natural frequency")
             zero = np.zeros_like(motion.positions)
             _, dtau = robot.inverse_dynamics_derivatives(motion.positions, zero, zero)
             matrices = dtau[:, :, 2 * robot.n_joints :]
@@ -166,6 +169,21 @@ def paired_law(primitive: MovementPrimitive) -> ControlLaw | None:
         ) from None
 
 
+def known_stability(primitive: MovementPrimitive) -> dict[str, Any] | None:
+    """What is known of the stability of a primitive's law, as :func:`pair_law` keeps it."""
+    stored = primitive.metadata.get(_KEY) or {}
+    return stored.get(_KNOWN)
+
+
+def with_gains_only(metadata: Mapping[str, Any]) -> dict[str, Any]:
+    """Metadata of a primitive for one of other motions: the law stays, what is known does not."""
+    law = metadata.get(_KEY)
+    if not isinstance(law, Mapping):
+        return dict(metadata)
+    gains = {key: value for key, value in law.items() if key != _KNOWN}
+    return {**metadata, _KEY: gains}
+
+
 def pair_law(
     primitive: MovementPrimitive, law: ControlLaw, known: Mapping[str, Any]
 ) -> MovementPrimitive:
@@ -190,7 +208,7 @@ def pair_law(
             f"the control law is of {law.joint_names}, primitive '{primitive.name}' of "
             f"{primitive.joint_names}"
         )
-    metadata = primitive.metadata | {_KEY: law.to_metadata() | {"known": dict(known)}}
+    metadata = primitive.metadata | {_KEY: law.to_metadata() | {_KNOWN: dict(known)}}
     return MovementPrimitive(
         primitive.name, primitive.joint_names, primitive.coupling, primitive.arrays(), metadata
     )

@@ -12,8 +12,11 @@ and the true inertial parameters π̂ + Δπ, in which inverse dynamics are line
 on the right of which stand the effort of the wrong parameters along the motion itself, what the
 feed-forward lags behind by sampling and delay, what the parameters change in the linear part, and
 what is not linear. The first two are known but for the factors Δπ: the nominal loop, sampled and
-delayed, is run through for each of them, which bounds their joint effect exactly. The rest, w, is
-bounded through the peaks z of (‖e‖, ‖ė‖, ‖ë‖) and the peak gains H of the nominal loop,
+delayed, is run through for each of them, which bounds their joint effect exactly. Each link has
+four factors, of its mass and of its principal moments of inertia. The steps of this loop hold the
+efforts of their middles; a simulation of the nominal loop shows what that misses, which is added.
+The rest, w, is bounded through the peaks z of (‖e‖, ‖ė‖, ‖ë‖) and the peak gains H of the nominal
+loop,
 
     ‖w‖ ≤ cᵀz + ‖r‖,   z ≤ z₁ + H ‖w‖,
 
@@ -27,95 +30,32 @@ value at sampled corners of the box of errors, times a factor of safety.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.linalg import expm
 
 from ..arrays import FloatArray, frozen_array
 from ..exceptions import ControlError
 from ..robot import Robot
 from ..trajectory import Trajectory
-from .closed_loop import DEFAULT_SAMPLING, Reference, Sampling, sample_times
+from .closed_loop import DEFAULT_SAMPLING, Sampling
+from .errors import ErrorModel
 from .law import COMPUTED_TORQUE, ControlLaw
+from .nominal_loop import NominalLoop, poles
 
 _ROUNDS = 1000
 _SETTLED = 1e-3
 # Corners of the box of errors at which the remainder is taken, and a factor for safety.
 _N_CORNERS = 32
 _SAFETY = 1.5
-# Intervals that a motion is cut into.
-_INTERVALS = 40
 # Responses this small next to the largest are over.
 _FORGOTTEN = 1e-8
-_POLE_TIMES = 25
 # Gains change slowly along a motion: samples from one to the next at which they are taken.
 _GAINS_EVERY = 5
 # Accelerations and the like beyond which there is no bound worth the name [SI].
 _ABSURD = 1e4
-
-
-@dataclass(frozen=True, eq=False)
-class ErrorModel:
-    """What may be wrong with a model and a start.
-
-    Attributes
-    ----------
-    inertia : float
-        Share by which the mass and inertia of each link may be wrong, either way.
-    payload : float
-        Largest unknown mass at the end effector [kg].
-    frame : str or None
-        Link of the end effector; None takes the last one.
-    position : float
-        Largest error of each joint at the start [rad or m].
-    velocity : float
-        The same of velocities [/s].
-
-    Raises
-    ------
-    ControlError
-        If one is negative, or inertias may vanish.
-    """
-
-    inertia: float = 0.05
-    payload: float = 0.0
-    frame: str | None = None
-    position: float = 0.001
-    velocity: float = 0.0
-
-    def __post_init__(self) -> None:
-        if not 0.0 <= self.inertia < 1.0:
-            raise ControlError(f"an error of inertias must be 0 to less than 1, got {self.inertia}")
-        for name in ("payload", "position", "velocity"):
-            value = getattr(self, name)
-            if not (np.isfinite(value) and value >= 0.0):
-                raise ControlError(f"the error of {name} must be a number ≥ 0, got {value}")
-
-    def sample(
-        self, robot: Robot, rng: np.random.Generator, *, extreme: bool = False
-    ) -> tuple[Robot, FloatArray, FloatArray]:
-        """One robot within the errors and its start errors: (robot, position, velocity).
-
-        Parameters
-        ----------
-        robot : Robot
-            The nominal one.
-        rng : Generator
-            Where chance comes from.
-        extreme : bool
-            Whether every error has its largest magnitude.
-        """
-
-        def draw(size: int) -> FloatArray:
-            values = rng.uniform(-1.0, 1.0, size)
-            return np.where(values < 0.0, -1.0, 1.0) if extreme else values
-
-        n = robot.n_joints
-        payload = self.payload * 0.5 * (1.0 + float(draw(1)[0]))
-        true = robot.with_inertias(1.0 + self.inertia * draw(n), payload, self.frame)
-        return true, self.position * draw(n), self.velocity * draw(n)
 
 
 @dataclass(frozen=True, eq=False)
@@ -202,7 +142,10 @@ def analyse(
     ------
     ControlError
         If the joints differ.
+    RobotError
+        If a moving link of the model has no valid inertia.
     """
+    model.require_inertias("statements on stability")
     if not law.joint_names == model.joint_names == trajectory.joint_names:
         raise ControlError(
             f"the law is of {law.joint_names}, the model of {model.joint_names} and the motion of "
@@ -215,13 +158,14 @@ def analyse(
         ControlError,
     )
     limits = np.where(np.isfinite(effort_limits), limits, np.inf)
-    loop = _Loop(model, law, trajectory, sampling)
-    known = _known_responses(loop, model, errors)
+    loop = NominalLoop(model, law, trajectory, sampling)
+    directions = _directions(model, errors)
+    known = _known_responses(loop, directions, errors)
     gains = _peak_gains(loop)
-    changes = _parameter_changes(loop, model, errors)
+    changes = _parameter_changes(loop, directions, errors)
     loop_gain = float((gains.norms.sum(axis=1) @ changes.max(axis=0)).max())
     rest = _rest(_Remainder(loop, law, model, errors), known, gains, changes)
-    slowest, damping, radius = _poles(loop)
+    slowest, damping, radius = poles(loop)
     bound = effort_bound = None
     reserve = _reserve(np.abs(loop.feedforward), limits)
     if rest is not None:
@@ -238,74 +182,6 @@ def _reserve(efforts: FloatArray, limits: FloatArray) -> float:
     return float((1.0 - efforts / limits).min())
 
 
-class _Loop:
-    """The nominal loop along a motion, linearised and sampled: x = (e, ė), input an effort."""
-
-    def __init__(
-        self, model: Robot, law: ControlLaw, trajectory: Trajectory, sampling: Sampling
-    ) -> None:
-        n = self.n = model.n_joints
-        step = sampling.period
-        self.delay = sampling.delay
-        self.times = sample_times(trajectory, sampling)
-        self.reference = Reference.of(trajectory, self.times)
-        # Intervals of equal length, and which one each sample is in.
-        per_interval = max(len(self.times) // _INTERVALS, 1)
-        self.interval = np.arange(len(self.times)) // per_interval
-        self.edges = np.arange(0, len(self.times), per_interval)
-        ref = self.reference
-        self.feedforward, linear = model.inverse_dynamics_derivatives(ref.q, ref.v, ref.a)
-        # The effort that the law adds per error, at the samples.
-        gains = np.concatenate([np.diag(law.position_gains), np.diag(law.velocity_gains)], axis=1)
-        self.feedback = np.broadcast_to(gains, (len(self.times), n, 2 * n))
-        if law.kind == COMPUTED_TORQUE:
-            self.feedback = linear[:, :, 2 * n :] @ gains - linear[:, :, : 2 * n]
-        # The dynamics between samples, with coefficients of the middle of the step.
-        self.middle = Reference.of(trajectory, self.times + 0.5 * step)
-        mid = self.middle
-        self.middle_efforts, self.linear = model.inverse_dynamics_derivatives(mid.q, mid.v, mid.a)
-        self.mass_inverse = np.linalg.inv(self.linear[:, :, 2 * n :])
-        eigenvalues, vectors = np.linalg.eigh(self.linear[:, :, 2 * n :])
-        self.root = (vectors * np.sqrt(eigenvalues)[:, None]) @ vectors.transpose(0, 2, 1)
-        self.inverse_root = np.linalg.inv(self.root)
-        self.drift = -self.mass_inverse @ self.linear[:, :, : 2 * n]
-        system = np.zeros((len(self.times), 3 * n, 3 * n))
-        system[:, :n, n : 2 * n] = np.eye(n)
-        system[:, n : 2 * n, : 2 * n] = self.drift
-        system[:, n : 2 * n, 2 * n :] = self.mass_inverse
-        whole = expm(system * step)
-        self.transition = whole[:, : 2 * n, : 2 * n]
-        self.input = whole[:, : 2 * n, 2 * n :]
-
-    def respond(self, disturbance: FloatArray, start: FloatArray) -> FloatArray:
-        """Responses to efforts on the right-hand side, held over each step.
-
-        Parameters
-        ----------
-        disturbance : array, shape (n_samples, n_joints, n_signals)
-            The efforts.
-        start : array, shape (2 n_joints, n_signals)
-            Errors at the start.
-
-        Returns
-        -------
-        responses : array, shape (n_samples, 3 n_joints, n_signals)
-            e, ė and ë.
-        """
-        n = self.n
-        x = start
-        # As in the simulation, the law saw the start error before the start, too.
-        pending = [self.feedback[0] @ start] * self.delay
-        responses = np.empty((len(self.times), 3 * n, start.shape[1]))
-        for k, push in enumerate(disturbance):
-            pending.append(self.feedback[k] @ x)
-            effort = push - pending.pop(0)
-            responses[k, : 2 * n] = x
-            responses[k, 2 * n :] = self.drift[k] @ x + self.mass_inverse[k] @ effort
-            x = self.transition[k] @ x + self.input[k] @ effort
-        return responses
-
-
 class _Known(NamedTuple):
     """Bounds on the responses to what is known but for its factors.
 
@@ -319,10 +195,12 @@ class _Known(NamedTuple):
     peaks: FloatArray
 
 
-def _known_responses(loop: _Loop, model: Robot, errors: ErrorModel) -> _Known:
+def _known_responses(
+    loop: NominalLoop, directions: Sequence[_Direction], errors: ErrorModel
+) -> _Known:
     n, mid = loop.n, loop.middle
     pushes = []
-    for robot, magnitude in _parameter_directions(model, errors):
+    for robot, magnitude, _ in directions:
         difference = robot.inverse_dynamics(mid.q, mid.v, mid.a) - loop.middle_efforts
         pushes.append(magnitude * difference)
     # Efforts computed for one sample act some later.
@@ -341,6 +219,10 @@ def _known_responses(loop: _Loop, model: Robot, errors: ErrorModel) -> _Known:
     parts = np.split(responses, 3, axis=1)
     norms = [np.linalg.norm(loop.root @ part, axis=1).sum(axis=1) for part in parts]
     values = np.abs(responses).sum(axis=2)
+    # Efforts of the middle of a step stand for all of it. What that misses is known for the
+    # nominal loop, and less for errors of its parameters.
+    missed = np.abs(loop.errors - responses[:, :n, len(pushes) - 1])
+    values[:, :n] += _SAFETY * missed.max(axis=0)
     return _Known(
         values,
         np.maximum.reduceat(np.stack(norms, axis=1), loop.edges),
@@ -348,28 +230,41 @@ def _known_responses(loop: _Loop, model: Robot, errors: ErrorModel) -> _Known:
     )
 
 
-def _parameter_directions(model: Robot, errors: ErrorModel) -> list[tuple[Robot, float]]:
-    """Robots one unit of each parameter away from the model, and how far it may be wrong."""
-    ones = np.ones(model.n_joints)
-    directions = [
-        (model.with_inertias(ones + unit), errors.inertia) for unit in np.eye(model.n_joints)
-    ]
+class _Direction(NamedTuple):
+    """A robot one unit of a parameter away from the model, and how far the parameter may be off.
+
+    is_share: whether the parameter is one of a link's own, in shares of itself.
+    """
+
+    robot: Robot
+    magnitude: float
+    is_share: bool
+
+
+def _directions(model: Robot, errors: ErrorModel) -> list[_Direction]:
+    shape = model.link_inertias.parts.shape[:2]
+    ones = np.ones(shape)
+    units = np.eye(ones.size).reshape(-1, *shape)
+    found = [_Direction(model.with_link_inertias(ones + u), errors.inertia, True) for u in units]
     if errors.payload > 0.0:
-        directions.append((model.with_inertias(ones, 1.0, errors.frame), errors.payload))
-    return directions
+        loaded = model.with_inertias(np.ones(model.n_joints), 1.0, errors.frame)
+        found.append(_Direction(loaded, errors.payload, False))
+    return [direction for direction in found if direction.magnitude > 0.0]
 
 
-def _parameter_changes(loop: _Loop, model: Robot, errors: ErrorModel) -> FloatArray:
+def _parameter_changes(
+    loop: NominalLoop, directions: Sequence[_Direction], errors: ErrorModel
+) -> FloatArray:
     """The c of the module: norms of ΔG, ΔC and ΔM, shape (n_intervals, 3)."""
     n, mid = loop.n, loop.middle
     change = np.zeros((len(loop.times), 3))
-    for robot, magnitude in _parameter_directions(model, errors):
+    root = loop.inverse_root[:, None]
+    for robot, magnitude, is_share in directions:
         _, linear = robot.inverse_dynamics_derivatives(mid.q, mid.v, mid.a)
         difference = (linear - loop.linear).reshape(-1, n, 3, n).transpose(0, 2, 1, 3)
-        root = loop.inverse_root[:, None]
-        change += magnitude * np.linalg.norm(root @ difference @ root, 2, axis=(2, 3))
-        if magnitude is errors.inertia:
-            change[:, 2] = errors.inertia  # −δM̂ ≤ ΔM ≤ δM̂ for all links together
+        norms = np.linalg.norm(root @ difference @ root, 2, axis=(2, 3))
+        change += magnitude * norms * ([1.0, 1.0, 0.0] if is_share else 1.0)
+    change[:, 2] += errors.inertia  # −δM̂ ≤ ΔM ≤ δM̂ for the parts of all links together
     return np.asarray(np.maximum.reduceat(change, loop.edges))
 
 
@@ -385,7 +280,7 @@ class _Gains(NamedTuple):
     rows: FloatArray
 
 
-def _peak_gains(loop: _Loop) -> _Gains:
+def _peak_gains(loop: NominalLoop) -> _Gains:
     n, m = loop.n, len(loop.edges)
     # Columns: responses to unit efforts, weighted, in each step so far.
     x = np.zeros((2 * n, 0))
@@ -439,7 +334,7 @@ def _rest(
     for _ in range(_ROUNDS):
         z = known.peaks + np.einsum("ljc,j->lc", gains.rows, rest)
         norms = known.norms + np.einsum("ljc,j->lc", gains.norms, rest)
-        if z.max() > _ABSURD:
+        if not z.max() < _ABSURD:
             return None
         wanted = np.sum(changes * norms, axis=1) + remainder(z)
         if np.all(wanted <= rest):
@@ -452,7 +347,9 @@ def _rest(
 class _Remainder:
     """Bound on what is not linear in the errors, for a box of errors in each interval."""
 
-    def __init__(self, loop: _Loop, law: ControlLaw, model: Robot, errors: ErrorModel) -> None:
+    def __init__(
+        self, loop: NominalLoop, law: ControlLaw, model: Robot, errors: ErrorModel
+    ) -> None:
         rows = np.minimum(loop.edges + len(loop.times) // len(loop.edges) // 2, len(loop.times) - 1)
         rng = np.random.default_rng(0)
         self._n = loop.n
@@ -484,29 +381,3 @@ class _Remainder:
         tau = self._robot.inverse_dynamics(states[:, :n], states[:, n : 2 * n], states[:, 2 * n :])
         linear = np.einsum("kij,ckj->cki", self._linear, errors)
         return np.asarray(tau.reshape(linear.shape) - self._efforts + linear)
-
-
-def _poles(loop: _Loop) -> tuple[float, float, float]:
-    """Largest real part, least damping ratio, and radius of the sampled poles."""
-    n, delay = loop.n, loop.delay
-    rows = np.unique(np.linspace(0, len(loop.times) - 1, _POLE_TIMES).astype(int))
-    slowest, damping, radius = -np.inf, np.inf, 0.0
-    for k in rows:
-        continuous = np.zeros((2 * n, 2 * n))
-        continuous[:n, n:] = np.eye(n)
-        continuous[n:] = loop.drift[k] - loop.mass_inverse[k] @ loop.feedback[k]
-        poles = np.linalg.eigvals(continuous)
-        slowest = max(slowest, float(poles.real.max()))
-        damping = min(damping, float((-poles.real / np.abs(poles)).min()))
-        # State: x, then the efforts on their way.
-        size = 2 * n + delay * n
-        sampled = np.zeros((size, size))
-        sampled[: 2 * n, : 2 * n] = loop.transition[k]
-        if delay == 0:
-            sampled[: 2 * n, : 2 * n] -= loop.input[k] @ loop.feedback[k]
-        else:
-            sampled[: 2 * n, 2 * n : 3 * n] = -loop.input[k]
-            sampled[2 * n : size - n, 3 * n :] = np.eye(size - 3 * n)
-            sampled[size - n :, : 2 * n] = loop.feedback[k]
-        radius = max(radius, float(np.abs(np.linalg.eigvals(sampled)).max()))
-    return slowest, damping, radius

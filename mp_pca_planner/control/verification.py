@@ -13,8 +13,9 @@ from ..arrays import FloatArray
 from ..robot import Robot
 from ..trajectory import Trajectory
 from .closed_loop import DEFAULT_SAMPLING, Sampling, simulate
+from .errors import ErrorModel
 from .law import ControlLaw
-from .stability import ErrorModel, Stability
+from .stability import Stability
 
 
 @dataclass(frozen=True, eq=False)

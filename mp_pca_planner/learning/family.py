@@ -4,7 +4,8 @@
 
 The family's mean shape is moved so that the refined motion is what it expects for its end
 points; components, covariances, paces and what they say of requests are carried over. So near
-by it expects motions like the refined one.
+by it expects motions like the refined one. Gains of a control law are carried over, too; the
+bound on its errors is not, which holds for another motion.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from ..arrays import FloatArray
+from ..control.law import with_gains_only
 from ..exceptions import LearningError
 from ..primitives.basis import end_vanishing_coefficients, legendre_values
 from ..primitives.boundary import boundary_values, hermite_functions
@@ -68,7 +70,9 @@ def family_around(
     arrays = primitive.arrays() | {
         "durations": primitive.durations * (motion.duration / segment.duration)
     }
-    metadata = primitive.metadata | {"refined_from": {"name": primitive.name, **provenance}}
+    metadata = with_gains_only(primitive.metadata) | {
+        "refined_from": {"name": primitive.name, **provenance}
+    }
 
     def moved_to(mean: FloatArray) -> MovementPrimitive:
         content = arrays | {"mean_coefficients": mean}

@@ -106,11 +106,11 @@ class RefinedMotion:
         return states[0], states[1], states[2]
 
     def sample(self, robot: Robot, period: float) -> Trajectory:
-        """The trajectory with its efforts, points at most `period` apart [s]."""
+        """The trajectory, with its efforts if they are known, points at most `period` apart [s]."""
         n_steps = max(int(np.ceil(self.duration / period - 1e-9)), 1)
         times = np.linspace(0.0, self.duration, n_steps + 1)
         q, v, a = self.evaluate(times)
-        return Trajectory(robot.joint_names, times, q, v, a, robot.inverse_dynamics(q, v, a))
+        return Trajectory(robot.joint_names, times, q, v, a, robot.known_efforts(q, v, a))
 
 
 @dataclass(frozen=True, eq=False)

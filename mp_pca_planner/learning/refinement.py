@@ -145,6 +145,8 @@ def refine(
     ------
     TrajectoryError
         If the original motion is not executable.
+    RobotError
+        If a moving link of the robot has no valid inertia.
     """
     cost = RefinementCost(segments, robot, options.time_price)
     judge = ExecutableMotions(segments, robot, limits, options, collision)
@@ -245,6 +247,7 @@ class RefinementCost:
     def __init__(
         self, segments: Sequence[Motion], robot: Robot, time_price: float | None = None
     ) -> None:
+        robot.require_inertias("refinements")
         self._segments = tuple(segments)
         self._robot = robot
         self._price = time_price or 0.0

@@ -184,6 +184,8 @@ class MotionSolver:
             check = check_limits(trajectory, self._robot, self._limits)
             # Where limits are broken, there will be another motion to look at.
             collisions = () if check.violations else self.collisions(trajectory)
+            if check.violations and solved_at > deadline:
+                break
             if check.violations and unbounded:
                 unbounded, limited = False, limited_by(self._limits)
                 starts = first
@@ -235,10 +237,10 @@ class MotionSolver:
         return () if self._collision is None else self._collision.collisions(trajectory)
 
     def sample(self, motion: Motion) -> Trajectory:
-        """The points of a motion's trajectory, with their efforts."""
+        """The points of a motion's trajectory, with their efforts if they are known."""
         times = motion.sample_times(self._options.sample_period)
         q, v, a = motion.evaluate(times)
-        tau = self._robot.inverse_dynamics(q, v, a)
+        tau = self._robot.known_efforts(q, v, a)
         return Trajectory(self._robot.joint_names, times, q, v, a, tau)
 
     def _watches(

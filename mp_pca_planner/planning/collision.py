@@ -11,7 +11,7 @@ every millisecond. Meshes are looked at closer than their convex hulls only wher
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -253,21 +253,27 @@ class CollisionModel:
 
     def _remove_fixed(self) -> None:
         """Leave the pairs that move against each other."""
-        objects = self._geometry.geometryObjects
-        for pair in list(self._geometry.collisionPairs):
-            if objects[pair.first].parentJoint == objects[pair.second].parentJoint:
-                self._geometry.removeCollisionPair(pair)
+        joints = [part.parentJoint for part in self._geometry.geometryObjects]
+        self._keep_pairs([joints[a] != joints[b] for a, b in self._index_pairs()])
 
     def _remove_touching_at_neutral(self) -> None:
         low, high = self._model.lowerPositionLimit, self._model.upperPositionLimit
         neutral = np.clip(pin.neutral(self._model), low, high)
         self._geometry_data = self._geometry.createData()
-        pairs = list(self._geometry.collisionPairs)
-        for pair, distance in zip(
-            pairs, self._exact_distances(neutral, range(len(pairs))), strict=True
-        ):
-            if distance < _CONTACT:
-                self._geometry.removeCollisionPair(pair)
+        distances = self._exact_distances(neutral, range(len(self._geometry.collisionPairs)))
+        self._keep_pairs(distances >= _CONTACT)
+
+    def _index_pairs(self) -> list[tuple[int, int]]:
+        """Numbers of the geometry objects of each pair."""
+        return [_both(pair) for pair in self._geometry.collisionPairs]
+
+    def _keep_pairs(self, kept: Iterable[bool]) -> None:
+        # What Python gets of Pinocchio's pairs are references to places in a vector, so the vector
+        # is made again: removing one pair would put others into the places behind it.
+        pairs = [pair for pair, keep in zip(self._index_pairs(), kept, strict=True) if keep]
+        self._geometry.removeAllCollisionPairs()
+        for first, second in pairs:
+            self._geometry.addCollisionPair(pin.CollisionPair(first, second))
 
     def _remove_disabled(self, srdf: Path) -> None:
         try:

@@ -124,3 +124,8 @@ def spline_family(tables: QuadratureTables, limit_tables: LimitTables) -> Family
     """B-splines alone, of which nothing is expected."""
     zero = np.zeros(tables.basis.n_weights)
     return Family(tables, limit_tables, zero, None, (Start(zero),), 0)
+
+
+def fixed_family(tables: QuadratureTables) -> Family:
+    """The one shape of a basis without weights."""
+    return Family(tables, LimitTables(tables), tables.basis.scales, None, (), 0)

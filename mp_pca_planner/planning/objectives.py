@@ -149,6 +149,13 @@ class Straightness:
         return Residuals((places[2:, 0] - first) @ across, {"positions": across @ jacobians[2:, 0]})
 
 
+def uses_efforts(objective: Objective, robot: Robot) -> bool:
+    """Whether an objective depends on efforts, by its derivatives."""
+    zero = np.zeros((1, robot.n_joints))
+    nodes = Nodes(robot, zero, zero, zero, zero, zero, zero[0], zero[0])
+    return "efforts" in objective.residuals(nodes).partials
+
+
 OBJECTIVES = ("effort", "energy", "jerk", "time", "straightness")
 """Names that :func:`objective_by_name` knows."""
 

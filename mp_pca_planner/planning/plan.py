@@ -142,8 +142,8 @@ class Plan:
     Attributes
     ----------
     status : str
-        'solved': converged, and executable. 'stopped_early': executable, but time ran out
-        before the least effort was found. 'infeasible': must not be executed.
+        'solved': converged, and executable. 'stopped_early': executable, but not optimal: time
+        ran out, or no optimised motion met the limits. 'infeasible': must not be executed.
     message : str
         One sentence for a person.
     trajectory : Trajectory

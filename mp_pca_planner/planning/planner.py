@@ -7,39 +7,31 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple
 
 import numpy as np
 
 from ..arrays import FloatArray
-from ..exceptions import GoalError, PrimitiveError, TrajectoryError, quote_names
+from ..exceptions import GoalError, PrimitiveError, quote_names
 from ..goal import JointGoal, JointState, PoseGoal
 from ..limits import JointLimits
 from ..primitives.basis import Basis, BSplineBasis
 from ..primitives.primitive import MovementPrimitive
 from ..robot import Robot
-from ..validation import LimitCheck, check_executable, check_limits
+from ..validation import check_limits, require_effort_limits
 from .attempt import NEAR_EXPECTED, Attempt, MotionSolver, condition_errors, largest
-from .collision import NOT_CHECKED, CollisionModel
+from .collision import CollisionModel
 from .compiler import QuadratureTables
 from .conditions import PoseTarget
 from .constraints import LimitTables
+from .fallback import Fallback, FallbackPlanner
 from .families import Family, component_family, corrected_family, spline_family
-from .objectives import Effort
-from .plan import (
-    DEMONSTRATED,
-    FREE,
-    INFEASIBLE,
-    SHORTEST,
-    SOLVED,
-    STOPPED_EARLY,
-    Plan,
-    PlannerOptions,
-)
-from .pose_search import POSE_TOLERANCE
+from .objectives import uses_efforts
+from .plan import FREE, SHORTEST, Plan, PlannerOptions
 from .request import Request, RequestMaker
 from .selection import Selector
 from .starts import Practice
+from .stop_and_go import slowdown
+from .verdict import Judge, Outcome, StatedDuration, correction
 
 # Share of the time that goes to the duration that was asked for.
 _SHARE_OF_FIXED = 0.6
@@ -59,13 +51,6 @@ _LONGEST_STRETCH = 10.0
 # … and motions are pulled towards the expected one, ten times as hard each time, up to a
 # naturalness at which effort hardly counts any more.
 _PULLS = (1e-3, 1e-2, 1e-1, 1.0, 10.0, 100.0)
-
-
-class _StatedDuration(NamedTuple):
-    """A feasible duration [s] that is told, NaN if none is; the shortest if there was time."""
-
-    seconds: float = float("nan")
-    is_shortest: bool = True
 
 
 @dataclass(eq=False)
@@ -90,6 +75,8 @@ class Planner:
     ------
     PrimitiveError
         If there is no primitive, two have the same name, or one is of other joints.
+    RobotError
+        If a moving link has no valid inertia, and efforts are limited or part of the objective.
     """
 
     robot: Robot
@@ -111,6 +98,10 @@ class Planner:
                     f"primitive '{primitive.name}' moves {quote_names(primitive.joint_names)}, but "
                     f"the planner was set up for {quote_names(self.robot.joint_names)}"
                 )
+        require_effort_limits(self.robot, self.limits)
+        if any(uses_efforts(objective, self.robot) for _, objective in self.options.objectives):
+            others = "choose an objective without efforts, such as jerk"
+            self.robot.require_inertias("objectives with efforts", others)
         bases: list[Basis] = [p.basis for p in self.primitives]
         if self.options.basis == "bspline":
             bases = [BSplineBasis(self.robot.n_joints)] * len(names)
@@ -121,6 +112,8 @@ class Planner:
         selector = Selector(self.robot, self.primitives, self.options.objectives)
         self._requests = RequestMaker(self.robot, self.limits, self.options, selector)
         self._solver = MotionSolver(self.robot, self.limits, self.options, self.collision)
+        self._fallback = FallbackPlanner(self.robot, self.limits, self.options, self._solver)
+        self._judge = Judge(self.limits, self.options, self.collision)
         self._practice: dict[str, Practice] = {}
 
     def check(self, goal: JointGoal) -> None:
@@ -135,6 +128,16 @@ class Planner:
             its duration is out of the question.
         """
         self._requests.check(goal)
+
+    def target(self, goal: JointGoal, start: JointState) -> JointState:
+        """The whole configuration that a goal asks for, of all joints of the robot.
+
+        Raises
+        ------
+        GoalError
+            See :meth:`plan`.
+        """
+        return self._requests.target(goal, start)
 
     def plan(self, goal: JointGoal | PoseGoal, start: JointState) -> Plan:
         """Plan the motion with the least of the objectives to a goal.
@@ -165,14 +168,21 @@ class Planner:
         share = 1.0 if goal.duration is None else _SHARE_OF_FIXED
         enough = began + share * self.options.max_solve_time
         attempts: list[Attempt] = []
-        for request in self._requests.complete(goal, start):
+        requests = self._requests.complete(goal, start)
+        for request in requests:
             attempts.append(self._serve(request, enough))
             if _is_over(enough):
                 break
         best = min(attempts, key=lambda one: (one.fault, one.solution.cost))
-        shortest = self._stated_duration(goal, best, deadline)
+        failed = best.fault > 0.0 and not best.is_hopeless
+        ran_out, fallback = failed and _is_over(enough), Fallback()
+        if failed:
+            fallback = self._fallback.serve(requests, best)
+            best = fallback.attempt or best
+        stated = self._stated_duration(best, fallback, deadline)
         reason = _reason(goal, best, attempts)
-        return self._judge(best, reason, attempts[-1].solved_at - began, shortest)
+        solve_time = max(attempts[-1].solved_at, best.solved_at) - began
+        return self._plan(Outcome(best, fallback, stated, ran_out), reason, solve_time)
 
     def practise(self, max_time: float = float("inf")) -> None:
         """Plan between the ends of demonstrations, to find similar motions faster from there.
@@ -279,8 +289,8 @@ class Planner:
             attempt = self._solver.attempt(request, family, duration, naturalness, deadline)
             if best is None or attempt.fault < best.fault:
                 best = attempt
-            remedy = self._remedy(attempt)
-            if remedy is None or _is_over(deadline):
+            remedy = None if _is_over(deadline) else self._remedy(attempt)
+            if remedy is None:
                 return best
             duration, naturalness = remedy
 
@@ -321,22 +331,24 @@ class Planner:
         return best, best.motion.duration <= _DURATION_PRECISION * too_short
 
     def _stated_duration(
-        self, goal: JointGoal | PoseGoal, best: Attempt, deadline: float
-    ) -> _StatedDuration:
-        """The shortest feasible duration where it is of interest."""
-        if best.fault == 0.0:
-            asked = best.request.duration_is_free and self.options.timing == SHORTEST
-            return _StatedDuration(best.motion.duration) if asked else _StatedDuration()
-        if goal.duration is None or best.is_hopeless:
-            return _StatedDuration()
+        self, best: Attempt, fallback: Fallback, deadline: float
+    ) -> StatedDuration:
+        """The shortest feasible duration known, where it is of interest."""
         request = best.request
+        if best.fault == 0.0:
+            asked = request.duration_is_free and self.options.timing == SHORTEST
+            return StatedDuration(best.motion.duration) if asked else StatedDuration()
+        stated = StatedDuration(fallback.duration, is_shortest=False)
+        if request.duration_is_free or best.is_hopeless or _is_over(deadline):
+            return stated
         expected = self._requests.expect(request.primitive, request.start, request.goal, None)
         free = replace(request, duration_is_free=True, expected=expected)
         for family in self._families(free):
             found, is_shortest = self._shortest(free, family, deadline)
             if found.fault == 0.0:
-                return _StatedDuration(_SHORTEST_MARGIN * found.motion.duration, is_shortest)
-        return _StatedDuration()
+                seconds = _SHORTEST_MARGIN * found.motion.duration
+                return stated if stated.seconds < seconds else StatedDuration(seconds, is_shortest)
+        return stated
 
     def _remedy(self, attempt: Attempt) -> tuple[float, float] | None:
         """The duration and naturalness to try next if limits are broken, None if none is left.
@@ -353,7 +365,7 @@ class Planner:
             return None
         check = check_limits(expected, self.robot, self.limits)
         longest = request.expected.duration * (_LONGEST_STRETCH if request.duration_is_free else 1)
-        slower = min(duration * _stretch(check), longest)
+        slower = min(duration * slowdown(check), longest)
         if slower > duration:
             return slower, naturalness
         if check.violations or family.precision is None or family.is_corrected:
@@ -361,9 +373,8 @@ class Planner:
         stronger = next((pull for pull in _PULLS if pull > naturalness), None)
         return None if stronger is None else (duration, stronger)
 
-    def _judge(
-        self, attempt: Attempt, reason: str, solve_time: float, shortest: _StatedDuration
-    ) -> Plan:
+    def _plan(self, outcome: Outcome, reason: str, solve_time: float) -> Plan:
+        attempt = outcome.attempt
         request, family = attempt.request, attempt.family
         trajectory = attempt.trajectory
         n_vias = request.n_vias
@@ -383,7 +394,7 @@ class Planner:
                 attempt.motion.goal,
                 None if request.duration_is_free else attempt.motion.duration,
             ).in_span_score
-        status, message = self._verdict(attempt, max(via_error, goal_error), shortest)
+        status, message = self._judge.verdict(outcome, max(via_error, goal_error))
         return Plan(
             status=status,
             message=message,
@@ -399,85 +410,13 @@ class Planner:
             goal_error=goal_error,
             via_error=via_error,
             via_phases=attempt.phases[:n_vias],
-            shortest_duration=shortest.seconds,
+            shortest_duration=outcome.stated.seconds,
             n_components_used=family.n_components,
-            correction=_correction(attempt),
+            correction=correction(attempt),
             deviation_score=_deviation(attempt),
             naturalness=attempt.naturalness,
             solve_time=solve_time,
         )
-
-    def _verdict(
-        self, attempt: Attempt, missed: float, shortest: _StatedDuration
-    ) -> tuple[str, str]:
-        """Status and message."""
-        try:
-            check_executable(
-                attempt.trajectory,
-                attempt.check,
-                attempt.request.start,
-                allow_nonzero_end_velocity=self.options.allow_nonzero_end_velocity,
-            )
-        except TrajectoryError as error:
-            message = f"no motion within the limits was found: {error}"
-            return INFEASIBLE, message + self._other_duration(attempt, shortest)
-        if attempt.collisions:
-            message = f"no motion without self-collision was found: {attempt.collisions[0]}"
-            return INFEASIBLE, message + self._other_duration(attempt, shortest)
-        if missed > POSE_TOLERANCE:
-            return INFEASIBLE, (
-                "no motion that passes where it was asked to was found: the nearest one is "
-                f"{missed:.3g} rad or m off"
-            )
-        concessions = self._concessions(attempt)
-        if not attempt.solution.converged:
-            found = "time or iterations ran out before the least was found"
-            return STOPPED_EARLY, found + concessions
-        if np.isfinite(shortest.seconds):
-            return SOLVED, "shortest motion within the limits found" + concessions
-        effort_alone = [type(objective) for _, objective in self.options.objectives] == [Effort]
-        least = "effort" if effort_alone else "cost"
-        return SOLVED, f"motion of least {least} found{concessions}"
-
-    def _other_duration(self, attempt: Attempt, shortest: _StatedDuration) -> str:
-        """What is known of motions in another duration than that asked for."""
-        if np.isfinite(shortest.seconds):
-            known = "a feasible duration"
-            if shortest.is_shortest:
-                known = "the shortest duration that the limits allow"
-            return f"; {known} is {shortest.seconds:.4g} s"
-        if attempt.request.duration_is_free or attempt.is_hopeless:
-            return ""
-        return (
-            "; nor was one found in another duration, within max_solve_time = "
-            f"{self.options.max_solve_time:g} s"
-        )
-
-    def _concessions(self, attempt: Attempt) -> str:
-        """What had to be given up to do what was asked, as the end of a sentence."""
-        usual, duration = attempt.request.expected.duration, attempt.motion.duration
-        given_up = []
-        if duration > usual and self.options.timing == DEMONSTRATED:
-            given_up.append(f"the duration was lengthened from {usual:.3g} to {duration:.3g} s")
-        if attempt.naturalness > self.options.naturalness:
-            given_up.append(
-                f"the naturalness was raised from {self.options.naturalness:g} "
-                f"to {attempt.naturalness:g}"
-            )
-        why = "to keep the limits"
-        if self.collision is not None and self.collision.has_geometry:
-            why += " without self-collision"
-        kept = f"; {why}, {' and '.join(given_up)}" if given_up else ""
-        if attempt.kept_apart:
-            kept += "; links that would meet otherwise are kept apart"
-        if self.collision is not None and not self.collision.has_geometry:
-            kept += NOT_CHECKED
-        if self.options.basis == "pca" and attempt.family.is_corrected:
-            kept += (
-                f"; beyond the components of the primitive it took B-splines, "
-                f"{_correction(attempt):.2g} rad or m in the mean"
-            )
-        return kept
 
 
 def _is_over(deadline: float) -> bool:
@@ -497,17 +436,6 @@ def _reason(goal: JointGoal | PoseGoal, best: Attempt, attempts: Sequence[Attemp
     return best.request.selection.reason(winner, solved)
 
 
-def _correction(attempt: Attempt) -> float:
-    """Root of the mean square of what B-splines add to components [rad or m]."""
-    family = attempt.family
-    if not family.is_corrected:
-        return 0.0
-    only = np.where(np.arange(family.expected.size) < family.n_components, 0.0, 1.0)
-    phases = np.linspace(0.0, 1.0, 101)
-    added = family.basis.shape(only * attempt.motion.weights, phases)
-    return float(np.sqrt(np.mean((added - family.basis.shape(0.0 * only, phases)) ** 2)))
-
-
 def _deviation(attempt: Attempt) -> float:
     """How far the components' weights are from the expected ones, in standard deviations."""
     n = attempt.family.n_components
@@ -515,17 +443,6 @@ def _deviation(attempt: Attempt) -> float:
         return float("nan")
     off = attempt.motion.weights[:n] - attempt.family.expected[:n]
     return float(np.sqrt(off @ attempt.request.expected.precision @ off / n))
-
-
-def _stretch(check: LimitCheck) -> float:
-    """By how much a longer duration may mend what is broken, 1 if it can't."""
-    # More time doesn't change the path, and with it the positions.
-    powers = {"velocity": 1.0, "acceleration": 1.0 / 2.0, "jerk": 1.0 / 3.0, "effort": 1.0 / 2.0}
-    factors = [
-        (1.0 + v.excess) ** powers[v.quantity] for v in check.violations if v.quantity in powers
-    ]
-    # A little more than the law of scaling says, for the motion is optimised again.
-    return float(np.clip(1.02 * max(factors), 1.05, 2.0)) if factors else 1.0
 
 
 def _distance(position: FloatArray, state: JointState) -> float:

@@ -123,7 +123,7 @@ class RequestMaker:
         self._check_size(goal.duration)
         selector = self._selector.among(goal.primitive)
         if isinstance(goal, JointGoal):
-            goals, pose = [self._joint_goal(goal, here)], None
+            goals, pose = [self.target(goal, here)], None
         else:
             goals, pose = self._pose_goals(goal.pose, here, selector.primitives), goal.pose
 
@@ -154,7 +154,8 @@ class RequestMaker:
                 chosen.append(replace(request, conditions=conditions))
         return chosen
 
-    def _joint_goal(self, goal: JointGoal, here: JointState) -> JointState:
+    def target(self, goal: JointGoal, here: JointState) -> JointState:
+        """The whole configuration that a goal asks for; see :meth:`complete`."""
         there = completed(goal.state, here, self._robot, "goal")
         self._check_end(there)
         return there
@@ -212,7 +213,7 @@ class RequestMaker:
     def _check_size(self, duration: float | None) -> None:
         if duration is None:
             return
-        longest = min(LONGEST_DURATION, _MOST_POINTS * self._options.sample_period)
+        longest = longest_duration(self._options)
         if duration > longest:
             raise GoalError(
                 f"the duration {duration:g} s is too long: with a sample period of "
@@ -234,6 +235,11 @@ class RequestMaker:
         return primitive.statistics.condition(
             start.positions + shift, goal.positions + shift, duration
         )
+
+
+def longest_duration(options: PlannerOptions) -> float:
+    """The longest duration that is accepted [s]."""
+    return min(LONGEST_DURATION, _MOST_POINTS * options.sample_period)
 
 
 def _windows(

@@ -237,7 +237,7 @@ class Selector:
         ends = JointState(names, start), JointState(names, goal)
         # At an even pace: tables of each request's own would take longer than all else.
         motion = Motion(*ends, expected.duration, basis, expected.weights)
-        return _cost_of(self._robot, motion, self._tables[i], self._objectives)
+        return cost_of(self._robot, motion, self._tables[i], self._objectives)
 
 
 def is_near(scores: FloatArray) -> NDArray[np.bool_]:
@@ -261,10 +261,10 @@ def effort_of(robot: Robot, motion: Motion) -> float:
     motion : Motion
         The motion.
     """
-    return _cost_of(robot, motion, QuadratureTables(motion.basis), [(1.0, Effort())])
+    return cost_of(robot, motion, QuadratureTables(motion.basis), [(1.0, Effort())])
 
 
-def _cost_of(
+def cost_of(
     robot: Robot,
     motion: Motion,
     tables: QuadratureTables,

@@ -42,6 +42,7 @@ from .selection import Selector, effort_of
 from .sequence_program import SequenceProgram
 from .sequence_request import SequenceRequest, duration_groups, fit_durations
 from .states import check_within_limits, completed, in_order, unwrapped
+from .stop_and_go import slowdown, stop_and_go
 
 REAL_TIME, OPTIMAL = "real_time", "optimal"
 MODES = (REAL_TIME, OPTIMAL)
@@ -69,7 +70,8 @@ class SequencePlan:
     ----------
     status : str
         'solved'. 'stopped_early': executable, but time or iterations ran out before the least
-        effort was found. 'infeasible': must not be executed.
+        effort was found, or only with a rest at each target within the limits. 'infeasible':
+        must not be executed.
     message : str
         One sentence for a person.
     mode : {'real_time', 'optimal'}
@@ -155,6 +157,11 @@ class SequencePlanner:
     collision : CollisionModel, optional
         Of the same robot, not shared between threads: an optimal motion in which the robot hits
         itself gives way to the one joined in real time, which is nearer to the demonstrations.
+
+    Raises
+    ------
+    RobotError
+        If a moving link of the robot has no valid inertia.
     """
 
     def __init__(
@@ -168,6 +175,7 @@ class SequencePlanner:
         max_solve_time: float = float("inf"),
         collision: CollisionModel | None = None,
     ) -> None:
+        robot.require_inertias("sequences")
         self.robot = robot
         self.primitives = tuple(primitives)
         self._selector = Selector(robot, primitives)
@@ -204,33 +212,70 @@ class SequencePlanner:
         deadline = began + self._max_solve_time
         request = self._complete(goal, start)
         request.concatenate()
-        found = time.perf_counter() - began
-        quick, check = self._within_limits(request, deadline)
-        iterations, chosen = 0, quick
-        note = "motion concatenated in real time"
-        used, status = REAL_TIME, SOLVED
+        seconds = time.perf_counter() - began
+        found = self._within_limits(request, deadline)
         if mode == OPTIMAL:
             began = time.perf_counter()
-            better, better_check, iterations, converged = self._optimise(request, quick, deadline)
-            found += time.perf_counter() - began
-            status = SOLVED if converged else STOPPED_EARLY
-            collisions = () if better_check.violations else self._collisions(better)
+            found = self._improved(request, found, deadline)
+            seconds += time.perf_counter() - began
+        ran_out = time.perf_counter() > deadline
+        if found.mode == REAL_TIME and not found.check.violations:
+            found = replace(found, collisions=self._collisions(found.motions))
+        if found.check.violations or found.collisions:
+            found = self._slow(request, found, ran_out)
+        return self._judge(request, found, seconds)
+
+    def _improved(self, request: SequenceRequest, quick: _Found, deadline: float) -> _Found:
+        """The optimal motion, or the quick one if none within the limits was found."""
+        better, check, iterations, converged = self._optimise(request, quick.motions, deadline)
+        status = SOLVED if converged else STOPPED_EARLY
+        collisions = () if check.violations else self._collisions(better)
+        if not (check.violations or collisions):
+            note = "motion of least effort found"
+            if not converged:
+                note = f"{_RAN_OUT} the least effort was found"
+            return _Found(better, check, note, status, OPTIMAL, iterations)
+        note = f"{quick.note}, for no cheaper one within the limits was found"
+        if collisions:
+            note = f"{quick.note}, for in the optimal one {collisions[0]}"
+        elif not converged:
+            note = f"{quick.note}, for {_RAN_OUT} a cheaper one within the limits was found"
+        return replace(quick, note=note, status=status, iterations=iterations)
+
+    def _slow(self, request: SequenceRequest, failed: _Found, ran_out: bool) -> _Found:
+        """The motion that rests at each target, or why there is none."""
+        search = "no motion {} was found"
+        if ran_out:
+            limit = f"max_solve_time = {self._max_solve_time:g} s"
+            search = f"time ran out ({limit}) before a motion {{}} was found"
+        try:
+            motions, check = self._resting(request)
+            collisions = self._collisions(motions)
             if collisions:
-                note += f", for in the optimal one {collisions[0]}"
-            elif not better_check.violations:
-                chosen, check, used = better, better_check, OPTIMAL
-                note = "motion of least effort found"
-                if not converged:
-                    note = f"{_RAN_OUT} the least effort was found"
-            elif converged:
-                note += ", for no cheaper one within the limits was found"
-            else:
-                note += f", for {_RAN_OUT} a cheaper one within the limits was found"
-        usual = sum(request.durations)
-        total = sum(x.duration for x in chosen)
-        if total > usual * (1.0 + 1e-9):
-            note += f"; to keep the limits, it was lengthened from {usual:.3g} to {total:.3g} s"
-        return self._judge(request, chosen, check, status, note, used, iterations, found)
+                raise TrajectoryError(str(collisions[0]))
+        except TrajectoryError as error:
+            kind = "within the limits" if failed.check.violations else "without self-collision"
+            broken = (*failed.check.violations, *failed.collisions)[0]
+            note = f"{search.format(kind)}: {broken}; nor was a slow one found: {error}"
+            return replace(failed, note=note, status=INFEASIBLE)
+        note = search.format("without stops within the limits")
+        note += "; this one rests at each target, keeps the limits and may be executed"
+        return _Found(motions, check, note, STOPPED_EARLY, iterations=failed.iterations)
+
+    def _resting(self, request: SequenceRequest) -> tuple[tuple[Motion, ...], LimitCheck]:
+        """The motion that rests at each target."""
+        route = stop_and_go(self.robot, self.limits, request.states, self._period)
+        if route.moves_at_ends:  # the knots of a brake are points of the trajectory
+            first = request.resting_durations(route.durations, route.step)[0]
+            step = first / float(np.ceil(first / self._period - 1e-9))
+            route = stop_and_go(self.robot, self.limits, request.states, step)
+        durations, _, check = route.slowed(
+            self.robot,
+            self.limits,
+            lambda slower: request.resting_durations(slower.durations, slower.step),
+            lambda times: self._sample(route.segments(times)),
+        )
+        return route.segments(durations), check
 
     def _complete(self, goal: SequenceGoal, start: JointState) -> SequenceRequest:
         self._check_size(goal)
@@ -361,18 +406,16 @@ class SequencePlanner:
                 "accepted"
             )
 
-    def _within_limits(
-        self, request: SequenceRequest, deadline: float
-    ) -> tuple[tuple[Motion, ...], LimitCheck]:
+    def _within_limits(self, request: SequenceRequest, deadline: float) -> _Found:
         """Lengthen free durations, and lower passing velocities, until the limits are kept."""
         durations = list(request.durations)
-        best: tuple[tuple[Motion, ...], LimitCheck] | None = None
+        best: _Found | None = None
         for share in _SLOWER:
             for _ in range(_MOST_STRETCHES):
                 motions = request.concatenate(durations, share)
                 check = check_limits(self._sample(motions), self.robot, self.limits)
-                if best is None or check.worst_excess < best[1].worst_excess:
-                    best = motions, check
+                if best is None or check.worst_excess < best.check.worst_excess:
+                    best = _Found(motions, check)
                 if not check.violations or time.perf_counter() > deadline:
                     return best
                 longer = _stretched(check, durations, request)
@@ -427,29 +470,15 @@ class SequencePlanner:
         tau = self.robot.inverse_dynamics(q, v, a)
         return Trajectory(self.robot.joint_names, np.concatenate(times), q, v, a, tau)
 
-    def _judge(
-        self,
-        request: SequenceRequest,
-        motions: tuple[Motion, ...],
-        check: LimitCheck,
-        status: str,
-        note: str,
-        mode: str,
-        iterations: int,
-        solve_time: float,
-    ) -> SequencePlan:
+    def _judge(self, request: SequenceRequest, found: _Found, solve_time: float) -> SequencePlan:
+        motions, status, note = found.motions, found.status, found.note
         trajectory = self._sample(motions)
-        try:
-            check_executable(trajectory, check, request.states[0])
-        except TrajectoryError as error:
-            status, note = INFEASIBLE, f"no motion within the limits was found: {error}"
-        else:
-            # An optimal one was looked at before it was chosen.
-            collisions = self._collisions(motions) if mode == REAL_TIME else ()
-            if collisions:
-                status = INFEASIBLE
-                note = f"no motion without self-collision was found: {collisions[0]}"
-            elif self.collision is not None and not self.collision.has_geometry:
+        if status != INFEASIBLE:
+            check_executable(trajectory, found.check, request.states[0])
+            usual, total = sum(request.durations), trajectory.duration
+            if total > usual * (1.0 + 1e-9):
+                note += f"; to keep the limits, it was lengthened from {usual:.3g} to {total:.3g} s"
+            if self.collision is not None and not self.collision.has_geometry:
                 note += NOT_CHECKED
         ends = np.cumsum([motion.duration for motion in motions])
         rows = [int(np.abs(trajectory.times - end).argmin()) for end in ends]
@@ -461,7 +490,7 @@ class SequencePlanner:
         return SequencePlan(
             status=status,
             message=note,
-            mode=mode,
+            mode=found.mode,
             trajectory=trajectory,
             motions=motions,
             primitives=tuple(p.name for p in request.primitives),
@@ -470,13 +499,26 @@ class SequencePlanner:
                 for p, motion in zip(request.primitives, motions, strict=True)
             ),
             effort_cost=sum(effort_of(self.robot, motion) for motion in motions),
-            iterations=iterations,
-            limit_check=check,
+            iterations=found.iterations,
+            limit_check=found.check,
             start_error=float(jump.max()),
             goal_error=last,
             via_error=max(vias, default=0.0),
             solve_time=solve_time,
         )
+
+
+@dataclass(frozen=True, eq=False)
+class _Found:
+    """Motions that were found, the check of their limits, and what became of the search."""
+
+    motions: tuple[Motion, ...]
+    check: LimitCheck
+    note: str = "motion concatenated in real time"
+    status: str = SOLVED
+    mode: str = REAL_TIME
+    iterations: int = 0
+    collisions: tuple[Collision, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -494,19 +536,15 @@ class _Route:
 
 def _stretched(check: LimitCheck, durations: list[float], request: SequenceRequest) -> list[float]:
     """Longer durations of the groups that may be longer and in which a limit is broken."""
-    powers = {"velocity": 1.0, "acceleration": 0.5, "jerk": 1.0 / 3.0, "effort": 0.5}
     ends = np.cumsum(durations)
     longer = list(durations)
     for violation in check.violations:
         segment = min(int(np.searchsorted(ends, violation.time)), len(durations) - 1)
         group = next(g for g, _ in request.groups if segment in g)
         fixed = next(is_fixed for g, is_fixed in request.groups if g == group)
-        power = powers.get(violation.quantity)
-        if fixed or power is None:
+        if fixed or durations[segment] > 10.0 * request.durations[segment]:
             continue
-        if durations[segment] > 10.0 * request.durations[segment]:
-            continue
-        factor = float(np.clip(1.02 * (1.0 + violation.excess) ** power, 1.05, 2.0))
+        factor = slowdown(LimitCheck((violation,)))
         for i in group:
             longer[i] = max(longer[i], durations[i] * factor)
     return longer

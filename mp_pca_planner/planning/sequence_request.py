@@ -16,6 +16,8 @@ from itertools import pairwise
 
 import numpy as np
 
+from ..arrays import FloatArray
+from ..exceptions import TrajectoryError
 from ..goal import JointState
 from ..primitives.primitive import MovementPrimitive
 from ..primitives.statistics import Conditional
@@ -92,8 +94,40 @@ class SequenceRequest:
             )
         )
 
+    def resting_durations(self, least: FloatArray, step: float) -> tuple[float, ...]:
+        """Durations of segments that begin and end at rest, at least so long [s].
 
-def fit_durations(usual: Sequence[float], times: Sequence[float | None]) -> tuple[float, ...]:
+        Parameters
+        ----------
+        least : array, shape (n_segments,)
+            The least durations [s].
+        step : float
+            The first duration, if free, is a multiple of it where the start moves [s].
+
+        Raises
+        ------
+        TrajectoryError
+            If fixed times leave less.
+        """
+        durations = np.maximum(least, self.durations)
+        if np.any([self.states[0].velocities, self.states[0].accelerations]):
+            durations[0] = step * np.ceil(durations[0] / step - 1e-9)
+        for group, is_fixed in self.groups:
+            if is_fixed:
+                part = list(group)
+                needed, given = float(least[part].sum()), sum(self.durations[i] for i in part)
+                if needed > given * (1.0 + 1e-9):
+                    raise TrajectoryError(
+                        f"{f'from target {part[0]} ' if part[0] else ''}to target {part[-1] + 1} "
+                        f"a motion with rests takes {needed:.4g} s, {given:.4g} s are given"
+                    )
+                durations[part] = least[part] * (given / needed)
+        return tuple(map(float, durations))
+
+
+def fit_durations(
+    usual: Sequence[float] | FloatArray, times: Sequence[float | None]
+) -> tuple[float, ...]:
     """Usual durations, those between two fixed times scaled to fill them."""
     durations = np.array(usual)
     began, first = 0.0, 0

@@ -160,6 +160,7 @@ def _draw(
     robot: Robot, limits: JointLimits, rng: np.random.Generator, part: float = 0.9
 ) -> FloatArray:
     """A configuration in a part of the range that the joints can hold."""
+    robot.require_inertias("postures that the joints can hold")
     bounded = np.isfinite(limits.upper) & np.isfinite(limits.lower)
     middle = np.zeros(robot.n_joints)
     middle[bounded] = (limits.lower[bounded] + limits.upper[bounded]) / 2.0

@@ -29,7 +29,7 @@ from visualization_msgs.msg import MarkerArray
 
 from ..exceptions import PlannerError
 from ..resources import config_file
-from .messages import OVERTAKEN, to_stamp_text
+from .messages import OVERTAKEN, UNDER_WAY, to_stamp_text
 from .node import NODE_NAME
 
 # A client that is busy for a while must not lose what was published meanwhile.
@@ -49,7 +49,7 @@ class Answer:
     report : DiagnosticStatus
         Its report.
     trajectory : JointTrajectory or None
-        The motion; None if the report is an error.
+        The motion; None if the goal is refused or its motion is under way already.
     latency : float or None
         Time from sending the goal until the middleware of the client has the motion [s].
     """
@@ -61,7 +61,7 @@ class Answer:
     @property
     def values(self) -> dict[str, str]:
         """The values of the report by name."""
-        return _values(self.report)
+        return report_values(self.report)
 
 
 def this_machine_only(domain: int | None = None) -> dict[str, str]:
@@ -104,11 +104,14 @@ def start_node(
 
 
 def is_served(report: DiagnosticStatus) -> bool:
-    """Whether a report is of a motion that was published."""
-    return report.level != DiagnosticStatus.ERROR and _values(report).get("status") != OVERTAKEN
+    """Whether a report is of a motion that was published, for this goal or for one it repeats."""
+    return (
+        report.level != DiagnosticStatus.ERROR and report_values(report).get("status") != OVERTAKEN
+    )
 
 
-def _values(report: DiagnosticStatus) -> dict[str, str]:
+def report_values(report: DiagnosticStatus) -> dict[str, str]:
+    """The values of a report by name."""
     return {pair.key: pair.value for pair in report.values}
 
 
@@ -130,6 +133,8 @@ class GoalClient:
         All that were received, the newest last.
     reports : list of DiagnosticStatus
         All that were received, the newest last.
+    executions : list of DiagnosticStatus
+        All reports of executions that were received, the newest last.
     diagnostics : list of DiagnosticArray
         All that were received, the newest last.
     """
@@ -139,6 +144,7 @@ class GoalClient:
     ) -> None:
         self.trajectories: list[JointTrajectory] = []
         self.reports: list[DiagnosticStatus] = []
+        self.executions: list[DiagnosticStatus] = []
         self.diagnostics: list[DiagnosticArray] = []
         self.previews: list[MarkerArray] = []
         self._trajectory_received = 0.0
@@ -172,6 +178,7 @@ class GoalClient:
         }
         for message_type, topic, callback, qos in (
             (DiagnosticStatus, f"{there}/plan_report", self.reports.append, _DEPTH),
+            (DiagnosticStatus, f"{there}/execution_report", self.executions.append, _DEPTH),
             (DiagnosticArray, "/diagnostics", self.diagnostics.append, _DEPTH),
             (MarkerArray, f"{there}/preview", self.previews.append, latched),
         ):
@@ -272,11 +279,12 @@ class GoalClient:
 
         def own_report() -> DiagnosticStatus | None:
             new = self.reports[n_reports:]
-            return next((r for r in new if _values(r).get("goal_stamp") == stamp), None)
+            return next((r for r in new if report_values(r).get("goal_stamp") == stamp), None)
 
         self._wait(lambda: own_report() is not None, timeout, "did not report")
         report = own_report()
-        if not with_trajectory or not is_served(report):
+        is_under_way = report_values(report).get("status") == UNDER_WAY
+        if not with_trajectory or is_under_way or not is_served(report):
             return Answer(report, None, None)
         self._wait(
             lambda: len(self.trajectories) > n_trajectories, timeout, "published no trajectory"

@@ -7,7 +7,7 @@ from __future__ import annotations
 from rclpy.lifecycle import LifecycleNodeMixin, LifecycleState, TransitionCallbackReturn
 
 from ..exceptions import GoalError
-from .assembly import Model
+from ..execution.assembly import Model
 from .node import PlannerNode
 
 

@@ -16,18 +16,23 @@ from sensor_msgs.msg import JointState as JointStateMessage
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from ..arrays import FloatArray
+from ..control.statement import control_statement
 from ..exceptions import GoalError
+from ..execution.adaptation import AdaptedPlan
+from ..execution.execution_monitor import ExecutionReport
+from ..execution.parameters import Declaration
 from ..goal import JointGoal, JointState, Pose, PoseGoal, SequenceGoal
-from ..planning.plan import STOPPED_EARLY, Plan
+from ..planning.plan import Plan
+from ..planning.remarks import remarks
 from ..planning.sequence import SequencePlan
+from ..primitives.primitive import MovementPrimitive
 from ..trajectory import Trajectory
-from .parameters import Declaration
 
-UNUSUAL_IN_SPAN_SCORE = 3.0
-"""In-span score above which a motion is reported as unlike the demonstrations."""
+UNDER_WAY = "under_way"
+"""Status in the report of a goal that is under way, or reached, already."""
 
 OVERTAKEN = "overtaken"
-"""Status in the report of a good goal whose motion nobody wanted any more."""
+"""Status in the report of a valid goal that was preempted before execution."""
 
 _NANOSECONDS = 10**9
 _LONGEST_TEXT = 1000
@@ -228,7 +233,10 @@ def _numbers(values: FloatArray) -> array[float]:
 
 
 def to_plan_report(
-    plan: Plan | SequencePlan, goal_stamp: Time, more: Mapping[str, str | float | int] | None = None
+    plan: Plan | SequencePlan | AdaptedPlan,
+    goal_stamp: Time,
+    more: Mapping[str, str | float | int] | None = None,
+    primitives: Sequence[MovementPrimitive] = (),
 ) -> DiagnosticStatus:
     """Report a motion that was published: OK, or WARN with what is unusual about it.
 
@@ -240,22 +248,41 @@ def to_plan_report(
         Stamp of the goal.
     more : mapping, optional
         Further values.
+    primitives : sequence of MovementPrimitive
+        Those of the planner: of the ones used, the control laws are reported.
     """
-    remarks = []
-    if plan.status == STOPPED_EARLY:
-        remarks.append(plan.message)
-    if plan.in_span_score > UNUSUAL_IN_SPAN_SCORE:
-        remarks.append(
-            f"the request is unlike the demonstrations (in-span score {plan.in_span_score:.1f}, "
-            "about 1 is usual), so the motion may look unlike them, too"
-        )
-    level = DiagnosticStatus.WARN if remarks else DiagnosticStatus.OK
-    values = {**plan.summary(), **(more or {})}
-    return _report(level, "; ".join(remarks) or plan.message, goal_stamp, values)
+    found = remarks(plan)
+    level = DiagnosticStatus.WARN if found else DiagnosticStatus.OK
+    used = plan.primitives if isinstance(plan, SequencePlan) else (plan.primitive,)
+    laws = {f"control_law.{p.name}": control_statement(p) for p in primitives if p.name in used}
+    values = {**plan.summary(), **laws, **(more or {})}
+    return _report(level, "; ".join(found) or plan.message, goal_stamp, values)
+
+
+def to_under_way_report(
+    plan: Plan | SequencePlan | AdaptedPlan, reason: str, goal_stamp: Time
+) -> DiagnosticStatus:
+    """Report a goal that is under way, or reached, already: nothing was published for it."""
+    values = {**plan.summary(), "status": UNDER_WAY}
+    return _report(DiagnosticStatus.OK, reason, goal_stamp, values)
+
+
+def to_execution_report(report: ExecutionReport) -> DiagnosticStatus:
+    """Report what became of a published motion; the stamp of its goal identifies it."""
+    values: dict[str, str | float | int] = {
+        "outcome": report.outcome,
+        "progress": report.progress,
+        "error": report.error,
+        "largest_deviation": report.largest_deviation,
+        "deviation_time": report.deviation_time,
+        "goal_stamp": to_stamp_text(report.goal),
+    }
+    level = DiagnosticStatus.OK if report.is_good else DiagnosticStatus.ERROR
+    return to_status("mp_pca_planner: execution", level, report.message, values)
 
 
 def to_overtaken_report(goal_stamp: Time) -> DiagnosticStatus:
-    """Report a good goal whose motion nobody wanted any more."""
+    """Report a valid goal that was preempted before execution."""
     text = "given up: a newer goal or a stop came before its motion was planned"
     return _report(DiagnosticStatus.WARN, text, goal_stamp, {"status": OVERTAKEN})
 

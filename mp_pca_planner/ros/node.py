@@ -30,28 +30,13 @@ from trajectory_msgs.msg import JointTrajectory
 from visualization_msgs.msg import MarkerArray
 
 from ..exceptions import GoalError, PlannerError, quote_names, unknown_name
-from ..goal import Goal, JointGoal, PoseGoal, SequenceGoal
-from ..primitives.primitive import MovementPrimitive
-from ..primitives.primitive_library import load_primitives
-from ..robot import Robot
-from ..trajectory import Trajectory
-from .assembly import Model, assemble_model
-from .goal_intake import FetchedByHand, GoalIntake, Inlet, waiting_messages
-from .goal_statistics import GoalStatistics
-from .kept_motion import keep_motion
-from .messages import (
-    to_descriptor,
-    to_goal,
-    to_overtaken_report,
-    to_plan_report,
-    to_pose_goal,
-    to_refusal,
-    to_sequence_goal,
-    to_status,
-)
-from .motion_server import MakeGoal, MotionServer, Served, UnexecutablePlanError
-from .newest_goal import CancelledError, IsCancelled, NewestGoalThread
-from .parameters import (
+from ..execution.assembly import Model, assemble_model
+from ..execution.execution_monitor import ExecutionReport
+from ..execution.goal_statistics import GoalStatistics
+from ..execution.kept_motion import keep_motion
+from ..execution.motion_server import MakeGoal, MotionServer, Served, UnexecutablePlanError
+from ..execution.newest_goal import CancelledError, IsCancelled, NewestGoalThread
+from ..execution.parameters import (
     DECLARATIONS,
     LIMITS_PREFIX,
     Declaration,
@@ -60,9 +45,27 @@ from .parameters import (
     check_limit_names,
     limit_declarations,
 )
+from ..execution.start_state import StartStates
+from ..goal import Goal, JointGoal, PoseGoal, SequenceGoal
+from ..primitives.primitive import MovementPrimitive
+from ..primitives.primitive_library import load_primitives
+from ..robot import Robot
+from ..trajectory import Trajectory
+from .goal_intake import FetchedByHand, GoalIntake, Inlet, waiting_messages
+from .messages import (
+    to_descriptor,
+    to_execution_report,
+    to_goal,
+    to_overtaken_report,
+    to_plan_report,
+    to_pose_goal,
+    to_refusal,
+    to_sequence_goal,
+    to_status,
+    to_under_way_report,
+)
 from .preview import to_preview
 from .reference_frame import stated_in
-from .start_state import StartStates
 from .state_reader import SerializedStateReader
 from .trajectory_bytes import serialize_trajectory
 
@@ -74,7 +77,7 @@ _GOALS = QoSProfile(depth=20, reliability=ReliabilityPolicy.RELIABLE)
 # A reliable subscription gets nothing from a best-effort publisher; this one hears both. Several
 # broadcasters (arm, gripper) may publish at once, a thousand times a second, between two fetches.
 _ANY_PUBLISHER = QoSProfile(depth=200, reliability=ReliabilityPolicy.BEST_EFFORT)
-_FETCH_PERIOD = 0.05
+_WATCH_PERIOD = 0.05
 _LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 _EVERY = QoSProfile(depth=100, reliability=ReliabilityPolicy.RELIABLE)
 
@@ -145,7 +148,10 @@ class PlannerNode(Node):
         self._states = StartStates(
             SerializedStateReader(), time.monotonic, self._seconds, self._fetch_states
         )
-        self._server = MotionServer(self._states, self._statistics, self._send, time.perf_counter)
+        self._server = MotionServer(
+            self._states, self._statistics, self._send, time.perf_counter, self._report_execution
+        )
+        self._clocks_are_known = False
         self._fetching = threading.Lock()
         self._fetched = time.monotonic()
         self._last_served: Served | None = None
@@ -197,13 +203,16 @@ class PlannerNode(Node):
             primitives = load_primitives(self._settings.primitive_paths)
         except PlannerError as error:
             self._primitives_problem = str(error)
-            self.get_logger().error(f"{error}; mend it, then call ~/reload_primitives")
+            self.get_logger().error(f"{error}; fix it, then call ~/reload_primitives")
         else:
             self._adopt(primitives)
 
     def _connect(self) -> None:
         self._trajectories = self.create_publisher(JointTrajectory, "~/joint_trajectory", _EVERY)
         self._reports = self.create_publisher(DiagnosticStatus, "~/plan_report", _EVERY)
+        self._execution_reports = self.create_publisher(
+            DiagnosticStatus, "~/execution_report", _EVERY
+        )
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", _EVERY)
         self._previews = self.create_publisher(MarkerArray, "~/preview", _LATCHED)
         self._state_subscription = self.create_subscription(
@@ -224,7 +233,7 @@ class PlannerNode(Node):
         # Simulated time may stand still, and then the diagnostics are wanted most.
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(1.0, self._on_timer, clock=steady)
-        self.create_timer(_FETCH_PERIOD, self._fetch_states, clock=steady)
+        self.create_timer(_WATCH_PERIOD, self._watch, clock=steady)
 
     # Callbacks
 
@@ -362,7 +371,9 @@ class PlannerNode(Node):
     def _serve(self, job: _Job, is_cancelled: IsCancelled) -> None:
         """Plan, publish and report: in the planning thread."""
         try:
-            served = self._server.serve(job.kind, job.asked.make_goal, job.model, is_cancelled)
+            served = self._server.serve(
+                job.kind, job.asked.make_goal, job.model, is_cancelled, job.stamp
+            )
         except UnexecutablePlanError as error:
             self._refuse(to_refusal(str(error), job.stamp, error.plan))
         except PlannerError as error:
@@ -372,10 +383,15 @@ class PlannerNode(Node):
         except Exception as error:
             self._report_defect(error, job.stamp)
         else:
+            if served.under_way:
+                self._statistics.under_way()
+                self._reports.publish(to_under_way_report(served.plan, served.under_way, job.stamp))
+                return
             # A cost may follow the report at once.
             self._last_served, self._last_cost = served, None
             trial = served.trial.facts if served.trial else None
-            self._reports.publish(to_plan_report(served.plan, job.stamp, trial))
+            primitives = served.model.planner.primitives
+            self._reports.publish(to_plan_report(served.plan, job.stamp, trial, primitives))
 
     def _report_defect(self, error: Exception, stamp: Time) -> None:
         """Any other error than ours means a defect of this package.
@@ -401,13 +417,33 @@ class PlannerNode(Node):
             self._statistics.overtaken()
             self._reports.publish(to_overtaken_report(job.stamp))
 
-    def _send(self, trajectory: Trajectory, last_point_only: bool) -> None:
-        with_efforts = self._settings.publish_effort and not last_point_only
+    def _send(self, trajectory: Trajectory, *, stamp: float | None, last_point_only: bool) -> None:
+        # Stops have no efforts.
+        with_efforts = self._settings.publish_effort and trajectory.efforts is not None
         self._trajectories.publish(
             serialize_trajectory(
-                trajectory, with_efforts=with_efforts, last_point_only=last_point_only
+                trajectory, with_efforts=with_efforts, stamp=stamp, last_point_only=last_point_only
             )
         )
+
+    def _report_execution(self, report: ExecutionReport) -> None:
+        self._execution_reports.publish(to_execution_report(report))
+        if not report.is_good:
+            self.get_logger().error(report.message)
+
+    def _watch(self) -> None:
+        """Take the states that wait, and check how the robot follows its motion."""
+        self._fetch_states()
+        if self._model is not None:
+            self._server.watch(self._model)
+        if not (self._clocks_are_known or self._states.measured.clocks_agree):
+            self._clocks_are_known = True
+            difference = self._states.measured.clock_difference
+            self.get_logger().warning(
+                "the clocks of the robot and of this node differ: the stamps of joint_states are "
+                f"{difference:.3g} s behind. Trajectories are sent without stamps, so goals for a "
+                "moving robot may cause jumps; synchronise the clocks"
+            )
 
     def _preview(self) -> None:
         served = self._last_served
@@ -444,7 +480,7 @@ class PlannerNode(Node):
             for message, facts in waiting_messages(self._state_subscription):
                 age = (wall_clock - facts["received_timestamp"]) * 1e-9
                 # Not older than the last time that none was left: the wall clock may be set.
-                self._states.receive(message, min(max(age, 0.0), longest))
+                self._states.measured.receive(message, min(max(age, 0.0), longest))
 
     def _ready_model(self) -> Model:
         if self._model is None:
@@ -565,7 +601,7 @@ class PlannerNode(Node):
     # Diagnostics
 
     def _status(self) -> DiagnosticStatus:
-        age = self._states.age
+        age = self._states.measured.age
         problem = self._what_is_missing() or self._primitives_problem
         if not problem and age is None:
             problem = "waiting for joint_states"
@@ -580,12 +616,13 @@ class PlannerNode(Node):
                 "library": self._library(),
                 "goals_served": self._statistics.n_served,
                 "goals_refused": self._statistics.n_refused,
+                "goals_under_way": self._statistics.n_under_way,
                 "goals_overtaken": self._statistics.n_overtaken,
                 "trial_cost": "none" if self._last_cost is None else self._last_cost,
                 **self._statistics.solve_time_percentiles(),
                 "joint_states_age_s": "none" if age is None else round(age, 3),
-                "joint_states_incomplete": self._states.n_incomplete,
-                "joint_states_unusable": self._states.n_unusable,
+                "joint_states_incomplete": self._states.measured.n_incomplete,
+                "joint_states_unusable": self._states.measured.n_unusable,
             },
         )
 

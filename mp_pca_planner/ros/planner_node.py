@@ -57,7 +57,7 @@ def main(args: Sequence[str] | None = None) -> int:
 def _run(
     arguments: list[str], unknown: Sequence[str], is_managed: bool, stop: threading.Event
 ) -> None:
-    from .parameters import ParameterError
+    from ..execution.parameters import ParameterError
 
     if unknown:
         raise ParameterError(

@@ -21,7 +21,7 @@ from .messages import to_state
 
 # Bytes of the encapsulation and the stamp; all before the first name is the same in the next
 # message of the same publisher.
-_STAMP_END = 12
+_STAMP, _STAMP_END = 4, 12
 # Encapsulations of version 1, big- and little-endian: in others numbers are aligned otherwise.
 _PLAIN_CDR = (bytes([0, 0]), bytes([0, 1]))
 # Publishers whose names are remembered.
@@ -107,6 +107,12 @@ class SerializedStateReader:
             state = to_state(deserialize_message(message, JointStateMessage), names)
             self._alike = _find_alike(message, names)
         return state
+
+    def stamp(self, message: bytes) -> float:
+        """When the state was measured by the clock of the robot [s]; 0 if it isn't said."""
+        order: Literal["little", "big"] = "little" if message[1] & 1 else "big"
+        seconds = int.from_bytes(message[_STAMP : _STAMP + 4], order, signed=True)
+        return seconds + int.from_bytes(message[_STAMP + 4 : _STAMP_END], order) * 1e-9
 
     def _learn(self, message: bytes) -> bool:
         names = deserialize_message(message, JointStateMessage).name

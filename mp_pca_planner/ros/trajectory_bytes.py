@@ -20,16 +20,28 @@ from ..trajectory import Trajectory
 _NANOSECONDS = 10**9
 # Before the message: plain CDR, little-endian. Alignment counts from behind it.
 _ENCAPSULATION = bytes([0, 1, 0, 0])
-# The stamp 0, which tells the controller to start at once, and an empty frame_id.
-_HEADER = bytes(8) + (1).to_bytes(4, "little") + bytes(1)
+_EMPTY_FRAME_ID = (1).to_bytes(4, "little") + bytes(1)
 
 
 def serialize_trajectory(
-    trajectory: Trajectory, *, with_efforts: bool, last_point_only: bool = False
+    trajectory: Trajectory,
+    *,
+    with_efforts: bool,
+    stamp: float | None = None,
+    last_point_only: bool = False,
 ) -> bytes:
-    """Write a trajectory that starts when the controller receives it.
+    """Write a trajectory.
 
-    With its last point only, the controller goes there from where it is.
+    Parameters
+    ----------
+    trajectory : Trajectory
+        The trajectory.
+    with_efforts : bool
+        Whether points carry efforts.
+    stamp : float or None
+        When its first point is commanded [s]; None: when the controller receives it.
+    last_point_only : bool
+        Whether the controller goes to the last point from where it is.
 
     Returns
     -------
@@ -55,7 +67,8 @@ def serialize_trajectory(
     if efforts is not None:
         columns["effort"] = efforts
     first = trajectory.n_steps - 1 if last_point_only else 0
-    message = _HEADER + _strings(len(_HEADER), trajectory.joint_names)
+    message = _stamp(stamp) + _EMPTY_FRAME_ID
+    message += _strings(len(message), trajectory.joint_names)
     message += _count(len(message), trajectory.n_steps - first)
     # Where a point begins says how its fields are aligned: all but the first begin alike.
     for part in (slice(first, first + 1), slice(first + 1, None)):
@@ -67,6 +80,12 @@ def serialize_trajectory(
         points["sec"], points["nanosec"] = np.divmod(stamps[part], _NANOSECONDS)
         message += points.tobytes()
     return _ENCAPSULATION + message
+
+
+def _stamp(stamp: float | None) -> bytes:
+    """A time of ROS; 0, if there is none, has the controller start at once."""
+    seconds, nanoseconds = divmod(round((stamp or 0.0) * _NANOSECONDS), _NANOSECONDS)
+    return seconds.to_bytes(4, "little", signed=True) + nanoseconds.to_bytes(4, "little")
 
 
 @lru_cache(maxsize=16)

@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""The parameters of the node: one table, and the settings that come of it.
+"""The parameters of the node: one table of declarations, and their values.
 
 This module knows nothing of ROS, so that the table can be read and checked without it.
 """
@@ -19,6 +19,7 @@ from ..planning.request import LONGEST_DURATION
 from ..planning.sequence import MODES, OPTIMAL
 from ..planning.starts import MOST_STARTS
 
+AUTO = "auto"
 MEASURED = "measured"
 COMMANDED = "commanded"
 
@@ -115,8 +116,8 @@ class Settings:
     )
     collision: bool = _declared(
         False,
-        """Whether motions in which the robot hits itself are looked for ways around, and refused if
-        there is none; needs collision geometry in the robot description.""",
+        """Enables self-collision avoidance; goals without a collision-free motion are rejected.
+        Needs collision geometry in the robot description.""",
     )
     srdf: str = _declared(
         "",
@@ -129,15 +130,25 @@ class Settings:
         those of ROS; empty texts are ignored.""",
     )
     start_from: str = _declared(
-        MEASURED,
-        """Where a motion starts: 'measured' (newest joint_states, acceleration 0) or 'commanded'
-        (where the motion published last is by then; measured when it is over).""",
-        choices=(MEASURED, COMMANDED),
+        AUTO,
+        """Where a motion starts: 'auto' (at the commanded state if the robot follows a motion of
+        this node or holds its end, else at the measured state of a robot at rest), 'measured'
+        (always at the measured state; goals are refused while the robot moves) or 'commanded' (same
+        as 'auto').""",
+        choices=(AUTO, MEASURED, COMMANDED),
+    )
+    stamp_trajectories: bool = _declared(
+        True,
+        """Whether trajectories carry the time of their first point as header stamp, so that the
+        delay of the message causes no jump. A motion from rest then begins with a hold of 20 ms.
+        Not applied if the stamps of joint_states show that the clocks of the robot and of the node
+        differ.""",
     )
     commanded_tolerance: float = _declared(
         0.1,
-        """How far [rad or m] a joint may be measured from where the running motion should have it
-        for the next motion to start on that one; beyond, the robot has left it.""",
+        """Largest distance [rad or m] of a joint from the path of the published motion at which the
+        robot counts as following it. A robot beyond it gets goals only at rest, and starts where it
+        is measured.""",
         low=1e-3,
         high=10.0,
     )

@@ -15,6 +15,7 @@ from ..learning.family import family_around
 from ..learning.refined_motion import RefinedMotion
 from ..planning.sequence import SequencePlan
 from ..primitives.file import save_primitive
+from .adaptation import AdaptedPlan
 from .motion_server import Served
 
 
@@ -43,6 +44,11 @@ def keep_motion(served: Served, folder: Path, provenance: Mapping[str, Any]) -> 
         raise GoalError(
             "the last motion can't be kept: it is a sequence, and a primitive is made of the "
             "motion to a single goal"
+        )
+    if isinstance(plan, AdaptedPlan):
+        raise GoalError(
+            "the last motion can't be kept: it continues a running motion to a new goal; send the "
+            "goal again when the robot is at rest"
         )
     known = {primitive.name: primitive for primitive in served.model.planner.primitives}
     primitive = known[plan.primitive]

@@ -27,6 +27,8 @@ class GoalStatistics:
     ----------
     n_served, n_refused : int
         Goals with and without a published motion.
+    n_under_way : int
+        Goals that asked for what was under way already.
     n_overtaken : int
         Goals that were given up for newer ones, or by a stop.
     """
@@ -34,6 +36,7 @@ class GoalStatistics:
     def __init__(self) -> None:
         self.n_served = 0
         self.n_refused = 0
+        self.n_under_way = 0
         self.n_overtaken = 0
         self._lock = threading.Lock()
         self._solve_times: deque[float] = deque(maxlen=_N_REMEMBERED)
@@ -66,6 +69,11 @@ class GoalStatistics:
         """Count a goal that could not be served."""
         with self._lock:
             self.n_refused += 1
+
+    def under_way(self) -> None:
+        """Count a goal that asked for what was under way already."""
+        with self._lock:
+            self.n_under_way += 1
 
     def overtaken(self) -> None:
         """Count a goal that was given up."""

@@ -29,10 +29,11 @@ from ..learning.trials import TrialLearner, read_request
 from ..planning.plan import Plan
 from ..robot import Robot
 from .assembly import Model
-from .start_state import START_TOLERANCE
 
 # Goals whose learners are kept in memory; the others' trials are in their files.
 _MOST_OPEN = 16
+# Trials of the same goal start within this of each other [rad or m].
+_NEAR = 0.02
 # Of a proposal that breaks limits from where the robot is, less is tried; at last the plan itself.
 _SHARES = (1.0, 0.5, 0.25)
 
@@ -275,4 +276,4 @@ def _start_in(file: Path, here: JointState) -> JointState:
 
 
 def _is_near(start: JointState, here: JointState) -> bool:
-    return bool(np.abs(start.positions - here.positions).max() <= START_TOLERANCE)
+    return bool(np.abs(start.positions - here.positions).max() <= _NEAR)

@@ -1,0 +1,378 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Random events against simulated robots, judged by a referee that knows only the commands.
+
+Goals at rest and in motion, streams of goals that repeat, drift or alternate, stops, holds,
+silences, speed scaling, delays, payloads, rejections, lost messages, and restarts of the node and
+of the controller: one fault at a time. Virtual time: the node and the robot are stepped together,
+so the outcome does not depend on how busy the machine is, and a seed gives the same run again.
+
+Four kinds of jumps up to 10 mrad are listed apart, for no sender can know better. Where it is not
+known where a robot is on its motion, a stop is a single point; the controller leads there from the
+measured state, so its first command is the tracking error away from the last one. Where a robot was
+slowed, the place of its command is estimated from measured positions: servos lag by some tenths of
+a milliradian more or less as they accelerate, and up to 5 ms behind the clock look like servos that
+lag; a stop does not even wait until the speed is steady. A controller that restarts shortly before
+the end of a motion holds what looks like the end.
+
+    python benchmarks/moving_robot.py [--events 1000] [--robots panda,ur5] [--seed 0] [--json]
+
+Exits with 1 if a command was beyond a limit by more than 1 %, jumped by more than 0.2 mrad in a
+millisecond, a goal did not end in exactly one report, or a motion not in exactly one execution
+report, or a reachable goal that was not replaced did not arrive.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from referee import Verdict, judge
+from virtual_node import VirtualNode, scene_and_model
+
+from mp_pca_planner.benchmarking.problems import Scene
+from mp_pca_planner.cli.common import table
+from mp_pca_planner.execution.assembly import Model
+from mp_pca_planner.goal import JointGoal, JointState
+
+EVENTS_IN_A_RUN = 10
+RATES = (1.0, 5.0, 20.0, 50.0)  # of streams of goals [Hz]
+DRIFT = 0.1  # of goals that move [rad/s]
+LISTED_APART = 1e-2  # jumps up to this one, for reasons that no sender can know [rad]
+LATELY = 4000  # ticks in which the slowed motion is not over
+APART = {
+    "point": "stop at a point",
+    "hasty": "stop at changing speed",
+    "slowed": "goal at a robot that was slowed",
+    "after cut": "start after a controller restart",
+}
+FINEST = 1e-6  # step that no encoder sees [rad]
+ARRIVED = 1e-3  # from where the controller should be at last [rad]
+
+
+@dataclass
+class Run:
+    """A node, its robot, and the events that they meet."""
+
+    scene: Scene
+    model: Model
+    seed: int
+    n_goals: int = 0
+    events: list[str] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        self.random = np.random.default_rng(self.seed)
+        self.ends = np.array([m.positions[[0, -1]] for m in self.scene.demonstrations])
+        self.node = VirtualNode(self.model, self.ends[0, 0], seed=self.seed)
+        self.faults = self.node.robot.faults
+        # Until its first motion, a node knows nothing of the servos and the load.
+        self.node.run(0.2)
+        self.send(self.target())
+        self.node.run(4.0)
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """The joints of the robot."""
+        return self.model.robot.joint_names
+
+    def target(self) -> Any:
+        """Where a demonstration ends, or between two of these."""
+        one, other = self.random.choice(self.ends.reshape(-1, len(self.joints)), 2)
+        return one + self.random.choice([0.0, self.random.uniform()]) * (other - one)
+
+    def send(self, positions: Any, names: Sequence[str] | None = None) -> None:
+        """Send a goal."""
+        self.n_goals += 1
+        self.last = np.array(positions)
+        state = JointState(names or self.joints, positions)
+        self.node.goal(JointGoal(state), (self.seed, self.n_goals))
+
+    def happen(self) -> None:
+        """Let one random event happen, and some time pass."""
+        event = str(self.random.choice(list(EVENTS)))
+        self.events.append(event)
+        EVENTS[event](self)
+        self.node.run(self.random.uniform(0.05, 1.5))
+
+    def end(self) -> None:
+        """Clear all faults, send a last goal, and let it arrive."""
+        self.faults.speed_scaling, self.faults.held, self.faults.silent = 1.0, False, False
+        self.faults.delay = self.faults.jitter = self.faults.drop = 0.0
+        self.faults.active = True
+        self.node.run(12.0)
+        self.send(self.target())
+        self.node.run(8.0)
+
+
+def goal(run: Run) -> None:
+    """One goal."""
+    run.send(run.target())
+
+
+def part_of_a_goal(run: Run) -> None:
+    """A goal for two joints."""
+    chosen = run.random.choice(len(run.joints), 2, replace=False)
+    run.send(run.target()[chosen], [run.joints[k] for k in chosen])
+
+
+def stream(run: Run, target: Callable[[float], Any]) -> None:
+    """Goals again and again, the time since the first gives each."""
+    rate = float(run.random.choice(RATES))
+    for k in range(max(int(rate * run.random.uniform(0.5, 2.0)), 1)):
+        run.send(target(k / rate))
+        run.node.run(1.0 / rate)
+
+
+def repeated_goal(run: Run) -> None:
+    """The same goal at some rate."""
+    there = run.target()
+    stream(run, lambda _: there)
+
+
+def drifting_goal(run: Run) -> None:
+    """A goal that moves."""
+    there, towards = run.target(), run.target()
+    way = (towards - there) / max(np.abs(towards - there).max(), 1e-3)
+    most = np.abs(towards - there).max()
+    stream(run, lambda time: there + min(DRIFT * time, most) * way)
+
+
+def alternating_goals(run: Run) -> None:
+    """Two goals in turn."""
+    targets, turn = (run.target(), run.target()), iter(range(10**6))
+    stream(run, lambda _: targets[next(turn) % 2])
+
+
+def stop(run: Run) -> None:
+    """A goal, and a stop soon after."""
+    run.send(run.target())
+    run.node.run(run.random.uniform(0.02, 1.5))
+    run.node.stop()
+
+
+def faulty(name: str, draw: Callable[[np.random.Generator], Any]) -> Callable[[Run], None]:
+    """A goal, then a fault for a time with a goal or a stop in it."""
+
+    def event(run: Run) -> None:
+        usual = getattr(run.faults, name)
+        run.send(run.target())
+        run.node.run(run.random.uniform(0.0, 1.0))
+        setattr(run.faults, name, draw(run.random))
+        run.node.run(run.random.uniform(0.1, 1.5))
+        if run.random.random() < 0.5:
+            run.send(run.target())
+        else:
+            run.node.stop()
+        run.node.run(run.random.uniform(0.1, 1.5))
+        setattr(run.faults, name, usual)
+
+    return event
+
+
+def delays(run: Run) -> None:
+    """Messages take up to 20 ms for a while."""
+    delay = run.random.uniform(0.0, 0.02)
+    run.faults.delay, run.faults.jitter = delay, run.random.uniform(0.0, 0.02 - delay)
+    for _ in range(4):
+        run.send(run.target())
+        run.node.run(run.random.uniform(0.05, 1.0))
+    run.faults.delay = run.faults.jitter = 0.0
+
+
+def payload(run: Run) -> None:
+    """The robot at rest takes a load, moves, and puts it down at rest."""
+    run.node.run(6.0)
+    run.faults.payload = float(run.random.choice([1.0, 3.0]))
+    run.node.run(1.0)
+    for _ in range(3):
+        run.send(run.target())
+        run.node.run(run.random.uniform(0.5, 3.0))
+    run.node.run(6.0)
+    run.faults.payload = 0.0
+    run.node.run(1.0)
+
+
+def restart_node(run: Run) -> None:
+    """The node is ended and started again."""
+    run.node.restart()
+    run.node.run(0.1)
+    run.send(run.target())
+
+
+def restart_controller(run: Run) -> None:
+    """The controller is ended and started again."""
+    run.node.robot.restart_controller()
+    run.node.run(run.random.uniform(0.0, 0.5))
+    run.send(run.target())
+
+
+EVENTS: dict[str, Callable[[Run], None]] = {
+    "goal": goal,
+    "part of a goal": part_of_a_goal,
+    "repeated goal": repeated_goal,
+    "drifting goal": drifting_goal,
+    "alternating goals": alternating_goals,
+    "stop": stop,
+    "hold": faulty("held", lambda _: True),
+    "silence": faulty("silent", lambda _: True),
+    "speed scaling": faulty("speed_scaling", lambda random: random.uniform(0.1, 1.0)),
+    "rejection": faulty("active", lambda _: False),
+    "lost message": faulty("drop", lambda _: 1.0),
+    "delays": delays,
+    "payload": payload,
+    "node restart": restart_node,
+    "controller restart": restart_controller,
+}
+
+
+@dataclass(frozen=True)
+class Result:
+    """What a run came to."""
+
+    run: Run
+    verdict: Verdict
+    n_jumps: int
+    problems: tuple[str, ...]
+    apart: dict[str, float]
+
+
+def result_of(run: Run) -> Result:
+    """Judge a run."""
+    record, limits = run.node.robot.record, run.model.limits
+    bounds = {
+        name: getattr(limits, name)
+        for name in ("lower", "upper", "velocity", "acceleration", "jerk")
+    }
+    apart = messages_apart(run)
+    verdict = judge(
+        record.q,
+        record.clock,
+        bounds,
+        time=record.times,
+        cuts=[*record.cuts, *apart["point"]],
+        joins=sorted(apart["slowed"] | apart["hasty"]),
+        finest=FINEST,
+    )
+    known = set().union(*apart.values())
+    jumps = [jump for jump in verdict.jumps if jump[0] not in known or abs(jump[2]) > LISTED_APART]
+    sizes = {
+        kind: max((abs(size) for tick, _, size in verdict.jumps if tick in ticks), default=0.0)
+        for kind, ticks in apart.items()
+    }
+    sizes["point"] = max(
+        (np.abs(record.q[tick] - record.q[tick - 1]).max() for tick in apart["point"]), default=0.0
+    )
+    problems = [str(one) for one in verdict.exceeded]
+    problems += [f"jump of {size:.2g} at {tick}, joint {j}" for tick, j, size in jumps]
+    problems += unanswered(run)
+    away = np.abs(record.q[-1] - run.last).max()
+    if away > ARRIVED:
+        problems.append(f"the last goal is missed by {away:.2g}")
+    return Result(run, verdict, len(jumps), tuple(problems), sizes)
+
+
+def messages_apart(run: Run) -> dict[str, set[int]]:
+    """Ticks at which the controller took messages whose jumps are listed apart, by the reason."""
+    robot = run.node.robot
+    record, cuts = robot.record, np.array([-1, *robot.record.cuts])
+    found: dict[str, set[int]] = {kind: set() for kind in APART}
+    last = 0
+    for tick, n_points in robot.taken:
+        was_slowed = record.scaling[max(tick - LATELY, 0) : tick + 1].min() < 1.0
+        if n_points == 1:
+            found["point"].add(tick)
+        elif was_slowed and sent_as_stop(run, record.times[tick]):
+            found["hasty"].add(tick)
+        elif was_slowed:
+            found["slowed"].add(tick)
+        elif np.any((cuts > last) & (cuts <= tick)):
+            # What starts at rest may show in the tick after.
+            found["after cut"] |= {tick, tick + 1}
+        last = tick
+    return found
+
+
+def sent_as_stop(run: Run, time: float) -> bool:
+    """Whether what the controller took at a time was a stop."""
+    return any(time - 0.05 < when <= time for when in run.node.stops)
+
+
+def unanswered(run: Run) -> list[str]:
+    """Goals and motions without exactly one report."""
+    node, problems = run.node, []
+    reports = Counter(report.name for report in node.plan_reports)
+    n_restarts = run.events.count("node restart")
+    silent = [k for k in range(1, run.n_goals + 1) if reports[run.seed, k] != 1]
+    if len(silent) > n_restarts:
+        problems.append(f"goals without exactly one report: {silent}")
+    served = [r.name for r in node.plan_reports if r.status == "served"]
+    executed = Counter(report.goal for _, report in node.execution_reports)
+    unfollowed = [name for name in served if executed[name] != 1]
+    if len(unfollowed) > n_restarts:
+        problems.append(f"motions without exactly one execution report: {unfollowed}")
+    return problems
+
+
+def main() -> int:
+    """Print a row per robot, and what went wrong with its seed."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--events", type=int, default=1000, help="of each robot")
+    parser.add_argument("--robots", default="panda,ur5")
+    parser.add_argument("--seed", type=int, default=0, help="of the first run")
+    parser.add_argument("--json", action="store_true")
+    arguments = parser.parse_args()
+    rows, found = [], {}
+    for name in arguments.robots.split(","):
+        results = []
+        for result in campaign(name, arguments.events, arguments.seed):
+            results.append(result)
+            for problem in result.problems:
+                print(f"{name}, seed {result.run.seed}: {problem}", file=sys.stderr, flush=True)
+        found[name] = summary(results)
+        rows.append([name, *(str(value) for value in found[name].values())])
+    if arguments.json:
+        print(json.dumps(found))
+    else:
+        print(table(rows, header=["robot", *next(iter(found.values()))]))
+    return int(any(one["runs with problems"] for one in found.values()))
+
+
+def campaign(name: str, n_events: int, seed: int) -> Iterator[Result]:
+    """Runs of ten events each until there were so many."""
+    scene, model = scene_and_model(name)
+    for k in range(-(-n_events // EVENTS_IN_A_RUN)):
+        run = Run(scene, model, seed + k)
+        for _ in range(min(EVENTS_IN_A_RUN, n_events - k * EVENTS_IN_A_RUN)):
+            run.happen()
+        run.end()
+        yield result_of(run)
+
+
+def summary(results: Sequence[Result]) -> dict[str, Any]:
+    """Counts over all runs."""
+    runs = [result.run for result in results]
+    plans = Counter(r.status for run in runs for r in run.node.plan_reports)
+    ends = Counter(r.outcome for run in runs for _, r in run.node.execution_reports)
+    return {
+        "events": sum(len(run.events) for run in runs),
+        "goals": sum(run.n_goals for run in runs),
+        **{status: plans[status] for status in ("served", "under_way", "overtaken", "refused")},
+        **dict(sorted(ends.items())),
+        "limits exceeded": sum(len(result.verdict.exceeded) for result in results),
+        "jumps": sum(result.n_jumps for result in results),
+        **{
+            f"{words} [mrad]": round(1e3 * max(r.apart[kind] for r in results), 2)
+            for kind, words in APART.items()
+        },
+        "runs with problems": sum(bool(result.problems) for result in results),
+    }
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,229 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""What the planner's node does and a simulated robot, stepped together in virtual time.
+
+Planning takes as long as it is said to, so a busy machine changes nothing.
+"""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from itertools import count
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+
+from mp_pca_planner.benchmarking.problems import Scene, robot_file, scene_of
+from mp_pca_planner.exceptions import PlannerError
+from mp_pca_planner.execution.assembly import Model, assemble_model
+from mp_pca_planner.execution.execution_monitor import ExecutionReport
+from mp_pca_planner.execution.goal_statistics import GoalStatistics
+from mp_pca_planner.execution.motion_server import MotionServer
+from mp_pca_planner.execution.newest_goal import CancelledError
+from mp_pca_planner.execution.parameters import Settings
+from mp_pca_planner.execution.start_state import StartStates
+from mp_pca_planner.goal import Goal, JointState
+from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
+from mp_pca_planner.simulation import ControllerOptions, SimulatedRobot
+
+STATE_PERIOD, WATCH_PERIOD = 2, 50  # in ticks of a millisecond
+JERK_OF_ACCELERATION = 20.0
+# Those of MoveIt's panda joint_limits.yaml; UR's driver has none, 3 rad/s² is a usual setting.
+MAX_ACCELERATION = {"panda": (3.75, 1.875, 2.5, 3.125, 3.75, 5.0, 5.0), "ur5": (3.0,) * 6}
+
+
+def scene_and_model(name: str, **settings: Any) -> tuple[Scene, Model]:
+    """A robot with acceleration and jerk limits, and what a node plans with."""
+    scene = scene_of(*robot_file(name), n_motions=30)
+    joints = scene.robot.joint_names
+    limits = {
+        joint: {"max_acceleration": most, "max_jerk": JERK_OF_ACCELERATION * most}
+        for joint, most in zip(joints, MAX_ACCELERATION[name], strict=True)
+    }
+    primitive = build_primitive(scene.demonstrations, name, PrimitiveOptions("arm", 8))
+    urdf = scene.urdf.read_text(encoding="utf-8")
+    options = {"max_solve_time": 60.0, **settings}
+    return scene, assemble_model(urdf, [primitive], Settings(limits=limits, **options))
+
+
+class StateReader:
+    """States as bytes of their stamp, positions and velocities."""
+
+    def names_all(self, message: bytes, joint_names: Sequence[str]) -> bool:
+        """All messages have all joints."""
+        return True
+
+    def read(self, message: bytes, joint_names: Sequence[str]) -> JointState:
+        """Read the numbers."""
+        q, v = np.frombuffer(message)[1:].reshape(2, -1)
+        return JointState(joint_names, q, v)
+
+    def stamp(self, message: bytes) -> float:
+        """Read the stamp."""
+        return float(np.frombuffer(message)[0])
+
+
+@dataclass(frozen=True)
+class PlanReport:
+    """What the node said of a goal: 'served', 'under_way', 'overtaken' or 'refused', and why."""
+
+    name: Any
+    status: str
+    message: str
+    time: float
+
+
+class VirtualNode:
+    """A node beside a simulated robot.
+
+    Parameters
+    ----------
+    model : Model
+        What to plan with.
+    start : array, shape (n_joints,)
+        Where the robot is [rad or m].
+    seed : int
+        Of the robot, and of how long planning takes.
+    planning_time : tuple of float
+        The least and the most that planning takes [s].
+    options : ControllerOptions, optional
+        Those of the robot's controller.
+    """
+
+    def __init__(
+        self,
+        model: Model,
+        start: Any,
+        *,
+        seed: int = 0,
+        planning_time: tuple[float, float] = (0.005, 0.05),
+        options: ControllerOptions | None = None,
+    ) -> None:
+        self.robot = SimulatedRobot(model.robot, model.robot.joint_names, start, options, seed=seed)
+        self.plan_reports: list[PlanReport] = []
+        self.execution_reports: list[tuple[float, ExecutionReport]] = []
+        self.stops: list[float] = []
+        self.sent: list[tuple[float, Any, float | None, bool]] = []
+        self._random = np.random.default_rng([seed, 7])
+        self._planning_time = planning_time
+        self._events: list[tuple[float, int, Callable[[], None]]] = []
+        self._order = count()
+        self._ticks = 0
+        self._pending: tuple[Any, Goal] | None = None
+        self._may_cancel = True
+        self._model = replace(model, planner=self._slow(model.planner, "plan"))
+        vars(self._model)["sequence_planner"] = self._slow(model.sequence_planner, "plan")
+        self.restart()
+
+    @property
+    def now(self) -> float:
+        """The virtual time [s]."""
+        return self.robot.time
+
+    def restart(self) -> None:
+        """Start the node anew: it knows nothing of what was published."""
+        self._pending, self._may_cancel = None, True
+        self.states = StartStates(StateReader(), lambda: self.now, lambda: self.now)
+        self.states.expect(self._model.robot.joint_names)
+        self.server = MotionServer(
+            self.states, GoalStatistics(), self._send, lambda: self.now, self._report, self.advance
+        )
+
+    def at(self, delay: float, action: Callable[[], None]) -> None:
+        """Do something later; the delay in s."""
+        heapq.heappush(self._events, (self.now + delay, next(self._order), action))
+
+    def goal(self, goal: Goal, name: Any) -> None:
+        """A goal arrives, and takes the place of one that waits."""
+        if self._pending is not None:
+            self._answer(self._pending[0], "overtaken", "")
+        self._pending = name, goal
+
+    def stop(self) -> str:
+        """Call the service ~/stop."""
+        if self._pending is not None:
+            self._answer(self._pending[0], "overtaken", "")
+            self._pending = None
+        self._is_cancelled = True
+        self.stops.append(self.now)
+        try:
+            return self.server.stop(self._model)
+        except PlannerError as error:
+            return f"nothing was published: {error}"
+
+    def run(self, duration: float) -> None:
+        """Let time pass, and serve goals that come [s]."""
+        end = self.now + duration
+        while self.now < end:
+            if self._pending is None:
+                self._tick()
+            else:
+                self._serve()
+
+    def advance(self, duration: float) -> None:
+        """Let time pass while the node plans [s]."""
+        for _ in range(max(round(duration * 1e3), 1)):
+            self._tick()
+
+    def _serve(self) -> None:
+        assert self._pending is not None
+        (name, goal), self._pending = self._pending, None
+        self._is_cancelled = False
+
+        def is_cancelled() -> bool:
+            newer = self._pending is not None and self._may_cancel
+            self._is_cancelled = self._is_cancelled or newer
+            return self._is_cancelled
+
+        try:
+            served = self.server.serve(type(goal), lambda _: goal, self._model, is_cancelled, name)
+        except CancelledError:
+            self._may_cancel = False
+            self._answer(name, "overtaken", "")
+        except PlannerError as error:
+            self._may_cancel = True
+            self._answer(name, "refused", str(error))
+            self.advance(0.001)
+        else:
+            self._may_cancel = True
+            self._answer(name, "under_way" if served.under_way else "served", served.under_way)
+            self.advance(0.001)
+
+    def _slow(self, planner: Any, name: str) -> Any:
+        """A planner that takes its time, and may be cancelled meanwhile."""
+
+        def plan(*request: Any) -> Any:
+            robot = self._model.planning_robot
+            for _ in range(round(self._random.uniform(*self._planning_time) * 1e3)):
+                if robot.is_cancelled():
+                    raise CancelledError
+                self._tick()
+            return getattr(planner, name)(*request)
+
+        others = ("target", "check", "primitives", "collision")
+        kept = {other: getattr(planner, other) for other in others if hasattr(planner, other)}
+        return SimpleNamespace(**{name: plan}, **kept)
+
+    def _tick(self) -> None:
+        self.robot.step()
+        self._ticks += 1
+        if self._ticks % STATE_PERIOD == 0 and not self.robot.faults.silent:
+            state = np.concatenate([[self.now], *self.robot.newest_state()[1:]])
+            self.states.measured.receive(state.tobytes())
+        if self._ticks % WATCH_PERIOD == 0:
+            self.server.watch(self._model)
+        while self._events and self._events[0][0] <= self.now:
+            heapq.heappop(self._events)[2]()
+
+    def _send(self, trajectory: Any, *, stamp: float | None, last_point_only: bool) -> None:
+        self.sent.append((self.now, trajectory, stamp, last_point_only))
+        self.robot.send(trajectory, stamp, last_point_only=last_point_only)
+
+    def _report(self, report: ExecutionReport) -> None:
+        self.execution_reports.append((self.now, report))
+
+    def _answer(self, name: Any, status: str, message: str) -> None:
+        self.plan_reports.append(PlanReport(name, status, message, self.now))

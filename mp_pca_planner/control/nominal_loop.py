@@ -1,0 +1,123 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""The nominal closed loop along a motion, linearised and sampled, and its poles."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.linalg import expm
+
+from ..arrays import FloatArray
+from ..robot import Robot
+from ..trajectory import Trajectory
+from .closed_loop import Reference, Sampling, sample_times, simulate
+from .law import COMPUTED_TORQUE, ControlLaw
+
+# Intervals that a motion is cut into.
+_INTERVALS = 40
+_POLE_TIMES = 25
+
+
+class NominalLoop:
+    """The nominal loop along a motion, linearised and sampled: x = (e, ė), input an effort."""
+
+    def __init__(
+        self, model: Robot, law: ControlLaw, trajectory: Trajectory, sampling: Sampling
+    ) -> None:
+        n = self.n = model.n_joints
+        step = sampling.period
+        self.delay = sampling.delay
+        still, unlimited = np.zeros(n), np.full(n, np.inf)
+        self.errors = simulate(
+            model,
+            model,
+            law,
+            trajectory,
+            start_error=still,
+            start_velocity_error=still,
+            effort_limits=unlimited,
+            sampling=sampling,
+        ).errors
+        self.times = sample_times(trajectory, sampling)
+        self.reference = Reference.of(trajectory, self.times)
+        # Intervals of equal length, and which one each sample is in.
+        per_interval = max(len(self.times) // _INTERVALS, 1)
+        self.interval = np.arange(len(self.times)) // per_interval
+        self.edges = np.arange(0, len(self.times), per_interval)
+        ref = self.reference
+        self.feedforward, linear = model.inverse_dynamics_derivatives(ref.q, ref.v, ref.a)
+        # The effort that the law adds per error, at the samples.
+        gains = np.concatenate([np.diag(law.position_gains), np.diag(law.velocity_gains)], axis=1)
+        self.feedback = np.broadcast_to(gains, (len(self.times), n, 2 * n))
+        if law.kind == COMPUTED_TORQUE:
+            self.feedback = linear[:, :, 2 * n :] @ gains - linear[:, :, : 2 * n]
+        # The dynamics between samples, with coefficients of the middle of the step.
+        self.middle = Reference.of(trajectory, self.times + 0.5 * step)
+        mid = self.middle
+        self.middle_efforts, self.linear = model.inverse_dynamics_derivatives(mid.q, mid.v, mid.a)
+        self.mass_inverse = np.linalg.inv(self.linear[:, :, 2 * n :])
+        eigenvalues, vectors = np.linalg.eigh(self.linear[:, :, 2 * n :])
+        self.root = (vectors * np.sqrt(eigenvalues)[:, None]) @ vectors.transpose(0, 2, 1)
+        self.inverse_root = np.linalg.inv(self.root)
+        self.drift = -self.mass_inverse @ self.linear[:, :, : 2 * n]
+        system = np.zeros((len(self.times), 3 * n, 3 * n))
+        system[:, :n, n : 2 * n] = np.eye(n)
+        system[:, n : 2 * n, : 2 * n] = self.drift
+        system[:, n : 2 * n, 2 * n :] = self.mass_inverse
+        whole = expm(system * step)
+        self.transition = whole[:, : 2 * n, : 2 * n]
+        self.input = whole[:, : 2 * n, 2 * n :]
+
+    def respond(self, disturbance: FloatArray, start: FloatArray) -> FloatArray:
+        """Responses to efforts on the right-hand side, held over each step.
+
+        Parameters
+        ----------
+        disturbance : array, shape (n_samples, n_joints, n_signals)
+            The efforts.
+        start : array, shape (2 n_joints, n_signals)
+            Errors at the start.
+
+        Returns
+        -------
+        responses : array, shape (n_samples, 3 n_joints, n_signals)
+            e, ė and ë.
+        """
+        n = self.n
+        x = start
+        # As in the simulation, the law saw the start error before the start, too.
+        pending = [self.feedback[0] @ start] * self.delay
+        responses = np.empty((len(self.times), 3 * n, start.shape[1]))
+        for k, push in enumerate(disturbance):
+            pending.append(self.feedback[k] @ x)
+            effort = push - pending.pop(0)
+            responses[k, : 2 * n] = x
+            responses[k, 2 * n :] = self.drift[k] @ x + self.mass_inverse[k] @ effort
+            x = self.transition[k] @ x + self.input[k] @ effort
+        return responses
+
+
+def poles(loop: NominalLoop) -> tuple[float, float, float]:
+    """Largest real part, least damping ratio, and radius of the sampled poles."""
+    n, delay = loop.n, loop.delay
+    rows = np.unique(np.linspace(0, len(loop.times) - 1, _POLE_TIMES).astype(int))
+    slowest, damping, radius = -np.inf, np.inf, 0.0
+    for k in rows:
+        continuous = np.zeros((2 * n, 2 * n))
+        continuous[:n, n:] = np.eye(n)
+        continuous[n:] = loop.drift[k] - loop.mass_inverse[k] @ loop.feedback[k]
+        found = np.linalg.eigvals(continuous)
+        slowest = max(slowest, float(found.real.max()))
+        damping = min(damping, float((-found.real / np.abs(found)).min()))
+        # State: x, then the efforts on their way.
+        size = 2 * n + delay * n
+        sampled = np.zeros((size, size))
+        sampled[: 2 * n, : 2 * n] = loop.transition[k]
+        if delay == 0:
+            sampled[: 2 * n, : 2 * n] -= loop.input[k] @ loop.feedback[k]
+        else:
+            sampled[: 2 * n, 2 * n : 3 * n] = -loop.input[k]
+            sampled[2 * n : size - n, 3 * n :] = np.eye(size - 3 * n)
+            sampled[size - n :, : 2 * n] = loop.feedback[k]
+        radius = max(radius, float(np.abs(np.linalg.eigvals(sampled)).max()))
+    return slowest, damping, radius

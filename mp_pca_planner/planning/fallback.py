@@ -1,0 +1,196 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Requests served without optimisation, where that found no motion within the limits.
+
+The motion brakes, if the robot moves, and goes from rest to rest: see :mod:`.stop_and_go`.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..arrays import FloatArray
+from ..exceptions import GoalError, TrajectoryError
+from ..goal import JointState
+from ..limits import JointLimits
+from ..robot import Robot
+from .attempt import Attempt, MotionSolver, condition_errors
+from .compiler import QuadratureTables
+from .conditions import PoseTarget, Target
+from .families import fixed_family
+from .objectives import Effort
+from .plan import SHORTEST, PlannerOptions
+from .pose_search import configurations_at
+from .request import Request, longest_duration
+from .selection import cost_of
+from .sequence_request import fit_durations
+from .states import unwrapped
+from .stop_and_go import StopAndGo, stop_and_go
+
+_SAME_DURATION = 1.0 + 1e-9
+
+
+@dataclass(frozen=True)
+class Fallback:
+    """Result of a search for a slow motion.
+
+    Attributes
+    ----------
+    attempt : Attempt or None
+        The motion, within the limits and without collisions; None if there is none in the
+        duration that was asked for.
+    duration : float
+        A feasible duration [s]; NaN if none is known.
+    reason : str
+        Why there is no motion in any duration; empty if there is one.
+    """
+
+    attempt: Attempt | None = None
+    duration: float = float("nan")
+    reason: str = ""
+
+
+class FallbackPlanner:
+    """Serves requests by slow motions, in a few milliseconds.
+
+    Parameters
+    ----------
+    robot, limits, options, solver
+        The planner's.
+    """
+
+    def __init__(
+        self, robot: Robot, limits: JointLimits, options: PlannerOptions, solver: MotionSolver
+    ) -> None:
+        self._robot, self._limits, self._options = robot, limits, options
+        self._solver = solver
+
+    def serve(self, requests: Sequence[Request], failed: Attempt) -> Fallback:
+        """Serve the first of the requests that a slow motion can serve.
+
+        Parameters
+        ----------
+        requests : sequence of Request
+            Of one goal: several configurations, or several primitives.
+        failed : Attempt
+            The best attempt to optimise a motion.
+        """
+        feasible, reason = float("inf"), ""
+        configurations: dict[int, Request] = {}
+        for request in requests:  # contenders for one goal differ in their primitives only
+            configurations.setdefault(id(request.goal), request)
+        for request in configurations.values():
+            for at_least, step in self._timings(request):
+                try:
+                    attempt = self._attempt(request, failed, at_least, step)
+                except (GoalError, TrajectoryError) as error:
+                    reason = reason or str(error)
+                    continue
+                if attempt.collisions:
+                    reason = reason or str(attempt.collisions[0])
+                    continue
+                duration = attempt.motion.duration
+                if request.duration_is_free or duration <= at_least * _SAME_DURATION:
+                    return Fallback(attempt)
+                feasible = min(feasible, duration)
+        return Fallback(duration=feasible) if np.isfinite(feasible) else Fallback(reason=reason)
+
+    def _timings(self, request: Request) -> list[tuple[float, float]]:
+        """Least durations to try, each with the time between the points of its trajectory [s]."""
+        duration, period = request.expected.duration, self._options.sample_period
+        if request.duration_is_free:
+            return [(0.0 if self._options.timing == SHORTEST else duration, period)]
+        n_steps = max(np.ceil(duration / period - 1e-9), 1.0)
+        return [(duration, duration / n_steps), (0.0, period)]
+
+    def _attempt(self, request: Request, failed: Attempt, at_least: float, step: float) -> Attempt:
+        states = _route(self._robot, self._limits, request)
+        route = stop_and_go(self._robot, self._limits, states, step)
+        phases = [*(via.phase for via in request.conditions[: request.n_vias]), 1.0]
+        durations, trajectory, check = route.slowed(
+            self._robot,
+            self._limits,
+            lambda slower: self._durations(slower, phases, at_least),
+            lambda times: self._solver.sample(route.motion(times)),
+        )
+        found = route.motion(durations)
+        ends = np.cumsum(durations) / found.duration
+        reached = (*map(float, ends[:-1]), 1.0)[: len(request.conditions)]
+        tables = QuadratureTables(found.basis, self._options.n_nodes)
+        costs = [
+            cost_of(self._robot, found, tables, objectives)
+            for objectives in (self._options.objectives, [(1.0, Effort())])
+        ]
+        return Attempt(
+            request=request,
+            family=fixed_family(tables),
+            motion=found,
+            solution=replace(
+                failed.solution,
+                weights=found.weights,
+                objective_cost=costs[0],
+                effort_cost=costs[1],
+                naturalness_cost=0.0,
+                converged=False,
+            ),
+            naturalness=self._options.naturalness,
+            condition_errors=condition_errors(found, request.conditions, reached),
+            phases=reached,
+            trajectory=trajectory,
+            check=check,
+            collisions=self._solver.collisions(trajectory),
+            kept_apart=False,
+            memory=failed.memory,
+            solved_at=time.perf_counter(),
+        )
+
+    def _durations(
+        self, motion: StopAndGo, phases: Sequence[float | None], at_least: float
+    ) -> tuple[float, ...]:
+        """Durations of the segments, which end at the phases that are given."""
+        total, least = at_least, motion.durations
+        began, first = 0.0, 0
+        for i, phase in enumerate(phases):
+            if phase is not None:
+                total = max(total, float(least[first : i + 1].sum()) / (phase - began))
+                began, first = phase, i + 1
+        if motion.moves_at_ends and total > at_least:
+            # The knots of a brake are points of the trajectory.
+            total = motion.step * float(np.ceil(total / motion.step - 1e-9))
+        longest = longest_duration(self._options)
+        if total > longest:
+            raise TrajectoryError(
+                f"the slow motion would take {total:.4g} s, at most {longest:g} s are accepted"
+            )
+        times = [None if phase is None else phase * total for phase in phases]
+        return fit_durations(least, times)
+
+
+def _route(robot: Robot, limits: JointLimits, request: Request) -> list[JointState]:
+    """The states of a request: start, vias at rest, goal."""
+    states = [request.start]
+    for via in request.conditions[: request.n_vias]:
+        q = _configuration(robot, limits, via.target, states[-1], request.goal)
+        states.append(JointState(robot.joint_names, q))
+    return [*states, request.goal]
+
+
+def _configuration(
+    robot: Robot, limits: JointLimits, target: Target, before: JointState, after: JointState
+) -> FloatArray:
+    """Positions that meet a target, shape (n_joints,), near those of two states.
+
+    Raises
+    ------
+    GoalError
+        If no configuration within the limits reaches a pose.
+    """
+    if isinstance(target, PoseTarget):
+        starts = [before.positions, after.positions]
+        return unwrapped(configurations_at(robot, limits, target.pose, starts)[0], before, robot)
+    error, rows = target.error(before.positions)
+    return np.asarray(before.positions - rows.T @ error)

@@ -1,0 +1,360 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Motions within the limits that need no optimisation: stop, and go from rest to rest.
+
+From rest to rest the motion is the minimum-jerk one, slowed by the laws of time scaling: with the
+duration T, velocities fall as 1/T, accelerations as 1/T², jerks as 1/T³, and efforts tend to those
+of gravity, τ(s) = g(s) + m(s)/T². A robot that moves is braked first, each joint by the
+deceleration of least time within its limits of acceleration and jerk.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+
+from ..arrays import FloatArray
+from ..exceptions import TrajectoryError
+from ..goal import JointState
+from ..interpolation import hermite_functions, segment_ends
+from ..limits import JointLimits
+from ..robot import Robot
+from ..trajectory import Trajectory
+from ..validation import LimitCheck, check_limits
+from .motion import Motion
+
+# Largest velocity, acceleration and jerk of the minimum-jerk motion of distance 1 in a time of 1.
+_PEAKS = (15.0 / 8.0, 10.0 / np.sqrt(3.0), 60.0)
+_PHASES = np.linspace(0.0, 1.0, 41)
+# Shares of the limits of acceleration and jerk for braking: hard brakes leave most room to limits
+# of position, soft ones to those of effort.
+_BRAKE_SHARES = (0.999, 0.8, 0.6, 0.4, 0.2, 0.1, 0.05)
+# Shares of the jerk, for a brake in whole steps to need no more than all of it.
+_JERK_SHARES = (1.0, 0.8, 0.6, 0.4, 0.2)
+# Without such limits, the times [s] in which a brake ends velocities and accelerations.
+_STOPPING_TIME, _RAMP_TIME = 0.1, 0.05
+# What keeps this clear of a limit is checked several times faster than what is at it.
+_CLEAR = 1.001
+# Times that a motion is slowed because its points break a limit.
+_MAX_STRETCHES = 10
+_POWERS = {"velocity": 1.0, "acceleration": 1.0 / 2.0, "jerk": 1.0 / 3.0, "effort": 1.0 / 2.0}
+
+
+def slowdown(check: LimitCheck) -> float:
+    """Factor of the duration that may restore the limits; 1 if none can."""
+    # More time does not change the path, and with it the positions.
+    factors = [
+        (1.0 + v.excess) ** _POWERS[v.quantity] for v in check.violations if v.quantity in _POWERS
+    ]
+    # The law of time scaling is not all: efforts have a static part.
+    return float(np.clip(1.02 * max(factors), 1.05, 2.0)) if factors else 1.0
+
+
+class FixedShape:
+    """A basis without weights: its mean shape leads through given states, by quintics.
+
+    Parameters
+    ----------
+    times : array, shape (n_knots,)
+        Increasing times from 0 [s].
+    states : array, shape (3, n_knots, n_joints)
+        Positions, velocities and accelerations at these times.
+    """
+
+    def __init__(self, times: FloatArray, states: FloatArray) -> None:
+        duration = float(times[-1])
+        self._phases = times / duration
+        q, v, a = states
+        self._ends = segment_ends(self._phases, q, duration * v, duration**2 * a)
+        rates = duration ** np.arange(3.0)[:, None]
+        self._boundary = np.concatenate([rates * states[:, 0], rates * states[:, -1]])
+        self.n_joints, self.n_weights, self.scales = q.shape[1], 0, np.zeros(0)
+        # Knots of a brake are many and near each other: every tenth is enough to integrate.
+        self.breakpoints = np.union1d(self._phases[::10], [1.0])
+
+    def functions(self, phases: FloatArray, derivative: int = 0) -> FloatArray:
+        """No functions, shape (n_steps, n_joints, 0)."""
+        return np.zeros((len(phases), self.n_joints, 0))
+
+    def shape(self, weights: FloatArray, phases: FloatArray, derivative: int = 0) -> FloatArray:
+        """Values of the mean shape, shape (n_steps, n_joints)."""
+        k = np.searchsorted(self._phases, phases, side="right") - 1
+        k = np.clip(k, 0, len(self._ends) - 1)
+        widths = np.diff(self._phases)[k]
+        tables = hermite_functions((phases - self._phases[k]) / widths, derivative)
+        values = np.einsum("ki,kij->kj", tables, self._ends[k]) / widths[:, None] ** derivative
+        return np.asarray(values - hermite_functions(phases, derivative) @ self._boundary)
+
+    def shapes(self, weights: FloatArray, phases: FloatArray, highest: int) -> FloatArray:
+        """Shape and derivatives up to the highest one, shape (highest + 1, n_steps, n_joints)."""
+        return np.array([self.shape(weights, phases, d) for d in range(highest + 1)])
+
+    def tables(self, phases: FloatArray, highest: int) -> FloatArray:
+        """All values and derivatives, shape (highest + 1, n_steps, n_joints, 1)."""
+        return self.shapes(self.scales, phases, highest)[..., None]
+
+
+@dataclass(frozen=True, eq=False)
+class StopAndGo:
+    """A motion from a state to another one that rests at places between them.
+
+    Attributes
+    ----------
+    start, goal : JointState
+        States at the ends.
+    brake, launch : array, shape (3, n_knots, n_joints)
+        Positions, velocities and accelerations at knots `step` apart, from the start to rest and
+        from rest to the goal; a single knot where that end is at rest.
+    places : array, shape (n_places, n_joints)
+        Where the motion rests: at the end of the brake, between, at the start of the launch.
+    legs : array, shape (n_places - 1,)
+        The least durations of the minimum-jerk motions between [s].
+    step : float
+        Time between the knots of a brake [s].
+    """
+
+    start: JointState
+    goal: JointState
+    brake: FloatArray
+    launch: FloatArray
+    places: FloatArray
+    legs: FloatArray
+    step: float
+
+    @property
+    def moves_at_ends(self) -> bool:
+        """Whether an end is not at rest."""
+        return bool(self.brake.shape[1] + self.launch.shape[1] > 2)
+
+    @property
+    def durations(self) -> FloatArray:
+        """The least durations of the segments between the states given, shape (n_segments,) [s]."""
+        durations = self.legs.copy()
+        durations[0] += self._time(self.brake)
+        durations[-1] += self._time(self.launch)
+        return durations
+
+    def _time(self, knots: FloatArray) -> float:
+        return float(self.step * (knots.shape[1] - 1))
+
+    def segments(self, durations: Sequence[float]) -> tuple[Motion, ...]:
+        """The motions between the states given, of these durations [s], each ending at rest."""
+        rests = [JointState(self.start.joint_names, q) for q in self.places[1:-1]]
+        ends = pairwise([self.start, *rests, self.goal])
+        return tuple(
+            _through(*self._knots(i, duration), *states)
+            for i, (duration, states) in enumerate(zip(durations, ends, strict=True))
+        )
+
+    def motion(self, durations: Sequence[float]) -> Motion:
+        """The whole motion, with segments of these durations [s]."""
+        times, states = self._knots(0, durations[0])
+        for i, duration in enumerate(durations[1:], start=1):
+            later, more = self._knots(i, duration)
+            times = np.concatenate([times, times[-1] + later[1:]])
+            states = np.concatenate([states, more[:, 1:]], axis=1)
+        return _through(times, states, self.start, self.goal)
+
+    def _knots(self, i: int, duration: float) -> tuple[FloatArray, FloatArray]:
+        """Times [s] and states at the knots of a segment."""
+        rest = np.zeros((3, len(self.places), self.places.shape[1]))
+        rest[0] = self.places
+        before = self.brake if i == 0 else rest[:, i : i + 1]
+        after = self.launch if i == len(self.legs) - 1 else rest[:, i + 1 : i + 2]
+        braking = self.step * np.arange(before.shape[1])
+        launching = duration - self.step * np.arange(after.shape[1])[::-1]
+        return np.concatenate([braking, launching]), np.concatenate([before, after], axis=1)
+
+    def slowed(
+        self,
+        robot: Robot,
+        limits: JointLimits,
+        timed: Callable[[StopAndGo], tuple[float, ...]],
+        sampled: Callable[[tuple[float, ...]], Trajectory],
+    ) -> tuple[tuple[float, ...], Trajectory, LimitCheck]:
+        """Durations, points and limit check of the motion, slow enough for its points.
+
+        Parameters
+        ----------
+        robot, limits
+            The robot and the limits of its joints.
+        timed : callable
+            Gives durations to the segments of such a motion [s], none below the least.
+        sampled : callable
+            Gives the points of the motion of these durations.
+
+        Raises
+        ------
+        TrajectoryError
+            If none is slow enough.
+        """
+        slower = self
+        for _ in range(_MAX_STRETCHES):
+            durations = timed(slower)
+            trajectory = sampled(durations)
+            check = check_limits(trajectory, robot, limits)
+            if not check.violations:
+                return durations, trajectory, check
+            slower = replace(slower, legs=slowdown(check) * slower.legs)
+        raise TrajectoryError(str(check.violations[0]))
+
+
+def _through(times: FloatArray, states: FloatArray, start: JointState, goal: JointState) -> Motion:
+    basis = FixedShape(times, states)
+    return Motion(start, goal, float(times[-1]), basis, basis.scales)
+
+
+def stop_and_go(
+    robot: Robot, limits: JointLimits, states: Sequence[JointState], step: float
+) -> StopAndGo:
+    """The fastest motion of its kind through some states.
+
+    Parameters
+    ----------
+    robot, limits
+        The robot and the limits of its joints.
+    states : sequence of JointState
+        At least two, of all joints, within the limits of position; the motion rests at those
+        between the first and the last.
+    step : float
+        Time between the points of the trajectory [s].
+
+    Raises
+    ------
+    TrajectoryError
+        If an end can't be left or reached within the limits, or gravity alone exceeds the limits
+        of effort between.
+    """
+    start, goal = states[0], states[-1]
+    brake = _brake(robot, limits, start, step)
+    # Backwards in time velocities change their sign, accelerations and efforts don't.
+    backwards = JointState(goal.joint_names, goal.positions, -goal.velocities, goal.accelerations)
+    launch = _brake(robot, limits, backwards, step)[:, ::-1] * [[[1.0]], [[-1.0]], [[1.0]]]
+    between = [state.positions for state in states[1:-1]]
+    places = np.array([brake[0, -1], *between, launch[0, 0]])
+    legs = [max(_CLEAR * least_duration(robot, limits, a, b), step) for a, b in pairwise(places)]
+    return StopAndGo(start, goal, brake, launch, places, np.array(legs), step)
+
+
+def least_duration(robot: Robot, limits: JointLimits, start: FloatArray, goal: FloatArray) -> float:
+    """Least duration [s] of the minimum-jerk motion between two configurations at rest.
+
+    Parameters
+    ----------
+    robot, limits
+        The robot and the limits of its joints.
+    start, goal : array, shape (n_joints,)
+        Positions within the limits [rad or m].
+
+    Raises
+    ------
+    TrajectoryError
+        If gravity alone exceeds the limits of effort on the way.
+    """
+    way = goal - start
+    bounds = (limits.velocity, limits.acceleration, limits.jerk)
+    kinematic = [
+        float(np.max(peak * np.abs(way) / bound)) ** (1.0 / order)
+        for order, (peak, bound) in enumerate(zip(_PEAKS, bounds, strict=True), start=1)
+    ]
+    if not np.isfinite(limits.effort).any():
+        return float(max(kinematic))
+    ends = np.zeros((6, way.size))
+    ends[0], ends[3] = start, goal
+    q, v, a = (hermite_functions(_PHASES, d) @ ends for d in range(3))
+    rest = np.zeros_like(q)
+    gravity = robot.inverse_dynamics(q, rest, rest)
+    _check_gravity(gravity, limits)
+    moving = robot.inverse_dynamics(q, v, a) - gravity
+    # |g + m/T²| ≤ τ_max
+    room = limits.effort - np.sign(moving) * gravity
+    slowest = np.max(np.abs(moving) / np.maximum(room, np.finfo(float).tiny))
+    return float(max(*kinematic, np.sqrt(slowest)))
+
+
+def _check_gravity(gravity: FloatArray, limits: JointLimits) -> None:
+    share = np.abs(gravity) / limits.effort
+    k, j = np.unravel_index(int(share.argmax()), share.shape)
+    if share[k, j] >= 1.0:
+        raise TrajectoryError(
+            f"on the straight path gravity alone takes an effort of {abs(gravity[k, j]):.4g} of "
+            f"joint '{limits.joint_names[j]}', limit {limits.effort[j]:.4g}"
+        )
+
+
+def _brake(robot: Robot, limits: JointLimits, state: JointState, step: float) -> FloatArray:
+    """Knots from a state to rest, the fastest within the limits, shape (3, n_knots, n_joints)."""
+    knots = np.stack([state.positions, state.velocities, state.accelerations])[:, None]
+    if not np.any(knots[1:]):
+        return knots
+    worst = None
+    for share in _BRAKE_SHARES:
+        knots = _decelerate(state, limits, share, step)
+        times = step * np.arange(knots.shape[1])
+        check = check_limits(Trajectory(state.joint_names, times, *knots), robot, limits)
+        if not check.violations:
+            return knots
+        worst = worst or check.violations[0]
+    raise TrajectoryError(f"no brake within the limits was found: {worst}")
+
+
+def _decelerate(state: JointState, limits: JointLimits, share: float, step: float) -> FloatArray:
+    """Knots from a state to rest with a share of the limits of acceleration and jerk."""
+    v, a = state.velocities, state.accelerations
+    usual = np.maximum(np.abs(v).max() / _STOPPING_TIME, np.abs(a).max())
+    most = np.maximum(share * np.minimum(limits.acceleration, usual), np.abs(a))
+    jerks = np.minimum(share * limits.jerk, most / _RAMP_TIME)
+    columns = [_jerks(*joint, step) for joint in zip(v, a, most, jerks, strict=True)]
+    n_steps = max(map(len, columns))
+    jerk = np.array([np.pad(x, (0, n_steps - len(x))) for x in columns]).T
+    states = np.zeros((3, n_steps + 1, len(v)))
+    states[:, 0] = state.positions, v, a
+    for order, slope in ((2, jerk), (1, jerk / 2.0), (0, jerk / 6.0)):  # Taylor's series, exact
+        for higher in range(2, order, -1):
+            slope = slope * step + states[higher, :-1] / (higher - order)
+        states[order, 1:] = states[order, 0] + step * np.cumsum(slope, axis=0)
+    for j, column in enumerate(columns):  # at rest to the last bit
+        states[1:, len(column) :, j] = 0.0
+    return states
+
+
+def _jerks(v: float, a: float, most: float, jerk: float, step: float) -> FloatArray:
+    """Jerks of one joint in steps that end its velocity and acceleration in the least time.
+
+    Parameters
+    ----------
+    v, a : float
+        Velocity and acceleration [/s, /s²].
+    most, jerk : float
+        Largest acceleration and jerk [/s², /s³].
+    step : float
+        Length of a step [s].
+    """
+    if v == 0.0 and a == 0.0:
+        return np.zeros(0)
+    for share in _JERK_SHARES:
+        found = _trapezoid(v, a, most, share * jerk, step)
+        if np.abs(found).max() <= jerk:
+            break
+    return found
+
+
+def _trapezoid(v: float, a: float, most: float, jerk: float, step: float) -> FloatArray:
+    """The same by an acceleration that goes from a to −p, stays, and goes to 0.
+
+    In whole numbers of steps this may take a larger jerk than asked for.
+    """
+    # The velocity that is left when the acceleration is ended at once has this sign.
+    sign = 1.0 if v + a * abs(a) / (2.0 * jerk) >= 0.0 else -1.0
+    v, a = sign * v, sign * a
+    peak = min(float(np.sqrt(max(jerk * v + a * a / 2.0, 0.0))), most)
+    hold = (v + a * a / (2.0 * jerk)) / peak - peak / jerk if peak > 0.0 else 0.0
+    times = np.array([(a + peak) / jerk, hold, peak / jerk])
+    n = np.maximum(np.ceil(times / step - 1e-9), (1.0, 0.0, 1.0))
+    # In whole steps the peak is another: velocities add up to 0 again.
+    peak = (v + a * n[0] * step / 2.0) / (step * (n[0] / 2.0 + n[1] + n[2] / 2.0))
+    pieces = [-(a + peak) / (n[0] * step), 0.0, peak / (n[2] * step)]
+    return np.repeat(sign * np.array(pieces), n.astype(int))

@@ -1,0 +1,147 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""The node of a simulated robot: joint states, description, controller and faults in ROS."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Sequence
+from dataclasses import asdict, replace
+
+import rclpy
+from rcl_interfaces.msg import SetParametersResult
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.signals import SignalHandlerOptions
+from sensor_msgs.msg import JointState
+from std_msgs.msg import String
+from trajectory_msgs.msg import JointTrajectory
+
+from ..exceptions import SimulationError
+from ..simulation.message import NANOSECONDS, Point, TrajectoryMessage
+from ..simulation.robot import SimulatedRobot
+
+NODE_NAME = "simulated_robot"
+
+_DEPTH = 10
+_LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+_CYCLE_NS = 1_000_000
+# Cycles kept without a request for a record.
+_MAX_KEPT = 10_000
+
+
+def to_controller_message(message: JointTrajectory) -> TrajectoryMessage:
+    """Read a message as a controller receives it, well-formed or not."""
+
+    def nanoseconds(time: object) -> int:
+        return int(time.sec * NANOSECONDS + time.nanosec)  # type: ignore[attr-defined]
+
+    points = tuple(
+        Point(
+            nanoseconds(point.time_from_start),
+            tuple(point.positions),
+            tuple(point.velocities),
+            tuple(point.accelerations),
+            tuple(point.effort),
+        )
+        for point in message.points
+    )
+    return TrajectoryMessage(tuple(message.joint_names), points, nanoseconds(message.header.stamp))
+
+
+class SimulatedRobotNode(Node):
+    """Publishes the state of a simulated robot, takes trajectories, and has parameters for faults.
+
+    Parameters
+    ----------
+    robot : SimulatedRobot
+        The robot; its clock is that of the node.
+    urdf : str
+        Its description, XML text.
+    controller_topic : str
+        Name of the topic of trajectories.
+    keep_record : bool
+        Whether the robot's record is kept from the start.
+    """
+
+    def __init__(
+        self, robot: SimulatedRobot, urdf: str, controller_topic: str, *, keep_record: bool
+    ) -> None:
+        super().__init__(NODE_NAME)
+        self._robot, self._keep_record = robot, keep_record
+        self._published, self._n_rejections = robot.state_time_ns, 0
+        self._states = self.create_publisher(JointState, "joint_states", _DEPTH)
+        self._descriptions = self.create_publisher(String, "robot_description", _LATCHED)
+        self._descriptions.publish(String(data=urdf))
+        self.create_subscription(JointTrajectory, controller_topic, self._on_trajectory, _DEPTH)
+        for name, value in asdict(robot.faults).items():
+            self.declare_parameter(name, value)
+        self.add_on_set_parameters_callback(self._on_parameters)
+
+    def advance(self) -> float:
+        """Bring the robot up to the present time; returns the time until its next state [s]."""
+        robot, now = self._robot, self.get_clock().now().nanoseconds
+        while robot.time_ns + _CYCLE_NS <= now:
+            robot.step()
+            if robot.state_time_ns != self._published:
+                self._publish()
+        for _, reason in robot.rejections[self._n_rejections :]:
+            self.get_logger().warning(f"Trajectory rejected: {reason}")
+        self._n_rejections = len(robot.rejections)
+        if not self._keep_record and len(robot.record) > _MAX_KEPT:
+            robot.record.clear()
+        # Messages are taken when they come: the cycles in between can be made up for.
+        return (robot.time_ns + max(robot.state_period_ns, _CYCLE_NS) - now) / NANOSECONDS
+
+    def _publish(self) -> None:
+        robot = self._robot
+        self._published = robot.state_time_ns
+        _, q, v = robot.newest_state()
+        message = JointState(name=robot.joint_names, position=q.tolist(), velocity=v.tolist())
+        stamp = message.header.stamp
+        stamp.sec, stamp.nanosec = divmod(self._published, NANOSECONDS)
+        self._states.publish(message)
+
+    def _on_trajectory(self, message: JointTrajectory) -> None:
+        self.advance()
+        self._robot.send_message(to_controller_message(message))
+
+    def _on_parameters(self, parameters: Sequence[Parameter]) -> SetParametersResult:
+        self.advance()
+        known = asdict(self._robot.faults)
+        changes = {p.name: p.value for p in parameters if p.name in known}
+        try:
+            self._robot.faults = replace(self._robot.faults, **changes)
+        except SimulationError as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        return SetParametersResult(successful=True)
+
+
+def start_ros(ros_arguments: Sequence[str]) -> None:
+    """Initialise ROS, with signals left to the caller.
+
+    Raises
+    ------
+    SimulationError
+        If the arguments are refused.
+    """
+    try:
+        rclpy.init(args=list(ros_arguments), signal_handler_options=SignalHandlerOptions.NO)
+    except RuntimeError as error:
+        reason = str(error).splitlines()[0]
+        raise SimulationError(f"the arguments after --ros-args are rejected: {reason}") from error
+
+
+def run_node(node: SimulatedRobotNode, stop: threading.Event) -> None:
+    """Run a node until the event is set, then end it and ROS."""
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+    try:
+        while not stop.is_set():
+            executor.spin_once(timeout_sec=max(node.advance(), 0.0))
+    finally:
+        executor.shutdown()
+        node.destroy_node()
+        rclpy.try_shutdown()

@@ -1,0 +1,268 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""A trajectory controller with the semantics of ``joint_trajectory_controller`` (Jazzy).
+
+Written from the behaviour of ros2_controllers 4.42: position commands, positions and velocities
+measured, messages by topic. Times are integer nanoseconds, as in ROS.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..arrays import FloatArray
+from ..exceptions import SimulationError
+from .message import Point, TrajectoryMessage
+from .rejection import rejection
+from .splines import BoolArray, Splines, States
+
+
+@dataclass(frozen=True)
+class ControllerOptions:
+    """Parameters of the controller; names and defaults are those of the original.
+
+    Attributes
+    ----------
+    allow_nonzero_velocity_at_trajectory_end : bool
+        Whether the last point may have a velocity.
+    allow_partial_joints_goal : bool
+        Whether joints may be missing; they hold their commanded positions.
+    interpolate_from_desired_state : bool
+        Whether a trajectory that starts later is approached from the commanded state, not from
+        the measured one.
+    state_tolerance, goal_tolerance : float
+        Largest deviation of a joint while moving, and after the end [rad or m]; 0 allows any.
+        Where it is exceeded, the measured position is held.
+    goal_time : float
+        Time after the end by which the goal tolerance has to be met [s]; 0 allows any.
+    uptime_clock : bool
+        Whether speed scaling slows a clock that all trajectories share, as in the scaled
+        controller of UR's driver up to Iron; else that of the running trajectory, which starts
+        anew with each message.
+
+    Raises
+    ------
+    SimulationError
+        If a tolerance is negative or not finite.
+    """
+
+    allow_nonzero_velocity_at_trajectory_end: bool = False
+    allow_partial_joints_goal: bool = False
+    interpolate_from_desired_state: bool = False
+    state_tolerance: float = 0.0
+    goal_tolerance: float = 0.0
+    goal_time: float = 0.0
+    uptime_clock: bool = False
+
+    def __post_init__(self) -> None:
+        for name in ("state_tolerance", "goal_tolerance", "goal_time"):
+            value = getattr(self, name)
+            if not 0.0 <= value < math.inf:
+                raise SimulationError(f"{name} is {value}, expected a finite number from 0 on")
+
+
+class TrajectoryController:
+    """Commands positions from the messages that it receives, cycle by cycle.
+
+    Parameters
+    ----------
+    joint_names : sequence of str
+        Joints of the controller, n_joints of them.
+    positions : array, shape (n_joints,)
+        Positions to hold [rad or m].
+    options : ControllerOptions
+        Its parameters.
+    continuous : array of bool, shape (n_joints,), optional
+        Joints that turn without end; none unless given.
+
+    Attributes
+    ----------
+    speed_scaling : float
+        Speed of the trajectory's clock, 1 for that of the world.
+    clock_ns : int
+        Time for which commands have advanced along trajectories [ns].
+    is_active : bool
+        Whether commands follow messages.
+    n_holds : int
+        How often a tolerance was exceeded and the measured position held.
+    """
+
+    def __init__(
+        self,
+        joint_names: Sequence[str],
+        positions: FloatArray,
+        options: ControllerOptions | None = None,
+        continuous: FloatArray | None = None,
+    ) -> None:
+        self._names = tuple(joint_names)
+        self._options = options or ControllerOptions()
+        self._continuous = np.flatnonzero(() if continuous is None else continuous)
+        self._checks = max(self._options.state_tolerance, self._options.goal_time) > 0.0
+        self._command = np.concatenate([positions, np.zeros(2 * len(self._names))])
+        self.speed_scaling = 1.0
+        self.clock_ns = 0
+        self.n_holds = 0
+        self.activate()
+
+    def activate(self) -> None:
+        """Start, as on activation: the commanded positions are held."""
+        n = len(self._names)
+        self._command = np.concatenate([self._command[:n], np.zeros(2 * n)])
+        self._new: TrajectoryMessage | None = None
+        self._commanded_at: int | None = None
+        self._uptime: int | None = None
+        self._traj_time = 0
+        self._is_holding = self.is_active = True
+        values = self._command.reshape(1, 3, n)
+        self._splines = Splines(States([0], values, np.ones((1, 3), dtype=bool)))
+
+    def deactivate(self) -> None:
+        """Drop the trajectory; the commanded positions stay."""
+        self.activate()
+        self.is_active = False
+
+    def receive(self, message: TrajectoryMessage, now: int) -> str | None:
+        """Take a message, which replaces the trajectory in the next cycle.
+
+        Parameters
+        ----------
+        message : TrajectoryMessage
+            The message.
+        now : int
+            The present time [ns].
+
+        Returns
+        -------
+        reason : str or None
+            Why it is rejected; None if it is accepted.
+        """
+        reason = rejection(
+            message,
+            self._names,
+            now,
+            allow_partial=self._options.allow_partial_joints_goal,
+            allow_moving_end=self._options.allow_nonzero_velocity_at_trajectory_end,
+        )
+        if reason is None and not self.is_active:
+            reason = "the controller is not active"
+        if reason is None:
+            self._new, self._is_holding = message, False
+        return reason
+
+    def update(self, now: int, period: int, measured: tuple[FloatArray, FloatArray]) -> FloatArray:
+        """Run one cycle.
+
+        Parameters
+        ----------
+        now, period : int
+            The present time, and that since the last cycle [ns].
+        measured : tuple of two arrays, shape (n_joints,)
+            Measured positions [rad or m] and velocities [/s].
+
+        Returns
+        -------
+        command : array, shape (3 n_joints,)
+            Positions to be driven to by the next cycle, then velocities and accelerations of the
+            trajectory there, by its own clock.
+        """
+        if not self.is_active:
+            self.clock_ns += period
+            return self._command
+        message, self._new = self._new, None
+        self._advance(now, period, is_new=message is not None)
+        if message is not None:
+            self._adopt(message, now, measured)
+        if (
+            self._checks
+            and not self._is_holding
+            and self._is_violated(measured[0], period, is_first=message is not None)
+        ):
+            self._hold(measured[0])
+            return self._command
+        self._command = self._splines.sample(self._traj_time + self._ahead(period))
+        self._commanded_at = now
+        return self._command
+
+    def _ahead(self, period: int) -> int:
+        # The original commands what is to be reached at the next cycle; UR's, what is due now.
+        return 0 if self._options.uptime_clock else period
+
+    def _advance(self, now: int, period: int, *, is_new: bool) -> None:
+        step = int(period * self.speed_scaling)
+        if self._options.uptime_clock:
+            uptime = now - period if self._uptime is None else self._uptime
+            self._uptime = uptime + step
+            before, self._traj_time = self._traj_time or uptime, uptime + period
+            step = self._traj_time - before
+        elif is_new:
+            self._traj_time, step = now, period
+        else:
+            self._traj_time += step
+        self.clock_ns += step
+
+    def _adopt(
+        self, message: TrajectoryMessage, now: int, measured: tuple[FloatArray, FloatArray]
+    ) -> None:
+        """Interpolate the points, and from the present state to the first of them."""
+        start = message.stamp_ns or self._traj_time
+        times = [start + point.time_from_start_ns for point in message.points]
+        values, given = self._in_order(message)
+        if self._traj_time < times[0]:
+            before, before_time = self._state_before(values[0, 0], now, measured)
+            times.insert(0, before_time)
+            values = np.concatenate([before[None], values])
+            # What the first point has, the state before it has: measured, commanded, or 0.
+            first = given[:1] | (np.arange(3) == 1)
+            given = np.concatenate([first, given])
+        self._splines = Splines(States(times, values, given))
+
+    def _state_before(
+        self, first: FloatArray, now: int, measured: tuple[FloatArray, FloatArray]
+    ) -> tuple[FloatArray, int]:
+        """State from which the first point is approached, shape (3, n_joints), and its time."""
+        if self._options.interpolate_from_desired_state:
+            state = self._command.reshape(3, -1).copy()
+            time = now if self._commanded_at is None else self._commanded_at
+            if self._options.uptime_clock:
+                time = self._traj_time
+        else:
+            state, time = np.stack([*measured, np.zeros_like(measured[0])]), self._traj_time
+        k = self._continuous
+        state[0, k] = first[k] - np.remainder(first[k] - state[0, k] + np.pi, 2 * np.pi) + np.pi
+        return state, time
+
+    def _in_order(self, message: TrajectoryMessage) -> tuple[FloatArray, BoolArray]:
+        """The points by joints of the controller; joints that are missing hold their positions."""
+        n, points = len(self._names), message.points
+        index = [self._names.index(name) for name in message.joint_names]
+        values = np.zeros((len(points), 3, n))
+        values[:, 0] = self._command[:n]
+        given = np.empty((len(points), 3), dtype=bool)
+        for d, field in enumerate(("positions", "velocities", "accelerations")):
+            rows = [getattr(point, field) for point in points]
+            given[:, d] = has = np.array([len(row) > 0 for row in rows])
+            if has.any():
+                block = values[has]
+                block[:, d, index] = [row for row in rows if len(row) > 0]
+                values[has] = block
+        return values, given
+
+    def _is_violated(self, q: FloatArray, period: int, *, is_first: bool) -> bool:
+        options, n = self._options, len(self._names)
+        error = self._splines.sample(self._traj_time)[:n] - q
+        k = self._continuous
+        error[k] = np.remainder(error[k] + np.pi, 2 * np.pi) - np.pi
+        worst, late = float(np.abs(error).max()), self._traj_time - self._splines.end
+        if (late + self._ahead(period) < 0 or is_first) and 0.0 < options.state_tolerance < worst:
+            return True
+        is_late = late > options.goal_time * 1e9 > 0.0
+        return is_late and 0.0 < options.goal_tolerance < worst
+
+    def _hold(self, q: FloatArray) -> None:
+        self._new = TrajectoryMessage(self._names, (Point(0, tuple(q.tolist())),))
+        self._is_holding = True
+        self.n_holds += 1

@@ -1,0 +1,176 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Rigid-body dynamics of an arm whose drives follow commanded positions.
+
+Every drive is a PD loop with gravity compensation that follows its commands a few milliseconds
+late, as those of industrial arms do.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from scipy.linalg import lapack
+
+from ..arrays import FloatArray
+from ..exceptions import SimulationError
+from ..robot import Robot
+
+PERIOD = 1e-3
+"""Time of one step [s]."""
+
+# Configurations by which inertias are judged, and the inertia of drives and gears as a share of
+# that of the heaviest joint: the wrist of a geared arm is far from weightless.
+_N_CONFIGURATIONS = 64
+_DRIVE_SHARE = 0.05
+
+
+@dataclass(frozen=True, eq=False)
+class Drives:
+    """Gains of the drives, critically damped.
+
+    Attributes
+    ----------
+    inertia : array, shape (n_joints,)
+        Inertia of each drive behind its gear [kg·m² or kg].
+    kp, kd : array, shape (n_joints,)
+        Gains [N·m/rad, N·m·s/rad; N/m, N·s/m].
+    effort : array, shape (n_joints,)
+        Largest torque [N·m] or force [N].
+    lag : float
+        How late commands are followed [s].
+    """
+
+    inertia: FloatArray
+    kp: FloatArray
+    kd: FloatArray
+    effort: FloatArray
+    lag: float = 0.003
+
+    @classmethod
+    def of(cls, robot: Robot, bandwidth: float = 100.0) -> Drives:
+        """Gains for a bandwidth [rad/s] at the largest inertias that the joints meet."""
+        limits = robot.limits()
+        low, high = np.clip(limits.lower, -np.pi, None), np.clip(limits.upper, None, np.pi)
+        draws = np.random.default_rng(0).uniform(size=(_N_CONFIGURATIONS, robot.n_joints))
+        zero = np.zeros(robot.n_joints)
+        inertias = [
+            np.diag(robot.motion_equation(low + (high - low) * draw, zero)[0]) for draw in draws
+        ]
+        own = np.max(inertias, axis=0)
+        inertia = np.full(robot.n_joints, _DRIVE_SHARE * own.max())
+        total = own + inertia
+        return cls(inertia, bandwidth**2 * total, 2.0 * bandwidth * total, limits.effort)
+
+
+class Plant(Protocol):
+    """An arm that moves.
+
+    Attributes
+    ----------
+    q, v : array, shape (n_joints,)
+        Positions [rad or m] and velocities [/s].
+    """
+
+    q: FloatArray
+    v: FloatArray
+
+    def set_payload(self, mass: float) -> None:
+        """Attach a mass [kg] to the last link; gravity compensation doesn't know it."""
+
+    def step(self, command: FloatArray) -> None:
+        """Move for one period towards commanded positions, shape (n_joints,)."""
+
+
+class PinocchioPlant:
+    """An arm at rest, computed by Pinocchio, integrated by the semi-implicit Euler method.
+
+    The drives act on the state at the end of each step, which is stable for gains of any size.
+
+    Parameters
+    ----------
+    robot : Robot
+        The arm.
+    start : array, shape (n_joints,)
+        Its positions [rad or m].
+    drives : Drives, optional
+        The drives.
+    """
+
+    def __init__(self, robot: Robot, start: FloatArray, drives: Drives | None = None) -> None:
+        self._robot = self._loaded = robot
+        self.drives = drives or Drives.of(robot)
+        self.q, self.v = np.array(start), np.zeros(robot.n_joints)
+        self._commanded = self.q
+        d = self.drives
+        self._stiffness = PERIOD * d.kd + PERIOD**2 * d.kp
+        self._inertia = np.diag(d.inertia)
+        self._total = np.diag(d.inertia + self._stiffness)
+        self._has_limits = bool(np.isfinite(d.effort).any())
+
+    def set_payload(self, mass: float) -> None:
+        """Attach a mass [kg] to the last link; gravity compensation doesn't know it."""
+        self._loaded = self._robot.with_inertias(np.ones(len(self.q)), mass)
+
+    def step(self, command: FloatArray) -> None:
+        """Move for one period towards commanded positions, shape (n_joints,)."""
+        d, q, v = self.drives, self.q, self.v
+        rate = (command - self._commanded) / PERIOD
+        self._commanded = command
+        g = self._robot.gravity_efforts(q)
+        M, h = self._loaded.motion_equation(q, v)
+        # What is due at the end of the step, without the part that depends on the velocity there.
+        due = command - (d.lag - PERIOD) * rate
+        tau = g + d.kp * (due - q) + d.kd * rate
+        momentum = (M + self._inertia) @ v
+        after = _solve(M + self._total, momentum + PERIOD * (tau - h))
+        if self._has_limits:
+            acting = tau - self._stiffness / PERIOD * after
+            if (np.abs(acting) > d.effort).any():
+                after = self._saturated(M, momentum - PERIOD * h, tau, acting)
+        self.v = after
+        self.q = q + PERIOD * after
+
+    def _saturated(
+        self, M: FloatArray, push: FloatArray, tau: FloatArray, acting: FloatArray
+    ) -> FloatArray:
+        """Velocities after a step in which some drives give all they can."""
+        d = self.drives
+        full = np.zeros(len(tau), dtype=bool)
+        for _ in range(len(tau)):
+            over = np.abs(acting) > d.effort
+            if not (over & ~full).any():
+                break
+            full |= over
+            limited = np.where(full, np.clip(acting, -d.effort, d.effort), tau)
+            diagonal = np.diag(d.inertia + np.where(full, 0.0, self._stiffness))
+            after = _solve(M + diagonal, push + PERIOD * limited)
+            acting = np.where(full, limited, tau - self._stiffness / PERIOD * after)
+        return after
+
+
+def _solve(matrix: FloatArray, right: FloatArray) -> FloatArray:
+    """Solve with a symmetric positive definite matrix of which the upper triangle is given."""
+    _, solution, info = lapack.dposv(matrix, right)
+    if info != 0:
+        raise SimulationError(
+            "the mass matrix of the robot is not positive definite: give every moving link of "
+            "the robot description a valid inertial"
+        )
+    return np.asarray(solution)
+
+
+def _mujoco_plant(robot: Robot, start: FloatArray) -> Plant:
+    from .mujoco_plant import MujocoPlant
+
+    return MujocoPlant(robot, start)
+
+
+PLANTS: dict[str, Callable[[Robot, FloatArray], Plant]] = {
+    "pinocchio": PinocchioPlant,
+    "mujoco": _mujoco_plant,
+}
+"""Physics engines by name."""

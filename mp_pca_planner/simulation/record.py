@@ -1,0 +1,95 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Record of what a controller commanded and what became of it, in a buffer that grows."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..arrays import FloatArray
+
+_FIRST_SIZE = 4096
+
+
+class Record:
+    """One row per cycle of the controller.
+
+    Attributes
+    ----------
+    times, clock, scaling : array, shape (n_cycles,)
+        Time of each cycle [s], time for which commands have advanced along trajectories [s],
+        and speed scaling.
+    q, v, a : array, shape (n_cycles, n_joints)
+        Commanded positions [rad or m], and the trajectory's velocities and accelerations there,
+        by its own clock [/s, /s²].
+    measured : array, shape (n_cycles, n_joints)
+        Positions before the command, without noise [rad or m].
+    cuts : list of int
+        Cycles whose commands don't continue those before: the controller was restarted,
+        deactivated, or held the measured position.
+    """
+
+    def __init__(self, n_joints: int) -> None:
+        self._n = n_joints
+        self._size = 0
+        self._rows = np.empty((_FIRST_SIZE, 3 + 4 * n_joints))
+        self.cuts: list[int] = []
+
+    def __len__(self) -> int:
+        return self._size
+
+    def append(
+        self,
+        stamps: tuple[float, float, float],
+        command: FloatArray,
+        measured: FloatArray,
+    ) -> None:
+        """Add a cycle: its time, clock and scaling; q, v and a in a row; measured positions."""
+        if self._size == len(self._rows):
+            self._rows = np.concatenate([self._rows, np.empty_like(self._rows)])
+        row = self._rows[self._size]
+        row[:3] = stamps
+        row[3 : -self._n] = command
+        row[-self._n :] = measured
+        self._size += 1
+
+    def clear(self) -> None:
+        """Forget every cycle."""
+        self._size = 0
+        self.cuts.clear()
+
+    def arrays(self) -> dict[str, FloatArray]:
+        """Every array by name, for :func:`numpy.savez`."""
+        names = ("times", "clock", "scaling", "q", "v", "a", "measured")
+        return {name: getattr(self, name) for name in names} | {"cuts": np.array(self.cuts)}
+
+    @property
+    def times(self) -> FloatArray:  # noqa: D102  # described by the class, as those below
+        return self._rows[: self._size, 0]
+
+    @property
+    def clock(self) -> FloatArray:  # noqa: D102
+        return self._rows[: self._size, 1]
+
+    @property
+    def scaling(self) -> FloatArray:  # noqa: D102
+        return self._rows[: self._size, 2]
+
+    @property
+    def q(self) -> FloatArray:  # noqa: D102
+        return self._block(0)
+
+    @property
+    def v(self) -> FloatArray:  # noqa: D102
+        return self._block(1)
+
+    @property
+    def a(self) -> FloatArray:  # noqa: D102
+        return self._block(2)
+
+    @property
+    def measured(self) -> FloatArray:  # noqa: D102
+        return self._block(3)
+
+    def _block(self, k: int) -> FloatArray:
+        return self._rows[: self._size, 3 + k * self._n : 3 + (k + 1) * self._n]

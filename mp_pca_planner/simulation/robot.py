@@ -1,0 +1,244 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""A simulated robot and its trajectory controller, stepped together in virtual time."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..arrays import FloatArray, frozen_array
+from ..exceptions import SimulationError, unknown_name
+from ..robot import Robot
+from ..trajectory import Trajectory
+from .controller import ControllerOptions, TrajectoryController
+from .faults import Faults
+from .message import NANOSECONDS, TrajectoryMessage, to_message
+from .plant import PLANTS
+from .record import Record
+
+_CYCLE = 1_000_000  # of the controller and the plant [ns]
+_START = 1000 * NANOSECONDS  # of the virtual clock; 0 would mean "on arrival" as a stamp
+STATE_RATE = 500.0
+"""Usual rate of joint states [Hz]."""
+
+# Three first-order filters bring the speed scaling to its target in about 0.4 s. Its first two
+# derivatives are bounded: a step would be a step of the velocity, which no planner can prevent.
+_FILTER = 0.001 / 0.05
+_ARRIVED = 1e-6
+_VELOCITY_NOISE = 100.0
+_NOISE_BLOCK = 1024
+
+
+class SimulatedRobot:
+    """An arm, its drives and its trajectory controller, stepped together.
+
+    Parameters
+    ----------
+    urdf : str, Path or Robot
+        The robot description: its text, its file, or what was made of it.
+    joint_names : sequence of str
+        Joints of the controller, n_joints of them.
+    start : array, shape (n_joints,)
+        Where the robot is at rest [rad or m].
+    options : ControllerOptions
+        Parameters of the controller.
+    seed : int
+        Of delays, losses and noise.
+    plant : str
+        The physics engine, ``pinocchio`` or ``mujoco``.
+    time_ns : int
+        When the virtual clock starts [ns].
+    state_rate : float
+        Rate of joint states [Hz], up to 1000.
+
+    Attributes
+    ----------
+    joint_names : tuple of str
+        Joints of the controller.
+    faults : Faults
+        Present faults; set its attributes at any time.
+    record : Record
+        What was commanded and measured in every cycle.
+    rejections : list of (float, str)
+        Time [s] and reason of each message that was rejected or dropped.
+    state_period_ns : int
+        Time between joint states [ns].
+    n_received : int
+        Messages that reached the controller.
+    taken : list of (int, int)
+        Cycle in which it began to follow each, and the number of its points.
+
+    Raises
+    ------
+    SimulationError
+        If there is no such physics engine, or the rate is not over 0.
+    RobotError
+        If the description or the start can't be used.
+    """
+
+    def __init__(
+        self,
+        urdf: str | Path | Robot,
+        joint_names: Sequence[str],
+        start: ArrayLike,
+        options: ControllerOptions | None = None,
+        *,
+        seed: int = 0,
+        plant: str = "pinocchio",
+        time_ns: int = _START,
+        state_rate: float = STATE_RATE,
+    ) -> None:
+        if isinstance(urdf, Path):
+            urdf = Robot.from_file(urdf, joint_names)
+        robot = urdf if isinstance(urdf, Robot) else Robot(urdf, joint_names)
+        if plant not in PLANTS:
+            raise SimulationError(unknown_name("physics engine", plant, PLANTS))
+        if not 0.0 < state_rate <= 1000.0:
+            raise SimulationError(
+                f"the rate of joint states is {state_rate} Hz, expected over 0, up to 1000"
+            )
+        q = frozen_array(start, (robot.n_joints,), "the start of the robot", SimulationError)
+        self.joint_names = robot.joint_names
+        self.faults, self.record = Faults(), Record(robot.n_joints)
+        self.rejections: list[tuple[float, str]] = []
+        self.n_received = 0
+        self.taken: list[tuple[int, int]] = []
+        self._plant = PLANTS[plant](robot, q)
+        self._controller = TrajectoryController(
+            self.joint_names, q, options or ControllerOptions(), robot.continuous
+        )
+        self._now = self._state_time = time_ns
+        self.state_period_ns = round(NANOSECONDS / state_rate)
+        self._filter = [1.0, 1.0, 1.0]
+        self._payload = 0.0
+        self._under_way: deque[tuple[int, TrajectoryMessage]] = deque()
+        # Noise draws from a stream of its own: it leaves delays as they are.
+        self._chance, self._noise = (np.random.default_rng([seed, k]) for k in range(2))
+        self._noise_rows: list[FloatArray] = []
+        self._measured = self._state = self._measure()
+
+    @property
+    def time(self) -> float:
+        """The present time [s]."""
+        return self._now / NANOSECONDS
+
+    @property
+    def time_ns(self) -> int:
+        """The present time [ns]."""
+        return self._now
+
+    @property
+    def scaling(self) -> float:
+        """Present speed scaling, which follows that of the faults smoothly."""
+        return self._filter[-1]
+
+    def send(
+        self, trajectory: Trajectory, stamp: float | None = None, *, last_point_only: bool = False
+    ) -> None:
+        """Send a trajectory to the controller, with the present delay and loss.
+
+        Parameters
+        ----------
+        trajectory : Trajectory
+            The motion.
+        stamp : float, optional
+            Time at which it starts [s]; on arrival unless given.
+        last_point_only : bool
+            Whether only the last point is sent, to which the controller interpolates by itself.
+        """
+        self.send_message(to_message(trajectory, stamp, last_point_only=last_point_only))
+
+    def send_message(self, message: TrajectoryMessage) -> None:
+        """Send any message to the controller, with the present delay and loss."""
+        lost, late = self._chance.uniform(size=2)
+        if lost < self.faults.drop:
+            self.rejections.append((self.time, "the message was lost"))
+            return
+        delay = self.faults.delay + late * self.faults.jitter
+        due = self._now + round(delay * NANOSECONDS)
+        # Messages of one publisher keep their order.
+        if self._under_way:
+            due = max(due, self._under_way[-1][0])
+        self._under_way.append((due, message))
+
+    def step(self) -> None:
+        """Advance by 1 ms."""
+        self._now += _CYCLE
+        controller, faults = self._controller, self.faults
+        if faults.active != controller.is_active:
+            self._activate(faults.active)
+        if faults.payload != self._payload:
+            self._payload = faults.payload
+            self._plant.set_payload(self._payload)
+        while self._under_way and self._under_way[0][0] <= self._now:
+            self._deliver(self._under_way.popleft()[1])
+        self._measured = self._measure()
+        controller.speed_scaling = self._scale(0.0 if faults.held else faults.speed_scaling)
+        n_holds = controller.n_holds
+        command = controller.update(self._now, _CYCLE, self._measured)
+        if controller.n_holds != n_holds:
+            # The command is repeated in this cycle, and replaced by what is measured in the next.
+            self.record.cuts += [len(self.record), len(self.record) + 1]
+        clock = controller.clock_ns / NANOSECONDS
+        self.record.append((self.time, clock, controller.speed_scaling), command, self._plant.q)
+        if not faults.silent and self._now - self._state_time >= self.state_period_ns:
+            self._state, self._state_time = self._measured, self._now
+        target = command[: len(self.joint_names)]
+        # Drives refuse what is no number.
+        if math.isfinite(target.sum()):
+            self._plant.step(target)
+
+    def newest_state(self) -> tuple[float, FloatArray, FloatArray]:
+        """The newest joint state that was published: its stamp [s], positions, velocities."""
+        return self._state_time / NANOSECONDS, *self._state
+
+    @property
+    def state_time_ns(self) -> int:
+        """Stamp of the newest joint state [ns]."""
+        return self._state_time
+
+    def measured_state(self) -> tuple[FloatArray, FloatArray]:
+        """Positions and velocities measured in the last cycle, each of shape (n_joints,)."""
+        return self._measured
+
+    def restart_controller(self) -> None:
+        """Restart the controller: it drops its trajectory and holds the commanded positions."""
+        self._activate(self.faults.active)
+
+    def _activate(self, active: bool) -> None:
+        self.record.cuts.append(len(self.record))
+        (self._controller.activate if active else self._controller.deactivate)()
+
+    def _deliver(self, message: TrajectoryMessage) -> None:
+        self.n_received += 1
+        reason = self._controller.receive(message, self._now)
+        if reason is not None:
+            self.rejections.append((self.time, reason))
+        else:
+            self.taken.append((len(self.record), len(message.points)))
+
+    def _scale(self, target: float) -> float:
+        x, y, z = self._filter
+        if z != target:
+            x += _FILTER * (target - x)
+            y += _FILTER * (x - y)
+            z += _FILTER * (y - z)
+            # A filter approaches its target for ever.
+            is_there = max(abs(x - target), abs(y - target), abs(z - target)) < _ARRIVED
+            self._filter = [target] * 3 if is_there else [x, y, z]
+        return self._filter[-1]
+
+    def _measure(self) -> tuple[FloatArray, FloatArray]:
+        q, v = self._plant.q, self._plant.v
+        if self.faults.noise == 0.0:
+            return q, v
+        if not self._noise_rows:
+            self._noise_rows = list(self._noise.standard_normal((_NOISE_BLOCK, 2, len(q))))
+        row = self.faults.noise * self._noise_rows.pop()
+        return q + row[0], v + _VELOCITY_NOISE * row[1]

@@ -1,0 +1,107 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Polynomials through the points of a message, of the degree that the points determine.
+
+The code shares nothing with :mod:`mp_pca_planner.interpolation`, so that an error there shows in
+the simulation.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.polynomial import polynomial
+from numpy.typing import NDArray
+
+from ..arrays import FloatArray
+
+BoolArray = NDArray[np.bool_]
+
+
+def _to_coefficients(n_derivatives: int) -> FloatArray:
+    """Takes values and derivatives at phases 0 and 1 to coefficients by rising power."""
+    degree = 2 * n_derivatives - 1
+    rows = [
+        polynomial.polyval(phase, polynomial.polyder(np.eye(degree + 1), d))
+        for phase in (0.0, 1.0)
+        for d in range(n_derivatives)
+    ]
+    return np.asarray(np.linalg.inv(rows))
+
+
+_CUBIC, _QUINTIC = _to_coefficients(2), _to_coefficients(3)
+
+
+@dataclass(frozen=True, eq=False)
+class States:
+    """States at some times.
+
+    Attributes
+    ----------
+    times_ns : list of int
+        Increasing times [ns], n_points of them.
+    values : array, shape (n_points, 3, n_joints)
+        Positions [rad or m], velocities [/s] and accelerations [/s²]; 0 where none are given.
+    given : array of bool, shape (n_points, 3)
+        Which of them are given.
+    """
+
+    times_ns: Sequence[int]
+    values: FloatArray
+    given: BoolArray
+
+
+class Splines:
+    """A function of time that interpolates states and holds the last one.
+
+    Parameters
+    ----------
+    states : States
+        What is interpolated.
+    """
+
+    def __init__(self, states: States) -> None:
+        self._times = list(states.times_ns)
+        self.end = self._times[-1]
+        self._last: FloatArray = states.values[-1].ravel()
+        lengths = np.diff(np.array(self._times))
+        self._lengths = lengths.tolist()
+        seconds: FloatArray = lengths * 1e-9
+        self._coefficients = list(_polynomials(seconds, states.values, states.given))
+
+    def sample(self, time_ns: int) -> FloatArray:
+        """Positions, velocities and accelerations in a row, shape (3 n_joints,)."""
+        if time_ns >= self.end:
+            return self._last
+        k = bisect_right(self._times, time_ns) - 1
+        u = (time_ns - self._times[k]) / self._lengths[k]
+        u2 = u * u
+        powers = np.array((1.0, u, u2, u2 * u, u2 * u2, u2 * u2 * u))
+        return np.asarray(powers @ self._coefficients[k])
+
+
+def _polynomials(lengths: FloatArray, values: FloatArray, given: BoolArray) -> FloatArray:
+    """Coefficients by rising power of the phase, shape (n_segments, 6, 3 n_joints).
+
+    The last axis holds those of the positions, velocities and accelerations.
+    """
+    n_segments, n_joints = len(lengths), values.shape[2]
+    _, has_v, has_a = (given[:-1] & given[1:]).T
+    scale = np.stack([np.ones_like(lengths), lengths, lengths**2], axis=1)[:, :, None]
+    begin, end = values[:-1] * scale, values[1:] * scale
+    # Accelerations without velocities: the controller computes nothing, and commands 0.
+    result = np.zeros((n_segments, 6, 3, n_joints))
+    q = result[:, :, 0]
+    linear = ~has_v & ~has_a
+    q[linear, 0], q[linear, 1] = begin[linear, 0], (end - begin)[linear, 0]
+    for kind, matrix in ((has_v & ~has_a, _CUBIC), (has_v & has_a, _QUINTIC)):
+        n = len(matrix)
+        ends = np.concatenate([begin[kind, : n // 2], end[kind, : n // 2]], axis=1)
+        q[kind, :n] = matrix @ ends
+    factors = np.arange(1.0, 6.0)[:, None]
+    for d in (1, 2):
+        result[:, :5, d] = result[:, 1:, d - 1] * factors / lengths[:, None, None]
+    return np.asarray(result.reshape(n_segments, 6, 3 * n_joints))

@@ -1,0 +1,200 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""The command `simulate`: the simulated robot as ROS sees it, over the middleware."""
+
+from __future__ import annotations
+
+import json
+import signal
+import subprocess
+import sys
+import time
+from contextlib import contextmanager
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy", reason="ROS 2 (extra 'ros') is not installed")
+
+from arm import JOINTS
+from nodes import URDF, ros_node, set_domain
+from rcl_interfaces.msg import Log
+from rcl_interfaces.srv import SetParameters
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.parameter import Parameter
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from sensor_msgs.msg import JointState
+from std_msgs.msg import String
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+
+from mp_pca_planner.resources import config_file
+
+START = (0.1, 0.2, 0.0, 0.8)
+PATIENCE = 60.0
+
+
+@pytest.fixture(autouse=True)
+def _own_domain(monkeypatch):
+    set_domain(monkeypatch, 70)
+
+
+class User:
+    """What a user of a robot sees of it, and sends to it."""
+
+    def __init__(self, node, topic):
+        self._executor = SingleThreadedExecutor(context=node.context)
+        self.states, self.descriptions, self.log = [], [], []
+        node.create_subscription(Log, "/rosout", lambda line: self.log.append(line.msg), 1000)
+        node.create_subscription(JointState, "joint_states", self.states.append, 10_000)
+        self._node = node
+        self._executor.add_node(node)
+        self._trajectories = node.create_publisher(JointTrajectory, topic, 1)
+        self._parameters = node.create_client(SetParameters, "simulated_robot/set_parameters")
+        self.wait(lambda: self.states and self._trajectories.get_subscription_count())
+        self.wait(self._parameters.service_is_ready)
+        self.wait(lambda: node.count_publishers("/rosout") > 1)
+
+    def wait(self, is_done):
+        deadline = time.monotonic() + PATIENCE
+        while not is_done():
+            assert time.monotonic() < deadline
+            self._executor.spin_once(timeout_sec=0.05)
+
+    def stamps(self):
+        """Stamps of the joint states [ns]."""
+        stamps = [state.header.stamp for state in self.states]
+        return [stamp.sec * 10**9 + stamp.nanosec for stamp in stamps]
+
+    def hear_description(self):
+        """Subscribe late: the description is latched."""
+        latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        keep = self.descriptions.append
+        self._node.create_subscription(String, "robot_description", keep, latched)
+        self.wait(lambda: self.descriptions)
+        return self.descriptions[0].data
+
+    def send(self, positions, seconds):
+        point = JointTrajectoryPoint(positions=list(positions), velocities=[0.0] * len(positions))
+        point.time_from_start.sec = seconds
+        self._trajectories.publish(JointTrajectory(joint_names=JOINTS, points=[point]))
+
+    def set(self, name, value):
+        parameter = Parameter(name, value=value).to_parameter_msg()
+        future = self._parameters.call_async(SetParameters.Request(parameters=[parameter]))
+        self.wait(future.done)
+        (result,) = future.result().results
+        return result.reason if not result.successful else ""
+
+    def wait_until_at(self, positions):
+        self.wait(lambda: np.abs(np.array(self.states[-1].position) - positions).max() < 1e-7)
+
+
+@contextmanager
+def simulated(*options, topic="mp_pca_planner/joint_trajectory", number=signal.SIGINT):
+    """The command, its user, and what it printed in the end."""
+    command = [sys.executable, "-m", "mp_pca_planner", "simulate", "--json"]
+    command += ["--robot", str(config_file("human_arm.urdf"))]
+    command += ["--start", ",".join(map(str, START)), *options]
+    printed = {}
+    with (
+        subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as run,
+        ros_node("user") as node,
+    ):
+        try:
+            yield User(node, topic), printed
+        finally:
+            run.send_signal(number)
+            output, errors = run.communicate(timeout=PATIENCE)
+            printed["stderr"] = errors
+    assert run.returncode == 0, errors
+    assert "Traceback" not in errors
+    printed |= json.loads(output)
+
+
+def test_robot_executes_what_it_is_sent_and_records_every_command(tmp_path):
+    path, goal = tmp_path / "commands.npz", np.array([0.4, 0.1, 0.2, 1.2])
+    with simulated("--record", str(path)) as (user, printed):
+        np.testing.assert_allclose(user.states[0].position, START, atol=1e-9)
+        assert list(user.states[0].name) == list(JOINTS)
+        assert user.hear_description() == URDF
+        user.send(goal, 1)
+        user.wait_until_at(goal)
+    assert (printed["received"], printed["rejected"]) == (1, [])
+    np.testing.assert_allclose(printed["positions"], goal, atol=2e-4)
+    record = np.load(path)
+    assert list(record["joint_names"]) == list(JOINTS)
+    np.testing.assert_array_equal(record["q"][-1], goal)
+    # Commands come every millisecond, whenever the process was running.
+    np.testing.assert_allclose(np.diff(record["clock"]), 1e-3, atol=1e-12)
+    assert set(np.diff(user.stamps())) == {2_000_000}
+
+
+def test_controller_that_is_not_active_rejects_and_says_why():
+    with simulated("--delay", "0.02", number=signal.SIGTERM) as (user, printed):
+        assert user.set("active", False) == ""
+        user.send(START, 1)
+        user.wait(lambda: any("not active" in line for line in user.log))
+        assert user.set("active", True) == ""
+    (rejected,) = printed["rejected"]
+    assert rejected["reason"] == "the controller is not active"
+
+
+def test_faults_are_parameters_and_what_they_can_not_be_is_refused():
+    with simulated("--payload", "1", "--jitter", "0.01") as (user, _):
+        assert "expected a number from 0 to 1" in user.set("speed_scaling", 2.0)
+        for name, value in (("payload", 0.0), ("delay", 0.02), ("drop", 0.5), ("noise", 1e-4)):
+            assert user.set(name, value) == ""
+
+
+def test_silent_robot_publishes_no_joint_states():
+    with simulated() as (user, _):
+        assert user.set("silent", True) == ""
+        begin = time.time_ns()
+        assert user.set("held", True) == ""
+        end = time.time_ns()
+        assert user.set("silent", False) == ""
+        user.wait(lambda: user.stamps()[-1] > end)
+    assert not [stamp for stamp in user.stamps() if begin < stamp <= end]
+
+
+def test_topic_rate_and_joints_are_those_asked_for():
+    options = ("--controller-topic", "arm/joint_trajectory", "--rate", "100", "--speed-scaling")
+    with simulated(*options, "0.5", topic="arm/joint_trajectory") as (user, printed):
+        user.send(START, 1)
+        user.wait(lambda: len(user.states) > 50)
+    assert set(np.diff(user.stamps())) == {10_000_000}
+    assert printed["received"] == 1
+
+
+@pytest.mark.parametrize(
+    ("options", "reason"),
+    [
+        (["--robot", "none.urdf"], "'none.urdf' can't be read"),
+        (["--start", "wrist=1"], "no joint is called 'wrist'"),
+        (["--joints", "wrist"], "wrist"),
+        (["--rate", "0"], "rate of joint states is 0.0 Hz, expected"),
+        (["--payload", "-1"], "payload is -1.0, expected a number from 0"),
+        (["--record", "commands.csv"], "must end in .npz"),
+    ],
+)
+def test_wrong_use_is_refused_in_one_line(options, reason):
+    command = [sys.executable, "-m", "mp_pca_planner", "simulate"]
+    command += ["--robot", str(config_file("human_arm.urdf")), *options]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr.count("\n") == 1
+    assert reason in done.stderr
+
+
+def test_without_ros_the_command_names_the_extra():
+    code = (
+        "import sys\n"
+        "from importlib import util\n"
+        "find = util.find_spec\n"
+        "util.find_spec = lambda name, *rest: None if name == 'rclpy' else find(name, *rest)\n"
+        "from mp_pca_planner.cli.main import main\n"
+        "sys.exit(main(['simulate', '--robot', 'arm.urdf']))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert "mp_pca_planner[ros]" in done.stderr

@@ -1,0 +1,110 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Statements on the stability of a primitive's control law, and what becomes of them."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from arm import JOINTS, arm_primitive
+
+from mp_pca_planner.cli import inspect, refine, verify
+from mp_pca_planner.control.law import FEEDFORWARD_PD, ControlLaw, pair_law, paired_law
+from mp_pca_planner.control.statement import NO_LAW, control_statement
+from mp_pca_planner.primitives.file import load_primitive, save_primitive
+from mp_pca_planner.resources import config_file
+
+URDF = str(config_file("human_arm.urdf"))
+START, GOAL = [-0.5, -0.9, 0.9, -0.5], [-0.2, -0.4, 0.9, -0.9]
+REQUEST = ["--robot", URDF]
+for option, values in (("--start", START), ("--goal", GOAL)):
+    REQUEST += [option, ",".join(map(str, values))]
+LAW = ControlLaw(FEEDFORWARD_PD, JOINTS, np.full(4, 100.0), np.full(4, 10.0))
+
+
+@pytest.fixture(scope="module")
+def verified(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """File of a primitive with a control law and what is known of it."""
+    folder = tmp_path_factory.mktemp("verified")
+    save_primitive(arm_primitive(), folder / "reach.npz")
+    path = folder / "paired.npz"
+    output = ["--output", str(path), "--trials", "2"]
+    assert verify.main([str(folder / "reach.npz"), *REQUEST, *output]) == 0
+    return path
+
+
+def test_known_stability_names_its_start_goal_duration_and_robot(verified: Path) -> None:
+    known: dict[str, Any] = load_primitive(verified).metadata["control_law"]["known"]
+    case = known["holds_for"]
+    assert case["start"] == dict(zip(JOINTS, START, strict=True))
+    assert case["goal"] == pytest.approx(dict(zip(JOINTS, GOAL, strict=True)), abs=1e-9)
+    assert case["robot"] == "human_arm"
+    assert 0.1 < case["duration"] < 5.0
+
+
+def test_statement_says_bound_case_and_errors_assumed(verified: Path) -> None:
+    primitive = load_primitive(verified)
+    known = primitive.metadata["control_law"]["known"]
+    text = control_statement(primitive)
+    bound = ", ".join(
+        f"{name}={b:.6g}" for name, b in zip(JOINTS, known["error_bound"], strict=True)
+    )
+    for words in (
+        "feedforward_pd; errors stay within",
+        bound,
+        "from shoulder1=-0.5, shoulder2=-0.9, shoulder3=0.9, elbow=-0.5 to",
+        f"in {known['holds_for']['duration']:.6g} s of robot 'human_arm'",
+        "within 5 %",
+        "the start within 0.001 rad or m",
+    ):
+        assert words in text
+
+
+def test_inspect_shows_the_statement(verified: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    statement = control_statement(load_primitive(verified))
+    assert inspect.main([str(verified)]) == 0
+    assert statement in capsys.readouterr().out
+    assert inspect.main([str(verified), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["files"][0]["control_statement"] == statement
+
+
+def test_refined_primitive_keeps_gains_but_not_the_bound(verified: Path, tmp_path: Path) -> None:
+    output = tmp_path / "refined.npz"
+    assert refine.main([str(verified), *REQUEST, "--min-gain", "0", "--output", str(output)]) == 0
+    refined = load_primitive(output)
+    before, after = paired_law(load_primitive(verified)), paired_law(refined)
+    assert before is not None
+    assert after is not None
+    assert np.array_equal(after.position_gains, before.position_gains)
+    assert np.array_equal(after.velocity_gains, before.velocity_gains)
+    assert "known" not in refined.metadata["control_law"]
+    assert "verify has not been run" in control_statement(refined)
+
+
+@pytest.mark.parametrize(
+    ("known", "words"),
+    [
+        ({"error_bound": [0.1] * 4, "bound_holds": True}, "the error bound is void"),
+        ({"holds_for": 3}, "unusable"),
+        ({"holds_for": {}, "bound_holds": True, "error_bound": [0.1]}, "unusable"),
+    ],
+)
+def test_statement_that_names_no_motion_or_is_malformed_is_no_bound(
+    known: dict[str, Any], words: str
+) -> None:
+    text = control_statement(pair_law(arm_primitive(), LAW, known))
+    assert words in text
+    assert "run verify" in text
+    assert "stay within" not in text
+
+
+def test_statement_without_a_bound_claims_none(verified: Path) -> None:
+    known = load_primitive(verified).metadata["control_law"]["known"] | {"bound_holds": False}
+    text = control_statement(pair_law(arm_primitive(), LAW, known))
+    assert "no error bound on the motion from" in text
+
+
+def test_primitive_without_a_law_says_so() -> None:
+    assert control_statement(arm_primitive()) == NO_LAW

@@ -1,0 +1,108 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Where on its motion a robot is, against places and rates that the tests know."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from dense import minimum_jerk_motion, spline
+
+from mp_pca_planner.execution.commanded import CommandedMotion
+from mp_pca_planner.execution.tracking import Progress, locate
+
+DURATION, NOW = 2.0, 11.0
+MOTION = CommandedMotion(
+    minimum_jerk_motion(("a", "b", "c"), [0.0, 0.0, 0.0], [1.0, -0.7, 0.4], DURATION), 10.0
+)
+PATH = spline(MOTION.trajectory)
+PLACES = np.linspace(0.5, 1.5, 6)
+# Rate, and its change [1/s].
+CONSTANT = [(1.0, 0.0), (0.5, 0.0), (0.1, 0.0), (0.0, 0.0)]
+CHANGING = [(0.7, -1.0), (0.5, 0.8)]
+
+
+def track(place, rate, change=0.0, noise=0.0, prior=None):
+    """What is located of a robot that was there, measured every 8 ms."""
+    times = NOW - np.arange(0.3, -1e-9, -0.008)
+    since = times - NOW
+    places = np.clip(place + rate * since + 0.5 * change * since**2, 0.0, DURATION)
+    random = np.random.default_rng(round(1e3 * place))
+    positions = PATH(places) + noise * random.normal(size=(len(times), 3))
+    prior = prior or Progress(NOW - 0.05, place - 0.05 * rate, min(rate + 0.1, 1.0))
+    return locate(MOTION, times, positions, prior, NOW)
+
+
+def errors(rates, noise):
+    """The largest errors of the place [s] and of the rate."""
+    found = [
+        (abs(one.place - place), abs(one.rate - rate))
+        for place in PLACES
+        for rate, change in rates
+        for one in [track(place, rate, change, noise)]
+    ]
+    return np.max(found, axis=0)
+
+
+@pytest.mark.parametrize(
+    ("rates", "noise", "precision"),
+    [
+        (CONSTANT[:1], 0.0, (1e-9, 1e-9)),
+        (CONSTANT, 0.0, (1.5e-4, 0.005)),
+        (CONSTANT, 1e-4, (3e-4, 0.01)),
+        (CONSTANT, 1e-3, (2e-3, 0.06)),
+        (CHANGING, 0.0, (6e-4, 0.03)),
+        (CHANGING, 1e-3, (2.5e-3, 0.08)),
+    ],
+)
+def test_place_and_rate_are_found_to_a_stated_precision(rates, noise, precision):
+    assert (errors(rates, noise) <= precision).all()
+
+
+def test_change_of_the_rate_has_the_right_sign_and_size():
+    for rate, change in CHANGING:
+        for place in PLACES:
+            assert track(place, rate, change, 1e-5).change == pytest.approx(change, abs=0.4)
+
+
+@pytest.mark.parametrize("prior", [0.1, 0.5, 1.9])
+@pytest.mark.parametrize("place", [0.6, 1.0, 1.4])
+def test_held_robot_is_found_whatever_was_believed_before(place, prior):
+    found = track(place, 0.0, noise=1e-4, prior=Progress(NOW, prior, 1.0))
+    assert found.place == pytest.approx(place, abs=2e-3)
+    assert found.rate == pytest.approx(0.0, abs=0.05)
+
+
+def test_what_was_known_counts_where_nothing_was_measured():
+    prior = Progress(NOW - 0.1, 0.5, 0.8)
+    found = locate(MOTION, np.empty(0), np.empty((0, 3)), prior, NOW)
+    assert (found.time, found.place, found.rate) == (NOW, pytest.approx(0.58), 0.8)
+
+
+@pytest.mark.parametrize("place", [0.0, DURATION])
+def test_what_was_known_counts_where_the_motion_does_not_move(place):
+    times = NOW - np.arange(0.3, -1e-9, -0.008)
+    rest = CommandedMotion(MOTION.trajectory, NOW - place)
+    positions = np.tile(PATH(place), (len(times), 1))
+    found = locate(rest, times, positions, Progress(NOW, place, 0.0), NOW)
+    assert (found.place, found.rate) == (pytest.approx(place, abs=1e-6), pytest.approx(0, abs=1e-6))
+
+
+def test_error_is_the_distance_from_the_path_less_the_noise():
+    times = NOW - np.arange(0.3, -1e-9, -0.008)
+    normal = np.array([0.7, 1.0, 0.0]) / np.sqrt(1.49)  # to the path, a straight line
+    positions = PATH(1.0 + times - NOW) + 0.05 * normal
+    noise = 1e-3 * np.random.default_rng(0).normal(size=positions.shape)
+    prior = Progress(NOW, 1.0)
+    away = locate(MOTION, times, positions, prior, NOW).error
+    assert away == pytest.approx(0.05 * normal.max(), rel=0.02)
+    assert locate(MOTION, times, positions + noise, prior, NOW).error == pytest.approx(
+        away, abs=3e-3
+    )
+
+
+def test_robot_that_is_slowed_down_stops_and_does_not_turn_back():
+    slowed = Progress(0.0, 1.0, rate=0.5, change=-1.0)
+    assert slowed.at(0.3) == pytest.approx(1.0 + 0.5 * 0.3 - 0.5 * 0.3**2)
+    assert slowed.at(0.5) == slowed.at(0.9) == pytest.approx(1.125)
+    assert slowed.at(-0.1) == pytest.approx(1.0 - 0.05 - 0.005)
