@@ -13,7 +13,8 @@ ORDERS = {"velocity": 1, "acceleration": 2, "jerk": 3}
 def spline(trajectory, n_derivatives=3):
     """The quintics (3) or cubics (2) through the points."""
     columns = trajectory.positions, trajectory.velocities, trajectory.accelerations
-    return BPoly.from_derivatives(trajectory.times, np.stack(columns[:n_derivatives], axis=1))
+    times = trajectory.times.copy()  # SciPy 1.11 takes no read-only times
+    return BPoly.from_derivatives(times, np.stack(columns[:n_derivatives], axis=1))
 
 
 def largest_shares(curve, limits, n=2001):

@@ -19,6 +19,7 @@ TIMES = np.array([0.0, 0.3, 0.7, 0.71, 1.6, 2.0])
 
 
 def columns(times, derivative=0):
+    times = np.asarray(times, float)  # NumPy 1.26 evaluates polynomials at no lists
     return np.column_stack([(q.deriv(derivative) if derivative else q)(times) for q in Q])
 
 

@@ -13,6 +13,7 @@ from arm import JOINTS, arm_primitive, arm_robot
 from hypothesis import given
 from hypothesis import strategies as st
 from patience import EVER
+from scipy.integrate import trapezoid
 from test_collision import ACROSS_BASE, chain, chain_planner
 from test_planner import planner, request
 
@@ -122,7 +123,7 @@ def test_effort_of_the_motion_is_that_of_its_trajectory():
     for one in (start, moving):
         plan = planner(overrides=OVERRIDES, max_solve_time=NO_TIME).plan(goal, one)
         tau = np.sum(plan.trajectory.efforts**2, axis=1)
-        integral = 0.5 * np.trapezoid(tau, plan.trajectory.times)
+        integral = 0.5 * trapezoid(tau, plan.trajectory.times)
         assert plan.solution.effort_cost == pytest.approx(integral, rel=1e-2)
 
 
