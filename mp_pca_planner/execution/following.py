@@ -219,7 +219,8 @@ class MotionFollower:
                 return self.follow(timeout, tolerance)
             at_rest = not self.measured.velocities(measured).any()
             if at_rest and len(positions) > 2:
-                self._noise = float(positions.std(axis=0).max())
+                # By differences of neighbours: a robot that still settles is not noise.
+                self._noise = float(np.diff(positions, axis=0).std(axis=0).max()) / np.sqrt(2.0)
             self._is_lagging = is_late and not at_rest
             if is_late:
                 how = HELD if at_rest else LAGGING
