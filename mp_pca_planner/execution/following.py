@@ -38,6 +38,9 @@ _CONFIRMED, _DIFFERENCE, _NO_JUMP = 0.0015, 0.006, 1.5e-4
 _FRESH, _PRECISE, _STEADY = 0.1, 1e-4, 0.5
 # A robot at rest so far from the end of its motion is elsewhere, whatever its load [rad or m].
 _MISSED = 0.02
+# A robot that rests short of the end of its motion is beside its path by less than this share of
+# the way that is left; a load that is not known yet pulls it away from the end in any direction.
+_BESIDE = 0.15
 # A robot that is slower than this share of its motion's speed has been stopped by something else.
 _SLOWEST = 0.05
 # What was measured shows a motion so long after it was published [s].
@@ -215,6 +218,10 @@ class MotionFollower:
                 return self.follow(timeout, tolerance)
             self._progress = found
             is_late = not self._is_on_time(motion, on_time, found)
+            is_over = on_time.place >= motion.duration
+            if is_late and at_rest and is_over:
+                left = np.abs(motion.state(found.place).positions - motion.end).max()
+                is_late = found.error < _BESIDE * left
             if is_late and self._servo.unlearn():
                 return self.follow(timeout, tolerance)
             if at_rest and len(positions) > 2:
@@ -226,7 +233,6 @@ class MotionFollower:
             if is_late:
                 how = HELD if at_rest else LAGGING
                 return self._following(motion, how, command, measured, tolerance, at_rest)
-            is_over = on_time.place >= motion.duration
             if known.any() and self._is_path_known and self._is_timed and not is_over:
                 lag = on_time.place - found.place
                 self._servo.learn(motion, float(times[-1]), measured.positions, lag)
