@@ -33,6 +33,8 @@ _SAME_POSITION, _RATE_TOLERANCE = 5e-4, 0.07
 # the end of the older, but for noise, and that a moving one follows the older; up to so much it
 # does not matter [rad or m].
 _CONFIRMED, _DIFFERENCE, _NO_JUMP = 0.0015, 0.006, 1.5e-4
+# A load that is not known yet looks like so much more or less lag of the servos [s].
+_LAG_OF_LOAD = 0.003
 # To continue a motion, states may be this old [s], this far from where a lagging robot is
 # estimated to be [rad or m] but for their noise, and its rate may change so fast [1/s].
 _FRESH, _PRECISE, _STEADY = 0.1, 1e-4, 0.5
@@ -287,12 +289,15 @@ class MotionFollower:
         places = np.array([on_time.place, found.place + self._servo.lag * found.rate])
         clock, path = motion.sample(places)[0]
         is_near = np.abs(clock - path).max() <= _SAME_POSITION
-        has_no_lag = abs(on_time.place - found.place) <= self._servo.longest_lag
+        lag = abs(on_time.place - found.place)
+        has_no_lag = lag <= self._servo.longest_lag
+        has_its_rate = abs(found.rate - 1.0) <= _RATE_TOLERANCE
         # A robot that has lagged, and moves at the rate of the clock again, is late still, though
-        # it may be near where the motion ends.
+        # it may be near where the motion ends: unless a load made a servo's lag look longer.
         if self._is_lagging:
-            return bool(is_near and has_no_lag)
-        return bool(is_near or (has_no_lag and abs(found.rate - 1.0) <= _RATE_TOLERANCE))
+            is_usual = abs(lag - self._servo.lag) <= _LAG_OF_LOAD and has_its_rate
+            return bool(has_no_lag and (is_near or is_usual))
+        return bool(is_near or (has_no_lag and has_its_rate))
 
     def give_up(self) -> None:
         """Note that the controller has not taken the motion that was published last."""
