@@ -6,6 +6,8 @@ Two kinds of cuts. A *rest* is a time at which the joints are as good as still; 
 rests is moving. People often don't stop dead between one motion and the next, so moving parts are
 also cut at *valleys*: times at which the speed is low relative to the peaks on both sides.
 All speeds are compared with the recording's own, so units and scale of the joints don't matter.
+How far a motion goes is compared with the noise, with the other motions, and with a least extent:
+a recording of an arm that stands still has speeds of its own, too, but no motions.
 """
 
 from __future__ import annotations
@@ -19,10 +21,21 @@ from scipy.signal import find_peaks
 
 from ..arrays import FloatArray
 from ..exceptions import RecordingError
+from .repair import Piece
 from .smoothing import SmoothPiece
 
 NOISE_PERCENTILE = 5.0
 """Of all speeds: what noise feigns, when it is low, in a recording that has some rest."""
+
+NOISE_EXTENTS = 8.0
+"""Noise feigns motions over at most so many of its standard deviations: unfiltered ones, which is
+the worst case, at 10 to 25 Hz during minutes."""
+
+MIN_EXTENT = 0.035
+"""What stays within that [rad or m], two degrees, is no motion: an arm that is held still sways."""
+
+SET_RATIO = 0.05
+"""What stays within that share of the usual extent of a set's motions is none of them."""
 
 MIN_RATE_FOR_VALLEYS = 20.0
 """Below this rate [Hz] the speed between samples is guesswork: only rests cut."""
@@ -117,11 +130,38 @@ def speed_thresholds(speed: FloatArray, options: SegmentationOptions) -> SpeedTh
     return SpeedThresholds(rest=rest, moving=moving)
 
 
-def _usual_peak(speed: FloatArray) -> float:
-    """Median of the speed weighted by its square: rest, however long, hardly counts."""
-    ordered = np.sort(speed)
+def _usual_peak(values: FloatArray) -> float:
+    """Median of values weighted by their squares: small ones, however many, hardly count."""
+    ordered = np.sort(values)
     energy = np.cumsum(ordered**2)
     return float(ordered[np.searchsorted(energy, 0.5 * energy[-1])])
+
+
+def least_extent(pieces: Sequence[Piece]) -> float:
+    """Extent over which a movement of a recording is more than noise and sway [rad or m]."""
+    return max(MIN_EXTENT, NOISE_EXTENTS * float(np.linalg.norm(_noise(pieces))))
+
+
+def least_extent_of_set(extents: Sequence[float]) -> float:
+    """Extent over which a movement is one of a set of motions [rad or m], by all their extents."""
+    return SET_RATIO * _usual_peak(np.asarray(extents)) if extents else 0.0
+
+
+def _noise(pieces: Sequence[Piece]) -> FloatArray:
+    """Standard deviation of each joint's noise: how far samples are off between their neighbours.
+
+    By the median, so that what moves during less than half of the time does not matter; and what
+    moves is off by little beside its own extent.
+    """
+    off = np.concatenate([_off_neighbours(piece) for piece in pieces])
+    # Median of a normal distribution's magnitudes; the variance of one sample less a mean of two.
+    return np.asarray(np.median(np.abs(off), axis=0) / (0.6745 * np.sqrt(1.5)))
+
+
+def _off_neighbours(piece: Piece) -> FloatArray:
+    t, q = piece.times, piece.positions
+    share = ((t[1:-1] - t[:-2]) / (t[2:] - t[:-2]))[:, None]
+    return np.asarray(q[1:-1] - (1.0 - share) * q[:-2] - share * q[2:])
 
 
 def find_motions(
