@@ -27,7 +27,7 @@ from zlib import crc32
 import numpy as np
 from lz4.frame import LZ4FrameDecompressor  # type: ignore[import-untyped]
 from numpy.typing import ArrayLike
-from rosbags.interfaces import Connection, MessageDefinition, MessageDefinitionFormat
+from rosbags.interfaces import Connection, MessageDefinition, MessageDefinitionFormat, Nodetype
 from rosbags.rosbag1 import Reader as Reader1
 from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag1.reader import Chunk, Header, RecordType
@@ -75,6 +75,9 @@ _SQLITE_LIMIT_LENGTH = 0
 
 MAX_STAMP = 1 << 63
 """Stamps are stored in 64 bits, but not all that these can hold is a time [ns]."""
+
+MAX_DEFINITION = 1 << 17
+"""Definitions of messages have at most so many characters; large ones of ROS have a third."""
 
 PART_MESSAGES = 1 << 16
 """Joint states are handed on in parts of so many messages."""
@@ -445,6 +448,16 @@ class Bag:
 
         return unpacked
 
+    def embedded_states(self) -> list[tuple[str, str]]:
+        """Topics whose messages have joint states in a field, and the name of this field."""
+        found = []
+        for topic in self.topics:
+            with suppress(RecordingError):
+                field = _field_of_states(self._own_types(topic), topic.type)
+                if field:
+                    found.append((topic.name, field))
+        return found
+
     def _own_types(self, topic: Topic) -> Typestore:
         """Types as the bag itself defines them."""
         if topic in self._stores:
@@ -454,6 +467,11 @@ class Bag:
             raise RecordingError(
                 f"'{topic.name}' has messages of type {topic.type}, which the bag does not define "
                 "as .msg text: only fields of defined messages can be read"
+            )
+        if len(definition.data) > MAX_DEFINITION:
+            raise RecordingError(
+                f"the definition of {topic.type} has {len(definition.data):,} characters: accepted "
+                f"are {MAX_DEFINITION:,}"
             )
         store = get_typestore(Stores.EMPTY)
         with _damage_told(self.path, self.format):
@@ -486,6 +504,21 @@ def _field(message: Any, field: str) -> Any:
     if kind != JOINT_STATE:
         raise RecordingError(f"the field '{field}' is a {kind}: wanted is a {JOINT_STATE}")
     return message
+
+
+def _field_of_states(store: Typestore, kind: str) -> str:
+    """Name of the first field that is a JointState, with dots where it is within others, or ''."""
+    paths = {kind: ""}
+    waiting = [kind]
+    for current in waiting:
+        _, fields_of_type = store.fielddefs.get(current, ((), ()))
+        for name, description in fields_of_type:
+            # Every type is searched once: types of types would take forever.
+            inner = str(description[1])
+            if description[0] == Nodetype.NAME and inner not in paths:
+                paths[inner] = f"{paths[current]}.{name}".lstrip(".")
+                waiting.append(inner)
+    return "" if kind == JOINT_STATE else paths.get(JOINT_STATE, "")
 
 
 def choose_topic(topics: Sequence[Topic], topic: str | None = None) -> Topic:

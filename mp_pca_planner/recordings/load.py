@@ -644,7 +644,7 @@ def _cleaned_motions(
 ) -> CleanRecording:
     """Read joint states or commanded motions, and clean them."""
     if topic is None or state_field is None:
-        chosen = choose_topic(bag.topics, topic)
+        chosen = _chosen_topic(bag, topic)
         if chosen.type == JOINT_TRAJECTORY:
             return repair_trajectories(read_trajectories(bag, chosen), joints)
         topic = chosen.name
@@ -657,6 +657,23 @@ def _cleaned_motions(
         raw = bag.joint_states(topic, joined, field=state_field)
         clean = repair(raw, joints, max_gap=max_gap)
     return clean
+
+
+def _chosen_topic(bag: Bag, topic: str | None) -> Topic:
+    """The topic to read; where there is none, say which messages hold joint states."""
+    try:
+        return choose_topic(bag.topics, topic)
+    except RecordingError as error:
+        hints = [
+            f"'--topic {name} --field {field}'"
+            for name, field in bag.embedded_states()
+            if topic in (None, name)
+        ]
+        if not hints:
+            raise
+        raise RecordingError(
+            f"{error}; other messages hold joint states: read them with {' or '.join(hints)}"
+        ) from None
 
 
 def _thresholds(pieces: Sequence[SmoothPiece], options: SegmentationOptions) -> SpeedThresholds:
