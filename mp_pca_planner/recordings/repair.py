@@ -33,7 +33,8 @@ REPAIRS = {
     "points whose times don't increase",
     "missing_joints": "message dropped: it lacks a chosen joint (another publisher's, for example)",
     "reordered": "message that lists the joints in another order than the first: taken by name",
-    "non_finite": "message dropped: a position of a chosen joint is NaN, infinite or absurd",
+    "non_finite": "message dropped: a position of a chosen joint (or the duration of a commanded "
+    "motion) is NaN, infinite or absurd",
     "unstamped": "message dropped: no header stamp, while most have one",
     "stray_stamps": "message dropped: its stamp is far from those before and after it",
     "clock_jumps": "stamps step back by more than the longest gap: cut there",
@@ -67,6 +68,9 @@ QUIET_SEARCH = 4096
 QUIET_PERIODS = 3.0
 """A long recording is divided where for so many messages before and after no step is longer than
 that many usual periods, and nothing else is wrong; looked for among so many messages."""
+
+MAX_JOINTS = 500
+"""More joints than that are no robot's."""
 
 MAX_RATE = 5000.0
 """Joint states faster than this [Hz] were not recorded as they happened."""
@@ -562,15 +566,24 @@ def choose_joints(
         for name in names:
             if name not in known:
                 raise RecordingError(unknown_name("joint", name, known))
-        return names
+        return _not_too_many(names, topic)
     common = set.intersection(*map(set, listed))
     if not common:
-        choices = "; ".join(quote_names(names) for names in dict.fromkeys(listed))
+        choices = "; ".join(quote_names(names) for names in list(dict.fromkeys(listed))[:10])
         raise RecordingError(
             f"no joint is in every message of '{topic}', choose joints that come together: "
             f"{choices}"
         )
-    return tuple(name for name in listed[0] if name in common)
+    return _not_too_many(tuple(name for name in listed[0] if name in common), topic)
+
+
+def _not_too_many(names: tuple[str, ...], topic: str) -> tuple[str, ...]:
+    if len(names) > MAX_JOINTS:
+        raise RecordingError(
+            f"{len(names)} joints of '{topic}' are more than the {MAX_JOINTS} accepted: choose "
+            "some of them (--joints)"
+        )
+    return names
 
 
 def _choose_clock(raw: RawJointStates, messages: IntArray) -> tuple[IntArray, tuple[str, ...]]:
