@@ -12,7 +12,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from difflib import get_close_matches
 
-
 MAX_NAMES = 100
 """Names that a message lists."""
 

@@ -46,7 +46,6 @@ from .report import REPORT_SAMPLES, report_page
 from .units import prismatic_joints, unit_of
 from .variance import variance_report
 
-
 MAX_NAMES = 5
 """Further recordings that are named behind a note."""
 

@@ -883,13 +883,13 @@ def _folder_notes(reader: _Reader, wanted: Collection[tuple[str, str]]) -> tuple
     return (f"{METADATA} tells of {told} messages on the topic, {stored} are stored: all are used",)
 
 
-_DECOMPRESSORS = {
+DECOMPRESSORS_BY_NAME = {
     "bz2": bz2.BZ2Decompressor,
     "lz4": LZ4FrameDecompressor,
     "zstd": reader2.zstd.ZstdDecompressor,  # type: ignore[attr-defined]
 }
 
-_unpacked = partial(unpacked, _DECOMPRESSORS)
+_unpacked = partial(unpacked, DECOMPRESSORS_BY_NAME)
 
 # Chunks of mcap are decompressed in several places of rosbags, all of them through this table.
 DECOMPRESSORS.update({kind: partial(_unpacked, kind) for kind in DECOMPRESSORS if kind})
