@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
+from heapq import heapify, heappop, heappush
 from itertools import pairwise
 
 import numpy as np
@@ -241,20 +242,35 @@ def _split_at_valleys(
     enough = [_share_that_cuts(piece.positions, cut, window, options) for cut in bounds[1:-1]]
     peaks = [float(speed[first : last + 1].max()) for first, last in pairwise(bounds)]
 
+    n = len(enough)
+    # Of each cut the ones beside it; -1 and n are the ends of the run. Cut i is at bounds[i + 1],
+    # and the part behind it has the peak peaks[i + 1].
+    before, behind = list(range(-1, n - 1)), list(range(1, n + 1))
+
     def excess(cut: int) -> float:
-        first, valley, last = bounds[cut : cut + 3]
+        first, valley, last = (bounds[i + 1] for i in (before[cut], cut, behind[cut]))
         too_near = min(valley - first, last - valley) < window
-        share = float(speed[valley]) / min(peaks[cut], peaks[cut + 1])
+        share = float(speed[valley]) / min(peaks[before[cut] + 1], peaks[cut + 1])
         return share - enough[cut] + too_near
 
-    excesses = [excess(cut) for cut in range(len(enough))]
-    while excesses and max(excesses) > 0.0:
-        cut = excesses.index(max(excesses))
-        peaks[cut : cut + 2] = [max(peaks[cut : cut + 2])]
-        del bounds[cut + 1], enough[cut], excesses[cut]
-        for neighbour in {cut - 1, cut} & set(range(len(excesses))):
+    excesses = {cut: excess(cut) for cut in range(n)}
+    queue = [(-value, cut) for cut, value in excesses.items()]
+    heapify(queue)
+    while queue and queue[0][0] < 0.0:
+        value, cut = heappop(queue)
+        if excesses.get(cut) != -value:
+            continue
+        del excesses[cut]
+        left, right = before[cut], behind[cut]
+        peaks[left + 1] = max(peaks[left + 1], peaks[cut + 1])
+        if left >= 0:
+            behind[left] = right
+        if right < n:
+            before[right] = left
+        for neighbour in {left, right} & excesses.keys():
             excesses[neighbour] = excess(neighbour)
-    return list(pairwise(bounds))
+            heappush(queue, (-excesses[neighbour], neighbour))
+    return list(pairwise([run[0], *(bounds[cut + 1] for cut in sorted(excesses)), run[1]]))
 
 
 def _share_that_cuts(
