@@ -12,6 +12,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from difflib import get_close_matches
 
+MAX_NAMES = 100
+"""Names that a message lists."""
+
 
 class PlannerError(Exception):
     """Base class of all errors raised by this package for refused input."""
@@ -98,8 +101,10 @@ class MissingDependencyError(PlannerError):
 
 
 def quote_names(names: Iterable[str]) -> str:
-    """List names for a message: ``'a', 'b', 'c'`` (``none`` if there are none)."""
-    return ", ".join(f"'{name}'" for name in names) or "none"
+    """List names for a message: ``'a', 'b', 'c'`` (``none`` if there are none); not too many."""
+    quoted = [f"'{name}'" for name in names]
+    more = f" and {len(quoted) - MAX_NAMES} more" if quoted[MAX_NAMES:] else ""
+    return ", ".join(quoted[:MAX_NAMES]) + more or "none"
 
 
 def unknown_name(kind: str, name: str, valid: Iterable[str]) -> str:

@@ -140,6 +140,37 @@ def test_small_motions_are_left_out_with_a_note(tmp_path: Path) -> None:
     )
 
 
+SWAY = 0.05 * np.sin(0.6 * np.pi * np.arange(0.0, 60.0, 0.01))[:, None] * [1.0, -0.5]
+"""A standing arm that sways over 0.1 rad: in a set of large motions, that is rest."""
+
+
+def test_movements_that_are_small_beside_those_of_the_set_are_rest(tmp_path: Path) -> None:
+    for index in range(5):
+        write_bag(tmp_path / f"reach_{index}", "mcap", stamped(reaching([0, 2.0 + 0.1 * index])))
+    swaying = write_bag(tmp_path / "standing", "mcap", stamped(SWAY))
+    mixed = reaching([0, 0.3, 0.35])
+    write_bag(tmp_path / "mixed", "mcap", stamped(mixed))
+    alone = load_recordings([swaying])
+    assert len(alone.reports[0].motions) > 10
+    summarised = load_recordings([tmp_path], summarise=len, jobs=2)
+    (refused,) = summarised.refused
+    assert refused.recording == "standing"
+    assert "by the extent of the other recordings' motions" in refused.reason
+    by_name = {report.name: report for report in summarised.reports}
+    assert by_name["mixed"].repairs == {"rest": 1}
+    assert summarised.summaries == (1,) * 6
+
+
+@pytest.mark.parametrize("rate", [10, 25, 100, 400])
+@pytest.mark.parametrize("noise", [1e-4, 3e-3])
+def test_noise_alone_is_no_motion(tmp_path: Path, rate: int, noise: float) -> None:
+    positions = np.random.default_rng(rate).normal(scale=noise, size=(60 * rate, 2))
+    path = write_bag(tmp_path / "standing", "mcap", stamped(positions, rate=rate))
+    for segment in ("auto", "none"):
+        (refused,) = load_recordings([path], segment=segment).refused
+        assert "no motion" in refused.reason or "nothing moves" in refused.reason
+
+
 def test_unknown_way_to_segment_is_refused(tmp_path: Path) -> None:
     with pytest.raises(RecordingError, match="'auto', 'none'"):
         load_recordings([reaches(tmp_path / "x")], segment="aut")  # type: ignore[arg-type]

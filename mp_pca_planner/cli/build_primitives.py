@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import argparse
+import re
 import sys
 from collections import Counter
 from collections.abc import Sequence
@@ -44,6 +45,9 @@ from .drawing import require_matplotlib
 from .report import REPORT_SAMPLES, report_page
 from .units import prismatic_joints, unit_of
 from .variance import variance_report
+
+MAX_NAMES = 5
+"""Further recordings that are named behind a note."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -331,6 +335,7 @@ def _text(facts: dict[str, Any], primitive: MovementPrimitive) -> str:
         [
             f"recordings  {facts['n_recordings']} used, {len(facts['refused'])} refused",
             f"repairs     {repaired}",
+            *_note_lines(facts["notes"]),
             *_marker_lines(facts["marker_residuals"]),
             f"motions     {facts['n_motions']} of {primitive.n_joints} joints, "
             f"{durations.min():.2f} to {durations.max():.2f} s",
@@ -342,6 +347,20 @@ def _text(facts: dict[str, Any], primitive: MovementPrimitive) -> str:
             f"written to  {facts['output']}",
         ]
     )
+
+
+def _note_lines(notes: dict[str, list[str]]) -> list[str]:
+    """What is worth knowing about recordings; notes that differ in numbers only are said once."""
+    alike: dict[str, list[tuple[str, str]]] = {}
+    for name, own in notes.items():
+        for note in own:
+            alike.setdefault(re.sub(r"\d+", "", note), []).append((name, note))
+    lines = []
+    for (first, note), *others in alike.values():
+        names = ", ".join(name for name, _ in others[:MAX_NAMES])
+        more = f" and {len(others) - MAX_NAMES} more" if others[MAX_NAMES:] else ""
+        lines.append(f"note        {first}: {note}" + (f"; so {names}{more}" if others else ""))
+    return lines
 
 
 def _marker_lines(residuals: dict[str, dict[str, dict[str, float]]]) -> list[str]:

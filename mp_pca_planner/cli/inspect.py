@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from ..control.statement import control_statement
-from ..exceptions import PlannerError
+from ..exceptions import MAX_NAMES, PlannerError
 from ..primitives.file import load_primitive
 from ..primitives.primitive import MovementPrimitive
 from ..recordings.bags import find_recordings
@@ -80,7 +80,9 @@ def _recording_text(facts: RecordingInspection) -> str:
     if facts.topic is not None:
         lines.append(f"  looked at {facts.topic}: {facts.n_messages} messages")
     if facts.joint_names:
-        lines.append(f"  joints    {', '.join(facts.joint_names)}")
+        names, n = facts.joint_names[:MAX_NAMES], len(facts.joint_names)
+        more = f" and {n - MAX_NAMES} more" if n > MAX_NAMES else ""
+        lines.append(f"  joints    {', '.join(names)}{more}")
     if facts.rate is not None and facts.duration is not None:
         lines.append(f"  time      {facts.duration:.2f} s at {facts.rate:.1f} Hz")
     lines += [f"  repair    {kind}: {n} ({REPAIRS[kind]})" for kind, n in facts.repairs.items()]
