@@ -23,16 +23,14 @@ _WORDS = {
 
 
 def load_json(text: str | bytes) -> Any:
-    """Parse JSON with bounded integers and without lone surrogates.
+    """Parse JSON with bounded integers.
 
     Raises
     ------
     ValueError, RecursionError
         If it is something else: call it within :func:`.files.reading`.
     """
-    content = json.loads(text, parse_int=_bounded_integer)
-    json.dumps(content, ensure_ascii=False).encode()
-    return content
+    return json.loads(text, parse_int=_bounded_integer)
 
 
 def check_form(value: Any, form: Any, name: str) -> None:

@@ -114,6 +114,8 @@ def _primitive(arrays: dict[str, FloatArray], metadata: dict[str, Any]) -> Movem
     if stated != _checksum(arrays, metadata):
         raise PrimitiveFileError("its content does not match its checksum: it was damaged")
     check_form(metadata, _METADATA, "it")
+    # Lone surrogates can't be sent.
+    "".join([metadata["name"], *metadata["joint_names"]]).encode()
     # Older versions know nothing of activities.
     arrays.setdefault("activities", np.zeros(arrays["weights"].shape[:1]))
     if version == 2:
