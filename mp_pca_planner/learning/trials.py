@@ -156,7 +156,7 @@ class TrialLearner:
             self._proposal = self._repaired(self._search.ask()) if searching else self._first[n]
         return self._proposal
 
-    def tell(self, cost: float, executed: FloatArray | None = None) -> None:
+    def tell(self, cost: float, executed: FloatArray | None = None, *, keep: bool = True) -> None:
         """Say what the proposed motion cost.
 
         Parameters
@@ -165,6 +165,9 @@ class TrialLearner:
             The cost.
         executed : array, shape (n_segments, N_PARAMETERS), optional
             The parameters of the motion that was executed, if not those of the proposed one.
+        keep : bool
+            Whether to write the file; otherwise :meth:`keep_trials` does when what follows from
+            the cost is written, too.
 
         Raises
         ------
@@ -177,9 +180,31 @@ class TrialLearner:
             raise LearningError(f"the cost of a trial must be a finite number, got {cost}")
         tried = self.propose().motion.parameters if executed is None else executed
         trial = Trial(tuple(tried.ravel().tolist()), float(cost))
-        if self._state is not None:
-            _write(self._state, self._identity, self._request, [*self._trials, trial])
+        if keep:
+            self._write([*self._trials, trial])
         self._learn(trial)
+
+    def keep_trials(self) -> None:
+        """Write the file of trials, if there is one.
+
+        Raises
+        ------
+        PlannerError
+            If it can't be written.
+        """
+        self._write(self._trials)
+
+    def _write(self, trials: Sequence[Trial]) -> None:
+        if self._state is None:
+            return
+        content = {
+            "format": _FORMAT,
+            "version": _VERSION,
+            "motion": self._identity,
+            "request": self._request,
+            "trials": [{"parameters": trial.parameters, "cost": trial.cost} for trial in trials],
+        }
+        write_whole(self._state, json.dumps(content, indent=1).encode(), overwrite=True)
 
     def _learn(self, trial: Trial) -> None:
         if len(self._trials) >= len(self._first):
@@ -242,19 +267,6 @@ def read_request(path: Path) -> Any:
         If the file can't be read.
     """
     return _content(path).get("request")
-
-
-def _write(
-    path: Path, identity: str, request: Mapping[str, Any] | None, trials: Sequence[Trial]
-) -> None:
-    content = {
-        "format": _FORMAT,
-        "version": _VERSION,
-        "motion": identity,
-        "request": request,
-        "trials": [{"parameters": trial.parameters, "cost": trial.cost} for trial in trials],
-    }
-    write_whole(path, json.dumps(content, indent=1).encode(), overwrite=True)
 
 
 def _content(path: Path) -> dict[str, Any]:
