@@ -222,13 +222,13 @@ def workspace_beside(target: Path) -> Iterator[Path]:
             lock = _lock(other)
             shutil.rmtree(other, ignore_errors=True)
             os.close(lock)
-    folder, lock = _new_workspace(target.parent)
+    folder, own_lock = _new_workspace(target.parent)
     try:
         yield folder
     finally:
         shutil.rmtree(folder, ignore_errors=True)
-        if lock is not None:
-            os.close(lock)
+        if own_lock is not None:
+            os.close(own_lock)
 
 
 def _new_workspace(parent: Path) -> tuple[Path, int | None]:
