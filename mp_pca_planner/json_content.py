@@ -7,9 +7,6 @@ from __future__ import annotations
 import json
 from typing import Any
 
-NUMBER = (int, float)
-"""A form of :func:`check_form`."""
-
 # Digits of an integer: more is no float, and takes long to convert.
 _MAX_DIGITS = 300
 _WORDS = {
@@ -41,8 +38,9 @@ def check_form(value: Any, form: Any, name: str) -> None:
     value :
         What was read.
     form :
-        A type or several; ``[form]``: a list of any length; ``{str: form}``: an object with any
-        keys; ``{"key": form, "other?": form}``: one with these keys at least, the last may lack.
+        A type or several, float for any number; ``[form]``: a list of any length;
+        ``{str: form}``: an object with any keys; ``{"key": form, "other?": form}``: one with
+        these keys at least, the last may lack.
     name : str
         How the message calls the value.
 
@@ -66,7 +64,8 @@ def check_form(value: Any, form: Any, name: str) -> None:
                 check_form(value[word], part, f"{name}.{word}")
     else:
         kinds = form if isinstance(form, tuple) else (form,)
-        fits = isinstance(value, kinds) and (not isinstance(value, bool) or bool in kinds)
+        accepted = (*kinds, int) if float in kinds else kinds
+        fits = isinstance(value, accepted) and (not isinstance(value, bool) or bool in kinds)
         _expect(fits, name, " or ".join(_WORDS[kind] for kind in kinds), value)
 
 

@@ -22,7 +22,7 @@ import numpy as np
 from ..arrays import FloatArray, frozen_array
 from ..exceptions import LearningError, MissingDependencyError, TrajectoryError
 from ..files import read_text, reading, write_whole
-from ..json_content import NUMBER, check_form, load_json
+from ..json_content import check_form, load_json
 from ..limits import JointLimits
 from ..planning.collision import CollisionModel
 from ..planning.motion import Motion
@@ -32,7 +32,7 @@ from .refinement import BOUNDS, AcceptedMotion, ExecutableMotions, RefinementOpt
 
 _FORMAT = "mp_pca_planner/trials"
 _VERSION = 1
-_FORM = {"motion": str, "trials": [{"parameters": [NUMBER], "cost": NUMBER}]}
+_FORM = {"motion": str, "trials": [{"parameters": [float], "cost": float}]}
 # How far the parameters of the first trials are spread.
 _FIRST_STEP = 0.2
 # Of a proposal that breaks limits, the half-way to the best motion is tried instead, this often;

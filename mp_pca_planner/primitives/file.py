@@ -18,7 +18,7 @@ from .. import __version__
 from ..arrays import FloatArray
 from ..exceptions import PrimitiveFileError
 from ..files import open_regular, reading, write_whole
-from ..json_content import NUMBER, check_form, load_json
+from ..json_content import check_form, load_json
 from .primitive import MovementPrimitive
 from .statistics import kernels_of_version_2
 
@@ -34,9 +34,9 @@ _METADATA = {
     "name": str,
     "joint_names": [str],
     "coupling": str,
-    "angle_variance_ratio": {str: [NUMBER]},
+    "angle_variance_ratio": {str: [float]},
     "demonstrations": [
-        {"recording": str, "label": str, "start_time_s": NUMBER, "end_time_s": NUMBER}
+        {"recording": str, "label": str, "start_time_s": float, "end_time_s": float}
     ],
     "prismatic_joints?": [str],
     "refined_from?": dict,
