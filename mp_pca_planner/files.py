@@ -187,7 +187,7 @@ def write_together(contents: Mapping[Path, bytes | None], *, overwrite: bool = F
                     raise FileExistsError
                 if content is not None:
                     workspace = stack.enter_context(workspace_beside(target))
-                    written[target] = _stored(workspace / target.name, content)
+                    written[target] = _stored(workspace / ".new", content)
             for target in contents:
                 if target not in written:
                     target.unlink(missing_ok=True)
