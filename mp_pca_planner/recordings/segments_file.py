@@ -80,10 +80,11 @@ def read_segments(path: str | Path, recordings: Collection[str]) -> dict[str, li
     Raises
     ------
     RecordingError
-        If the file can't be read, lacks a column, or a row names no given recording or holds no
-        time span; with the number of the line.
+        If the file can't be read, lacks a column, or a row names no given recording, holds no
+        time span, or repeats another one; with the number of the line.
     """
     segments: dict[str, list[Segment]] = {}
+    seen: dict[tuple[str, float, float, str], str] = {}
     with reading(f"'{path}'", RecordingError):
         rows = csv.DictReader(io.StringIO(read_text(path), newline=""))
         missing = [name for name in COLUMNS if name not in (rows.fieldnames or ())]
@@ -99,7 +100,11 @@ def read_segments(path: str | Path, recordings: Collection[str]) -> dict[str, li
             name = row["recording"] or ""
             if name not in recordings:
                 raise RecordingError(f"{where}: {unknown_name('recording', name, recordings)}")
-            segments.setdefault(name, []).append(_segment(row, where))
+            segment = _segment(row, where)
+            first = seen.setdefault((name, segment.start, segment.end, segment.label), where)
+            if first != where:
+                raise RecordingError(f"{where}: this motion is that of {first}: remove one")
+            segments.setdefault(name, []).append(segment)
     return segments
 
 
