@@ -211,6 +211,9 @@ def test_unreadable_srdf_is_refused(tmp_path):
     (tmp_path / "bad.srdf").write_text("<robot", encoding="utf-8")
     with pytest.raises(RobotError, match="SRDF file"):
         CollisionModel(chain(), srdf=tmp_path / "bad.srdf")
+    (tmp_path / "deep.srdf").write_text("<a>" * 100_000 + "</a>" * 100_000, encoding="utf-8")
+    with pytest.raises(RobotError, match="within more than 50 others"):
+        CollisionModel(chain(), srdf=tmp_path / "deep.srdf")
 
 
 def test_packages_are_looked_for_where_ros_and_the_urdf_are(monkeypatch, tmp_path):

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import json
 import math
+import os
 import random
 import re
 import signal
@@ -49,6 +50,7 @@ from rosbags.rosbag2 import Writer
 from rosbags.typesys import Stores, get_typestore
 from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import JointState
+from test_primitive_file import forge
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from visualization_msgs.msg import MarkerArray
 
@@ -619,6 +621,13 @@ def test_reload_takes_new_files_and_keeps_the_old_ones_if_one_is_damaged(
 ) -> None:
     damaged = primitives / "more.npz"
     try:
+        save_primitive(arm_primitive("joint", 2), damaged)
+        forge(damaged, lambda a, m: m.update(joint_names=5))
+        assert "expected a list" in client.reload_primitives().message
+        damaged.unlink()
+        os.mkfifo(damaged)
+        assert "no regular file" in client.reload_primitives().message
+        damaged.unlink()
         damaged.write_bytes(b"PK")
         answer = client.reload_primitives()
         assert not answer.success

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import hashlib
+import os
 from pathlib import Path
 
 import numpy as np
@@ -202,6 +203,9 @@ def test_segments_by_hand_are_taken_as_they_are(tmp_path: Path, bag_format: str)
         ("x,nan,2.0,", "'start_time_s' must be a number"),
         ("x,2.0,2.0,", "end after its start"),
         ("x,-1.0,2.0,", "must start at 0 s or later"),
+        ("x,1.0,1e308,", "at 1e.09 s at the latest"),
+        (",1.0,2.0,", "no recording is called ''"),
+        ("x,1.00,2.0,", "this motion is that of .* line 2: remove one"),
     ],
 )
 def test_faulty_row_is_refused_with_its_line(tmp_path: Path, row: str, message: str) -> None:
@@ -209,6 +213,18 @@ def test_faulty_row_is_refused_with_its_line(tmp_path: Path, row: str, message: 
     table = segments_file(tmp_path, "x,1.0,2.0,", row)
     with pytest.raises(RecordingError, match=f"line 3: .*{message}"):
         load_recordings([path], segments_csv=table)
+
+
+def test_more_segments_than_can_be_learned_from_are_refused(tmp_path: Path) -> None:
+    table = segments_file(tmp_path, *(f"x,1.0,{i + 2}," for i in range(10_001)))
+    with pytest.raises(RecordingError, match="more than 10,000 rows"):
+        load_recordings([reaches(tmp_path / "x")], segments_csv=table)
+
+
+def test_segments_in_a_pipe_are_refused(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    with pytest.raises(RecordingError, match="pipe' can't be read: it is no regular file"):
+        load_recordings([reaches(tmp_path / "x")], segments_csv=tmp_path / "pipe")
 
 
 def test_segment_outside_its_recording_is_refused_with_its_line(tmp_path: Path) -> None:

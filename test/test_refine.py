@@ -3,6 +3,7 @@
 """The command `refine`, and the cost of recorded executions."""
 
 import json
+import resource
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from arm import JOINTS, arm_primitive, arm_robot
 from scipy.integrate import trapezoid
 from test_commands import GOAL, START, URDF, refusal, run
 
+from mp_pca_planner.cli.refine import main
 from mp_pca_planner.exceptions import RecordingError
 from mp_pca_planner.learning.executions import measure_execution
 from mp_pca_planner.primitives.file import load_primitive, save_primitive
@@ -182,6 +184,25 @@ def test_trials_go_on_from_call_to_call_until_one_is_kept(primitive, tmp_path):
     assert third["n_trials"] == 2
     assert third["gain"] == pytest.approx(0.2)
     assert third["kept"] and load_primitive(new).metadata["refined_from"]["cost"] == 8.0
+
+
+def test_cost_is_not_counted_if_the_next_trial_could_not_be_written(primitive, tmp_path):
+    pytest.importorskip("cmaes", reason="cmaes (extra 'learn') is not installed")
+    state, motion = tmp_path / "t.json", tmp_path / "trial.csv"
+    request = ("--robot", URDF, "--start", START, "--goal", GOAL, "--trials", state)
+    options = [str(word) for word in (primitive, *request, "--trajectory", motion, "--force")]
+    assert main(options) == 0
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    limit = 4096  # between the sizes of the trials and of the motion
+    resource.setrlimit(resource.RLIMIT_FSIZE, (limit, hard))
+    try:
+        assert main([*options, "--cost", "10"]) == 2
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    assert not state.exists()
+    assert main([*options, "--cost", "10"]) == 0
+    assert len(json.loads(state.read_text())["trials"]) == 1
+    assert state.stat().st_size < limit < motion.stat().st_size
 
 
 def test_trials_of_a_sequence_pass_its_vias(primitive, tmp_path):

@@ -250,7 +250,7 @@ def _refine_by_trials(
     if arguments.executed is not None:
         cost = _measured_cost(arguments, learner)
     if cost is not None:
-        learner.tell(cost)
+        learner.tell(cost, keep=False)
     best = learner.best
     facts = _facts(planned, learner.best_motion()) | {
         "n_trials": len(learner.trials),
@@ -267,19 +267,28 @@ def _refine_by_trials(
     if arguments.json:
         print_json(facts | trajectory_columns(proposal.trajectory))
     else:
-        print(_request_text(planned))
-        if best is not None:
-            print(
-                f"best of {len(learner.trials)} trials: {best.cost:.4g}, "
-                f"{facts['gain']:.1%} less than the first one's\n"
-                f"primitive: {_kept_words(arguments, facts)}"
-            )
-        print(
-            f"execute trial {len(learner.trials) + 1} "
-            f"({arguments.trajectory or 'name --trajectory to have it written'}), "
-            "and tell its cost with --cost or --executed"
-        )
+        print(_trials_text(arguments, planned, facts))
+    if cost is not None:
+        # Last of all: if something else can't be written, the call can be repeated.
+        print(end="", flush=True)
+        learner.keep_trials()
     return DONE if facts["kept"] or arguments.output is None else FAILED
+
+
+def _trials_text(arguments: argparse.Namespace, planned: _Planned, facts: dict[str, Any]) -> str:
+    lines, n_trials = [_request_text(planned)], facts["n_trials"]
+    if facts["cost"] is not None:
+        lines += [
+            f"best of {n_trials} trials: {facts['cost']:.4g}, "
+            f"{facts['gain']:.1%} less than the first one's",
+            f"primitive: {_kept_words(arguments, facts)}",
+        ]
+    lines.append(
+        f"execute trial {n_trials + 1} "
+        f"({arguments.trajectory or 'name --trajectory to have it written'}), "
+        "and tell its cost with --cost or --executed"
+    )
+    return "\n".join(lines)
 
 
 def _measured_cost(arguments: argparse.Namespace, learner: TrialLearner) -> float:
