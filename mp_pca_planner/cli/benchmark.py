@@ -25,7 +25,6 @@ from ..exceptions import PlannerError, quote_names, unknown_name
 from ..primitives.primitive_library import load_primitives
 from ..robot import Robot
 from .common import (
-    DONE,
     CommandParser,
     check_output,
     joint_list,
@@ -38,6 +37,7 @@ from .common import (
     table,
 )
 from .drawing import Cloud, draw_comparison, require_matplotlib
+from .terminal import DONE, say
 
 _N_DEMONSTRATIONS = 40
 _DEMONSTRATIONS_SEED = 1
@@ -129,7 +129,7 @@ def _benchmark(arguments: argparse.Namespace) -> int:
     if arguments.json:
         print_json(facts)
     else:
-        print(_text(facts))
+        say(*_text(facts))
     return DONE
 
 
@@ -196,7 +196,7 @@ def _facts(
     }
 
 
-def _text(facts: Mapping[str, Any]) -> str:
+def _text(facts: Mapping[str, Any]) -> list[str]:
     chosen = facts["ratios_of"]
     rows = []
     for name, s in facts["summary"].items():
@@ -223,7 +223,7 @@ def _text(facts: Mapping[str, Any]) -> str:
         f"{facts['n_problems']} problems of '{facts['robot']}', {facts['n_joints']} joints, "
         + ("anywhere within the limits" if facts["random_ends"] else "like the demonstrations"),
         "",
-        table(rows, header=header),
+        *table(rows, header=header).splitlines(),
         "",
         "Medians over the problems that a method calls solved; the worst violation, relative, on "
         "a 0.5 ms grid;",
@@ -237,7 +237,7 @@ def _text(facts: Mapping[str, Any]) -> str:
     lines += [f"{name} is absent: {reason}" for name, reason in facts["absent"].items()]
     for name, missed in facts["solved_by_bspline_only"].items():
         lines.append(f"{name}: of the problems that B-splines solve, {len(missed)} are not solved")
-    return "\n".join(lines)
+    return lines
 
 
 def _number(value: float | None, form: str, factor: float = 1.0) -> str:

@@ -27,17 +27,9 @@ from ..robot import Robot
 from ..studies.case_study import CaseStudy, study
 from .case_study_page import case_study_page, draw_pictures
 from .case_study_tables import facts, summary, tables
-from .common import (
-    DONE,
-    CommandParser,
-    make_folder,
-    no_motion,
-    plain,
-    print_json,
-    progress_bar,
-    run,
-)
+from .common import CommandParser, make_folder, no_motion, plain, print_json, progress_bar, run
 from .drawing import require_matplotlib
+from .terminal import DONE, say
 
 _N_GENERATED = 60
 _SEED = 11
@@ -113,7 +105,8 @@ def _case_study(arguments: argparse.Namespace) -> int:
     if arguments.json:
         print_json({**facts(found, source), "files": [str(path) for path in written]})
     else:
-        print(f"{source}\n\n{summary(found)}\n\nwritten: {', '.join(map(str, written))}")
+        files = ", ".join(map(str, written))
+        say(source, "", *summary(found).splitlines(), "", f"written: {files}")
     return DONE
 
 

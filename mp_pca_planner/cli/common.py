@@ -5,24 +5,22 @@
 from __future__ import annotations
 
 import argparse
-import io
 import json
 import re
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from tqdm import tqdm
 
 from ..arrays import FloatArray
-from ..exceptions import GoalError, PlannerError, RecordingError, unknown_name
+from ..exceptions import GoalError, PlannerError, RecordingError, printable, unknown_name
 from ..files import check_writable
 from ..limits import JointLimits, read_limits_file
-
-DONE, FAILED, REFUSED = 0, 1, 2
+from .terminal import DEBUG, DEBUG_HELP, OneLineParser, say
 
 if TYPE_CHECKING:
     from ..recordings.load import RecordingSet
@@ -41,8 +39,8 @@ class _HelpFormatter(argparse.ArgumentDefaultsHelpFormatter):
         return super()._get_help_string(action)
 
 
-class CommandParser(argparse.ArgumentParser):
-    """Argument parser whose complaints are one line on stderr and exit status 2."""
+class CommandParser(OneLineParser):
+    """Argument parser of a command."""
 
     def __init__(self, command: str, description: str, **options: Any) -> None:
         super().__init__(
@@ -52,10 +50,8 @@ class CommandParser(argparse.ArgumentParser):
             formatter_class=_HelpFormatter,
             **options,
         )
-
-    def error(self, message: str) -> NoReturn:
-        """Print the complaint and exit."""
-        self.exit(REFUSED, f"{self.prog}: {message} (see --help)\n")
+        # The guard around all commands takes it; here it is for the help.
+        self.add_argument(DEBUG, action="store_true", help=DEBUG_HELP)
 
 
 def run(
@@ -66,29 +62,9 @@ def run(
     Returns
     -------
     :
-        The exit status: 0 done, 1 failed, 2 refused input or wrong usage. Refusals are one
-        line on stderr.
+        The exit status: 0 done, 1 failed, 2 refused input or wrong usage.
     """
-    for stream in (sys.stdout, sys.stderr):
-        # Not every terminal knows our ° and →.
-        if isinstance(stream, io.TextIOWrapper):
-            stream.reconfigure(errors="replace")
-    arguments = parser.parse_args(_with_negative_values(sys.argv[1:] if argv is None else argv))
-    try:
-        status = body(arguments)
-        if sys.stdout is not None:
-            sys.stdout.flush()
-        return status
-    except PlannerError as error:
-        print(f"{parser.prog}: {error}", file=sys.stderr)
-        return REFUSED
-    except OSError as error:
-        # Whoever read our output, `head` for example, has seen enough; or a disk is full.
-        if not isinstance(error, BrokenPipeError):
-            reason = error.strerror or error
-            print(f"{parser.prog}: the output can't be written: {reason}", file=sys.stderr)
-        sys.stdout = None
-        return FAILED
+    return body(parser.parse_args(_with_negative_values(sys.argv[1:] if argv is None else argv)))
 
 
 def _with_negative_values(argv: Sequence[str]) -> list[str]:
@@ -105,7 +81,7 @@ def _with_negative_values(argv: Sequence[str]) -> list[str]:
 
 def print_json(content: Any) -> None:
     """Print one JSON object on stdout."""
-    print(json_text(content))
+    say(json_text(content))
 
 
 def json_text(content: Any) -> str:
@@ -317,8 +293,8 @@ def _finite(text: str, what: str) -> float:
 
 
 def table(rows: Sequence[Sequence[str]], *, header: Sequence[str]) -> str:
-    """Columns of text, the first aligned left and the others right."""
-    lines = [list(header), *(list(row) for row in rows)]
+    """Lines of columns, the first aligned left and the others right; foreign text is escaped."""
+    lines = [[printable(cell) for cell in row] for row in (header, *rows)]
     widths = [max(len(line[i]) for line in lines) for i in range(len(header))]
     return "\n".join(
         "  ".join(

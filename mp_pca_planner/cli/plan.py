@@ -27,8 +27,6 @@ from ..recordings.bags import FORMAT_OF_SUFFIX, write_joint_trajectory
 from ..robot import Robot
 from ..trajectory import Trajectory
 from .common import (
-    DONE,
-    FAILED,
     CommandParser,
     check_output,
     joint_values,
@@ -40,6 +38,7 @@ from .common import (
 )
 from .drawing import draw_motion, require_matplotlib
 from .states import VALUES, passed_lines, remark_lines, states_by_name
+from .terminal import DONE, FAILED, say
 
 _AT_PHASE = "at a phase from 0 to 1 or when it suits best"
 
@@ -175,7 +174,7 @@ def _plan(arguments: argparse.Namespace) -> int:
     if arguments.json:
         print_json(plan_facts(plan))
     else:
-        print(_text(plan, planner.robot))
+        say(*_text(plan, planner.robot))
     return DONE if plan.is_executable else FAILED
 
 
@@ -427,22 +426,20 @@ def _ways(plan: Plan) -> list[str]:
     return lines
 
 
-def _text(plan: Plan, robot: Robot) -> str:
+def _text(plan: Plan, robot: Robot) -> list[str]:
     facts = plan.summary()
-    return "\n".join(
-        [
-            f"{facts['status']}: {facts['message']}",
-            *remark_lines(plan),
-            *passed_lines(_passed(plan), robot.described_joints),
-            f"primitive    {facts['primitive']} (in-span score {facts['in_span_score']:.2f}, "
-            "about 1 is like the demonstrations)",
-            f"selection    {facts['selection']}",
-            f"duration     {facts['duration']:.3f} s",
-            f"effort       {facts['effort_cost']:.4g} N²m²s "
-            f"(expected weights: {facts['start_cost']:.4g})",
-            f"solve time   {1e3 * plan.solve_time:.2f} ms, {facts['iterations']} iterations",
-            f"goal error   {facts['goal_error']:.2g} rad or m",
-            *_ways(plan),
-            f"worst limit violation  {facts['limit_violation']:.2g} (relative, 1 ms grid)",
-        ]
-    )
+    return [
+        f"{facts['status']}: {facts['message']}",
+        *remark_lines(plan),
+        *passed_lines(_passed(plan), robot.described_joints),
+        f"primitive    {facts['primitive']} (in-span score {facts['in_span_score']:.2f}, "
+        "about 1 is like the demonstrations)",
+        f"selection    {facts['selection']}",
+        f"duration     {facts['duration']:.3f} s",
+        f"effort       {facts['effort_cost']:.4g} N²m²s "
+        f"(expected weights: {facts['start_cost']:.4g})",
+        f"solve time   {1e3 * plan.solve_time:.2f} ms, {facts['iterations']} iterations",
+        f"goal error   {facts['goal_error']:.2g} rad or m",
+        *_ways(plan),
+        f"worst limit violation  {facts['limit_violation']:.2g} (relative, 1 ms grid)",
+    ]

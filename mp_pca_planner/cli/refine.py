@@ -5,7 +5,6 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -30,7 +29,7 @@ from ..planning.sequence import OPTIMAL, SequencePlan, SequencePlanner
 from ..primitives.file import save_primitive
 from ..primitives.primitive import MovementPrimitive
 from ..robot import Robot
-from .common import DONE, FAILED, CommandParser, check_output, print_json, run, seed
+from .common import CommandParser, check_output, print_json, run, seed
 from .plan import (
     add_request_options,
     check_format,
@@ -40,6 +39,7 @@ from .plan import (
 )
 from .sequence import sequence_request
 from .states import passed, passed_lines, remark_lines, states_by_name
+from .terminal import DONE, FAILED, complain
 
 # Options of `plan` that sequences don't have.
 _NOT_OF_SEQUENCES = (
@@ -158,7 +158,7 @@ def _planned(arguments: argparse.Namespace) -> _Planned:
         raise LearningError(f"there is no motion to refine: {plan.message}")
     collision = planner.collision
     if collision is not None and not collision.has_geometry:
-        print(f"refine: {NOT_CHECKED.removeprefix('; ')}", file=sys.stderr)
+        complain(f"mp_pca_planner refine: {NOT_CHECKED.removeprefix('; ')}")
     known = {primitive.name: primitive for primitive in planner.primitives}
     made_from = tuple(known[name] for name in names)
     return _Planned(plan, planner.robot, planner.limits, collision, motions, made_from)

@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import argparse
 import math
-import sys
 import time
 from collections.abc import Sequence
 from importlib.util import find_spec
@@ -14,9 +13,6 @@ from importlib.util import find_spec
 from ..exceptions import GoalError, MissingDependencyError, quote_names
 from ..goal import JointState, SequenceGoal
 from .common import (
-    DONE,
-    FAILED,
-    REFUSED,
     CommandParser,
     Stop,
     add_via_options,
@@ -26,6 +22,7 @@ from .common import (
     seconds,
     split_time,
 )
+from .terminal import DONE, FAILED, REFUSED, complain
 
 _NANOSECONDS = 10**9
 
@@ -102,7 +99,7 @@ def _send(arguments: argparse.Namespace) -> int:
             client.wait_for_node(arguments.timeout, with_trajectory=False)
             answer = client.send(goal, arguments.timeout, with_trajectory=False)
     except NoAnswerError as error:
-        print(f"mp_pca_planner send_goal: {error}", file=sys.stderr)
+        complain(f"mp_pca_planner send_goal: {error}")
         return FAILED
     report = answer.report
     if arguments.json:

@@ -15,8 +15,6 @@ from ..planning.sequence import MODES, OPTIMAL, SequencePlan, SequencePlanner
 from ..primitives.primitive_library import load_primitives
 from ..robot import Robot
 from .common import (
-    DONE,
-    FAILED,
     CommandParser,
     Stop,
     add_via_options,
@@ -36,6 +34,7 @@ from .plan import (
     write_trajectory,
 )
 from .states import VALUES, passed, passed_lines, remark_lines, states_by_name
+from .terminal import DONE, FAILED, say
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -102,7 +101,7 @@ def _sequence(arguments: argparse.Namespace) -> int:
     if arguments.json:
         print_json(facts)
     else:
-        print(_text(plan, planner.robot))
+        say(*_text(plan, planner.robot))
     return DONE if plan.is_executable else FAILED
 
 
@@ -146,19 +145,17 @@ def _goal(arguments: argparse.Namespace, names: Sequence[str]) -> SequenceGoal:
     return SequenceGoal(tuple(targets), tuple(times), arguments.use, stops)
 
 
-def _text(plan: SequencePlan, robot: Robot) -> str:
+def _text(plan: SequencePlan, robot: Robot) -> list[str]:
     facts = plan.summary()
     durations = ", ".join(f"{motion.duration:.3f}" for motion in plan.motions)
-    return "\n".join(
-        [
-            f"{facts['status']}: {facts['message']}",
-            *remark_lines(plan),
-            *passed_lines(passed(plan.motions), robot.described_joints),
-            f"primitives   {facts['primitive']} (in-span score {facts['in_span_score']:.2f})",
-            f"duration     {facts['duration']:.3f} s ({durations})",
-            f"effort       {facts['effort_cost']:.4g} N²m²s",
-            f"solve time   {1e3 * plan.solve_time:.2f} ms, {facts['iterations']} iterations",
-            f"target error {max(plan.via_error, plan.goal_error):.2g} rad or m",
-            f"worst limit violation  {facts['limit_violation']:.2g} (relative, 1 ms grid)",
-        ]
-    )
+    return [
+        f"{facts['status']}: {facts['message']}",
+        *remark_lines(plan),
+        *passed_lines(passed(plan.motions), robot.described_joints),
+        f"primitives   {facts['primitive']} (in-span score {facts['in_span_score']:.2f})",
+        f"duration     {facts['duration']:.3f} s ({durations})",
+        f"effort       {facts['effort_cost']:.4g} N²m²s",
+        f"solve time   {1e3 * plan.solve_time:.2f} ms, {facts['iterations']} iterations",
+        f"target error {max(plan.via_error, plan.goal_error):.2g} rad or m",
+        f"worst limit violation  {facts['limit_violation']:.2g} (relative, 1 ms grid)",
+    ]

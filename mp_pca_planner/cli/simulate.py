@@ -21,8 +21,9 @@ from ..arrays import FloatArray
 from ..exceptions import MissingDependencyError
 from ..files import write_whole
 from ..robot import Robot
-from .common import DONE, CommandParser, check_output, joint_list, joint_values, print_json, run
+from .common import CommandParser, check_output, joint_list, joint_values, print_json, run
 from .common import seed as seed_number
+from .terminal import DONE, say
 
 CONTROLLER_TOPIC = "mp_pca_planner/joint_trajectory"
 """Topic of the motions that the node publishes by default."""
@@ -137,7 +138,7 @@ def _simulate(
     if arguments.json:
         print_json(summary)
     else:
-        print(f"{summary['received']} trajectories received, {len(summary['rejected'])} rejected")
+        say(f"{summary['received']} trajectories received, {len(summary['rejected'])} rejected")
     return DONE
 
 

@@ -23,8 +23,6 @@ from ..planning.plan import Plan
 from ..planning.planner import Planner
 from ..primitives.file import save_primitive
 from .common import (
-    DONE,
-    FAILED,
     CommandParser,
     check_output,
     joint_values,
@@ -36,6 +34,7 @@ from .common import (
 )
 from .plan import add_request_options, plan_request
 from .states import passed_lines, remark_lines
+from .terminal import DONE, FAILED, say
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -142,9 +141,9 @@ def _verify(arguments: argparse.Namespace) -> int:
     else:
         lines = remark_lines(plan)
         lines += passed_lines([plan.motion.start, plan.motion.goal], planner.robot.described_joints)
-        print("\n".join(lines))
-        print(f"duration     {plan.trajectory.duration:.3f} s, of robot '{planner.robot.name}'")
-        print(_text(law, stability, found))
+        say(*lines)
+        say(f"duration     {plan.trajectory.duration:.3f} s, of robot '{planner.robot.name}'")
+        say(*_text(law, stability, found))
     return DONE if found.bound_held == arguments.trials and stability.holds else FAILED
 
 
@@ -201,7 +200,7 @@ def _facts(
     }
 
 
-def _text(law: ControlLaw, stability: Stability, found: Verification) -> str:
+def _text(law: ControlLaw, stability: Stability, found: Verification) -> list[str]:
     n = len(found.errors)
     bound = stability.error_bound
     rows = [
@@ -216,7 +215,7 @@ def _text(law: ControlLaw, stability: Stability, found: Verification) -> str:
         for j, name in enumerate(law.joint_names)
     ]
     header = ["joint", "Kp", "Kd", "bound [mrad]", "worst [mrad]", "median [mrad]"]
-    lines = [
+    return [
         f"law           {law.kind}",
         f"poles         slowest {stability.slowest_pole:.3g} 1/s, least damping ratio "
         f"{stability.least_damping:.3g}, sampled radius {stability.sampled_radius:.4f}",
@@ -227,6 +226,5 @@ def _text(law: ControlLaw, stability: Stability, found: Verification) -> str:
         if bound is not None
         else "bound         none: errors this large can't be bounded with these gains",
         "",
-        table(rows, header=header),
+        *table(rows, header=header).splitlines(),
     ]
-    return "\n".join(lines)

@@ -10,8 +10,9 @@ import time
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
-from ..exceptions import MissingDependencyError
-from .common import DONE, CommandParser, run, seconds
+from ..exceptions import MissingDependencyError, printable
+from .common import CommandParser, run, seconds
+from .terminal import DONE
 
 if TYPE_CHECKING:
     from diagnostic_msgs.msg import DiagnosticStatus
@@ -83,7 +84,7 @@ def frame(seen: Seen, now: float) -> RenderableType:
 
     goal = Text("none yet")
     if seen.goal is not None:
-        goal = Text(f"{seen.goal[0]}   ({now - seen.goal[1]:.0f} s ago)")
+        goal = Text(f"{printable(seen.goal[0])}   ({now - seen.goal[1]:.0f} s ago)")
     return Group(
         Panel(_joints(seen, now), title="joint states", title_align="left"),
         Panel(goal, title="last goal", title_align="left"),
@@ -113,7 +114,7 @@ def _joints(seen: Seen, now: float) -> RenderableType:
         age = f"{now - when:.1f} s"
         bar = _bar(q, low, high)
         # Names come from messages: no markup in them.
-        cells = (name, f"{q:.3f}", ends[0], bar, ends[1], velocity, age)
+        cells = (printable(name), f"{q:.3f}", ends[0], bar, ends[1], velocity, age)
         table.add_row(*(Text(cell) for cell in cells), style=style)
     return table
 
@@ -136,7 +137,7 @@ def _status(
         return Text("none yet")
     status, when = heard
     word, colour = _LEVELS[min(int.from_bytes(status.level, "little"), len(_LEVELS) - 1)]
-    head = Text.assemble((word, colour), f"  {status.message}   ({now - when:.0f} s ago)")
+    head = Text.assemble((word, colour), f"  {printable(status.message)}   ({now - when:.0f} s ago)")
     values = {pair.key: pair.value for pair in status.values}
     shown = values if names is None else {n: values[n] for n in names if n in values}
     return Group(head, _values(shown)) if shown else head
@@ -148,7 +149,7 @@ def _values(values: Mapping[str, str]) -> Table:
 
     table = Table.grid(padding=(0, 2))
     for name, value in values.items():
-        table.add_row(Text(name, style="cyan"), Text(_short(value)))
+        table.add_row(Text(printable(name), style="cyan"), Text(printable(_short(value))))
     return table
 
 

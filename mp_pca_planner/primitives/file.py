@@ -122,6 +122,7 @@ def load_primitive(path: str | Path) -> MovementPrimitive:
 
 
 def _read(path: Path) -> tuple[dict[str, FloatArray], dict[str, Any]]:
+    _check_readable(path)
     try:
         with zipfile.ZipFile(path) as archive:
             if sum(entry.file_size for entry in archive.infolist()) > _MAX_BYTES:
@@ -131,8 +132,6 @@ def _read(path: Path) -> tuple[dict[str, FloatArray], dict[str, Any]]:
                 raise PrimitiveFileError(f"its entry '{damaged}' is damaged")
         with np.load(path, allow_pickle=False) as content:
             raw = {name: content[name] for name in content.files}
-    except FileNotFoundError:
-        raise PrimitiveFileError("there is no such file") from None
     except _UNREADABLE as error:
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise PrimitiveFileError(f"it is no readable .npz file ({reason})") from None
@@ -149,6 +148,17 @@ def _read(path: Path) -> tuple[dict[str, FloatArray], dict[str, Any]]:
     if wrong:
         raise PrimitiveFileError(f"array '{wrong[0]}' holds {raw[wrong[0]].dtype}, not float64")
     return raw, metadata
+
+
+def _check_readable(path: Path) -> None:
+    """Refuse what isn't there or may not be read, which is not damaged."""
+    try:
+        with path.open("rb") as stream:
+            stream.read(1)
+    except FileNotFoundError:
+        raise PrimitiveFileError("there is no such file") from None
+    except OSError as error:
+        raise PrimitiveFileError(f"it can't be read: {error.strerror}") from None
 
 
 def _checksum(arrays: Mapping[str, FloatArray], metadata: Mapping[str, Any]) -> str:
