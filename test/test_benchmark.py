@@ -249,7 +249,7 @@ def test_one_arm_of_a_robot_is_chosen_by_its_joints(capsys):
         (["--peers", "ruckik"], "did you mean 'ruckig'?"),
         (["--problems", "0"], "'0' is no number from 1 on"),
         (["--seed", "1"], "not be 1, which chooses the demonstrations"),
-        (["--time-limit", "0"], "no time over 0"),
+        (["--time-limit", "0"], "is not a number from"),
         (["--primitives", "nothing.npz"], "nothing.npz"),
         (["--primitives", "any.npz", "--joints", "elbow"], "--primitives has its own joints"),
         (["--joints", "elbo"], "did you mean 'elbow'?"),

@@ -27,6 +27,7 @@ from ..robot import Robot
 from .common import (
     CommandParser,
     check_output,
+    count,
     joint_list,
     limits_of,
     print_json,
@@ -71,7 +72,7 @@ def _parser() -> CommandParser:
         help="a primitive file (default: learn from made-up motions of the robot)",
     )
     parser.add_argument("--limits", type=Path, metavar="FILE.yaml", help="as joint_limits.yaml")
-    parser.add_argument("--problems", type=_count, default=200, metavar="N", help="how many")
+    parser.add_argument("--problems", type=count, default=200, metavar="N", help="how many")
     parser.add_argument(
         "--random-ends",
         action="store_true",
@@ -85,9 +86,9 @@ def _parser() -> CommandParser:
         help=f"other methods: all, none, or some of {', '.join(PEERS)}",
     )
     parser.add_argument(
-        "--peer-problems", type=_count, default=10, metavar="N", help="problems for slow peers"
+        "--peer-problems", type=count, default=10, metavar="N", help="problems for slow peers"
     )
-    parser.add_argument("--repeats", type=_count, default=3, help="times each is solved")
+    parser.add_argument("--repeats", type=count, default=3, help="times each is solved")
     parser.add_argument(
         "--time-limit", type=seconds, default=10.0, metavar="S", help="for one problem [s]"
     )
@@ -95,12 +96,6 @@ def _parser() -> CommandParser:
     parser.add_argument("--force", action="store_true", help="overwrite the picture")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     return parser
-
-
-def _count(text: str) -> int:
-    if not text.isdecimal() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f"'{text}' is no number from 1 on")
-    return int(text)
 
 
 def _benchmark(arguments: argparse.Namespace) -> int:

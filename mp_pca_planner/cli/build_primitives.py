@@ -29,6 +29,7 @@ from ..recordings.segmentation import SegmentationOptions
 from ..recordings.segments_file import segments_table
 from ..robot import Robot
 from .common import (
+    JOBS,
     CommandParser,
     check_output,
     joint_list,
@@ -99,7 +100,7 @@ def _add_input(group: argparse._ArgumentGroup) -> None:
     )
     workers = group.add_mutually_exclusive_group()
     workers.add_argument(
-        "--jobs", type=int, default=1, metavar="N", help="recordings to read at the same time"
+        "--jobs", type=JOBS, default=1, metavar="N", help="recordings to read at the same time"
     )
     workers.add_argument(
         "--dask",

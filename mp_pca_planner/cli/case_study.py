@@ -27,7 +27,17 @@ from ..robot import Robot
 from ..studies.case_study import CaseStudy, study
 from .case_study_page import case_study_page, draw_pictures
 from .case_study_tables import facts, summary, tables
-from .common import CommandParser, make_folder, no_motion, plain, print_json, progress_bar, run
+from .common import (
+    JOBS,
+    CommandParser,
+    count,
+    make_folder,
+    no_motion,
+    plain,
+    print_json,
+    progress_bar,
+    run,
+)
 from .drawing import require_matplotlib
 from .terminal import DONE, say
 
@@ -70,14 +80,14 @@ def _parser() -> CommandParser:
         "--marker-map", type=Path, metavar="YAML", help="default: human_arm_markers.yaml"
     )
     parser.add_argument("--segments", metavar="FILE.csv", help="motions cut by hand")
-    parser.add_argument("--motions", type=int, default=52, metavar="N", help="how many to study")
+    parser.add_argument("--motions", type=count, default=52, metavar="N", help="how many to study")
     parser.add_argument(
         "--arm",
         default="upper_arm,lower_arm,wrist",
         metavar="A,B,C",
         help="frames along the arm, to draw it; the last is its tip",
     )
-    parser.add_argument("--jobs", type=int, default=1, metavar="N", help="recordings at a time")
+    parser.add_argument("--jobs", type=JOBS, default=1, metavar="N", help="recordings at a time")
     parser.add_argument("--output", type=Path, default=Path("case_study_output"), metavar="DIR")
     parser.add_argument("--force", action="store_true", help="overwrite what is there")
     parser.add_argument("--json", action="store_true", help="print one JSON object")

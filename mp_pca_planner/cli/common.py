@@ -6,9 +6,10 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import re
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -171,22 +172,48 @@ def limits_of(robot: Robot, file: Path | None) -> JointLimits:
     return robot.limits(read_limits_file(file, robot.movable_joints) if file else {})
 
 
-def seconds(text: str) -> float:
-    """A time that is over 0 and finite."""
-    try:
-        value = float(text)
-    except ValueError:
-        value = 0.0
-    if not 0.0 < value < float("inf"):
-        raise argparse.ArgumentTypeError(f"'{text}' is no time over 0 [s]")
-    return value
+def number(low: float, high: float, unit: str = "") -> Callable[[str], float]:
+    """Parser of a number from `low` to `high`, for argparse."""
+
+    def parse(text: str) -> float:
+        try:
+            value = float(text)
+        except ValueError:
+            value = math.nan
+        if not low <= value <= high:
+            wanted = f"a number from {low:g} to {high:g} {unit}".rstrip()
+            raise argparse.ArgumentTypeError(f"'{text}' is not {wanted}")
+        return value
+
+    return parse
 
 
-def seed(text: str) -> int:
-    """A seed of random numbers."""
-    if not text.isdecimal():
-        raise argparse.ArgumentTypeError(f"'{text}' is no whole number from 0 on")
-    return int(text)
+def whole(low: int, high: int) -> Callable[[str], int]:
+    """Parser of a whole number from `low` to `high`, for argparse."""
+
+    def parse(text: str) -> int:
+        # Longer texts are out of every range, and slow to read.
+        if not (text.isdecimal() and len(text) < 20 and low <= int(text) <= high):
+            raise argparse.ArgumentTypeError(f"'{text}' is not a whole number from {low} to {high}")
+        return int(text)
+
+    return parse
+
+
+seconds = number(1e-6, 1e6, "s")
+"""Parser of a time [s]."""
+
+count = whole(1, 1_000_000)
+"""Parser of how many."""
+
+REPORTED = ("status", "effort_cost", "solve_time_s", "duration", "primitive", "in_span_score")
+"""Values of the node's report that everybody wants to see."""
+
+JOBS = whole(1, 1024)
+"""Parser of how many processes."""
+
+seed = whole(0, 2**63 - 1)
+"""Parser of a seed of random numbers."""
 
 
 def joint_list(text: str) -> list[str]:
@@ -271,15 +298,13 @@ def split_time(text: str, what: str) -> tuple[str, float | None]:
     Raises
     ------
     GoalError
-        If the time is no number.
+        If the time is no number, or out of range.
     """
     values, at, moment = text.partition("@")
     try:
-        return values, float(moment) if at else None
-    except ValueError:
-        raise GoalError(
-            f"{what} '{text}' must end in @ and a number of seconds, if in @ at all"
-        ) from None
+        return values, seconds(moment) if at else None
+    except argparse.ArgumentTypeError as error:
+        raise GoalError(f"{what}: the time after @ {error}") from None
 
 
 def _finite(text: str, what: str) -> float:
@@ -303,6 +328,28 @@ def table(rows: Sequence[Sequence[str]], *, header: Sequence[str]) -> str:
         ).rstrip()
         for line in lines
     )
+
+
+def known(values: Mapping[str, str], names: Sequence[str] | None = None) -> dict[str, str]:
+    """Values of a report by name, without those that are unknown or were not asked for.
+
+    Parameters
+    ----------
+    values : mapping
+        The values; "nan" is none.
+    names : sequence of str, optional
+        Which of them, in this order; by default all.
+    """
+    chosen = values if names is None else {n: values[n] for n in names if n in values}
+    return {name: value for name, value in chosen.items() if value != "nan"}
+
+
+def short(value: str) -> str:
+    """A value with as many digits as one reads."""
+    try:
+        return value if value.lstrip("-").isdigit() else f"{float(value):.4g}"
+    except ValueError:
+        return value
 
 
 def percent(share: float) -> str:

@@ -7,22 +7,25 @@ from __future__ import annotations
 import argparse
 import math
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from importlib.util import find_spec
 
 from ..exceptions import GoalError, MissingDependencyError, quote_names
 from ..goal import JointState, SequenceGoal
 from .common import (
+    REPORTED,
     CommandParser,
     Stop,
     add_via_options,
     joint_values,
+    known,
     print_json,
     run,
     seconds,
+    short,
     split_time,
 )
-from .terminal import DONE, FAILED, REFUSED, complain
+from .terminal import DONE, FAILED, REFUSED, complain, say
 
 _NANOSECONDS = 10**9
 
@@ -53,6 +56,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--timeout", type=seconds, default=10.0, metavar="S", help="longest time to wait [s]"
     )
+    parser.add_argument("--verbose", action="store_true", help="print all values of the report")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     return run(parser, _send, argv)
 
@@ -105,11 +109,17 @@ def _send(arguments: argparse.Namespace) -> int:
     if arguments.json:
         print_json({"message": report.message, **answer.values})
     else:
-        print(report.message)
-        print("\n".join(f"  {key}: {value}" for key, value in answer.values.items()))
+        say(report.message, *report_lines(answer.values, is_verbose=arguments.verbose))
     if report.level == DiagnosticStatus.ERROR:
         return REFUSED
     return DONE if is_served(report) else FAILED
+
+
+def report_lines(values: Mapping[str, str], *, is_verbose: bool) -> list[str]:
+    """Lines of text with the values of a report: all, or those that everybody wants to see."""
+    if is_verbose:
+        return [f"  {name:<18} {value}" for name, value in known(values).items()]
+    return [f"  {name:<18} {short(value)}" for name, value in known(values, REPORTED).items()]
 
 
 def _via(text: str, names: Sequence[str], unit: float) -> tuple[JointState, float | None]:

@@ -25,12 +25,15 @@ from ..primitives.file import save_primitive
 from .common import (
     CommandParser,
     check_output,
+    count,
     joint_values,
+    number,
     print_json,
     progress_bar,
     run,
     seed,
     table,
+    whole,
 )
 from .plan import add_request_options, plan_request
 from .states import passed_lines, remark_lines
@@ -53,9 +56,15 @@ def _parser() -> CommandParser:
     law = parser.add_argument_group("control law (default: the primitive's own, if it has one)")
     law.add_argument("--law", choices=KINDS, help="which law (default: feedforward_pd)")
     law.add_argument(
-        "--natural-frequency", type=float, default=30.0, metavar="ω", help="for gains [rad/s]"
+        "--natural-frequency",
+        type=number(1e-3, 1e5),
+        default=30.0,
+        metavar="ω",
+        help="for gains [rad/s]",
     )
-    law.add_argument("--damping-ratio", type=float, default=1.0, metavar="ζ", help="for gains")
+    law.add_argument(
+        "--damping-ratio", type=number(1e-3, 1e3), default=1.0, metavar="ζ", help="for gains"
+    )
     law.add_argument(
         "--position-gains", metavar="P", help="given gains: name=value,… of all joints"
     )
@@ -65,21 +74,28 @@ def _parser() -> CommandParser:
     assumed = parser.add_argument_group("errors assumed")
     assumed.add_argument(
         "--inertia-error",
-        type=float,
+        type=number(0.0, 1.0),
         default=errors.inertia,
         metavar="SHARE",
         help="of the mass and of each principal moment of inertia of each link, either way",
     )
     assumed.add_argument(
-        "--payload", type=float, default=errors.payload, help="largest unknown mass [kg]"
+        "--payload", type=number(0.0, 1e4), default=errors.payload, help="largest unknown mass [kg]"
     )
     assumed.add_argument("--payload-link", metavar="LINK", help="where it is (default: the last)")
     assumed.add_argument(
-        "--start-error", type=float, default=errors.position, help="of each joint [rad or m]"
+        "--start-error",
+        type=number(0.0, 10.0),
+        default=errors.position,
+        help="of each joint [rad or m]",
     )
-    assumed.add_argument("--control-period", type=float, default=1e-3, help="sampling [s]")
-    assumed.add_argument("--delay", type=int, default=1, help="samples from measuring to acting")
-    parser.add_argument("--trials", type=int, default=100, help="simulations")
+    assumed.add_argument(
+        "--control-period", type=number(1e-6, 1.0, "s"), default=1e-3, help="sampling [s]"
+    )
+    assumed.add_argument(
+        "--delay", type=whole(0, 1000), default=1, help="samples from measuring to acting"
+    )
+    parser.add_argument("--trials", type=count, default=100, help="simulations")
     parser.add_argument("--seed", type=seed, default=0, help="seed of the errors")
     parser.add_argument(
         "--output", type=Path, metavar="FILE.npz", help="write the primitive with this law"
@@ -102,8 +118,6 @@ def _verify(arguments: argparse.Namespace) -> int:
     check_output(arguments.output, ".npz", force=arguments.force)
     if arguments.controller_parameters is not None:
         check_writable(arguments.controller_parameters, overwrite=arguments.force)
-    if arguments.trials < 1:
-        raise ControlError(f"--trials must be at least 1, got {arguments.trials}")
     errors = ErrorModel(
         arguments.inertia_error, arguments.payload, arguments.payload_link, arguments.start_error
     )

@@ -98,9 +98,9 @@ Stored = tuple[Topic, int, bytes]
 def find_recordings(paths: str | Path | Iterable[str | Path]) -> tuple[Path, ...]:
     """Expand files, rosbag2 folders, folders of bags and glob patterns to single recordings.
 
-    One path stands for a list of it alone. A folder is searched with its subfolders. A rosbag2 folder (one with a metadata.yaml) is one
-    recording. A file that is given by its name is taken whatever its suffix, so that it can be
-    refused by name.
+    One path stands for a list of it alone. A folder is searched with its subfolders. A rosbag2
+    folder (one with a metadata.yaml) is one recording. A file that is given by its name is taken
+    whatever its suffix, so that it can be refused by name.
 
     Raises
     ------
