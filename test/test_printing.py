@@ -5,6 +5,7 @@
 import contextlib
 import errno
 import io
+import os
 import subprocess
 import sys
 import sysconfig
@@ -97,14 +98,18 @@ def test_debug_is_taken_off_before_the_arguments_for_ros_only(
 
 @pytest.mark.parametrize("arguments", [["plan", "--help"], ["--help"], ["library", "list", "."]])
 def test_a_reader_that_has_seen_enough_is_no_error(arguments: list[str], tmp_path: Path) -> None:
-    # The pipe has no reader from the start, so nothing depends on who is faster.
-    with subprocess.Popen(["true"], stdin=subprocess.PIPE) as reader:
-        reader.wait()
+    # The pipe has no reader from the start, so nothing depends on who is faster. Unbuffered output
+    # would fail elsewhere.
+    reading, writing = os.pipe()
+    os.close(reading)
+    buffered = {k: v for k, v in os.environ.items() if k != "PYTHONUNBUFFERED"}
+    with open(writing, "wb") as pipe:
         done = subprocess.run(
             [sys.executable, "-m", "mp_pca_planner", *arguments],
-            stdout=reader.stdin,
+            stdout=pipe,
             stderr=subprocess.PIPE,
             cwd=tmp_path,
+            env=buffered,
             check=False,
         )
     assert done.stderr == b""

@@ -360,4 +360,4 @@ def test_command_plans_through_vias(tmp_path: Path, capsys: pytest.CaptureFixtur
     assert main(["sequence", *arguments, "--via", "wrist: 1 2"]) == 2
     assert "2 numbers" in capsys.readouterr().err
     assert main(["sequence", *arguments, "--via", f"{via}@soon"]) == 2
-    assert "number of seconds" in capsys.readouterr().err
+    assert "after @, 'soon' is not a number" in capsys.readouterr().err

@@ -304,7 +304,7 @@ def split_time(text: str, what: str) -> tuple[str, float | None]:
     try:
         return values, seconds(moment) if at else None
     except argparse.ArgumentTypeError as error:
-        raise GoalError(f"{what}: the time after @ {error}") from None
+        raise GoalError(f"{what} '{text}': after @, {error}") from None
 
 
 def _finite(text: str, what: str) -> float:

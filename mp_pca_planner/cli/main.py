@@ -11,8 +11,8 @@ from importlib import import_module
 from typing import NamedTuple, cast
 
 from .. import __version__
-from ..exceptions import MissingDependencyError, unknown_name
-from .terminal import DEBUG, DEBUG_HELP, REFUSED, OneLineParser, complain, guard
+from ..exceptions import MissingDependencyError, PlannerError, unknown_name
+from .terminal import DEBUG, DEBUG_HELP, OneLineParser, guard
 
 PROGRAM = "mp_pca_planner"
 _ROS_ARGUMENTS = "--ros-args"
@@ -76,13 +76,16 @@ def main(argv: Sequence[str] | None = None) -> int:
         such command or it can't be loaded. Without a command, the help is printed.
     """
     arguments, is_debugged = _without_debug(sys.argv[1:] if argv is None else argv)
+    program = " ".join([PROGRAM, *(name for name in arguments[:1] if name in COMMANDS)])
+    return guard(program, lambda: _run(arguments), debug=is_debugged)
+
+
+def _run(arguments: Sequence[str]) -> int:
     # Only the first argument is ours: the command sees the others as they were typed.
     name = _parser().parse_args(arguments[:1] or ["--help"]).command
     if name not in COMMANDS:
-        complain(f"{PROGRAM}: {unknown_name('command', name, COMMANDS)}")
-        return REFUSED
-    # Loading is guarded, too: it takes long enough to be interrupted.
-    return guard(f"{PROGRAM} {name}", lambda: load_command(name)(arguments[1:]), debug=is_debugged)
+        raise PlannerError(unknown_name("command", name, COMMANDS))
+    return load_command(name)(arguments[1:])
 
 
 def _without_debug(argv: Sequence[str]) -> tuple[list[str], bool]:
