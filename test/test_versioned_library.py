@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 from arm import arm_demonstrations, arm_primitive
 
-from mp_pca_planner.cli.versioned_library import main
+from mp_pca_planner.cli.main import main
 from mp_pca_planner.exceptions import PrimitiveError
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
 from mp_pca_planner.primitives.file import save_primitive
@@ -142,15 +142,17 @@ def test_command_adds_lists_and_rolls_back(
     folder = str(tmp_path / "library")
     for n in (2, 3):
         save_primitive(primitive(n), tmp_path / "new.npz", overwrite=True)
-        assert main(["add", folder, str(tmp_path / "new.npz"), "--note", f"with {n}"]) == 0
-    assert main(["rollback", folder, "reach", "--json"]) == 0
+        assert (
+            main(["library", "add", folder, str(tmp_path / "new.npz"), "--note", f"with {n}"]) == 0
+        )
+    assert main(["library", "rollback", folder, "reach", "--json"]) == 0
     changes = json.loads(capsys.readouterr().out.splitlines()[-1])["changes"]
     assert [c["version"] for c in changes] == [1]
     assert components(tmp_path / "library") == 2
-    assert main(["history", folder]) == 0
+    assert main(["library", "history", folder]) == 0
     assert "with 3" in capsys.readouterr().out
-    assert main(["retire", folder]) == 2
+    assert main(["library", "retire", folder]) == 2
     assert "needs at least one" in capsys.readouterr().err
-    assert main(["list", str(tmp_path / "nothing")]) == 2
-    assert main(["list", folder]) == 0
+    assert main(["library", "list", str(tmp_path / "nothing")]) == 2
+    assert main(["library", "list", folder]) == 0
     assert arm_primitive().name not in capsys.readouterr().out

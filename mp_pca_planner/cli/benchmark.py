@@ -38,7 +38,7 @@ from .common import (
     table,
 )
 from .drawing import Cloud, draw_comparison, require_matplotlib
-from .terminal import DONE, say
+from .terminal import DONE, say, written_lines
 
 _N_DEMONSTRATIONS = 40
 _DEMONSTRATIONS_SEED = 1
@@ -124,7 +124,7 @@ def _benchmark(arguments: argparse.Namespace) -> int:
     if arguments.json:
         print_json(facts)
     else:
-        say(*_text(facts))
+        say(*_text(facts), *written_lines([arguments.plot]))
     return DONE
 
 

@@ -5,16 +5,13 @@
 from __future__ import annotations
 
 import argparse
-import io
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ..arrays import FloatArray
 from ..exceptions import GoalError, PlannerError
-from ..files import check_writable, write_whole
 from ..goal import JointGoal, JointState, Pose, PoseGoal, Via
 from ..planning.collision import CollisionModel, package_folders
 from ..planning.objectives import OBJECTIVES, Objective, objective_by_name
@@ -22,17 +19,12 @@ from ..planning.plan import BASES, DEMONSTRATED, FREE, SHORTEST, Plan, PlannerOp
 from ..planning.planner import Planner
 from ..planning.remarks import remarks
 from ..planning.request import LONGEST_DURATION
-from ..planning.sequence import SequencePlan
 from ..planning.starts import MOST_STARTS
 from ..primitives.primitive_library import load_primitives
-from ..recordings.bags import FORMAT_OF_SUFFIX, write_joint_trajectory
 from ..robot import Robot
-from ..trajectory import Trajectory
 from .common import (
     CommandParser,
-    check_output,
     joint_values,
-    json_text,
     limits_of,
     number,
     number_list,
@@ -40,16 +32,17 @@ from .common import (
     run,
     whole,
 )
-from .drawing import draw_motion, require_matplotlib
+from .drawing import draw_motion
+from .motion_files import check_outputs, output_lines, trajectory_columns, write_trajectory
 from .states import (
     VALUES,
-    collision_words,
+    collision_facts,
+    collision_lines,
     effort_words,
     passed_lines,
     remark_lines,
     states_by_name,
     status_line,
-    written_lines,
 )
 from .terminal import DONE, FAILED, say
 
@@ -197,22 +190,6 @@ def _plan(arguments: argparse.Namespace) -> int:
     return DONE if plan.is_executable else FAILED
 
 
-def check_outputs(arguments: argparse.Namespace) -> None:
-    """Refuse a motion's output or plot that could not be written, before any work.
-
-    Raises
-    ------
-    PlannerError
-        If a format is unknown, a file exists already, a folder doesn't, or matplotlib is missing.
-    """
-    if arguments.output is not None:
-        check_format(arguments.output)
-        check_writable(arguments.output, overwrite=arguments.force)
-    if arguments.plot is not None:
-        require_matplotlib()
-        check_output(arguments.plot, ".png", force=arguments.force)
-
-
 def plan_request(arguments: argparse.Namespace) -> tuple[Planner, Plan]:
     """Plan what the options of :func:`add_request_options` ask for.
 
@@ -350,13 +327,6 @@ def asked(arguments: argparse.Namespace, robot: Robot) -> list[str]:
     return [*arguments.via, goal]
 
 
-def output_lines(arguments: argparse.Namespace, plan: Plan | SequencePlan) -> list[str]:
-    """Which files the command wrote, and which it did not."""
-    if plan.is_executable or arguments.output is None:
-        return written_lines([arguments.output, arguments.plot])
-    return [f"not written  {arguments.output}", *written_lines([arguments.plot])]
-
-
 def plan_facts(plan: Plan, collision: CollisionModel | None) -> dict[str, Any]:
     """What `plan --json` prints."""
     return (
@@ -371,93 +341,6 @@ def plan_facts(plan: Plan, collision: CollisionModel | None) -> dict[str, Any]:
             **trajectory_columns(plan.trajectory),
         }
     )
-
-
-def collision_facts(collision: CollisionModel | None, trajectory: Trajectory) -> dict[str, str]:
-    """What a check for self-collisions found, if there was one."""
-    return {} if collision is None else {"collision": collision_words(collision, trajectory)}
-
-
-def trajectory_columns(trajectory: Trajectory) -> dict[str, FloatArray]:
-    """What is known at every point, by the names of the public interface."""
-    efforts = trajectory.efforts
-    return {
-        "times": trajectory.times,
-        "positions": trajectory.positions,
-        "velocities": trajectory.velocities,
-        "accelerations": trajectory.accelerations,
-        **({} if efforts is None else {"efforts": efforts}),
-    }
-
-
-def write_trajectory(
-    trajectory: Trajectory, path: Path, facts: Mapping[str, Any], overwrite: bool
-) -> None:
-    """Write a motion in the format that the file's name asks for.
-
-    Parameters
-    ----------
-    trajectory : Trajectory
-        The motion.
-    path : Path
-        Where to.
-    facts : mapping
-        What a .json file says.
-    overwrite : bool
-        Whether an existing file may be overwritten.
-
-    Raises
-    ------
-    PlannerError
-        If the format is unknown or the file can't be written.
-    """
-    if path.suffix == ".csv":
-        write_whole(path, _csv(trajectory), overwrite=overwrite)
-    elif path.suffix == ".json":
-        write_whole(path, json_text(facts).encode(), overwrite=overwrite)
-    elif path.suffix == ".npz":
-        buffer = io.BytesIO()
-        np.savez(
-            buffer,
-            joint_names=np.array(trajectory.joint_names),
-            **trajectory_columns(trajectory),  # type: ignore[arg-type]  # its stub takes bool only
-        )
-        write_whole(path, buffer.getvalue(), overwrite=overwrite)
-    else:
-        check_format(path)
-        write_joint_trajectory(path, trajectory, overwrite=overwrite)
-
-
-def check_format(path: Path) -> None:
-    """Refuse a file of a format that motions can't be written in."""
-    formats = (".csv", ".json", ".npz", *FORMAT_OF_SUFFIX)
-    if path.suffix not in ("", *formats):
-        raise PlannerError(
-            f"the output '{path}' must end in {', '.join(formats)}, "
-            "or have no ending for the folder of a rosbag2"
-        )
-
-
-def _csv(trajectory: Trajectory) -> bytes:
-    columns = trajectory_columns(trajectory)
-    times = columns.pop("times")
-    header = ["time", *(f"{name}.{kind}" for kind in columns for name in trajectory.joint_names)]
-    text = io.StringIO()
-    # 17 digits bring every number back to the last bit.
-    np.savetxt(
-        text,
-        np.column_stack([times, *columns.values()]),
-        fmt="%.17g",
-        delimiter=",",
-        header=",".join(header),
-        comments="",
-    )
-    return text.getvalue().encode()
-
-
-def collision_lines(facts: Mapping[str, Any]) -> list[str]:
-    """The line of text on self-collisions, if they were checked."""
-    return [f"collision    {facts['collision']}"] if "collision" in facts else []
 
 
 def _passed(plan: Plan) -> list[JointState]:

@@ -35,19 +35,19 @@ from .common import (
     run,
     seed,
 )
-from .plan import (
-    add_request_options,
-    asked,
-    check_format,
+from .motion_files import check_format, trajectory_columns, write_trajectory
+from .plan import add_request_options, asked, plan_request
+from .sequence import sequence_request
+from .states import (
     collision_facts,
     collision_lines,
-    plan_request,
-    trajectory_columns,
-    write_trajectory,
+    passed,
+    passed_lines,
+    remark_lines,
+    states_by_name,
+    status_line,
 )
-from .sequence import sequence_request
-from .states import passed, passed_lines, remark_lines, states_by_name, status_line, written_lines
-from .terminal import DONE, FAILED, complain, say
+from .terminal import DONE, FAILED, complain, say, written_lines
 
 _PRICE = number(0.0, 1e12)
 # Options of `plan` that sequences don't have.

@@ -26,21 +26,12 @@ from .common import (
     split_time,
 )
 from .drawing import draw_motion
-from .plan import (
-    NATURALNESS,
-    SAMPLE_PERIOD,
-    add_collision_options,
-    check_outputs,
-    collision_facts,
-    collision_lines,
-    collision_model,
-    output_lines,
-    target,
-    trajectory_columns,
-    write_trajectory,
-)
+from .motion_files import check_outputs, output_lines, trajectory_columns, write_trajectory
+from .plan import NATURALNESS, SAMPLE_PERIOD, add_collision_options, collision_model, target
 from .states import (
     VALUES,
+    collision_facts,
+    collision_lines,
     effort_words,
     passed,
     passed_lines,

@@ -31,7 +31,7 @@ from .common import (
     run,
 )
 from .common import seed as seed_number
-from .terminal import DONE, say
+from .terminal import DONE, say, written_lines
 
 CONTROLLER_TOPIC = "mp_pca_planner/joint_trajectory"
 """Topic of the motions that the node publishes by default."""
@@ -151,6 +151,7 @@ def _simulate(
         print_json(summary)
     else:
         say(f"{summary['received']} trajectories received, {len(summary['rejected'])} rejected")
+        say(*written_lines([arguments.record]))
     return DONE
 
 

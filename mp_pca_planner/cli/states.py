@@ -5,8 +5,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
-from pathlib import Path
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -57,9 +56,14 @@ def collision_words(collision: CollisionModel, trajectory: Trajectory) -> str:
     return f"{found[0]}{more}"
 
 
-def written_lines(files: Iterable[Path | None]) -> list[str]:
-    """Lines of text that say which files were written."""
-    return [f"written      {file}" for file in files if file is not None]
+def collision_facts(collision: CollisionModel | None, trajectory: Trajectory) -> dict[str, str]:
+    """What a check for self-collisions found, if there was one."""
+    return {} if collision is None else {"collision": collision_words(collision, trajectory)}
+
+
+def collision_lines(facts: Mapping[str, Any]) -> list[str]:
+    """The line of text on self-collisions, if they were checked."""
+    return [f"collision    {facts['collision']}"] if "collision" in facts else []
 
 
 def passed_lines(

@@ -9,7 +9,8 @@ import errno
 import io
 import sys
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from pathlib import Path
 from typing import NoReturn
 
 from ..exceptions import PlannerError, printable
@@ -40,6 +41,11 @@ def say(*lines: str) -> None:
 def complain(text: str) -> None:
     """Print one line on stderr."""
     print(printable(text), file=sys.stderr)
+
+
+def written_lines(files: Iterable[Path | None]) -> list[str]:
+    """Lines of text that say which files were written."""
+    return [f"written      {file}" for file in files if file is not None]
 
 
 def guard(program: str, command: Callable[[], int], *, debug: bool = False) -> int:

@@ -35,9 +35,9 @@ from .common import (
     table,
     whole,
 )
-from .plan import add_request_options, plan_request
+from .plan import add_request_options, asked, plan_request
 from .states import passed_lines, remark_lines
-from .terminal import DONE, FAILED, say
+from .terminal import DONE, FAILED, say, written_lines
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -153,11 +153,12 @@ def _verify(arguments: argparse.Namespace) -> int:
     if arguments.json:
         print_json(facts | {"law": law.kind, "joint_names": list(law.joint_names)})
     else:
-        lines = remark_lines(plan)
-        lines += passed_lines([plan.motion.start, plan.motion.goal], planner.robot.described_joints)
-        say(*lines)
+        ends, robot = [plan.motion.start, plan.motion.goal], planner.robot
+        goal = asked(arguments, robot)[-1:]
+        say(*remark_lines(plan), *passed_lines(ends, robot.described_joints, goal))
         say(f"duration     {plan.trajectory.duration:.3f} s, of robot '{planner.robot.name}'")
         say(*_text(law, stability, found))
+        say(*written_lines([arguments.output, arguments.controller_parameters]))
     return DONE if found.bound_held == arguments.trials and stability.holds else FAILED
 
 
