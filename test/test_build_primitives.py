@@ -206,10 +206,10 @@ def test_recording_without_motions_of_the_label_is_not_refused(bags: Path, tmp_p
     [
         (["--label", "u"], "labels select motions of a table"),
         (["--segments", "TABLE", "--label", "x"], "valid names: 'u', 'v', 'w'"),
-        (["--min-rest", "-1"], "no time over 0"),
-        (["--min-motion", "soon"], "no time over 0"),
+        (["--min-rest", "-1"], "is not a number from"),
+        (["--min-motion", "soon"], "is not a number from"),
         (["--min-rest", "1", "--segment", "none"], "are for --segment auto"),
-        (["--jobs", "0"], "jobs must be 1 or more"),
+        (["--jobs", "0"], "'0' is not a whole number from 1 to 1024"),
         (["--report", "page.txt"], "must end in .html"),
         (["--write-segments", "cuts.txt"], "must end in .csv"),
     ],

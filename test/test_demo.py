@@ -59,7 +59,7 @@ def children(pid: int) -> dict[int, str]:
     return found
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGHUP])
 def test_interrupted_demo_ends_its_child_processes(tmp_path, number):
     pytest.importorskip("rclpy", reason="ROS 2 (extra 'ros') is not installed")
     pytest.importorskip("matplotlib", reason="matplotlib (extra 'plot') is not installed")

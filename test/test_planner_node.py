@@ -978,7 +978,7 @@ def test_node_that_is_told_to_end_while_it_starts_ends_cleanly(tmp_path: Path, n
     ("arguments", "status", "words"),
     [
         (["--help"], 0, "--ros-args"),
-        ([], 2, "pip install 'mp_pca_planner[ros]'"),
+        ([], 2, "mp_pca_planner[ros]"),
         (["somewhere"], 2, "somewhere"),
     ],
 )

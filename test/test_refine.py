@@ -231,18 +231,20 @@ def test_cost_of_a_trial_may_come_from_a_recording(primitive, tmp_path):
     ("options", "words"),
     [
         (("--cost", "3"), "name --trials"),
-        (("--min-gain", "2"), "--min-gain must be"),
-        (("--time-price", "-1"), "time_price must be"),
-        (("--tracking-price", "nan"), "--tracking-price must be"),
+        (("--min-gain", "2"), "--min-gain: '2' is not a number from 0"),
+        (("--time-price", "-1"), "--time-price: '-1' is not a number from 0"),
+        (("--tracking-price", "nan"), "--tracking-price: 'nan' is not a number from 0"),
         (("--trajectory", "motion.docx"), "must end in"),
-        (("--trials", "t.json", "--cost", "nan"), "finite number"),
+        (("--trials", "t.json", "--cost", "nan"), "--cost: 'nan' is not a number"),
+        (("--trials", "t.json", "--executed", "gone"), "'gone' can't be read: No such file"),
+        (("--trials", "t.json", "--executed", "gone.mcap"), "can't be read: No such file"),
         (("--limits", "{tight}"), "no motion to refine"),
         (("--via", GOAL, "--duration", "3"), "--duration can't be given with --via"),
         (("--via", f"{GOAL}@0.5"), "times (@) can't be given"),
     ],
 )
 def test_nonsense_is_refused_in_one_line(primitive, tmp_path, monkeypatch, options, words):
-    if "--cost" in options and "--trials" in options:
+    if "--executed" in options:
         pytest.importorskip("cmaes", reason="cmaes (extra 'learn') is not installed")
     monkeypatch.chdir(tmp_path)
     tight = tmp_path / "tight.yaml"

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 from arm import arm_demonstrations, arm_primitive
 
-from mp_pca_planner.cli.versioned_library import main
+from mp_pca_planner.cli.main import main
 from mp_pca_planner.exceptions import PlannerError, PrimitiveError
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
 from mp_pca_planner.primitives.file import save_primitive
@@ -128,8 +128,8 @@ def test_hostile_journals_are_refused_and_change_nothing(
     journal = folder / ".versions/journal.jsonl"
     journal.write_bytes(content.replace("{outside}", str(outside)).encode("latin-1"))
     before = everything(tmp_path)
-    assert main(["list", str(folder)]) == 2
-    assert main(["add", str(folder), str(tmp_path / "important.npz")]) == 2
+    assert main(["library", "list", str(folder)]) == 2
+    assert main(["library", "add", str(folder), str(tmp_path / "important.npz")]) == 2
     said = capsys.readouterr().err
     assert "journal.jsonl" in said and said.count("\n") == 2 and len(said) < 1500
     assert everything(tmp_path) == before
@@ -140,7 +140,9 @@ def test_reading_the_history_writes_nothing(tmp_path: Path) -> None:
     (tmp_path / "reach.npz").unlink()
     (tmp_path / ".versions/lock").unlink(missing_ok=True)
     before = everything(tmp_path)
-    assert main(["list", str(tmp_path)]) == main(["history", str(tmp_path)]) == 0
+    assert (
+        main(["library", "list", str(tmp_path)]) == main(["library", "history", str(tmp_path)]) == 0
+    )
     assert everything(tmp_path) == before
 
 
@@ -242,15 +244,17 @@ def test_command_adds_lists_and_rolls_back(
     folder = str(tmp_path / "library")
     for n in (2, 3):
         save_primitive(primitive(n), tmp_path / "new.npz", overwrite=True)
-        assert main(["add", folder, str(tmp_path / "new.npz"), "--note", f"with {n}"]) == 0
-    assert main(["rollback", folder, "reach", "--json"]) == 0
+        assert (
+            main(["library", "add", folder, str(tmp_path / "new.npz"), "--note", f"with {n}"]) == 0
+        )
+    assert main(["library", "rollback", folder, "reach", "--json"]) == 0
     changes = json.loads(capsys.readouterr().out.splitlines()[-1])["changes"]
     assert [c["version"] for c in changes] == [1]
     assert components(tmp_path / "library") == 2
-    assert main(["history", folder]) == 0
+    assert main(["library", "history", folder]) == 0
     assert "with 3" in capsys.readouterr().out
-    assert main(["retire", folder]) == 2
+    assert main(["library", "retire", folder]) == 2
     assert "needs at least one" in capsys.readouterr().err
-    assert main(["list", str(tmp_path / "nothing")]) == 2
-    assert main(["list", folder]) == 0
+    assert main(["library", "list", str(tmp_path / "nothing")]) == 2
+    assert main(["library", "list", folder]) == 0
     assert arm_primitive().name not in capsys.readouterr().out

@@ -9,7 +9,6 @@ import glob
 import hashlib
 import os
 import re
-import shutil
 import sqlite3
 import struct
 import tempfile
@@ -116,12 +115,12 @@ Stored = tuple[Topic, int, bytes]
 """Topic, time of reception [ns] and a message as it is stored."""
 
 
-def find_recordings(paths: Iterable[str | Path]) -> tuple[Path, ...]:
+def find_recordings(paths: str | Path | Iterable[str | Path]) -> tuple[Path, ...]:
     """Expand files, rosbag2 folders, folders of bags and glob patterns to single recordings.
 
-    A folder is searched with its subfolders. A rosbag2 folder (one with a metadata.yaml) is one
-    recording. A file that is given by its name is taken whatever its suffix, so that it can be
-    refused by name.
+    One path stands for a list of it alone. A folder is searched with its subfolders. A rosbag2
+    folder (one with a metadata.yaml) is one recording. A file that is given by its name is taken
+    whatever its suffix, so that it can be refused by name.
 
     Raises
     ------
@@ -129,7 +128,7 @@ def find_recordings(paths: Iterable[str | Path]) -> tuple[Path, ...]:
         If a path does not exist or holds no recording.
     """
     found: dict[Path, Path] = {}
-    for path in paths:
+    for path in [paths] if isinstance(paths, str | Path) else paths:
         with _translated_os_errors(path):
             recordings = [item for match in _glob(path) for item in _recordings_in(match)]
         if not recordings:
@@ -216,6 +215,7 @@ def open_bag(path: Path, *, salvage: bool = False) -> Iterator[Bag]:
     RecordingError
         If it can't be read.
     """
+    _check_readable(path)
     bag_format = recording_format(path)
     with _hint_at_salvage(salvage), ExitStack() as stack:
         reader: _Reader | None = None
@@ -793,6 +793,14 @@ def _storage_files(path: Path) -> list[Path]:
         # Reading a pipe or a device may never end.
         return [path] if path.is_file() else []
     return sorted(file for file in path.iterdir() if file.is_file() and file.name != METADATA)
+
+
+def _check_readable(path: Path) -> None:
+    """Refuse what isn't there or may not be read, which readers would call damaged."""
+    with _translated_os_errors(path):
+        for file in _storage_files(path):
+            with file.open("rb") as stream:
+                stream.read(1)
 
 
 def _bag_files(path: Path) -> list[Path]:

@@ -224,7 +224,7 @@ class RecordingInspection:
 
 
 def load_recordings(
-    paths: Iterable[str | Path],
+    paths: str | Path | Iterable[str | Path],
     *,
     topic: str | None = None,
     joints: Sequence[str] | None = None,
@@ -248,7 +248,7 @@ def load_recordings(
     Parameters
     ----------
     paths :
-        Bag files, rosbag2 folders, folders of bags, glob patterns.
+        Bag files, rosbag2 folders, folders of bags, glob patterns; one of them or several.
     topic :
         Topic of the joint states; by default the only one.
     joints :

@@ -121,6 +121,8 @@ def _parser() -> argparse.ArgumentParser:
         epilog="Everything is set by ROS parameters, for example --ros-args -p "
         "primitives:=[reach.npz]; config/planner.yaml of this package explains them all.",
     )
+    # The guard around all commands takes it; here it is for the help.
+    parser.add_argument("--debug", action="store_true", help="print the traceback of an error")
     parser.add_argument(
         "--managed",
         action="store_true",
