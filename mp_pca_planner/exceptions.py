@@ -108,3 +108,13 @@ def unknown_name(kind: str, name: str, valid: Iterable[str]) -> str:
     close = get_close_matches(name, names, n=1)
     hint = f" (did you mean '{close[0]}'?)" if close else ""
     return f"no {kind} is called '{name}'{hint}; valid names: {quote_names(names)}"
+
+
+def printable(text: str) -> str:
+    r"""Escape what is not printable, so that foreign text stays on its line.
+
+    Names, notes and keys come from files and messages of others. Line breaks, terminal control
+    characters, bidirectional controls and surrogates are shown as Python writes them: ``\n``,
+    ``\x1b``, ``\u202e``.
+    """
+    return "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)

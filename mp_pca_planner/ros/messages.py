@@ -17,7 +17,7 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from ..arrays import FloatArray
 from ..control.statement import control_statement
-from ..exceptions import GoalError
+from ..exceptions import GoalError, printable
 from ..execution.adaptation import AdaptedPlan
 from ..execution.execution_monitor import ExecutionReport
 from ..execution.parameters import Declaration
@@ -292,7 +292,7 @@ def to_refusal(
 ) -> DiagnosticStatus:
     """Report a goal for which nothing was published, with the plan if it came to one."""
     values = plan.summary() if plan else {"status": "refused"}
-    return _report(DiagnosticStatus.ERROR, _one_line(reason), goal_stamp, values)
+    return _report(DiagnosticStatus.ERROR, printable(reason[:_LONGEST_TEXT]), goal_stamp, values)
 
 
 def _report(
@@ -305,11 +305,6 @@ def _report(
 def to_stamp_text(stamp: Time) -> str:
     """Write a stamp as seconds with all nine decimals."""
     return f"{stamp.sec}.{stamp.nanosec:09d}"
-
-
-def _one_line(text: str) -> str:
-    # Names in a refused goal may hold anything, and end up in this text and in logs.
-    return "".join(c if c.isprintable() else repr(c)[1:-1] for c in text[:_LONGEST_TEXT])
 
 
 def to_status(
