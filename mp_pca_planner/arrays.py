@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
 
@@ -82,4 +83,4 @@ def name_values(values: Mapping[str, float]) -> str:
 @lru_cache(maxsize=64)
 def _repeated(names: tuple[str, ...]) -> list[str]:
     # The same few joints are named again and again.
-    return sorted({name for name in names if names.count(name) > 1})
+    return sorted(name for name, count in Counter(names).items() if count > 1)

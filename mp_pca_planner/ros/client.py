@@ -265,7 +265,7 @@ class GoalClient:
         timeout : float
             Longest time to wait [s].
         with_trajectory : bool
-            Whether to wait for the motion.
+            Whether to wait for the motion; none is waited for where its topic is remapped.
 
         Raises
         ------
@@ -286,10 +286,8 @@ class GoalClient:
         is_under_way = report_values(report).get("status") == UNDER_WAY
         if not with_trajectory or is_under_way or not is_served(report):
             return Answer(report, None, None)
-        self._wait(
-            lambda: len(self.trajectories) > n_trajectories, timeout, "published no trajectory"
-        )
-        return Answer(report, self.trajectories[-1], self._trajectory_received - sent)
+        trajectory = self._next_trajectory(n_trajectories, timeout)
+        return Answer(report, trajectory, trajectory and self._trajectory_received - sent)
 
     def set_parameters(self, *parameters: Parameter) -> list[SetParametersResult]:
         """Set parameters one by one."""
@@ -303,6 +301,8 @@ class GoalClient:
     def stop(self, timeout: float = 10.0) -> tuple[Trigger.Response, JointTrajectory | None]:
         """Have the robot come to rest; returns the answer and what was published.
 
+        No motion is waited for where its topic is remapped.
+
         Raises
         ------
         NoAnswerError
@@ -310,10 +310,7 @@ class GoalClient:
         """
         n = len(self.trajectories)
         answer = self._call(self._services["stop"], Trigger.Request())
-        if not answer.success:
-            return answer, None
-        self._wait(lambda: len(self.trajectories) > n, timeout, "published no trajectory")
-        return answer, self.trajectories[-1]
+        return answer, self._next_trajectory(n, timeout) if answer.success else None
 
     def save_motion(self) -> Trigger.Response:
         """Have the last motion kept as a primitive."""
@@ -390,6 +387,13 @@ class GoalClient:
     def wait_for_model(self) -> None:
         """Wait until the node has primitives and a robot model."""
         self.wait_for_diagnostics(lambda values: values["model"] != "none")
+
+    def _next_trajectory(self, n_before: int, timeout: float) -> JointTrajectory | None:
+        """What follows so many motions; None where their topic is remapped."""
+        if not self._node.count_publishers(f"{self._planner}/joint_trajectory"):
+            return None
+        self._wait(lambda: len(self.trajectories) > n_before, timeout, "published no trajectory")
+        return self.trajectories[-1]
 
     def _on_trajectory(self, message: bytes, facts: dict[str, int]) -> None:
         # Not every middleware tells when.
