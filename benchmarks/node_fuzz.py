@@ -134,6 +134,7 @@ class Fuzzer:
         self._executor = SingleThreadedExecutor(context=caller.context)
         self._executor.add_node(caller)
         self._random = random.Random(seed)
+        self._services: dict[str, Any] = {}
         client.wait_for_node()
         client.publish_description(TOPICS["robot_description"].data)
         client.wait_for_model()
@@ -248,15 +249,17 @@ class Fuzzer:
         return result
 
     def _call(self, kind: Any, name: str, request: Any) -> Any:
-        client = self._caller.create_client(kind, name)
-        try:
-            assert client.wait_for_service(_PATIENCE), f"{name} is not there"
+        if name not in self._services:
+            self._services[name] = self._caller.create_client(kind, name)
+        client = self._services[name]
+        assert client.wait_for_service(_PATIENCE), f"{name} is not there"
+        # DDS may find the service before the service finds the client; then the answer is lost.
+        for _ in range(3):
             future = client.call_async(request)
-            self._executor.spin_until_future_complete(future, _PATIENCE)
-            assert future.done(), f"{name} did not answer"
-            return future.result()
-        finally:
-            self._caller.destroy_client(client)
+            self._executor.spin_until_future_complete(future, _PATIENCE / 3.0)
+            if future.done():
+                return future.result()
+        raise AssertionError(f"{name} did not answer to {request!s:.200}")
 
 
 def as_message(name: str, value: object) -> ParameterMessage:
