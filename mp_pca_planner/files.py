@@ -4,14 +4,17 @@
 
 from __future__ import annotations
 
+import ctypes
+import fcntl
 import os
+import shutil
 import stat
 import tempfile
 import tokenize
 import zipfile
 import zlib
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -26,9 +29,10 @@ MAX_YAML_BYTES = 1 << 20
 MAX_YAML_DEPTH = 20
 """How deeply mappings and lists of YAML may be nested."""
 MAX_YAML_SCALAR = 1 << 16
-"""Most characters of one value of YAML; constructing an integer takes the square of them."""
+"""Most bytes of one value of YAML: the time that an integer takes grows with their square."""
 
 _MAX_REASON = 200
+_WORKSPACE = ".mp_pca_planner-tmp-"
 # What parsers raise on unexpected content, by their documentation or by experience.
 _CONTENT_ERRORS = (
     ArithmeticError,
@@ -123,8 +127,8 @@ def load_yaml(text: str | bytes) -> Any:
             raise ValueError(f"it is nested more than {MAX_YAML_DEPTH} levels deep")
         if isinstance(event, yaml.AliasEvent):
             raise ValueError(f"aliases of YAML (*{event.anchor:.40}) are not accepted")
-        if isinstance(event, yaml.ScalarEvent) and len(event.value) > MAX_YAML_SCALAR:
-            raise ValueError(f"a value has more than {MAX_YAML_SCALAR:,} characters")
+        if isinstance(event, yaml.ScalarEvent) and len(event.value.encode()) > MAX_YAML_SCALAR:
+            raise ValueError(f"a value has more than {MAX_YAML_SCALAR:,} bytes")
     return yaml.load(text, Loader=_Loader)
 
 
@@ -139,7 +143,7 @@ class _Loader(getattr(yaml, "CSafeLoader", yaml.SafeLoader)):  # type: ignore[mi
 
 def _reason(error: BaseException) -> str:
     """One line that says what is wrong with some content."""
-    if isinstance(error, UnicodeDecodeError):
+    if isinstance(error, UnicodeError):
         return "it is not UTF-8 text"
     if isinstance(error, RecursionError):
         return "it is nested too deeply"
@@ -152,40 +156,155 @@ def _reason(error: BaseException) -> str:
 
 
 def write_whole(path: str | Path, content: bytes, *, overwrite: bool = False) -> None:
-    """Write a file so that its name never shows a part of it, whatever happens.
+    """Write a file so that its name never shows a part of it, see :func:`write_together`."""
+    write_together({Path(path): content}, overwrite=overwrite)
 
-    The content goes to a hidden file in the same folder first, which takes the name in one
-    step when it is complete and on disk.
+
+def write_together(contents: Mapping[Path, bytes | None], *, overwrite: bool = False) -> None:
+    """Write several files; none changes unless all of them could be stored.
+
+    Each content goes to a hidden folder beside its file first. When all are complete and on disk,
+    they take their names one by one, each in one step.
+
+    Parameters
+    ----------
+    contents : mapping
+        Contents by path, in the order in which they take their names; None removes a file.
+    overwrite : bool
+        Whether existing files may be replaced.
 
     Raises
     ------
     PlannerError
-        If the file exists and may not be overwritten, or can't be written.
+        If a file exists and may not be overwritten, or can't be written.
     """
-    target = Path(path)
-    if target.exists() and not overwrite:
-        raise exists_already(target)
+    target = Path()
     try:
-        handle, name = tempfile.mkstemp(prefix=f".{target.name}.", suffix=".tmp", dir=target.parent)
-        try:
-            with os.fdopen(handle, "wb") as file:
-                file.write(content)
-                file.flush()
-                os.fsync(file.fileno())
-            umask = os.umask(0)
-            os.umask(umask)
-            os.chmod(name, 0o666 & ~umask)
-            if overwrite:
-                os.replace(name, target)
-            else:
-                # Unlike a rename, a link fails if somebody else was faster.
-                os.link(name, target)
-        finally:
-            Path(name).unlink(missing_ok=True)
+        with ExitStack() as stack:
+            written: dict[Path, Path] = {}
+            for target, content in contents.items():
+                if os.path.lexists(target) and not overwrite:
+                    raise FileExistsError
+                if content is not None:
+                    workspace = stack.enter_context(workspace_beside(target))
+                    written[target] = _stored(workspace / target.name, content)
+            for target in contents:
+                if target not in written:
+                    target.unlink(missing_ok=True)
+                elif overwrite:
+                    os.replace(written[target], target)
+                else:
+                    take_free_name(written[target], target)
     except FileExistsError:
         raise exists_already(target) from None
-    except OSError as error:
-        raise PlannerError(f"'{target}' can't be written: {error.strerror or error}") from None
+    except (OSError, ValueError) as error:  # ValueError: a NUL in the name
+        reason = getattr(error, "strerror", None) or error
+        raise PlannerError(f"'{target}' can't be written: {reason}") from None
+
+
+def _stored(path: Path, content: bytes) -> Path:
+    with path.open("wb") as file:
+        file.write(content)
+        file.flush()
+        os.fsync(file.fileno())
+    return path
+
+
+@contextmanager
+def workspace_beside(target: Path) -> Iterator[Path]:
+    """A hidden folder beside a file that is to be written; removed afterwards.
+
+    Those that processes left behind that were killed are removed, too: a process holds a lock on
+    its own.
+    """
+    for other in target.parent.glob(f"{_WORKSPACE}*"):
+        with suppress(OSError):
+            lock = _lock(other)
+            shutil.rmtree(other, ignore_errors=True)
+            os.close(lock)
+    folder, lock = _new_workspace(target.parent)
+    try:
+        yield folder
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+        if lock is not None:
+            os.close(lock)
+
+
+def _new_workspace(parent: Path) -> tuple[Path, int | None]:
+    """A new folder, and its lock unless the file system has none."""
+    while True:
+        folder = Path(tempfile.mkdtemp(prefix=_WORKSPACE, dir=parent))
+        try:
+            lock = _lock(folder)
+        except (BlockingIOError, FileNotFoundError):
+            continue  # another process took it for one that was left behind
+        except OSError:
+            return folder, None
+        if folder.exists():
+            return folder, lock
+        os.close(lock)
+
+
+def _lock(folder: Path) -> int:
+    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        os.close(descriptor)
+        raise
+    return descriptor
+
+
+def take_free_name(source: Path, target: Path) -> None:
+    """Give a complete file or folder a name that must be free.
+
+    Raises
+    ------
+    OSError
+        FileExistsError if it is not.
+    """
+    if source.is_dir():
+        os.rename(source, target)  # fails if there is something, but for an empty folder
+        return
+    try:
+        os.link(source, target)  # unlike a rename, a link fails if somebody else was faster
+    except FileExistsError:
+        raise
+    except OSError:  # a file system without hard links: an empty file keeps the name
+        os.close(os.open(target, os.O_CREAT | os.O_EXCL | os.O_WRONLY))
+        try:
+            os.replace(source, target)
+        except OSError:
+            target.unlink()
+            raise
+
+
+def replace_path(source: Path, target: Path) -> None:
+    """Put a complete file or folder in the place of another file or folder, in one step.
+
+    A file system that can't exchange folders does it in two.
+    """
+    if not target.exists() or not (source.is_dir() or target.is_dir()):
+        os.replace(source, target)
+    elif not _exchange(source, target):
+        replaced = source.with_name(f"{source.name}.replaced")
+        os.rename(target, replaced)
+        try:
+            os.rename(source, target)
+        except OSError:
+            os.rename(replaced, target)
+            raise
+
+
+def _exchange(first: Path, second: Path) -> bool:
+    """Exchange two names in one step; False where the system can't (other than Linux, NFS)."""
+    try:
+        exchange = ctypes.CDLL(None).renameat2
+    except AttributeError:
+        return False
+    here, flag = -100, 2  # AT_FDCWD, RENAME_EXCHANGE
+    return bool(exchange(here, os.fsencode(first), here, os.fsencode(second), flag) == 0)
 
 
 def check_writable(path: Path, *, overwrite: bool) -> None:
@@ -196,9 +315,9 @@ def check_writable(path: Path, *, overwrite: bool) -> None:
     PlannerError
         If it exists and may not be overwritten, or its folder doesn't exist or is read-only.
     """
-    if path.exists() and not overwrite:
+    if os.path.lexists(path) and not overwrite:
         raise exists_already(path)
-    if not path.parent.is_dir():
+    if not os.path.isdir(path.parent):
         raise PlannerError(f"'{path}' can't be written: there is no folder '{path.parent}'")
     if not os.access(path.parent, os.W_OK):
         raise PlannerError(f"'{path}' can't be written: its folder may not be changed")

@@ -26,7 +26,7 @@ PACKAGE = "mp_pca_planner"
 SOURCES = sorted((ROOT / PACKAGE).rglob("*.py"))
 
 LAYERS = [
-    {"exceptions", "arrays", "files"},
+    {"exceptions", "arrays", "files", "json_content"},
     {"trajectory", "goal", "interpolation", "limits", "resources"},
     {"urdf", "inertias", "link_inertias", "robot"},
     {"recordings", "primitives"},

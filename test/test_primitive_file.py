@@ -179,14 +179,14 @@ def test_pickled_content_is_not_executed(tmp_path):
 def test_what_is_no_npz_is_refused(tmp_path, content):
     path = tmp_path / "file.npz"
     path.write_bytes(content)
-    with pytest.raises(PrimitiveFileError, match="no readable"):
+    with pytest.raises(PrimitiveFileError, match="can't be read"):
         load_primitive(path)
 
 
 def test_a_missing_file_and_a_folder_are_refused(tmp_path):
-    with pytest.raises(PrimitiveFileError, match="no such file"):
+    with pytest.raises(PrimitiveFileError, match="No such file"):
         load_primitive(tmp_path / "nowhere.npz")
-    with pytest.raises(PrimitiveFileError, match="no readable"):
+    with pytest.raises(PrimitiveFileError, match="can't be read"):
         load_primitive(tmp_path)
 
 
@@ -198,7 +198,7 @@ def test_a_file_that_claims_to_be_huge_is_refused_before_it_is_read(tmp_path):
     )
     with zipfile.ZipFile(path, "w") as archive:
         archive.writestr("weights.npy", header.getvalue())
-    with pytest.raises(PrimitiveFileError, match="no readable"):
+    with pytest.raises(PrimitiveFileError, match="can't be read"):
         load_primitive(path)
 
 

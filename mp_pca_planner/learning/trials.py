@@ -19,9 +19,10 @@ from typing import Any
 
 import numpy as np
 
-from ..arrays import FloatArray
+from ..arrays import FloatArray, frozen_array
 from ..exceptions import LearningError, MissingDependencyError, TrajectoryError
-from ..files import write_whole
+from ..files import read_text, reading, write_whole
+from ..json_content import NUMBER, check_form, load_json
 from ..limits import JointLimits
 from ..planning.collision import CollisionModel
 from ..planning.motion import Motion
@@ -31,6 +32,7 @@ from .refinement import BOUNDS, AcceptedMotion, ExecutableMotions, RefinementOpt
 
 _FORMAT = "mp_pca_planner/trials"
 _VERSION = 1
+_FORM = {"motion": str, "trials": [{"parameters": [NUMBER], "cost": NUMBER}]}
 # How far the parameters of the first trials are spread.
 _FIRST_STEP = 0.2
 # Of a proposal that breaks limits, the half-way to the best motion is tried instead, this often;
@@ -256,33 +258,25 @@ def _write(
 
 
 def _content(path: Path) -> dict[str, Any]:
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-        is_ours = content["format"] == _FORMAT and content["version"] == _VERSION
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise _unreadable(path, error) from None
-    if not is_ours:
-        raise LearningError(f"'{path}' is no file of trials of this release")
-    return dict(content)
-
-
-def _unreadable(path: Path, error: Exception) -> LearningError:
-    return LearningError(f"the trials in '{path}' can't be read: {error!r:.120}")
+    with reading(f"the trials in '{path}'", LearningError):
+        content = load_json(read_text(path))
+        check_form(content, {"format": str, "version": int}, "the file")
+        if content["format"] != _FORMAT or content["version"] != _VERSION:
+            raise LearningError(f"'{path}' is no file of trials of this release")
+        check_form(content, _FORM, "the file")
+        return dict(content)
 
 
 def _read(path: Path, identity: str, n_parameters: int) -> list[Trial]:
     content = _content(path)
-    try:
-        motion = content["motion"]
-        trials = [Trial(tuple(x["parameters"]), x["cost"]) for x in content["trials"]]
-        numbers = np.array([[*trial.parameters, trial.cost] for trial in trials], dtype=float)
-    except (ValueError, KeyError, TypeError) as error:
-        raise _unreadable(path, error) from None
-    if motion != identity:
+    if content["motion"] != identity:
         raise LearningError(
             f"the trials in '{path}' are of another motion, or with other options: "
             "remove it, name another file, or repeat the request that it was made for"
         )
-    if trials and (numbers.shape[1] != n_parameters + 1 or not np.isfinite(numbers).all()):
-        raise LearningError(f"the trials in '{path}' hold {n_parameters} finite parameters each")
+    trials = [Trial(tuple(x["parameters"]), x["cost"]) for x in content["trials"]]
+    what = f"the trials in '{path}'"
+    for trial in trials:
+        frozen_array(trial.parameters, (n_parameters,), f"parameters of {what}", LearningError)
+        frozen_array(trial.cost, (), f"a cost of {what}", LearningError)
     return trials

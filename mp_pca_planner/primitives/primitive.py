@@ -139,17 +139,13 @@ class MovementPrimitive:
             raise PrimitiveFileError(f"the warps of primitive '{name}' must increase from 0 to 1")
         self.paces = take("paces", (demonstrations, None))
         self.activities = take("activities", (demonstrations,))
-        self.statistics = RequestStatistics(
-            np.column_stack(
-                [self.boundary_states[:, 0], self.boundary_states[:, 3], np.log(self.durations)]
-            ),
-            self.weights,
-            *_reversed_and_common_weights(self.basis, self.weights),
-            self.paces,
-            reversed_paces(self.paces),
-            take("kernels", (None, None)),
-            self.activities,
-        )
+        try:
+            self.statistics = self._request_statistics(take("kernels", (None, None)))
+        except np.linalg.LinAlgError as error:
+            raise PrimitiveFileError(
+                f"the motions of primitive '{name}' are too much alike or too far apart to learn "
+                f"from ({error}): leave repetitions out"
+            ) from None
 
     @property
     def n_joints(self) -> int:
@@ -186,6 +182,19 @@ class MovementPrimitive:
         if not np.any(pace):
             return self.basis
         return PacedBasis(self.basis, goal - start, pace)
+
+    def _request_statistics(self, kernels: FloatArray) -> RequestStatistics:
+        return RequestStatistics(
+            np.column_stack(
+                [self.boundary_states[:, 0], self.boundary_states[:, 3], np.log(self.durations)]
+            ),
+            self.weights,
+            *_reversed_and_common_weights(self.basis, self.weights),
+            self.paces,
+            reversed_paces(self.paces),
+            kernels,
+            self.activities,
+        )
 
     @property
     def joint_of_component(self) -> tuple[int, ...]:

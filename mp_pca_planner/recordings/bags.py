@@ -42,7 +42,7 @@ from rosbags.typesys.store import Typestore
 
 from ..arrays import FloatArray, frozen_array, unique_names
 from ..exceptions import DamagedRecordingError, RecordingError, quote_names, unknown_name
-from ..files import exists_already
+from ..files import exists_already, replace_path, take_free_name, workspace_beside
 from ..trajectory import Trajectory
 from .byte_layout import ENCAPSULATION, most_spare_bytes
 from .byte_layout import NS_PER_S as NS_PER_S
@@ -1074,16 +1074,13 @@ def _write(
             f"'{target}' can't be written as sqlite3: choose a path without '?', '#' and '%'"
         )
     try:
-        workspace = Path(tempfile.mkdtemp(prefix=f".{target.name}.", dir=target.parent))
-        try:
+        with workspace_beside(target) as workspace:
             written = _write_new(workspace / target.name, bag_format, topic, kind, messages)
             _keep_on_disk(written)
-            if target.exists():
-                os.rename(target, workspace / "replaced")
-            os.rename(written, target)
+            (replace_path if overwrite else take_free_name)(written, target)
             _sync(target.parent)
-        finally:
-            shutil.rmtree(workspace)
+    except FileExistsError:
+        raise exists_already(target) from None
     except (OSError, sqlite3.Error) as error:
         raise RecordingError(
             f"'{target}' can't be written: {getattr(error, 'strerror', None) or error}"
