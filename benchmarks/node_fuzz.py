@@ -87,7 +87,7 @@ def main() -> int:
     """Run and print."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--messages", type=int, default=2000, help="garbage for each topic")
-    parser.add_argument("--values", type=int, default=50, help="values for each parameter")
+    parser.add_argument("--share", type=int, default=1, help="set each parameter to 1 in so many")
     arguments = parser.parse_args()
     os.environ.update(this_machine_only())
     with (
@@ -102,7 +102,7 @@ def main() -> int:
                 fuzzer = Fuzzer(node, client, caller)
                 fuzzer.send_garbage(arguments.messages)
                 fuzzer.send_too_much()
-                fuzzer.set_odd_values(ODD_VALUES[: arguments.values])
+                fuzzer.set_odd_values(arguments.share)
         finally:
             node.terminate()
             status = node.wait(timeout=60.0)
@@ -158,10 +158,10 @@ class Fuzzer:
                 self._flood("joint_states", JointState, [serialize_message(message)] * 5)
             self.check(f"a large message to {topic}")
 
-    def set_odd_values(self, values: Sequence[Any]) -> None:
-        """Set each parameter to each value."""
-        for name in [value.name for value in self._first_values]:
-            for value in values:
+    def set_odd_values(self, share: int = 1) -> None:
+        """Set each parameter to every so manieth odd value, in turn others."""
+        for k, name in enumerate(value.name for value in self._first_values):
+            for value in ODD_VALUES[k % share :: share]:
                 self._set({name: value})
                 self.call_services()
                 self.check(f"{name} = {value!r:.80}")

@@ -77,14 +77,14 @@ def _check_resources() -> None:
             f"refuses it ({error.strerror}): raise the limit (ulimit -v)"
         ) from None
     end = threading.Event()
-    started = 0
+    threads = [threading.Thread(target=end.wait, daemon=True) for _ in range(_N_THREADS)]
     try:
-        for started in range(_N_THREADS):
-            threading.Thread(target=end.wait, daemon=True).start()
+        for thread in threads:
+            thread.start()
     except RuntimeError:
         raise _ShortageError(
-            f"the node needs {_N_THREADS} threads, and the system refuses more than {started}: "
-            "raise the limits of processes (ulimit -u, pids of the container) and of memory"
+            f"the node needs {_N_THREADS} threads, and the system refuses them: raise the limits "
+            "of processes (ulimit -u, pids of the container) and of memory (ulimit -v)"
         ) from None
     finally:
         end.set()
