@@ -247,4 +247,4 @@ def test_good_goals_are_served_after_messages_that_are_far_too_large(fuzzer: Fuz
 
 
 def test_good_goals_are_served_after_odd_values_of_every_parameter(fuzzer: Fuzzer) -> None:
-    fuzzer.set_odd_values(share=16)
+    fuzzer.set_odd_values(share=25)
