@@ -50,7 +50,7 @@ APART = {
     "point": "stop at a point",
     "hasty": "stop at changing speed",
     "slowed": "goal at a robot that was slowed",
-    "after cut": "start after a controller restart",
+    "unknown": "start at a rest of unknown command",
 }
 FINEST = 1e-6  # step that no encoder sees [rad]
 ARRIVED = 1e-3  # from where the controller should be at last [rad]
@@ -280,20 +280,24 @@ def result_of(run: Run) -> Result:
 def messages_apart(run: Run) -> dict[str, set[int]]:
     """Ticks at which the controller took messages whose jumps are listed apart, by the reason."""
     robot = run.node.robot
-    record, cuts = robot.record, np.array([-1, *robot.record.cuts])
+    record = robot.record
+    restarts = np.searchsorted(record.times, run.node.restarts)
+    # What a robot holds after these, only its controller knows.
+    unknown = {-1, *record.cuts, *restarts}
     found: dict[str, set[int]] = {kind: set() for kind in APART}
     last = 0
     for tick, n_points in robot.taken:
         was_slowed = record.scaling[max(tick - LATELY, 0) : tick + 1].min() < 1.0
         if n_points == 1:
             found["point"].add(tick)
+            unknown.add(tick)
         elif was_slowed and sent_as_stop(run, record.times[tick]):
             found["hasty"].add(tick)
         elif was_slowed:
             found["slowed"].add(tick)
-        elif np.any((cuts > last) & (cuts <= tick)):
+        elif any(last <= cut <= tick for cut in unknown):
             # What starts at rest may show in the tick after.
-            found["after cut"] |= {tick, tick + 1}
+            found["unknown"] |= {tick, tick + 1}
         last = tick
     return found
 

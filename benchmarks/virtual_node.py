@@ -106,6 +106,7 @@ class VirtualNode:
         self.plan_reports: list[PlanReport] = []
         self.execution_reports: list[tuple[float, ExecutionReport]] = []
         self.stops: list[float] = []
+        self.restarts: list[float] = []
         self.sent: list[tuple[float, Any, float | None, bool]] = []
         self._random = np.random.default_rng([seed, 7])
         self._planning_time = planning_time
@@ -125,6 +126,7 @@ class VirtualNode:
 
     def restart(self) -> None:
         """Start the node anew: it knows nothing of what was published."""
+        self.restarts.append(self.now)
         self._pending, self._may_cancel = None, True
         self.states = StartStates(StateReader(), lambda: self.now, lambda: self.now)
         self.states.expect(self._model.robot.joint_names)

@@ -134,6 +134,14 @@ def test_positions_say_how_fast_a_robot_moves(world, reported):
     assert v == pytest.approx([0.05, 0.0], abs=1e-9)
 
 
+def test_velocity_is_that_of_the_newest_moment_of_a_robot_that_slows_down(world):
+    for _ in range(200):
+        world.pass_time(0.004)
+        world.receive(a=0.9 * world.motion - 0.075 * world.motion**2, b=0.0)
+    v = world.states.velocities(world.states.newest(0.5))
+    assert v == pytest.approx([0.9 - 0.15 * world.motion, 0.0], abs=1e-9)
+
+
 def test_velocities_below_the_noise_of_encoders_count_as_none(world):
     world.move(0.0, noise=1e-4, v_a=0.9 * REST_VELOCITY, v_b=-5.0 * REST_VELOCITY)
     assert not world.states.velocities(world.states.newest(0.5)).any()

@@ -29,14 +29,20 @@ _CYCLE = 0.001
 # A robot is on time where that moves its commanded positions by less [rad or m], or at this rate
 # and lag [s], which servos and messages account for.
 _SAME_POSITION, _RATE_TOLERANCE = 5e-4, 0.07
-# From so much difference on it is seen that a robot follows the newer of two motions, but for
-# noise, and that it does not; up to so much it does not matter [rad or m].
+# From so much difference on it is seen that a robot follows the newer of two motions, or rests at
+# the end of the older, but for noise, and that a moving one follows the older; up to so much it
+# does not matter [rad or m].
 _CONFIRMED, _DIFFERENCE, _NO_JUMP = 0.0015, 0.006, 1.5e-4
+# A load that is not known yet looks like so much more or less lag of the servos [s].
+_LAG_OF_LOAD = 0.003
 # To continue a motion, states may be this old [s], this far from where a lagging robot is
 # estimated to be [rad or m] but for their noise, and its rate may change so fast [1/s].
 _FRESH, _PRECISE, _STEADY = 0.1, 1e-4, 0.5
 # A robot at rest so far from the end of its motion is elsewhere, whatever its load [rad or m].
 _MISSED = 0.02
+# A robot that rests short of the end of its motion is beside its path by less than this share of
+# the way that is left; a load that is not known yet pulls it away from the end in any direction.
+_BESIDE = 0.15
 # A robot that is slower than this share of its motion's speed has been stopped by something else.
 _SLOWEST = 0.05
 # What was measured shows a motion so long after it was published [s].
@@ -202,45 +208,51 @@ class MotionFollower:
                 return None
             now = self._motion_clock()
             on_time = Progress(now, now - motion.began)
+            at_rest = not self.measured.velocities(measured).any()
             if self._is_arrived:
-                return self._following(motion, ON_TIME, on_time, measured, tolerance)
+                return self._following(motion, ON_TIME, on_time, measured, tolerance, at_rest)
             times, positions = self.measured.history()
             known = times >= motion.began
             found = locate(
                 motion, times[known], positions[known] - self._servo.offset, self._progress, now
             )
-            if self._was_refused(motion, found, times, positions):
+            if self._was_refused(motion, found, times, positions, at_rest):
                 return self.follow(timeout, tolerance)
             self._progress = found
-            ahead = self._servo.lag * found.rate - _CYCLE * (1.0 - found.rate)
-            command = replace(found, place=found.place + ahead)
             is_late = not self._is_on_time(motion, on_time, found)
+            is_over = on_time.place >= motion.duration
+            if is_late and at_rest and is_over:
+                left = np.abs(motion.state(found.place).positions - motion.end).max()
+                is_late = found.error < _BESIDE * left
             if is_late and self._servo.unlearn():
                 return self.follow(timeout, tolerance)
-            at_rest = not self.measured.velocities(measured).any()
             if at_rest and len(positions) > 2:
-                self._noise = float(positions.std(axis=0).max())
+                # By differences of neighbours: a robot that still settles is not noise.
+                self._noise = float(np.diff(positions, axis=0).std(axis=0).max()) / np.sqrt(2.0)
             self._is_lagging = is_late and not at_rest
+            ahead = self._servo.lag * found.rate - _CYCLE * (1.0 - found.rate)
+            command = replace(found, place=found.place + ahead)
             if is_late:
                 how = HELD if at_rest else LAGGING
-                return self._following(motion, how, command, measured, tolerance)
-            is_over = on_time.place >= motion.duration
+                return self._following(motion, how, command, measured, tolerance, at_rest)
             if known.any() and self._is_path_known and self._is_timed and not is_over:
                 lag = on_time.place - found.place
                 self._servo.learn(motion, float(times[-1]), measured.positions, lag)
-            missed = np.abs(measured.positions - motion.end - self._servo.offset).max()
-            if at_rest and is_over and missed > _MISSED:
-                return replace(
-                    self._following(motion, ON_TIME, on_time, measured, tolerance), how=OFF
-                )
-            # That it rested before the end of the motion says nothing of after it.
-            is_known = self.measured.newest_time >= motion.began + motion.duration
-            self._is_arrived = at_rest and is_over and is_known
-            if self._is_arrived:
-                self._previous = None
             # When a motion began that a controller started on receipt is not known by the clock.
             progress = on_time if self._is_timed or is_over else command
-            return self._following(motion, ON_TIME, progress, measured, tolerance)
+            seen = self._following(motion, ON_TIME, progress, measured, tolerance, at_rest)
+            return self._arrival(seen, measured) if at_rest and is_over else seen
+
+    def _arrival(self, following: Following, measured: JointState) -> Following:
+        """Note that a robot that rests after a motion has arrived, or see that it has not."""
+        motion = following.motion
+        if np.abs(measured.positions - motion.end - self._servo.offset).max() > _MISSED:
+            return replace(following, how=OFF)
+        # That it rested before the end of the motion says nothing of after it.
+        self._is_arrived = self.measured.newest_time >= motion.began + motion.duration
+        if self._is_arrived:
+            self._previous = None
+        return following
 
     def _forget(self) -> None:
         self._commanded = self._previous = None
@@ -258,6 +270,7 @@ class MotionFollower:
         progress: Progress,
         measured: JointState,
         tolerance: float,
+        at_rest: bool,
     ) -> Following:
         # A robot on time is measured where its servos and the messages of its state leave it.
         # What is measured lags behind the command of its own moment.
@@ -269,20 +282,22 @@ class MotionFollower:
         worst = int(away.argmax())
         how = how if away[worst] <= tolerance else OFF
         is_known = progress.place < motion.duration or when >= motion.began + motion.duration
-        at_rest = is_known and not self.measured.velocities(measured).any()
         joint = measured.joint_names[worst]
-        return Following(motion, how, progress, float(away[worst]), joint, at_rest)
+        return Following(motion, how, progress, float(away[worst]), joint, is_known and at_rest)
 
     def _is_on_time(self, motion: CommandedMotion, on_time: Progress, found: Progress) -> bool:
         places = np.array([on_time.place, found.place + self._servo.lag * found.rate])
         clock, path = motion.sample(places)[0]
         is_near = np.abs(clock - path).max() <= _SAME_POSITION
-        has_no_lag = abs(on_time.place - found.place) <= self._servo.longest_lag
+        lag = abs(on_time.place - found.place)
+        has_no_lag = lag <= self._servo.longest_lag
+        has_its_rate = abs(found.rate - 1.0) <= _RATE_TOLERANCE
         # A robot that has lagged, and moves at the rate of the clock again, is late still, though
-        # it may be near where the motion ends.
+        # it may be near where the motion ends: unless a load made a servo's lag look longer.
         if self._is_lagging:
-            return bool(is_near and has_no_lag)
-        return bool(is_near or (has_no_lag and abs(found.rate - 1.0) <= _RATE_TOLERANCE))
+            is_usual = abs(lag - self._servo.lag) <= _LAG_OF_LOAD and has_its_rate
+            return bool(has_no_lag and (is_near or is_usual))
+        return bool(is_near or (has_no_lag and has_its_rate))
 
     def give_up(self) -> None:
         """Note that the controller has not taken the motion that was published last."""
@@ -294,7 +309,12 @@ class MotionFollower:
             self._is_arrived = self._is_lagging = False
 
     def _was_refused(
-        self, motion: CommandedMotion, found: Progress, times: FloatArray, positions: FloatArray
+        self,
+        motion: CommandedMotion,
+        found: Progress,
+        times: FloatArray,
+        positions: FloatArray,
+        at_rest: bool,
     ) -> bool:
         """See which motion the robot follows, where the newest and the one before differ enough."""
         if self._previous is None or not len(times):
@@ -308,9 +328,10 @@ class MotionFollower:
         to_new, to_old, between = (
             float(np.abs(x).max()) for x in (measured - new, measured - old, new - old)
         )
-        if between >= _CONFIRMED + 4.0 * self._noise and to_new < 0.5 * to_old:
+        visible = _CONFIRMED + 4.0 * self._noise
+        if between >= visible and to_new < 0.5 * to_old:
             self._previous = None
-        elif to_new >= _DIFFERENCE and to_old < 0.5 * to_new:
+        elif to_new >= (visible if at_rest else _DIFFERENCE) and to_old < 0.5 * to_new:
             self.give_up()
             return True
         return False

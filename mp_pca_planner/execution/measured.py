@@ -232,5 +232,11 @@ class MeasuredStates:
         if len(times) > 2 and times[-1] - times[0] >= _SHORTEST_SPAN:
             since = times - times.mean()
             slope = since @ positions / (since @ since)
-            return np.where(clear, v, np.where(np.abs(slope) <= _REST_SLOPE, 0.0, slope))
+            moving = np.abs(slope) > _REST_SLOPE
+            if moving.any():
+                # How fast a robot is now that slows down, a mean over all that time does not say.
+                newest = times >= times[-1] - _SHORTEST_SPAN
+                now = np.polyfit(times[newest] - times[-1], positions[newest], 2)[1]
+                slope = np.where(moving, now, 0.0)
+            return np.where(clear, v, np.where(moving, slope, 0.0))
         return np.where(np.abs(v) <= REST_VELOCITY, 0.0, v)

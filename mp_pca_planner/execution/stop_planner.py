@@ -69,7 +69,8 @@ class StopPlanner:
         names = measured.joint_names
         v = states.measured.velocities(measured)
         state = JointState(names, measured.positions, v)
-        places = []
+        # What the controller itself takes for the state of a robot that moves.
+        places = [measured] if v.any() and measured.velocities.any() else []
         if following is not None:
             on_path = following.motion.state(following.progress.place)
             if following.is_over:
