@@ -63,17 +63,23 @@ TOPICS: dict[str, Any] = {
 """Every subscription by name, and a message that is as it should be."""
 
 _LONG = "x" * 5000
+_CHAIN = "".join(
+    f'<link name="l{k}"/><joint name="j{k}" type="revolute"><parent link="l{k}"/>'
+    f'<child link="l{k + 1}"/><limit effort="1" velocity="1"/></joint>'
+    for k in range(20_000)
+)
+_CHAIN = f'<robot name="chain">{_CHAIN}<link name="l20000"/></robot>'
 ODD_VALUES: tuple[Any, ...] = (
     *(None, True, False),
     *(0, 1, -1, 7, 2**31, 2**63 - 1, -(2**63)),
     *(0.0, -0.0, 0.5, -1.0, 5e-324, 1e-300, 1e308, float("inf"), float("-inf"), float("nan")),
     *("", " ", _LONG, 200 * _LONG, "/", "..", "~", "../" * 1000, "/dev/zero", "/dev/stdin"),
     *("a\nb", "\x1b[31mred", "\u202eright", "🤖", "%s%n$(reboot)`id`", "null", "[]", "auto"),
-    *("<robot/>", "<robot name='r'>" + "<link>" * 20_000, str(URDF), URDF.read_text("utf-8")),
+    *("<robot/>", _CHAIN, str(URDF), URDF.read_text("utf-8")),
     *([], [True], [0], [0.0], [""], [_LONG], ["/"], ["/dev/zero"], ["a"] * 10_000),
     *(b"", b"\xff\x00"),
 )
-"""Fifty values, each for every parameter."""
+"""Some fifty values, each for every parameter."""
 
 MESSAGES_OF_MANY = (
     JointState(name=[f"joint_{k}" for k in range(100_000)], position=[0.0] * 100_000),
