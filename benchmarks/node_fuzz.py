@@ -113,10 +113,11 @@ def main() -> int:
             node.terminate()
             status = node.wait(timeout=60.0)
         log.seek(0)
-        n_defects = log.read().count("internal error")
+        defects = {line[line.index("internal") :] for line in log if "internal error" in line}
     print(f"{fuzzer.n_steps} steps, {fuzzer.n_served} good goals served in between")
-    print(f"the node ended with status {status} and logged {n_defects} internal errors")
-    return int(status != 0 or n_defects > 0)
+    print(f"the node ended with status {status} and logged {len(defects)} kinds of internal errors")
+    print(*sorted(defects), sep="", end="")
+    return int(status != 0 or bool(defects))
 
 
 class Fuzzer:
