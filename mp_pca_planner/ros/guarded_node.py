@@ -46,9 +46,16 @@ class GuardedNode(Node):
             try:
                 callback(*arguments)
             except Exception as error:
-                self.get_logger().error(self.explain(error), throttle_duration_sec=_LOG_PERIOD)
+                text = self._explain_failure(callback, error)
+                self.get_logger().error(text, throttle_duration_sec=_LOG_PERIOD)
 
         return call
+
+    def _explain_failure(self, callback: Any, error: Exception) -> str:
+        # What rclpy's own callbacks raise is due to what they were sent, a negative time on /clock.
+        if getattr(callback, "__module__", "").startswith("rclpy."):
+            return to_text(f"rclpy rejects what it received: {error}")
+        return self.explain(error)
 
     def create_subscription(
         self, msg_type: Any, topic: str, callback: Any, *arguments: Any, **options: Any
@@ -71,7 +78,7 @@ class GuardedNode(Node):
             try:
                 return callback(request, response)
             except Exception as error:
-                text = self.explain(error)
+                text = self._explain_failure(callback, error)
                 if hasattr(response, "message"):
                     response.message = text
                 return response
