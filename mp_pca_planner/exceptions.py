@@ -168,4 +168,6 @@ def printable(text: str) -> str:
     characters, bidirectional controls and surrogates are shown as Python writes them: ``\n``,
     ``\x1b``, ``\u202e``.
     """
+    if text.isprintable():
+        return text
     return "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)

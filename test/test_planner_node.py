@@ -343,7 +343,7 @@ def test_goal_velocity_is_served_only_if_the_controller_accepts_it(client: GoalC
         ("n_starts", 1.0, ["INTEGER"]),
         ("basis", "fourier", ["fourier", "pca", "bspline"]),
         ("start_from", "", ["measured", "commanded"]),
-        ("primitives", ["/nowhere.npz"], ["/nowhere.npz", "no such file"]),
+        ("primitives", ["/nowhere.npz"], ["/nowhere.npz", "No such file"]),
         ("limits_file", "/nowhere.yaml", ["/nowhere.yaml"]),
         ("robot_description", "<robot", ["not XML"]),
         ("limits.elbo.max_velocity", 1.0, ["elbo", "did you mean 'elbow'"]),
@@ -776,7 +776,7 @@ def test_node_waits_for_what_is_missing_and_says_for_what(tmp_path: Path) -> Non
         assert "arm.npz" in client.wait_for_diagnostics()["text"]
         duration = Parameter("duration", value=1.5).to_parameter_msg()
         assert client.set_parameters(duration)[0].successful
-        assert_refused(client.send(goal_message()), "arm.npz", "no such file")
+        assert_refused(client.send(goal_message()), "arm.npz", "No such file")
         assert not client.reload_primitives().success
         save_primitive(arm_primitive(), file)
         assert client.reload_primitives().success
