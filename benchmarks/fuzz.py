@@ -191,7 +191,7 @@ def judged(arguments: Sequence[str], allowed: tuple[Path, ...]) -> list[str]:
     problems += [f"wrote {path}" for path in written]
     odd = CONTROL.search(printed.getvalue())
     if odd or any(word in printed.getvalue() for word in UNEXPECTED):
-        problems.append(f"printed {printed.getvalue()[-2000:]!r}")
+        problems.append(f"printed {printed.getvalue()[-3000:]!r}")
     memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
     if memory > MEMORY:
         problems.append(f"took {memory / 1e9:.2g} GB")
@@ -286,7 +286,8 @@ def main() -> int:
             sys.addaudithook(_audit)
             work = Path(tempfile.mkdtemp(dir=tempfile.gettempdir()))
             number = arguments.only
-            print(*try_input(names[0], number, arguments.seed, seeds, work, "--debug"), sep="\n")
+            for problem in try_input(names[0], number, arguments.seed, seeds, work, "--debug"):
+                print(problem.replace("\\n", "\n"))
             print(f"its files are in {work}")
             return 0
         numbers = [(names[k % len(names)], k // len(names)) for k in range(arguments.inputs)]
