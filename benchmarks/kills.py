@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Kill what writes files at random moments: every earlier file stays whole.
 
-    python3 benchmarks/kills.py [--kills 200] [--seed 0]
+    python3 benchmarks/kills.py [--kills 200] [--node-kills 50] [--seed 0]
 
 `library add`, `build_primitives --force`, `refine --trials --force`, and the node while it serves
 ~/save_motion get a SIGKILL after their first write. Then each file that was there must hold its old
@@ -18,8 +18,10 @@ import shutil
 import signal
 import sys
 import tempfile
+import threading
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -99,7 +101,7 @@ def contents(folder: Path) -> Files:
 
 def is_temporary(name: str) -> bool:
     """Whether a file is what a killed process leaves."""
-    return Path(name).name.startswith(".")
+    return any(part.startswith(".") and part != ".versions" for part in Path(name).parts)
 
 
 def differences(before: Files, found: Files, after: Files) -> list[str]:
@@ -145,15 +147,66 @@ def kill(victim: Victim, seeds: Path, work: Path, n: int, random: np.random.Gene
         victim.run(work, None)
         left = [name for name in contents(work) if is_temporary(name) and name not in before]
         problems += [f"{victim.name}, kill {k}: '{name}' is left" for name in left]
-        for file in work.glob("**/*.npz"):
-            try:
-                load_primitive(file)
-            except PlannerError as error:
-                problems.append(f"{victim.name}, kill {k}: {error}")
+        problems += [f"{victim.name}, kill {k}: {one}" for one in unreadable(work)]
     print(
         f"{victim.name:20} {n} kills, {n_changed} of them after a file had changed; "
         f"it writes for {1e3 * takes:.0f} ms; {len(problems)} problems"
     )
+    return problems
+
+
+def kill_node(n: int, work: Path, random: np.random.Generator) -> list[str]:
+    """Kill the node so often while it keeps a motion; what was wrong after it."""
+    from node_exits import wait_until_served, write_parameters
+    from node_setup import primitive_file
+    from sensor_msgs.msg import JointState
+
+    from mp_pca_planner.recordings.synthetic import JOINT_NAMES, generate_motions
+    from mp_pca_planner.ros.client import GoalClient, NoAnswerError, start_node, this_machine_only
+
+    os.environ.update(this_machine_only())
+    motion = generate_motions(1, seed=2)[0]
+    state, goal = (JointState(name=JOINT_NAMES, position=motion.positions[k]) for k in (0, -1))
+    problems, takes, folder = [], 0.0, work / "kept"
+    folder.mkdir(parents=True)
+    with primitive_file() as file, GoalClient() as client:
+        options = ("--params-file", str(write_parameters(file)), "-p", f"save_folder:={folder}")
+        for k in range(n + 1):
+            before = contents(folder)
+            node = start_node(*options)
+            wait_until_served(client, state, goal)
+            killer = threading.Timer(random.uniform(0.0, 1.2 * takes), node.kill)
+            if k > 0:
+                killer.start()
+            else:
+                client.save_motion(timeout=30.0)  # the first call finds the service
+            began = time.perf_counter()
+            with suppress(NoAnswerError):
+                client.save_motion(timeout=30.0 if k == 0 else 1.0)
+            takes = takes or time.perf_counter() - began
+            node.kill()
+            node.wait()
+            found = contents(folder)
+            changed = [name for name in before if found.get(name) != before[name]]
+            problems += [f"~/save_motion, kill {k}: '{name}' has changed" for name in changed]
+            problems += [f"~/save_motion, kill {k}: {one}" for one in unreadable(folder)]
+    n_kept = len([name for name in found if not is_temporary(name)]) - 2
+    print(
+        f"{'~/save_motion':20} {n} kills, {n_kept} of them after the file was there; "
+        f"it takes {1e3 * takes:.0f} ms; {len(problems)} problems"
+    )
+    return problems
+
+
+def unreadable(folder: Path) -> list[str]:
+    """What is wrong with primitive files below a folder."""
+    problems = []
+    for file in folder.glob("**/*.npz"):
+        if not is_temporary(str(file.relative_to(folder))):
+            try:
+                load_primitive(file)
+            except PlannerError as error:
+                problems.append(str(error))
     return problems
 
 
@@ -181,6 +234,7 @@ def main() -> int:
     """Kill, and print a line for each victim."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--kills", type=int, default=200)
+    parser.add_argument("--node-kills", type=int, default=50, help="of the node; needs ROS 2")
     parser.add_argument("--seed", type=int, default=0)
     arguments = parser.parse_args()
     random = np.random.default_rng(arguments.seed)
@@ -200,6 +254,8 @@ def main() -> int:
         ]
         for victim in victims:
             problems += kill(victim, seeds, work, arguments.kills // len(victims), random)
+        if arguments.node_kills:
+            problems += kill_node(arguments.node_kills, Path(temporary, "node"), random)
     for problem in problems:
         print(problem, file=sys.stderr)
     return int(bool(problems))

@@ -130,6 +130,8 @@ class MotionFollower:
         self._is_timed: bool
         self._is_lagging: bool
         self._is_arrived: bool
+        # Whether the robot may follow the motion before, elsewhere than on this one.
+        self._is_doubtful: bool
         self._forget()
 
     def expect(self, joint_names: tuple[str, ...]) -> None:
@@ -235,7 +237,8 @@ class MotionFollower:
             if is_late:
                 how = HELD if at_rest else LAGGING
                 return self._following(motion, how, command, measured, tolerance, at_rest)
-            if known.any() and self._is_path_known and self._is_timed and not is_over:
+            is_sure = self._is_path_known and self._is_timed and not self._is_doubtful
+            if known.any() and is_sure and not is_over:
                 lag = on_time.place - found.place
                 self._servo.learn(motion, float(times[-1]), measured.positions, lag)
             # When a motion began that a controller started on receipt is not known by the clock.
@@ -258,7 +261,7 @@ class MotionFollower:
         self._commanded = self._previous = None
         self._progress = self._previous_progress = Progress(0.0, 0.0)
         self._servo = ServoModel(len(self.measured.joint_names))
-        self._is_lagging = self._is_arrived = False
+        self._is_lagging = self._is_arrived = self._is_doubtful = False
         self._unconfirmed_since = 0.0
         self._is_path_known = self._is_timed = True
         self._noise = 0.0
@@ -317,6 +320,7 @@ class MotionFollower:
         at_rest: bool,
     ) -> bool:
         """See which motion the robot follows, where the newest and the one before differ enough."""
+        self._is_doubtful = False
         if self._previous is None or not len(times):
             return False
         when = float(times[-1])
@@ -325,12 +329,20 @@ class MotionFollower:
         measured = positions[-1] - self._servo.offset
         new = motion.state(found.at(when)).positions
         old = self._previous.state(self._previous_progress.at(when)).positions
-        to_new, to_old, between = (
-            float(np.abs(x).max()) for x in (measured - new, measured - old, new - old)
+        # Motions to goals that changed a little share their path: then their timing tells them
+        # apart, unless the robot is late on either.
+        due = new
+        if self._is_timed and not self._is_lagging:
+            due = motion.state(when - motion.began - self._servo.lag).positions
+        to_new, to_due, to_old, between = (
+            float(np.abs(x).max())
+            for x in (measured - new, measured - due, measured - old, due - old)
         )
+        # What is learned from the wrong motion would hide that it is the wrong one.
+        self._is_doubtful = between > _NO_JUMP
         visible = _CONFIRMED + 4.0 * self._noise
-        if between >= visible and to_new < 0.5 * to_old:
-            self._previous = None
+        if between >= visible and max(to_new, to_due) < 0.5 * to_old:
+            self._previous, self._is_doubtful = None, False
         elif to_new >= (visible if at_rest else _DIFFERENCE) and to_old < 0.5 * to_new:
             self.give_up()
             return True

@@ -318,9 +318,9 @@ class GoalClient:
         answer = self._call(self._services["stop"], Trigger.Request())
         return answer, self._next_trajectory(n, timeout) if answer.success else None
 
-    def save_motion(self) -> Trigger.Response:
+    def save_motion(self, timeout: float = 10.0) -> Trigger.Response:
         """Have the last motion kept as a primitive."""
-        return self._call(self._services["save_motion"], Trigger.Request())
+        return self._call(self._services["save_motion"], Trigger.Request(), timeout)
 
     def wait_for_preview(
         self, wanted: Callable[[MarkerArray], bool] = bool, timeout: float = 10.0
