@@ -29,10 +29,10 @@ _CYCLE = 0.001
 # A robot is on time where that moves its commanded positions by less [rad or m], or at this rate
 # and lag [s], which servos and messages account for.
 _SAME_POSITION, _RATE_TOLERANCE = 5e-4, 0.07
-# From so much difference on it is seen that a robot follows the newer of two motions, or rests at
-# the end of the older, but for noise, and that a moving one follows the older; up to so much it
-# does not matter [rad or m].
-_CONFIRMED, _DIFFERENCE, _NO_JUMP = 0.0015, 0.006, 1.5e-4
+# From so much difference on it is seen that a robot follows the newer of two motions, that it
+# follows the older, and that it rests at the end of the older, but for noise; up to so much it does
+# not matter [rad or m].
+_CONFIRMED, _DIFFERENCE, _RESTS, _NO_JUMP = 0.0015, 0.006, 4e-4, 1.5e-4
 # A load that is not known yet looks like so much more or less lag of the servos [s].
 _LAG_OF_LOAD = 0.003
 # To continue a motion, states may be this old [s], this far from where a lagging robot is
@@ -340,10 +340,10 @@ class MotionFollower:
         )
         # What is learned from the wrong motion would hide that it is the wrong one.
         self._is_doubtful = between > _NO_JUMP
-        visible = _CONFIRMED + 4.0 * self._noise
-        if between >= visible and max(to_new, to_due) < 0.5 * to_old:
+        noise = 4.0 * self._noise
+        if between >= _CONFIRMED + noise and max(to_new, to_due) < 0.5 * to_old:
             self._previous, self._is_doubtful = None, False
-        elif to_new >= (visible if at_rest else _DIFFERENCE) and to_old < 0.5 * to_new:
+        elif to_new >= (_RESTS + noise if at_rest else _DIFFERENCE) and to_old < 0.5 * to_new:
             self.give_up()
             return True
         return False
