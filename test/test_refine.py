@@ -12,7 +12,7 @@ from scipy.integrate import trapezoid
 from test_commands import GOAL, START, URDF, refusal, run
 
 from mp_pca_planner.cli.refine import main
-from mp_pca_planner.exceptions import RecordingError
+from mp_pca_planner.exceptions import PlannerError, RecordingError
 from mp_pca_planner.learning.executions import measure_execution
 from mp_pca_planner.primitives.file import load_primitive, save_primitive
 from mp_pca_planner.recordings.bags import write_joint_states
@@ -196,7 +196,8 @@ def test_cost_is_not_counted_if_the_next_trial_could_not_be_written(primitive, t
     limit = 4096  # between the sizes of the trials and of the motion
     resource.setrlimit(resource.RLIMIT_FSIZE, (limit, hard))
     try:
-        assert main([*options, "--cost", "10"]) == 2
+        with pytest.raises(PlannerError, match="can't be written"):
+            main([*options, "--cost", "10"])
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
     assert not state.exists()

@@ -47,7 +47,7 @@ from .states import (
     states_by_name,
     status_line,
 )
-from .terminal import DONE, FAILED, complain, say, written_lines
+from .terminal import DONE, FAILED, complain, flush, say, written_lines
 
 _PRICE = number(0.0, 1e12)
 # Options of `plan` that sequences don't have.
@@ -289,7 +289,7 @@ def _refine_by_trials(
         )
     if cost is not None:
         # Last of all: if something else can't be written, the call can be repeated.
-        print(end="", flush=True)
+        flush()
         learner.keep_trials()
     return DONE if facts["kept"] or arguments.output is None else FAILED
 

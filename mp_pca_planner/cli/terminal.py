@@ -89,13 +89,14 @@ def _flushed(command: Callable[[], int]) -> int:
     try:
         status = command()
     except SystemExit:
-        _flush()
+        flush()
         raise
-    _flush()
+    flush()
     return status
 
 
-def _flush() -> None:
+def flush() -> None:
+    """Have all output arrive, or fail now."""
     if sys.stdout is not None:
         sys.stdout.flush()
 

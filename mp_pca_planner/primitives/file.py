@@ -114,8 +114,6 @@ def _primitive(arrays: dict[str, FloatArray], metadata: dict[str, Any]) -> Movem
     if stated != _checksum(arrays, metadata):
         raise PrimitiveFileError("its content does not match its checksum: it was damaged")
     check_form(metadata, _METADATA, "it")
-    # Lone surrogates can't be sent.
-    "".join([metadata["name"], *metadata["joint_names"]]).encode()
     # Older versions know nothing of activities.
     arrays.setdefault("activities", np.zeros(arrays["weights"].shape[:1]))
     if version == 2:
@@ -131,6 +129,7 @@ def _primitive(arrays: dict[str, FloatArray], metadata: dict[str, Any]) -> Movem
 def _read(path: str | Path) -> tuple[dict[str, FloatArray], str]:
     """Arrays and metadata of a file."""
     with open_regular(path) as file:
+        file.read(1)  # what may not be read is not damaged
         with zipfile.ZipFile(file) as archive:
             if sum(entry.file_size for entry in archive.infolist()) > MAX_BYTES:
                 raise PrimitiveFileError(f"it claims to hold over {MAX_BYTES >> 20} MiB")

@@ -98,6 +98,8 @@ class MovementPrimitive:
             raise PrimitiveFileError(
                 f"the name of a primitive must be a non-empty string: {name!r}"
             )
+        if any("\ud800" <= letter <= "\udfff" for letter in "".join([name, *joint_names])):
+            raise PrimitiveFileError(f"the names of primitive '{name}' must be valid Unicode")
         if coupling not in COUPLINGS:
             raise PrimitiveFileError(
                 f"the coupling of primitive '{name}' is {coupling!r}, not one of {COUPLINGS}"

@@ -161,6 +161,7 @@ def recording_format(path: Path) -> BagFormat:
         If it is neither a bag file nor a rosbag2 folder.
     """
     with _translated_os_errors(path):
+        path.stat()
         suffixes = {_suffix(file) for file in _bag_files(path)}
     if len(suffixes) != 1:
         raise RecordingError(
