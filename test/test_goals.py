@@ -72,7 +72,7 @@ def test_a_pose_is_reached_to_1e_6_within_the_limits(full):
 
 def test_a_free_elbow_is_placed_for_less_cost_than_inverse_kinematics_alone_gives():
     subject = planner(naturalness=0.003)
-    gains, score = [], arm_primitive().statistics.condition
+    gains, score = [], arm_primitive().model.predict
     for i in range(4):
         goal, start = request(i)
         pose = pose_at(goal.state.positions, full=False)

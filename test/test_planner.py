@@ -162,7 +162,7 @@ def test_more_naturalness_gives_motions_nearer_to_the_expected_one_at_more_effor
         plans = [subject.plan(*request(i)) for i in range(20)]
         costs.append(np.mean([p.solution.effort_cost / p.solution.start_cost for p in plans]))
         expected = [
-            arm_primitive().statistics.condition(*REQUESTS[i], p.motion.duration).weights
+            arm_primitive().model.predict(*REQUESTS[i], p.motion.duration).weights
             for i, p in enumerate(plans)
         ]
         off = [p.solution.weights - w for p, w in zip(plans, expected, strict=True)]

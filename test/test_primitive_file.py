@@ -90,7 +90,7 @@ def test_activities_are_kept(tmp_path):
     np.testing.assert_array_equal(loaded.activities, [i % 3 > 0 for i in range(len(motions))])
     start, goal = saved.boundary_states[0, [0, 3]]
     found, again, alone = (
-        primitive.statistics.condition(start, goal + 1.0).weights
+        primitive.model.predict(start, goal + 1.0).weights
         for primitive in (saved, loaded, build_primitive(arm_demonstrations(), "one"))
     )
     np.testing.assert_array_equal(again, found)
@@ -106,7 +106,7 @@ def test_files_of_version_2_are_read(path):
     np.testing.assert_array_equal(loaded.statistics.kernels[:, 2:5], old)
     start, goal = loaded.boundary_states[0, [0, 3]]
     (weights,) = loaded.weights[:1]
-    expected = loaded.statistics.condition(start, goal, float(loaded.durations[0])).weights
+    expected = loaded.model.predict(start, goal, float(loaded.durations[0])).weights
     assert np.linalg.norm(expected - weights) < np.linalg.norm(weights)
 
 

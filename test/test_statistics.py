@@ -117,11 +117,11 @@ def test_the_covariance_is_that_of_predictions_of_motions_left_out():
 def test_the_in_span_score_is_about_one_inside_and_grows_outside():
     primitive = arm_primitive()
     ends = primitive.boundary_states[:, [0, 3]]
-    scores = [primitive.statistics.condition(start, goal).in_span_score for start, goal in ends]
+    scores = [primitive.model.predict(start, goal).in_span_score for start, goal in ends]
     assert 0.5 < np.sqrt(np.mean(np.square(scores))) < 1.2
     start, goal = ends.mean(axis=0)
-    assert primitive.statistics.condition(start, goal).in_span_score < 1e-9
-    far = [primitive.statistics.condition(start, goal + d).in_span_score for d in (1.0, 2.0, 4.0)]
+    assert primitive.model.predict(start, goal).in_span_score < 1e-9
+    far = [primitive.model.predict(start, goal + d).in_span_score for d in (1.0, 2.0, 4.0)]
     assert far[0] < far[1] < far[2] and far[2] > 3.0
 
 
@@ -135,7 +135,7 @@ def test_expected_weights_of_held_out_motions_are_no_worse_than_the_mean():
         held_out = build_primitive([*rest, demonstrations[i]], "all", options)
         target = held_out.basis.shape(held_out.weights[-1], np.linspace(0, 1, 50))
         motion = demonstrations[i]
-        guess = primitive.statistics.condition(
+        guess = primitive.model.predict(
             motion.positions[0], motion.positions[-1], motion.duration
         ).weights
         for weights, errors in ((guess, expected), (np.zeros(4), plain)):

@@ -12,12 +12,12 @@ import numpy as np
 from ..arrays import FloatArray
 from ..exceptions import PrimitiveError
 from ..recordings.demonstration import Demonstration
+from .conditional_model import ConditionalModel
 from .motion_statistics import MotionStatistics, shape_functions
 from .options import PrimitiveOptions as PrimitiveOptions
-from .pace import fit_paces, uneven_phases
+from .pace import fit_paces
 from .pca import components_for_share, fit_components
 from .primitive import MovementPrimitive
-from .statistics import find_kernels
 
 _DEFAULTS = PrimitiveOptions()
 
@@ -79,34 +79,24 @@ def build_from_statistics(
     directions, explained_variance = _fit_directions(statistics, options)
     mean = moments.mean[statistics.shapes].reshape(directions.shape[1:])
     shapes = np.array([motion.shape for motion in motions])
-    deviations = shapes - mean
-    weights = np.tensordot(deviations, directions, axes=((1, 2), (1, 2)))
-    left = deviations - np.tensordot(weights, directions, axes=1)
+    straight_weights = -_project(mean, directions)
+    weights = _project(shapes, directions) + straight_weights
+    left = shapes - mean - np.tensordot(weights, directions, axes=1)
     remainders = np.array([motion.shape_remainder for motion in motions])
     boundary_states = np.array([motion.boundary_state for motion in motions])
     durations = np.array([motion.duration for motion in motions])
     _, legendre_coefficients = shape_functions(options.degree, options.n_phases)
-    requests = np.column_stack([boundary_states[:, 0], boundary_states[:, 3], np.log(durations)])
     warps = np.array([motion.warp for motion in motions])
-    paces = fit_paces(warps)
-    labels = [motion.label for motion in motions]
-    activities = np.unique(labels, return_inverse=True)[1].astype(np.float64)
-    arrays = {
-        "mean_coefficients": mean @ legendre_coefficients,
-        "component_coefficients": directions @ legendre_coefficients,
-        "explained_variance": explained_variance,
-        "total_variance": _total_variance(
-            moments.variances[statistics.shapes].reshape(mean.shape), remainders
-        ),
-        "weights": weights,
-        "boundary_states": boundary_states,
-        "durations": durations,
-        "warps": warps,
-        "paces": paces,
-        "kernels": find_kernels(requests, shapes, uneven_phases(paces), activities),
-        "activities": activities,
-        "fit_residual": np.sqrt((np.sum(left**2, axis=2) + remainders) / options.n_phases),
-    }
+    # The functions of the shapes are even and odd in turn.
+    reversed_shapes = shapes * (-1.0) ** np.arange(shapes.shape[2])
+    model = ConditionalModel.fit(
+        np.column_stack([boundary_states[:, 0], boundary_states[:, 3], np.log(durations)]),
+        weights,
+        _project(reversed_shapes, directions) + straight_weights,
+        straight_weights,
+        fit_paces(warps),
+        [motion.label for motion in motions],
+    )
     facts = {
         "options": {
             "coupling": options.coupling,
@@ -129,8 +119,26 @@ def build_from_statistics(
         ],
     }
     return MovementPrimitive(
-        name, statistics.joint_names, options.coupling, arrays, {**facts, **(metadata or {})}
+        name,
+        statistics.joint_names,
+        options.coupling,
+        {**facts, **(metadata or {})},
+        mean @ legendre_coefficients,
+        directions @ legendre_coefficients,
+        explained_variance,
+        _total_variance(moments.variances[statistics.shapes].reshape(mean.shape), remainders),
+        weights,
+        boundary_states,
+        durations,
+        warps,
+        np.sqrt((np.sum(left**2, axis=2) + remainders) / options.n_phases),
+        model,
     )
+
+
+def _project(shapes: FloatArray, directions: FloatArray) -> FloatArray:
+    """Weights of shapes of shape (..., n_joints, n_functions)."""
+    return np.tensordot(shapes, directions, axes=((-2, -1), (1, 2)))
 
 
 def _fit_directions(

@@ -21,12 +21,9 @@ from ..arrays import FloatArray
 from ..exceptions import PrimitiveFileError
 from ..files import write_whole
 from .primitive import MovementPrimitive
-from .statistics import kernels_of_version_2
 
 FORMAT_NAME = "mp_pca_planner/movement_primitive"
-FORMAT_VERSION = 4
-
-_READABLE_VERSIONS = (2, 3, FORMAT_VERSION)
+FORMAT_VERSION = 1
 
 # What reading a damaged or hostile .npz was seen to raise, or may by its documentation.
 _UNREADABLE = (
@@ -91,26 +88,18 @@ def load_primitive(path: str | Path) -> MovementPrimitive:
                 "it was not made by this package (no 'format' in its metadata)"
             )
         version = metadata.get("format_version")
-        if version not in _READABLE_VERSIONS:
+        if version != FORMAT_VERSION:
             raise PrimitiveFileError(
                 f"its format version is {version}, "
-                f"this release reads versions 2 to {FORMAT_VERSION}: build it again"
+                f"this release reads version {FORMAT_VERSION}: build it again"
             )
-        missing = [
-            name
-            for name in MovementPrimitive.ARRAYS
-            if name not in arrays and (name != "activities" or version == FORMAT_VERSION)
-        ]
+        missing = [name for name in MovementPrimitive.ARRAYS if name not in arrays]
         if missing:
             raise PrimitiveFileError(f"it lacks the arrays {', '.join(missing)}")
         stated = metadata.pop("checksum", None)
         if stated != _checksum(arrays, metadata):
             raise PrimitiveFileError("its content does not match its checksum: it was damaged")
-        # Older versions know nothing of activities.
-        arrays.setdefault("activities", np.zeros(arrays["weights"].shape[:1]))
-        if version == 2:
-            arrays["kernels"] = kernels_of_version_2(arrays["kernels"])
-        return MovementPrimitive(
+        return MovementPrimitive.from_arrays(
             metadata.get("name", ""),
             tuple(metadata.get("joint_names", ())),
             metadata.get("coupling", ""),
