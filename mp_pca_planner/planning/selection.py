@@ -21,6 +21,7 @@ from ..arrays import FloatArray
 from ..exceptions import GoalError, quote_names, unknown_name
 from ..goal import JointState
 from ..primitives.conditional_model import ConditionalDistribution
+from ..primitives.in_span import marginal_precision
 from ..primitives.primitive import MovementPrimitive
 from ..robot import Robot
 from .compiler import QuadratureTables
@@ -153,7 +154,10 @@ class Selector:
         self._means = np.array([p.model.mean for p in primitives])
         n = 2 * robot.n_joints
         self._precisions = {
-            size: np.array([p.model.precision_of(size) for p in primitives]) for size in (n, n + 1)
+            size: np.array(
+                [marginal_precision(p.model.request_precision, size) for p in primitives]
+            )
+            for size in (n, n + 1)
         }
         self._tables: dict[int, QuadratureTables] = {}
 

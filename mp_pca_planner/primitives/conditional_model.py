@@ -11,6 +11,8 @@ from functools import cached_property
 import numpy as np
 
 from ..arrays import FloatArray
+from .in_span import in_span_score, request_precision
+from .moments import shrunk_covariance
 from .pace import reversed_paces
 from .regression import RequestFeatures, fit_coefficients, novelty
 
@@ -19,10 +21,6 @@ _MAX_DEMONSTRATIONS = 300
 
 # Predicted durations stay within this many standard deviations of the demonstrated ones.
 _MAX_DEVIATIONS = 3.0
-
-# Deviation that a request may have even in a direction in which the demonstrations don't
-# vary, 1 degree (or 17 mm, or 1.7 % of the duration): keeps the in-span score finite.
-_MIN_DEVIATION = np.deg2rad(1.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,22 +117,25 @@ class ConditionalModel:
         partitions = [list(np.arange(len(used))[:, None])]
         if np.any(activities != activities[0]):
             partitions.append([np.flatnonzero(activities == x) for x in np.unique(activities)])
-        features, end_features = RequestFeatures(used), RequestFeatures(used[:, :-1])
+        features, ends = RequestFeatures(used), RequestFeatures(used[:, :-1])
         roots = np.sqrt(features.distances(used))[:, None]
-        similar = features.similarities(used)
         there, back = ((x[kept] - straight_weights) / roots for x in (weights, reversed_weights))
+        similar = [features.similarities(request) for request in used]
         shape, residuals = fit_coefficients(similar, there, back, partitions)
         pace, _ = fit_coefficients(similar, paces[kept], reversed_paces(paces[kept]), partitions)
-        times = used[:, -1:] - np.log(roots)
-        times -= times.mean()
-        similar = end_features.similarities(used[:, :-1])
+        similar = [ends.similarities(request) for request in used[:, :-1]]
+        times = used[:, -1:] - used[:, -1].mean() - np.log(roots)
         duration, _ = fit_coefficients(similar, times, times, partitions[:1])
-        covariance = _shrunk_covariance(residuals * roots)
-        precision, request_precision = (
-            np.asarray(np.linalg.inv(x)) for x in (covariance, _request_covariance(requests))
-        )
+        covariance = shrunk_covariance(residuals * roots)
         return cls(
-            used, shape, straight_weights, pace, duration, covariance, precision, request_precision
+            used,
+            shape,
+            straight_weights,
+            pace,
+            duration,
+            covariance,
+            np.asarray(np.linalg.inv(covariance)),
+            request_precision(requests),
         )
 
     def predict(
@@ -154,33 +155,18 @@ class ConditionalModel:
         if duration is None:
             duration = self._expected_duration(ends)
         request = np.append(ends, np.log(duration))
-        similar = self._features.similarities(request[None])[:, :, 0]
+        similar = self._features.similarities(request)
         shape, pace = (
             np.tensordot(similar, x[0] + novelty(similar) * (x[-1] - x[0]), axes=3)
             for x in (self.shape_coefficients, self.pace_coefficients)
         )
         return ConditionalDistribution(
-            self.straight_weights + shape * np.sqrt(self._features.distances(request)),
+            self.straight_weights + np.sqrt(self._features.distances(request)) * shape,
             self.weight_covariance,
             self.weight_precision,
             pace,
             duration,
-            self._in_span_score(given),
-        )
-
-    def precision_of(self, size: int) -> FloatArray:
-        """Inverse covariance of the first entries of requests.
-
-        Parameters
-        ----------
-        size : int
-            Number of entries: 2 n_joints for the end points, one more for the duration, too.
-        """
-        precision = self.request_precision
-        if size == len(precision):
-            return precision
-        return precision[:-1, :-1] - np.outer(
-            precision[-1, :-1], precision[-1, :-1] / precision[-1, -1]
+            in_span_score(given, self.mean, self.request_precision),
         )
 
     @cached_property
@@ -192,40 +178,11 @@ class ConditionalModel:
     def _features(self) -> RequestFeatures:
         return RequestFeatures(self.requests)
 
-    @cached_property
-    def _end_features(self) -> RequestFeatures:
-        return RequestFeatures(self.requests[:, :-1])
-
     def _expected_duration(self, ends: FloatArray) -> float:
-        mean_trend, trend = (
-            np.mean(np.log(self._end_features.distances(x))) / 2.0
-            for x in (self.requests[:, :-1], ends)
-        )
-        similar = self._end_features.similarities(ends[None])[:, :, 0]
-        residual = np.tensordot(similar, self.duration_coefficients[0], axes=3)
-        beyond_mean = trend - mean_trend + residual.item()
+        features = RequestFeatures(self.requests[:, :-1])
+        similar = features.similarities(ends)
+        residual = np.tensordot(similar, self.duration_coefficients[0], axes=3).item()
+        deviation = residual + np.log(features.distances(ends)) / 2.0
         # A request far away must not make a motion of hours out of a trend.
         reach = _MAX_DEVIATIONS * self.requests[:, -1].std()
-        return float(np.exp(self.mean[-1] + np.clip(beyond_mean, -reach, reach)))
-
-    def _in_span_score(self, given: FloatArray) -> float:
-        deviation = given - self.mean[: given.size]
-        squared = deviation @ self.precision_of(given.size) @ deviation
-        return float(np.sqrt(squared / given.size))
-
-
-def _request_covariance(requests: FloatArray) -> FloatArray:
-    deviations = requests - requests.mean(axis=0)
-    scatter = deviations.T @ deviations / max(len(requests) - 1, 1)
-    return np.asarray(scatter + _MIN_DEVIATION**2 * np.eye(len(scatter)))
-
-
-def _shrunk_covariance(errors: FloatArray) -> FloatArray:
-    """Covariance of errors about zero, shrunk to its diagonal the more the fewer there are."""
-    n, size = errors.shape
-    covariance = errors.T @ errors / n
-    variances = np.diag(covariance)
-    floor = max(1e-6 * float(variances.max(initial=0.0)), 1e-12)
-    return np.asarray(
-        (n * covariance + size * np.diag(variances)) / (n + size) + floor * np.eye(size)
-    )
+        return float(np.exp(self.mean[-1] + np.clip(deviation, -reach, reach)))

@@ -76,6 +76,22 @@ class Moments:
         return np.asarray(np.sum(self.factor**2, axis=0) / max(self.count - 1, 1))
 
 
+def shrunk_covariance(errors: FloatArray) -> FloatArray:
+    """Covariance of errors about zero, shrunk to its diagonal the more the fewer there are.
+
+    Parameters
+    ----------
+    errors : array, shape (n_samples, n_features)
+        Any; the covariance is positive definite.
+    """
+    n, size = errors.shape
+    covariance = errors.T @ errors / n
+    variances = np.diag(covariance)
+    floor = max(1e-6 * float(variances.max(initial=0.0)), 1e-12)
+    shrunk = (n * covariance + size * np.diag(variances)) / (n + size)
+    return np.asarray(shrunk + floor * np.eye(size))
+
+
 def _short(factor: FloatArray) -> FloatArray:
     """A factor of the same scatter with no more than twice as many rows as columns."""
     if len(factor) <= 2 * factor.shape[1]:

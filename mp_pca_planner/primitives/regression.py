@@ -32,7 +32,7 @@ _CONSTANT = 10.0
 _TEMPER = 0.7
 # Fewer demonstrations can't rank kernels; the first one is taken.
 _MIN_RANKED = 3
-# Share of the mean squared distance that is added to each: keeps distances positive.
+# Share of the mean squared distance from start to goal that is added to each.
 _MIN_SQUARE = 0.09
 # Avoids logarithms of and divisions by zero.
 _TINY = 1e-300
@@ -55,43 +55,46 @@ class RequestFeatures:
     """
 
     def __init__(self, requests: FloatArray) -> None:
-        entries = np.arange(requests.shape[1])
-        starts, goals, rest = np.split(entries, [len(entries) // 2, len(entries) // 2 * 2])
+        n = requests.shape[1] // 2
+        starts, goals, rest = np.split(np.arange(requests.shape[1]), [n, 2 * n])
         self._swapped = np.concatenate([goals, starts, rest])
         mean = requests.mean(axis=0)
         self._centre = (mean + mean[self._swapped]) / 2.0
         # A spread or distance of zero: any unit will do.
         self._spread = float(np.sqrt(np.sum(requests.var(axis=0)))) or 1.0
-        self._mean_square = float(np.mean(self._squares(requests))) or 1.0
         scaled = (requests - self._centre) / self._spread
         self._both_directions = np.array([scaled, scaled[:, self._swapped]])
+        squares = self._squared_distances(requests)
+        self._floor = _MIN_SQUARE * float(squares.mean()) or 1.0
+        self._unit = float(np.exp(np.mean(np.log(squares + self._floor))))
 
     def distances(self, requests: FloatArray) -> FloatArray:
-        """From start to goal in units of the RMS one, bounded from below."""
-        return np.asarray(np.sqrt(self._squares(requests) / self._mean_square + _MIN_SQUARE))
+        """From start to goal, bounded from below, in units of their geometric mean."""
+        return np.asarray(np.sqrt((self._squared_distances(requests) + self._floor) / self._unit))
 
-    def similarities(self, requests: FloatArray) -> FloatArray:
-        """Prior covariances with the demonstrations and with their reversals.
+    def similarities(self, request: FloatArray) -> FloatArray:
+        """Prior covariances with demonstrations and reversed ones, by inverse length.
 
         Those of Matérn with smoothness 5/2 (Rasmussen and Williams, equation 4.17) and a constant.
         Squared exponentials, which are smoother, overshoot between and beyond demonstrations.
 
         Parameters
         ----------
-        requests : array, shape (n_requests, n_entries)
-            Any requests.
+        request : array, shape (n_entries,)
+            Any request.
 
         Returns
         -------
-        similarities : array, shape (n_lengths, 2, n_requests, n_demonstrations)
-            By inverse length and direction.
+        similarities : array, shape (n_lengths, 2, n_demonstrations)
+            Of motions, then of reversed ones.
         """
-        scaled = (requests - self._centre)[:, None] / self._spread
-        apart = np.linalg.norm(scaled - self._both_directions[:, None], axis=-1)
+        scaled = (request - self._centre) / self._spread
+        apart = np.linalg.norm(self._both_directions - scaled, axis=2)
         ratios = np.sqrt(5.0) * np.multiply.outer(_INVERSE_LENGTHS, apart)
         return np.asarray((1.0 + ratios + ratios**2 / 3.0) * np.exp(-ratios) + _CONSTANT)
 
-    def _squares(self, requests: FloatArray) -> FloatArray:
+    def _squared_distances(self, requests: FloatArray) -> FloatArray:
+        # Each joint counts twice, which any unit allows.
         return np.asarray(np.sum((requests - requests[..., self._swapped]) ** 2, axis=-1))
 
 
@@ -101,7 +104,7 @@ def novelty(similarities: FloatArray) -> float:
 
 
 def fit_coefficients(
-    similarities: FloatArray,
+    similarities: Sequence[FloatArray],
     outputs: FloatArray,
     reversed_outputs: FloatArray,
     partitions: Sequence[Partition],
@@ -110,8 +113,8 @@ def fit_coefficients(
 
     Parameters
     ----------
-    similarities : array, shape (n_lengths, 2, n_demonstrations, n_demonstrations)
-        Of the demonstrations.
+    similarities : sequence of arrays, shape (n_lengths, 2, n_demonstrations)
+        Of each demonstration.
     outputs, reversed_outputs : array, shape (n_demonstrations, n_outputs)
         Outputs of the demonstrations, and of the same motions in reversed time.
     partitions : sequence of Partition
@@ -125,25 +128,24 @@ def fit_coefficients(
         Outputs minus predictions from the other groups of the first partition.
     """
     parts = np.array([outputs + reversed_outputs, outputs - reversed_outputs]) / 2.0
-    kernels = list(product(similarities, _REVERSALS, _NOISES))
-    shares = np.empty((len(kernels), 2, *outputs.shape))
-    residuals = np.empty((len(partitions), len(kernels), *outputs.shape))
-    scores = np.empty((len(partitions), len(kernels)))
-    for i, ((there, back), reversal, noise) in enumerate(kernels):
+    shares, residuals, scores = [], [], []
+    by_length = np.stack(similarities, axis=2)
+    for (there, back), reversal, noise in product(by_length, _REVERSALS, _NOISES):
         gram = there + _SIGNS * reversal * back + noise * np.eye(len(outputs))
         inverse = np.linalg.inv(gram)
         solved = inverse @ parts
-        shares[i] = solved[0] + solved[1], reversal * (solved[0] - solved[1])
-        for j, partition in enumerate(partitions):
-            residuals[j, i], scores[j, i] = _leave_out(inverse, solved, partition)
-    probabilities = _probabilities(scores, outputs)
-    by_length = (N_LENGTHS, len(kernels) // N_LENGTHS)
+        shares.append([solved[0] + solved[1], reversal * (solved[0] - solved[1])])
+        left = [_leave_out(inverse, solved, partition) for partition in partitions]
+        residuals.append(left[0][0])
+        scores.append([score for _, score in left])
+    probabilities = _probabilities(np.array(scores).T, outputs)
+    kernels = N_LENGTHS, len(_REVERSALS) * len(_NOISES)
     coefficients = np.einsum(
         "plk,lkdno->pldno",
-        probabilities.reshape(-1, *by_length),
-        shares.reshape(*by_length, *shares.shape[1:]),
+        probabilities.reshape(-1, *kernels),
+        np.reshape(shares, (*kernels, 2, *outputs.shape)),
     )
-    return coefficients, np.tensordot(probabilities[0], residuals[0], axes=1)
+    return coefficients, np.tensordot(probabilities[0], residuals, axes=1)
 
 
 def _leave_out(
