@@ -91,8 +91,8 @@ def build_from_statistics(
     reversed_shapes = shapes * (-1.0) ** np.arange(shapes.shape[2])
     model = ConditionalModel.fit(
         np.column_stack([boundary_states[:, 0], boundary_states[:, 3], np.log(durations)]),
-        weights,
-        _project(reversed_shapes, directions) + straight_weights,
+        _project(shapes, directions),
+        _project(reversed_shapes, directions),
         straight_weights,
         fit_paces(warps),
         [motion.label for motion in motions],

@@ -76,20 +76,23 @@ class Moments:
         return np.asarray(np.sum(self.factor**2, axis=0) / max(self.count - 1, 1))
 
 
-def shrunk_covariance(errors: FloatArray) -> FloatArray:
-    """Covariance of errors about zero, shrunk to its diagonal the more the fewer there are.
+def shrunk_covariance(errors: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Covariance of errors about zero, and its inverse, shape (n_features, n_features).
+
+    It is shrunk to its diagonal the more the fewer errors there are, and positive definite.
 
     Parameters
     ----------
     errors : array, shape (n_samples, n_features)
-        Any; the covariance is positive definite.
+        Any errors.
     """
     n, size = errors.shape
     covariance = errors.T @ errors / n
     variances = np.diag(covariance)
     floor = max(1e-6 * float(variances.max(initial=0.0)), 1e-12)
     shrunk = (n * covariance + size * np.diag(variances)) / (n + size)
-    return np.asarray(shrunk + floor * np.eye(size))
+    positive = np.asarray(shrunk + floor * np.eye(size))
+    return positive, np.asarray(np.linalg.inv(positive))
 
 
 def _short(factor: FloatArray) -> FloatArray:

@@ -15,9 +15,8 @@ from ..exceptions import PrimitiveFileError
 from .alignment import aligned_phases
 from .basis import Basis, PolynomialBasis
 from .boundary import boundary_values, hermite_functions
-from .conditional_model import ConditionalModel
+from .conditional_model import INVERSE_LENGTHS, ConditionalModel
 from .pace import PacedBasis
-from .regression import N_LENGTHS
 
 COUPLINGS = ("joint", "arm")
 
@@ -33,10 +32,10 @@ _SHAPES: dict[str, tuple[str | int, ...]] = {
     "warps": ("demonstrations", "phases"),
     "fit_residual": ("demonstrations", "joints"),
     "requests": ("requests", "entries"),
-    "shape_coefficients": ("fits", N_LENGTHS, 2, "requests", "weights"),
+    "shape_coefficients": (len(INVERSE_LENGTHS), "fits", 2, "requests", "weights"),
     "straight_weights": ("weights",),
-    "pace_coefficients": ("fits", N_LENGTHS, 2, "requests", "rates"),
-    "duration_coefficients": (1, N_LENGTHS, 2, "requests", 1),
+    "pace_coefficients": (len(INVERSE_LENGTHS), "fits", 2, "requests", "rates"),
+    "duration_coefficients": (len(INVERSE_LENGTHS), 1, 2, "requests", 1),
     "weight_covariance": ("weights", "weights"),
     "weight_precision": ("weights", "weights"),
     "request_precision": ("entries", "entries"),
