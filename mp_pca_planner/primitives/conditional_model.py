@@ -158,10 +158,8 @@ class ConditionalModel:
         similar, _ = zip(*map(_Features(used[:, :-1]), used[:, :-1]), strict=True)
         times = used[:, -1:] - used[:, -1].mean() - np.log(roots)
         duration, _ = _fit(similar, times, times, partitions[:1])
-        spreads = shrunk_covariance(residuals * roots)
-        return cls(
-            used, shape, straight_weights, pace, duration, *spreads, request_precision(requests)
-        )
+        covariances = *shrunk_covariance(residuals * roots), request_precision(requests)
+        return cls(used, shape, straight_weights, pace, duration, *covariances)
 
     def predict(
         self, start: FloatArray, goal: FloatArray, duration: float | None = None
