@@ -49,7 +49,6 @@ def textbook(x, y, request, groups):
 
     Hyperparameters are those that the module documents.
     """
-    centre = (x.mean(axis=0) + swapped(x.mean(axis=0))) / 2.0
     spread = np.sqrt(np.sum(x.var(axis=0)))
     mean_square = np.mean(np.sum((x - swapped(x)) ** 2, axis=1))
 

@@ -219,12 +219,10 @@ class _Features:
     def __init__(self, requests: FloatArray) -> None:
         n = requests.shape[1] // 2
         self._swapped = np.r_[n : 2 * n, :n, 2 * n : requests.shape[1]]
-        both_directions = np.array([requests, requests[:, self._swapped]])
-        self._centre = both_directions.mean(axis=(0, 1))
         # A spread or distance of zero: any unit will do.
         self._spread = float(np.sqrt(np.sum(requests.var(axis=0)))) or 1.0
-        self._both_directions = (both_directions - self._centre) / self._spread
-        squares = self._squared_distance(self._both_directions[0])
+        self._both_directions = np.array([requests, requests[:, self._swapped]])
+        squares = self._squared_distance(requests)
         self._floor = _MIN_SQUARE * float(squares.mean()) or 1.0
         self._unit = float(np.exp(np.mean(np.log(squares + self._floor))))
 
@@ -247,16 +245,15 @@ class _Features:
         distance : float
             Bounded from below, in units of the geometric mean of all.
         """
-        scaled = (request - self._centre) / self._spread
-        apart = np.linalg.norm(self._both_directions - scaled, axis=2)
+        apart = np.linalg.norm(self._both_directions - request, axis=2) / self._spread
         ratios = np.sqrt(5.0) * np.multiply.outer(INVERSE_LENGTHS, apart)
-        square = (self._squared_distance(scaled) + self._floor) / self._unit
+        square = (self._squared_distance(request) + self._floor) / self._unit
         covariances = (1.0 + ratios + ratios**2 / 3.0) * np.exp(-ratios) + _CONSTANT
         return covariances, float(np.sqrt(square))
 
-    def _squared_distance(self, scaled: FloatArray) -> FloatArray:
+    def _squared_distance(self, requests: FloatArray) -> FloatArray:
         # Each joint counts twice, which any unit allows.
-        return np.asarray(np.sum((scaled - scaled[..., self._swapped]) ** 2, axis=-1))
+        return np.asarray(np.sum((requests - requests[..., self._swapped]) ** 2, axis=-1))
 
 
 def _fit(
