@@ -21,7 +21,7 @@ from ..arrays import FloatArray
 from ..exceptions import GoalError, quote_names, unknown_name
 from ..goal import JointState
 from ..primitives.conditional_model import ConditionalDistribution
-from ..primitives.in_span import marginal_precision
+from ..primitives.covariances import marginal_precision
 from ..primitives.primitive import MovementPrimitive
 from ..robot import Robot
 from .compiler import QuadratureTables

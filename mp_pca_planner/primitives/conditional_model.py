@@ -20,8 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import FloatArray
-from .in_span import in_span_score, request_precision
-from .moments import shrunk_covariance
+from .covariances import in_span_score, request_precision, shrunk_covariance
 from .pace import reversed_paces
 
 # More demonstrations are thinned out evenly: the time to fit grows with the cube of their number.

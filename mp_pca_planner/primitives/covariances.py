@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""The in-span score: how far outside the demonstrations a request lies."""
+"""Covariances of errors and of requests, and the in-span score."""
 
 from __future__ import annotations
 
@@ -11,6 +11,25 @@ from ..arrays import FloatArray
 # Deviation that a request may have even in a direction in which the demonstrations don't
 # vary, 1 degree (or 17 mm, or 1.7 % of the duration): keeps the score finite.
 _MIN_DEVIATION = np.deg2rad(1.0)
+
+
+def shrunk_covariance(errors: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Covariance of errors about zero, and its inverse, shape (n_features, n_features).
+
+    It is shrunk to its diagonal the more the fewer errors there are, and positive definite.
+
+    Parameters
+    ----------
+    errors : array, shape (n_samples, n_features)
+        Any errors.
+    """
+    n, size = errors.shape
+    covariance = errors.T @ errors / n
+    variances = np.diag(covariance)
+    floor = max(1e-6 * float(variances.max(initial=0.0)), 1e-12)
+    shrunk = (n * covariance + size * np.diag(variances)) / (n + size)
+    positive = np.asarray(shrunk + floor * np.eye(size))
+    return positive, np.asarray(np.linalg.inv(positive))
 
 
 def request_precision(requests: FloatArray) -> FloatArray:
@@ -37,7 +56,9 @@ def marginal_precision(precision: FloatArray, size: int) -> FloatArray:
 
 
 def in_span_score(given: FloatArray, mean: FloatArray, precision: FloatArray) -> float:
-    """Mahalanobis distance divided by the square root of the number of entries.
+    """How far outside the demonstrations a request lies.
+
+    That is its Mahalanobis distance divided by the square root of the number of entries.
 
     Parameters
     ----------
