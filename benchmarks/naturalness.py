@@ -9,8 +9,8 @@ in time / after the best time alignment / in path [deg]; with a robot also that 
 bootstrap interval of the method's error less that of the planner's default (without a robot: of
 what the primitive expects); above 0 the default is better. "to tell": motions like these that it
 would take for the interval in path not to hold 0, if the difference stayed as it is. ProMP and DMP
-are those of movement_primitives (extra peers): a ProMP of all others conditioned on both ends, a
-DMP of the one with the nearest ends.
+are those of movement_primitives (extra peers): a ProMP of all others, re-timed and with a shrunk
+covariance, conditioned on both ends; a DMP of the one with the nearest ends.
 
     python benchmarks/naturalness.py BAG... [--segments FILE.csv] [--by-label] [--by-activity]
         [--align linear,arc_length,dtw] [--robot URDF] [--tip FRAME] [--json]
@@ -24,10 +24,14 @@ from pathlib import Path
 
 import numpy as np
 
+from mp_pca_planner.arrays import FloatArray
 from mp_pca_planner.cli.common import print_json, progress_bar, table
 from mp_pca_planner.exceptions import MissingDependencyError
+from mp_pca_planner.primitives.alignment import arc_length_warp
+from mp_pca_planner.primitives.basis import PolynomialBasis
 from mp_pca_planner.primitives.build import PrimitiveOptions
-from mp_pca_planner.primitives.differences import FINE_PHASES, MEASURES
+from mp_pca_planner.primitives.differences import FINE_PHASES, MEASURES, by_way
+from mp_pca_planner.primitives.pace import PacedBasis, fit_paces
 from mp_pca_planner.recordings.demonstration import Demonstration
 from mp_pca_planner.recordings.load import load_recordings
 from mp_pca_planner.robot import Robot
@@ -120,17 +124,49 @@ def peers() -> dict[str, Method]:
 
 
 def promp(motion: Demonstration, others: Sequence[Demonstration]) -> Prediction:
-    """Mean of a ProMP of all others, conditioned on both ends."""
+    """Mean of a ProMP of all others, conditioned on both ends, at their mean time scaling.
+
+    It learns from re-timed motions, with the covariance of the weights shrunk (Ledoit and Wolf,
+    2004): with five to twenty motions the maximum-likelihood one is singular.
+    """
     from movement_primitives.promp import ProMP
 
     phases = FINE_PHASES[::10]
     model = ProMP(n_dims=motion.n_joints, n_weights_per_dim=10)
-    positions = np.array([d.time_normalised(phases.size) for d in others])
-    model.imitate(np.tile(phases, (len(others), 1)), positions)
+    paths = [by_way(d.time_normalised(FINE_PHASES.size)) for d in others]
+    weights = np.array([model.weights(phases, path) for path in paths])
+    model.from_weight_distribution(weights.mean(axis=0), ledoit_wolf(weights))
     for phase, end in ((0.0, 0), (1.0, -1)):
         model = model.condition_position(motion.positions[end], t=phase, t_max=1.0)
     mean = model.mean_trajectory(phases)
-    return Prediction(np.column_stack([np.interp(FINE_PHASES, phases, x) for x in mean.T]))
+    (pace,) = fit_paces(np.array([arc_length_warp(d.time_normalised(1001)) for d in others])).mean(
+        axis=0, keepdims=True
+    )
+    return Prediction(np.column_stack([np.interp(_paced(pace), phases, x) for x in mean.T]))
+
+
+def _paced(pace: FloatArray) -> FloatArray:
+    """Aligned phases at the fine phases."""
+    nothing = PolynomialBasis(np.zeros((1, 7)), np.zeros((0, 1, 7)), np.zeros(0))
+    return PacedBasis(nothing, np.zeros(1), pace).aligned_phases(FINE_PHASES)
+
+
+def ledoit_wolf(samples: FloatArray) -> FloatArray:
+    """Covariance shrunk to a multiple of the identity, by Ledoit's and Wolf's lemma 3.2.
+
+    Parameters
+    ----------
+    samples : array, shape (n_samples, n_features)
+        At least one.
+    """
+    deviations = samples - samples.mean(axis=0)
+    n, size = samples.shape
+    covariance = deviations.T @ deviations / n
+    target = np.trace(covariance) / size * np.eye(size)
+    distance = np.sum((covariance - target) ** 2)
+    errors = np.sum(np.sum(deviations**2, axis=1) ** 2) / n - np.sum(covariance**2)
+    share = min(errors / n / distance, 1.0) if distance > 0.0 else 0.0
+    return np.asarray(share * target + (1.0 - share) * covariance)
 
 
 def dmp(motion: Demonstration, others: Sequence[Demonstration]) -> Prediction:

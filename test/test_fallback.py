@@ -102,7 +102,7 @@ def test_message_says_that_time_ran_out_and_that_the_motion_is_usable():
 
 
 def arm_duration(goal: JointGoal, start: JointState) -> float:
-    return arm_primitive().statistics.condition(start.positions, goal.state.positions).duration
+    return arm_primitive().model.predict(start.positions, goal.state.positions).duration
 
 
 def test_from_rest_it_is_the_minimum_jerk_motion_as_fast_as_the_limits_allow():

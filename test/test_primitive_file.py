@@ -71,56 +71,33 @@ def test_a_loaded_primitive_is_saved_to_the_same_bytes(path, tmp_path):
     assert again.read_bytes() == path.read_bytes()
 
 
-def make_older(path, version, **changed):
-    """Older versions know nothing of activities."""
+def test_a_loaded_primitive_predicts_what_the_saved_one_predicted(path):
+    start, goal = arm_primitive().boundary_states[0, [0, 3]]
+    for duration in (None, 0.7):
+        found, again = (
+            primitive.model.predict(start, goal + 0.3, duration)
+            for primitive in (arm_primitive(), load_primitive(path))
+        )
+        for field in dataclasses.fields(found):
+            np.testing.assert_array_equal(getattr(again, field.name), getattr(found, field.name))
 
-    def older(arrays, metadata):
-        arrays.update(changed)
-        del arrays["activities"], metadata["checksum"]
-        metadata["format_version"] = version
-        metadata["checksum"] = _checksum(arrays, metadata)
 
-    rewrite(path, older)
+def test_loading_inverts_no_matrix(path, monkeypatch):
+    def refuse(*_args, **_options):
+        raise AssertionError("a matrix is inverted")
 
-
-def test_files_of_version_3_are_read(path):
-    saved = load_primitive(path)
-    make_older(path, 3)
+    for name in ("inv", "pinv", "solve", "eigh", "svd"):
+        monkeypatch.setattr(np.linalg, name, refuse)
     loaded = load_primitive(path)
-    for name, array in saved.arrays().items():
-        np.testing.assert_array_equal(loaded.arrays()[name], array)
+    loaded.model.predict(*loaded.boundary_states[0, [0, 3]])
 
 
-def test_activities_are_kept(tmp_path):
-    """They tell what is expected elsewhere."""
-    motions = [
-        dataclasses.replace(motion, label="there" if i % 3 else "here")
-        for i, motion in enumerate(arm_demonstrations())
-    ]
-    saved = build_primitive(motions, "two")
-    save_primitive(saved, tmp_path / "two.npz")
-    loaded = load_primitive(tmp_path / "two.npz")
-    np.testing.assert_array_equal(loaded.activities, [i % 3 > 0 for i in range(len(motions))])
-    start, goal = saved.boundary_states[0, [0, 3]]
-    found, again, alone = (
-        primitive.statistics.condition(start, goal + 1.0).weights
-        for primitive in (saved, loaded, build_primitive(arm_demonstrations(), "one"))
-    )
-    np.testing.assert_array_equal(again, found)
-    assert np.linalg.norm(found - alone) > 1e-3 * np.linalg.norm(alone)
-
-
-def test_files_of_version_2_are_read(path):
-    """They have one kernel for each regression, that knows no way back."""
-    old = np.array([[0.0, 0.3, 10.0], [1.0, 0.1, 0.0], [0.0, 3.0, 1.0]])
-
-    make_older(path, 2, kernels=old)
+def test_primitives_are_frozen(path):
     loaded = load_primitive(path)
-    np.testing.assert_array_equal(loaded.statistics.kernels[:, 2:5], old)
-    start, goal = loaded.boundary_states[0, [0, 3]]
-    (weights,) = loaded.weights[:1]
-    expected = loaded.statistics.condition(start, goal, float(loaded.durations[0])).weights
-    assert np.linalg.norm(expected - weights) < np.linalg.norm(weights)
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        loaded.name = "other"
+    for array in loaded.arrays().values():
+        assert not array.flags.writeable
 
 
 def test_an_existing_file_is_not_overwritten(path):
@@ -134,10 +111,7 @@ def test_an_existing_file_is_not_overwritten(path):
     ("change", "message"),
     [
         (lambda a, m: m.update(format="else"), "not made by this package"),
-        (
-            lambda a, m: m.update(format_version=1),
-            "version is 1, this release reads versions 2 to 4",
-        ),
+        (lambda a, m: m.update(format_version=2), "version is 2, this release reads version 1"),
         (lambda a, m: a.pop("weights"), "lacks the arrays weights"),
         (lambda a, m: a.update(weights=a["weights"] + 1e-12), "checksum"),
         (lambda a, m: m.update(name="other"), "checksum"),
@@ -161,9 +135,9 @@ def test_a_changed_file_is_refused_with_its_name_and_the_reason(path, change, me
         ("warps", lambda x: np.round(x, 1), "warps .* must increase from 0 to 1"),
         ("warps", lambda x: x[:, :1], "warps .* must increase from 0 to 1"),
         ("explained_variance", lambda x: 0.0 * x, "variance that is not positive"),
-        ("kernels", lambda x: -x, "kernels must belong"),
-        ("activities", lambda x: x[1:], "must have the shape"),
-        ("paces", lambda x: x * np.inf, "only finite"),
+        ("shape_coefficients", lambda x: x[:, :, :, 1:], "must have the shape"),
+        ("pace_coefficients", lambda x: x * np.inf, "only finite"),
+        ("requests", lambda x: x[:, 1:], "must have the shape"),
         ("mean_coefficients", lambda x: x[0], "must have the shape"),
     ],
 )

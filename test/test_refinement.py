@@ -202,7 +202,7 @@ def test_family_expects_the_refined_motion_for_the_same_request():
     plan = planned()
     refined = RefinedMotion([plan.motion], [[0.3, 0.2, 0.4, -0.3, 0.2]])
     family = family_around(arm_primitive(), refined, "refined", {"why": "test"})
-    expected = family.statistics.condition(
+    expected = family.model.predict(
         plan.motion.start.positions, plan.motion.goal.positions, refined.duration
     )
     basis = family.paced_basis(

@@ -35,7 +35,7 @@ def test_scores_of_all_at_once_are_those_of_each() -> None:
     selector = Selector(arm_robot(), primitives)
     for motion in arm_demonstrations(6, 9):
         start, goal = motion.positions[0], motion.positions[-1]
-        single = [p.statistics.condition(start, goal).in_span_score for p in primitives]
+        single = [p.model.predict(start, goal).in_span_score for p in primitives]
         assert np.allclose(selector.scores(start, goal), single, rtol=1e-9)
 
 
@@ -79,7 +79,7 @@ def considered(cost: float) -> Considered:
     """One of a primitive that doesn't matter."""
     primitive = arm_primitive()
     ends = arm_demonstrations(1)[0].positions[[0, -1]]
-    return Considered(primitive, primitive.statistics.condition(*ends), 1.0, cost)
+    return Considered(primitive, primitive.model.predict(*ends), 1.0, cost)
 
 
 def test_a_duration_that_is_asked_for_counts_in_the_scores() -> None:
@@ -87,7 +87,7 @@ def test_a_duration_that_is_asked_for_counts_in_the_scores() -> None:
     motion = arm_demonstrations(6, 9)[0]
     start, goal = motion.positions[0], motion.positions[-1]
     scores = Selector(arm_robot(), primitives).scores(start, goal, 0.4)
-    single = [p.statistics.condition(start, goal, 0.4).in_span_score for p in primitives]
+    single = [p.model.predict(start, goal, 0.4).in_span_score for p in primitives]
     assert np.allclose(scores, single, rtol=1e-9)
 
 

@@ -194,5 +194,5 @@ def _between(
         share = rng.uniform()
         between = share * states[one, state] + (1.0 - share) * states[two, state]
         ends.append(np.clip(between, limits.lower, limits.upper))
-    expected = primitive.statistics.condition(ends[0], ends[1])
+    expected = primitive.model.predict(ends[0], ends[1])
     return Problem(ends[0], ends[1], expected.duration)

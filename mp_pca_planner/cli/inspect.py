@@ -122,7 +122,6 @@ def _primitive_facts(name: str, primitive: MovementPrimitive) -> dict[str, Any]:
         "explained_variance_ratio": primitive.explained_variance_ratio,
         "fit_residual": primitive.fit_residual,
         "durations": primitive.durations,
-        "kernels": primitive.statistics.kernels,
         "control_statement": control_statement(primitive),
         "metadata": primitive.metadata,
     }

@@ -13,7 +13,7 @@ Siciliano et al., "Robotics: Modelling, Planning and Control", 2009, sections 8.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -208,10 +208,8 @@ def pair_law(
             f"the control law is of {law.joint_names}, primitive '{primitive.name}' of "
             f"{primitive.joint_names}"
         )
-    metadata = primitive.metadata | {_KEY: law.to_metadata() | {_KNOWN: dict(known)}}
-    return MovementPrimitive(
-        primitive.name, primitive.joint_names, primitive.coupling, primitive.arrays(), metadata
-    )
+    metadata = {**primitive.metadata, _KEY: law.to_metadata() | {_KNOWN: dict(known)}}
+    return replace(primitive, metadata=metadata)
 
 
 def controller_parameters(law: ControlLaw, controller: str) -> bytes:

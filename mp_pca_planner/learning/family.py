@@ -11,6 +11,7 @@ bound on its errors is not, which holds for another motion.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -25,9 +26,6 @@ from ..primitives.primitive import MovementPrimitive
 from .refined_motion import RefinedMotion
 
 _N_PHASES = 201
-# Rounds, and the distance [rad or m], to which a family expects what it is made around.
-_MOST_ROUNDS = 50
-_NEAR = 1e-9
 
 
 def family_around(
@@ -67,38 +65,32 @@ def family_around(
         )
     (segment,) = motion.segments
     start, goal = segment.start.positions, segment.goal.positions
-    arrays = primitive.arrays() | {
-        "durations": primitive.durations * (motion.duration / segment.duration)
-    }
-    metadata = with_gains_only(primitive.metadata) | {
-        "refined_from": {"name": primitive.name, **provenance}
-    }
-
-    def moved_to(mean: FloatArray) -> MovementPrimitive:
-        content = arrays | {"mean_coefficients": mean}
-        return MovementPrimitive(name, primitive.joint_names, primitive.coupling, content, metadata)
-
-    family = moved_to(primitive.mean_coefficients)
-    pace = family.statistics.condition(start, goal, motion.duration).pace
-    wanted = _shape_coefficients(motion, family, pace)
-    for _ in range(_MOST_ROUNDS):
-        # What the family expects beyond its mean depends on the mean, but less than one to one.
-        expected = family.statistics.condition(start, goal, motion.duration).weights
-        beyond = np.tensordot(expected, family.component_coefficients, axes=1)
-        missed = wanted - beyond - family.mean_coefficients
-        family = moved_to(family.mean_coefficients + missed)
-        if np.abs(missed).max() < _NEAR:
-            break
-    moved = family.mean_coefficients - primitive.mean_coefficients
-    phases = np.linspace(0.0, 1.0, _N_PHASES)
-    distance = np.sqrt(np.mean(legendre_values(moved, phases) ** 2, axis=0))
-    # The triangle inequality: what was left over, and how far the family was moved.
-    arrays["fit_residual"] = primitive.fit_residual + distance
-    return moved_to(family.mean_coefficients)
+    slower = motion.duration / segment.duration
+    requests = primitive.model.requests.copy()
+    requests[:, -1] += np.log(slower)
+    model = replace(primitive.model, requests=requests)
+    expected = model.predict(start, goal, motion.duration)
+    beyond = np.tensordot(expected.weights, primitive.component_coefficients, axes=1)
+    mean = _shape_coefficients(motion, primitive, expected.pace) - beyond
+    moved = mean - primitive.mean_coefficients
+    distance = np.sqrt(
+        np.mean(legendre_values(moved, np.linspace(0.0, 1.0, _N_PHASES)) ** 2, axis=0)
+    )
+    return replace(
+        primitive,
+        name=name,
+        metadata=with_gains_only(primitive.metadata)
+        | {"refined_from": {"name": primitive.name, **provenance}},
+        mean_coefficients=mean,
+        durations=primitive.durations * slower,
+        # The triangle inequality: what was left over, and how far the family was moved.
+        fit_residual=primitive.fit_residual + distance,
+        model=model,
+    )
 
 
 def _shape_coefficients(
-    motion: RefinedMotion, family: MovementPrimitive, pace: FloatArray
+    motion: RefinedMotion, primitive: MovementPrimitive, pace: FloatArray
 ) -> FloatArray:
     """Legendre coefficients, in aligned phase, of a motion less its boundary part.
 
@@ -111,11 +103,13 @@ def _shape_coefficients(
     phases = np.linspace(0.0, 1.0, _N_PHASES)
     aligned = phases
     if np.any(pace):
-        aligned = PacedBasis(family.basis, np.zeros(family.n_joints), pace).aligned_phases(phases)
+        aligned = PacedBasis(primitive.basis, np.zeros(primitive.n_joints), pace).aligned_phases(
+            phases
+        )
     q, _, _ = motion.evaluate(phases * motion.duration)
     ends = [(x.positions, x.velocities, x.accelerations) for x in (segment.start, segment.goal)]
     boundary = boundary_values(ends[0], ends[1], motion.duration)
     shape = q - hermite_functions(aligned) @ boundary
-    admissible = end_vanishing_coefficients(family.degree)
+    admissible = end_vanishing_coefficients(primitive.degree)
     weights, *_ = np.linalg.lstsq(legendre_values(admissible, aligned), shape, rcond=None)
     return np.asarray(weights.T @ admissible)

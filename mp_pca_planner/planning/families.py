@@ -17,8 +17,8 @@ from scipy.linalg import block_diag
 
 from ..arrays import FloatArray
 from ..primitives.basis import Basis, BSplineBasis, SumBasis
+from ..primitives.conditional_model import ConditionalDistribution
 from ..primitives.primitive import MovementPrimitive
-from ..primitives.statistics import Conditional
 from .compiler import QuadratureTables
 from .constraints import LimitTables
 from .starts import Practice, Start
@@ -69,7 +69,7 @@ def component_family(
     tables: QuadratureTables,
     limit_tables: LimitTables,
     primitive: MovementPrimitive,
-    expected: Conditional,
+    expected: ConditionalDistribution,
     ends: FloatArray,
     practice: Practice | None = None,
 ) -> Family:
@@ -81,7 +81,7 @@ def component_family(
         Of its basis.
     primitive : MovementPrimitive
         The primitive.
-    expected : Conditional
+    expected : ConditionalDistribution
         What is expected of the request.
     ends : array, shape (2 * n_joints,)
         Start and goal positions.

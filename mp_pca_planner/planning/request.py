@@ -14,8 +14,8 @@ from ..exceptions import GoalError
 from ..goal import JointGoal, JointState, Pose, PoseGoal, Via
 from ..limits import JointLimits
 from ..primitives.boundary import hermite_functions
+from ..primitives.conditional_model import ConditionalDistribution
 from ..primitives.primitive import MovementPrimitive
-from ..primitives.statistics import Conditional
 from ..robot import Robot
 from .conditions import Condition, JointTarget, PoseTarget, Target
 from .plan import SHORTEST, PlannerOptions
@@ -51,7 +51,7 @@ class Request:
         What to meet on the way, then at a pose.
     duration_is_free : bool
         Whether nobody fixed the duration.
-    expected : Conditional
+    expected : ConditionalDistribution
         What the demonstrations let expect.
     """
 
@@ -62,7 +62,7 @@ class Request:
     pose: Pose | None
     conditions: tuple[Condition, ...]
     duration_is_free: bool
-    expected: Conditional
+    expected: ConditionalDistribution
 
     @property
     def n_vias(self) -> int:
@@ -226,15 +226,13 @@ class RequestMaker:
         start: JointState,
         goal: JointState,
         duration: float | None,
-    ) -> Conditional:
+    ) -> ConditionalDistribution:
         """What the demonstrations let expect of a motion, however often joints have turned."""
         # The demonstrations of a joint that turns without end may lie whole turns away.
-        mean = primitive.statistics.mean[: primitive.n_joints]
+        mean = primitive.model.mean[: primitive.n_joints]
         turns = np.round((mean - start.positions) / (2.0 * np.pi))
         shift = np.where(self._robot.continuous, 2.0 * np.pi * turns, 0.0)
-        return primitive.statistics.condition(
-            start.positions + shift, goal.positions + shift, duration
-        )
+        return primitive.model.predict(start.positions + shift, goal.positions + shift, duration)
 
 
 def longest_duration(options: PlannerOptions) -> float:

@@ -20,8 +20,9 @@ from numpy.typing import NDArray
 from ..arrays import FloatArray
 from ..exceptions import GoalError, quote_names, unknown_name
 from ..goal import JointState
+from ..primitives.conditional_model import ConditionalDistribution
+from ..primitives.covariances import marginal_precision
 from ..primitives.primitive import MovementPrimitive
-from ..primitives.statistics import Conditional
 from ..robot import Robot
 from .compiler import QuadratureTables
 from .motion import Motion
@@ -46,7 +47,7 @@ class Considered:
     ----------
     primitive : MovementPrimitive
         The primitive.
-    expected : Conditional
+    expected : ConditionalDistribution
         What it expects of the request.
     in_span_score : float
         How far outside its demonstrations the request lies.
@@ -55,7 +56,7 @@ class Considered:
     """
 
     primitive: MovementPrimitive
-    expected: Conditional
+    expected: ConditionalDistribution
     in_span_score: float
     cost: float
 
@@ -150,10 +151,12 @@ class Selector:
         self._robot = robot
         self.primitives = tuple(primitives)
         self._objectives = tuple(objectives)
-        self._means = np.array([p.statistics.mean for p in primitives])
+        self._means = np.array([p.model.mean for p in primitives])
         n = 2 * robot.n_joints
         self._precisions = {
-            size: np.array([p.statistics.request_precision(size) for p in primitives])
+            size: np.array(
+                [marginal_precision(p.model.request_precision, size) for p in primitives]
+            )
             for size in (n, n + 1)
         }
         self._tables: dict[int, QuadratureTables] = {}
@@ -217,7 +220,7 @@ class Selector:
         found = []
         for i in chosen:
             primitive = self.primitives[i]
-            expected = primitive.statistics.condition(start + turns[i], goal + turns[i], duration)
+            expected = primitive.model.predict(start + turns[i], goal + turns[i], duration)
             alone = len(chosen) == 1
             cost = float("nan") if alone else self._cost(int(i), start, goal, expected)
             found.append(Considered(primitive, expected, float(scores[i]), cost))
@@ -229,7 +232,9 @@ class Selector:
         turns = np.round((self._means[:, : len(start)] - start) / (2.0 * np.pi))
         return np.where(self._robot.continuous, 2.0 * np.pi * turns, 0.0)
 
-    def _cost(self, i: int, start: FloatArray, goal: FloatArray, expected: Conditional) -> float:
+    def _cost(
+        self, i: int, start: FloatArray, goal: FloatArray, expected: ConditionalDistribution
+    ) -> float:
         names = self._robot.joint_names
         basis = self.primitives[i].basis
         if i not in self._tables:

@@ -20,7 +20,7 @@ from ..goal import JointState
 from ..limits import JointLimits
 from ..primitives.basis import Basis
 from ..primitives.boundary import boundary_values, hermite_functions
-from ..primitives.statistics import Conditional
+from ..primitives.conditional_model import ConditionalDistribution
 from ..robot import Robot
 from .compiler import QuadratureTables
 from .conditions import PoseTarget
@@ -89,7 +89,7 @@ class _Segment:
         end = np.repeat([1.0, 1.0 / duration, 5.0 / duration**2], n)
         return np.concatenate([end, np.ones(self.m + 1), end])
 
-    def precision(self, expected: Conditional) -> FloatArray:
+    def precision(self, expected: ConditionalDistribution) -> FloatArray:
         """How unlike the demonstrations a change of the unknowns from the motion is.
 
         A change of the states at the ends bends the motion, as weights do, so that it is weighed

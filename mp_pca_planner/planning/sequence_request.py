@@ -19,8 +19,8 @@ import numpy as np
 from ..arrays import FloatArray
 from ..exceptions import TrajectoryError
 from ..goal import JointState
+from ..primitives.conditional_model import ConditionalDistribution
 from ..primitives.primitive import MovementPrimitive
-from ..primitives.statistics import Conditional
 from .conditions import Target
 from .motion import Motion
 
@@ -37,7 +37,7 @@ class SequenceRequest:
         What the n last states must meet.
     stops : tuple of bool
         Whether the motion rests at each target.
-    primitives, expected : tuple of MovementPrimitive, tuple of Conditional
+    primitives, expected : tuple of MovementPrimitive, tuple of ConditionalDistribution
         Of each segment.
     durations : tuple of float
         The usual ones [s], fitted to fixed times.
@@ -49,7 +49,7 @@ class SequenceRequest:
     targets: tuple[Target, ...]
     stops: tuple[bool, ...]
     primitives: tuple[MovementPrimitive, ...]
-    expected: tuple[Conditional, ...]
+    expected: tuple[ConditionalDistribution, ...]
     durations: tuple[float, ...]
     groups: tuple[tuple[tuple[int, ...], bool], ...]
 

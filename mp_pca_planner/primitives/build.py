@@ -12,12 +12,12 @@ import numpy as np
 from ..arrays import FloatArray
 from ..exceptions import PrimitiveError
 from ..recordings.demonstration import Demonstration
+from .conditional_model import ConditionalModel
 from .motion_statistics import MotionStatistics, shape_functions
 from .options import PrimitiveOptions as PrimitiveOptions
-from .pace import fit_paces, uneven_phases
+from .pace import fit_paces
 from .pca import components_for_share, fit_components
 from .primitive import MovementPrimitive
-from .statistics import find_kernels
 
 _DEFAULTS = PrimitiveOptions()
 
@@ -73,40 +73,27 @@ def build_from_statistics(
     PrimitiveError
         If nothing moves.
     """
-    motions, moments = statistics.motions, statistics.moments
-    if max(motion.extent for motion in motions) < 1e-6:
+    if statistics.stacked("extent").max() < 1e-6:
         raise PrimitiveError(f"primitive '{name}' can't be built: no joint moves in any motion")
-    directions, explained_variance = _fit_directions(statistics, options)
-    mean = moments.mean[statistics.shapes].reshape(directions.shape[1:])
-    shapes = np.array([motion.shape for motion in motions])
-    deviations = shapes - mean
-    weights = np.tensordot(deviations, directions, axes=((1, 2), (1, 2)))
-    left = deviations - np.tensordot(weights, directions, axes=1)
-    remainders = np.array([motion.shape_remainder for motion in motions])
-    boundary_states = np.array([motion.boundary_state for motion in motions])
-    durations = np.array([motion.duration for motion in motions])
+    shapes, remainders = statistics.stacked("shape"), statistics.stacked("shape_remainder")
+    directions, explained_variance = _fit_directions(shapes, options)
+    mean = shapes.mean(axis=0)
+    straight_weights = -_project(mean, directions)
+    weights = _project(shapes, directions) + straight_weights
+    left = shapes - mean - np.tensordot(weights, directions, axes=1)
+    states, durations = statistics.stacked("boundary_state"), statistics.stacked("duration")
     _, legendre_coefficients = shape_functions(options.degree, options.n_phases)
-    requests = np.column_stack([boundary_states[:, 0], boundary_states[:, 3], np.log(durations)])
-    warps = np.array([motion.warp for motion in motions])
-    paces = fit_paces(warps)
-    labels = [motion.label for motion in motions]
-    activities = np.unique(labels, return_inverse=True)[1].astype(np.float64)
-    arrays = {
-        "mean_coefficients": mean @ legendre_coefficients,
-        "component_coefficients": directions @ legendre_coefficients,
-        "explained_variance": explained_variance,
-        "total_variance": _total_variance(
-            moments.variances[statistics.shapes].reshape(mean.shape), remainders
-        ),
-        "weights": weights,
-        "boundary_states": boundary_states,
-        "durations": durations,
-        "warps": warps,
-        "paces": paces,
-        "kernels": find_kernels(requests, shapes, uneven_phases(paces), activities),
-        "activities": activities,
-        "fit_residual": np.sqrt((np.sum(left**2, axis=2) + remainders) / options.n_phases),
-    }
+    warps = statistics.stacked("warp")
+    # The functions of the shapes are even and odd in turn.
+    reversed_shapes = shapes * (-1.0) ** np.arange(shapes.shape[2])
+    model = ConditionalModel.fit(
+        np.column_stack([states[:, 0], states[:, 3], np.log(durations)]),
+        _project(shapes, directions),
+        _project(reversed_shapes, directions),
+        straight_weights,
+        fit_paces(warps),
+        [motion.label for motion in statistics.motions],
+    )
     facts = {
         "options": {
             "coupling": options.coupling,
@@ -125,18 +112,39 @@ def build_from_statistics(
                 "end_time_s": motion.end_time,
                 "checksum": motion.checksum,
             }
-            for motion in motions
+            for motion in statistics.motions
         ],
     }
     return MovementPrimitive(
-        name, statistics.joint_names, options.coupling, arrays, {**facts, **(metadata or {})}
+        name,
+        statistics.joint_names,
+        options.coupling,
+        {**facts, **(metadata or {})},
+        mean @ legendre_coefficients,
+        directions @ legendre_coefficients,
+        explained_variance,
+        _total_variance(shapes, remainders),
+        weights,
+        states,
+        durations,
+        warps,
+        np.sqrt((np.sum(left**2, axis=2) + remainders) / options.n_phases),
+        model,
     )
 
 
-def _fit_directions(
-    statistics: MotionStatistics, options: PrimitiveOptions
-) -> tuple[FloatArray, FloatArray]:
+def _project(shapes: FloatArray, directions: FloatArray) -> FloatArray:
+    """Weights of shapes of shape (..., n_joints, n_functions)."""
+    return np.tensordot(shapes, directions, axes=((-2, -1), (1, 2)))
+
+
+def _fit_directions(shapes: FloatArray, options: PrimitiveOptions) -> tuple[FloatArray, FloatArray]:
     """Principal components of the shapes, and the variances that they explain.
+
+    Parameters
+    ----------
+    shapes : array, shape (n_demonstrations, n_joints, n_functions)
+        Coefficients of the shapes.
 
     Returns
     -------
@@ -145,51 +153,42 @@ def _fit_directions(
     explained_variance : array, shape (n_components,)
         Their variances.
     """
-    n_joints, n_functions = statistics.motions[0].shape.shape
-    shapes = statistics.moments.select(statistics.shapes)
+    n, n_joints, n_functions = shapes.shape
     values, _ = shape_functions(options.degree, options.n_phases)
+    # As samples, whose distances are the same, so that signs are chosen by what is seen.
+    samples = shapes @ values.T
     together = n_joints if options.coupling == "arm" else 1
     directions, variances = [], []
     for first in range(0, n_joints, together):
-        # As samples, whose distances are the same, so that signs are chosen by what is seen.
-        block = shapes.select(slice(first * n_functions, (first + together) * n_functions))
-        components = fit_components(block.transform(_blocks(values.T, together)))
+        block = slice(first, first + together)
+        components = fit_components(samples[:, block].reshape(n, -1))
         kept = options.n_components or components_for_share(components, options.variance)
-        components = components.truncated(kept)
-        found = np.zeros((len(components.components), n_joints, n_functions))
-        found[:, first : first + together] = (
-            components.components.reshape(-1, together, options.n_phases) @ values
-        )
-        directions.append(found)
-        variances.append(components.explained_variance)
+        found = components.truncated(kept).components
+        directions.append(np.zeros((len(found), n_joints, n_functions)))
+        directions[-1][:, block] = found.reshape(-1, together, options.n_phases) @ values
+        variances.append(components.explained_variance[:kept])
     return np.concatenate(directions), np.concatenate(variances)
 
 
-def _blocks(matrix: FloatArray, n: int) -> FloatArray:
-    """A matrix n times along the diagonal."""
-    return np.asarray(np.kron(np.eye(n), matrix), dtype=np.float64)
-
-
-def _total_variance(variances: FloatArray, remainders: FloatArray) -> FloatArray:
+def _total_variance(coefficients: FloatArray, remainders: FloatArray) -> FloatArray:
     """Variance of curves about their mean polynomial, shape (n_joints,).
 
     Parameters
     ----------
-    variances : array, shape (n_joints, n_functions)
-        Variances of their coefficients.
+    coefficients : array, shape (n_demonstrations, n_joints, n_functions)
+        Of the polynomials.
     remainders : array, shape (n_demonstrations, n_joints)
         Squares of what the coefficients leave.
     """
-    return np.asarray(variances.sum(axis=1) + remainders.sum(axis=0) / max(len(remainders) - 1, 1))
+    squares = np.sum((coefficients - coefficients.mean(axis=0)) ** 2, axis=2) + remainders
+    return np.asarray(squares.sum(axis=0) / max(len(squares) - 1, 1))
 
 
 def _angle_variance_ratio(statistics: MotionStatistics) -> dict[str, list[float]]:
     """Shares of the first four components of the joint angles over time: [P], Table 2."""
-    remainders = np.array([motion.angle_remainder for motion in statistics.motions])
-    ratios = {}
-    for joint, name in enumerate(statistics.joint_names):
-        angles = statistics.moments.select(statistics.angles(joint))
-        explained = fit_components(angles).explained_variance[:4]
-        total = _total_variance(angles.variances[None], remainders[:, [joint]])
-        ratios[name] = [float(share) for share in explained / total]
-    return ratios
+    angles = statistics.stacked("angles")
+    total = _total_variance(angles, statistics.stacked("angle_remainder"))
+    return {
+        name: (fit_components(angles[:, joint]).explained_variance[:4] / total[joint]).tolist()
+        for joint, name in enumerate(statistics.joint_names)
+    }

@@ -92,6 +92,6 @@ def minimum_jerk_motion(motion: Demonstration) -> FloatArray:
 def expected_motion(primitive: MovementPrimitive, motion: Demonstration) -> FloatArray:
     """What a primitive expects between the ends of a motion, at the fine phases."""
     start, goal = motion.positions[[0, -1]]
-    expected = primitive.statistics.condition(start, goal, motion.duration)
+    expected = primitive.model.predict(start, goal, motion.duration)
     basis = primitive.paced_basis(start, goal, expected.pace)
     return minimum_jerk_motion(motion) + basis.shape(expected.weights, FINE_PHASES)

@@ -20,12 +20,9 @@ from ..exceptions import PrimitiveFileError
 from ..files import open_regular, reading, write_whole
 from ..json_content import check_form, load_json
 from .primitive import MovementPrimitive
-from .statistics import kernels_of_version_2
 
 FORMAT_NAME = "mp_pca_planner/movement_primitive"
-FORMAT_VERSION = 4
-
-_READABLE_VERSIONS = (2, 3, FORMAT_VERSION)
+FORMAT_VERSION = 1
 
 MAX_BYTES = 1 << 28
 """Largest content that is read. Thousands of demonstrations make a few MB."""
@@ -98,28 +95,20 @@ def _primitive(arrays: dict[str, FloatArray], metadata: dict[str, Any]) -> Movem
     if metadata.get("format") != FORMAT_NAME:
         raise PrimitiveFileError("it was not made by this package (no 'format' in its metadata)")
     version = metadata.get("format_version")
-    if version not in _READABLE_VERSIONS:
+    if version != FORMAT_VERSION:
         raise PrimitiveFileError(
-            f"its format version is {version}, "
-            f"this release reads versions 2 to {FORMAT_VERSION}: build it again"
+            f"its format version is {version}, this release reads version {FORMAT_VERSION}: build "
+            "it again"
         )
-    missing = [
-        name
-        for name in MovementPrimitive.ARRAYS
-        if name not in arrays and (name != "activities" or version == FORMAT_VERSION)
-    ]
+    missing = [name for name in MovementPrimitive.ARRAYS if name not in arrays]
     if missing:
         raise PrimitiveFileError(f"it lacks the arrays {', '.join(missing)}")
     stated = metadata.pop("checksum", None)
     if stated != _checksum(arrays, metadata):
         raise PrimitiveFileError("its content does not match its checksum: it was damaged")
     check_form(metadata, _METADATA, "it")
-    # Older versions know nothing of activities.
-    arrays.setdefault("activities", np.zeros(arrays["weights"].shape[:1]))
-    if version == 2:
-        arrays["kernels"] = kernels_of_version_2(arrays["kernels"])
-    primitive = MovementPrimitive(
-        metadata["name"], metadata["joint_names"], metadata["coupling"], arrays, metadata
+    primitive = MovementPrimitive.from_arrays(
+        metadata["name"], tuple(metadata["joint_names"]), metadata["coupling"], arrays, metadata
     )
     if len(metadata["demonstrations"]) != len(primitive.durations):
         raise PrimitiveFileError("its metadata must name each of its demonstrations")

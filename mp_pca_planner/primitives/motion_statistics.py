@@ -22,7 +22,6 @@ from ..recordings.demonstration import Demonstration
 from .alignment import align, aligned_positions
 from .basis import end_vanishing_coefficients, legendre_values
 from .boundary import boundary_values, hermite_functions
-from .moments import Moments
 from .options import PrimitiveOptions
 
 # Polynomials that stand for the joint angles over time: their first components, which are all that
@@ -52,6 +51,8 @@ class MotionSummary:
         Coefficients of what it has beyond its boundary part, see :func:`shape_functions`.
     shape_remainder : array, shape (n_joints,)
         Sum of squares over the phases of what the coefficients leave of the shape.
+    angles : array, shape (n_joints, n_angle_functions)
+        Coefficients of the joint angles over time.
     angle_remainder : array, shape (n_joints,)
         The same for the joint angles over time.
     """
@@ -67,6 +68,7 @@ class MotionSummary:
     warp: FloatArray
     shape: FloatArray
     shape_remainder: FloatArray
+    angles: FloatArray
     angle_remainder: FloatArray
 
 
@@ -79,15 +81,11 @@ class MotionStatistics:
     joint_names : tuple of str
         Their joints.
     motions : tuple of MotionSummary
-        What has to be known of each: weights and residuals are computed from it.
-    moments : Moments
-        Of one vector per demonstration: the coefficients of the shape and of the joint angles over
-        time, each joint by joint.
+        What has to be known of each.
     """
 
     joint_names: tuple[str, ...]
     motions: tuple[MotionSummary, ...]
-    moments: Moments
 
     @classmethod
     def of(
@@ -116,21 +114,12 @@ class MotionStatistics:
                 demonstration.recording,
             )
         warps = align(demonstrations, options.align)
-        summarised = [
-            _summarise(demonstration, warp, options)
-            for demonstration, warp in zip(demonstrations, warps, strict=True)
-        ]
-        return cls(
-            demonstrations[0].joint_names,
-            tuple(motion for motion, _ in summarised),
-            Moments.of(np.array([vector for _, vector in summarised])),
-        )
+        motions = (_summarise(d, w, options) for d, w in zip(demonstrations, warps, strict=True))
+        return cls(demonstrations[0].joint_names, tuple(motions))
 
     @classmethod
     def merged(cls, parts: Iterable[MotionStatistics]) -> MotionStatistics:
         """Merge the statistics of parts of the demonstrations, at least one part.
-
-        The order of the parts is that of the motions, and of the rounding errors.
 
         Raises
         ------
@@ -146,22 +135,11 @@ class MotionStatistics:
                 part.joint_names,
                 part.motions[0].recording,
             )
-        return cls(
-            first.joint_names,
-            tuple(motion for part in ordered for motion in part.motions),
-            Moments.merged(part.moments for part in ordered),
-        )
+        return cls(first.joint_names, tuple(motion for part in ordered for motion in part.motions))
 
-    @property
-    def shapes(self) -> slice:
-        """Where the vectors hold the coefficients of the shape."""
-        return slice(0, self.motions[0].shape.size)
-
-    def angles(self, joint: int) -> slice:
-        """Where the vectors hold the coefficients of a joint angle."""
-        size = (self.moments.mean.size - self.shapes.stop) // len(self.joint_names)
-        start = self.shapes.stop + joint * size
-        return slice(start, start + size)
+    def stacked(self, name: str) -> FloatArray:
+        """An attribute of all motions, shape (n_demonstrations, ...)."""
+        return np.array([getattr(motion, name) for motion in self.motions])
 
 
 def aligned_boundary_state(demonstration: Demonstration, method: str) -> FloatArray:
@@ -221,8 +199,7 @@ def _angle_functions(n_phases: int) -> FloatArray:
 
 def _summarise(
     demonstration: Demonstration, warp: FloatArray, options: PrimitiveOptions
-) -> tuple[MotionSummary, FloatArray]:
-    """A motion and its vector."""
+) -> MotionSummary:
     phases = np.linspace(0.0, 1.0, options.n_phases)
     positions = aligned_positions(demonstration, warp, phases)
     state = aligned_boundary_state(demonstration, options.align)
@@ -233,7 +210,7 @@ def _summarise(
     angles, angle_remainder = _project(
         demonstration.time_normalised(options.n_phases), _angle_functions(options.n_phases)
     )
-    motion = MotionSummary(
+    return MotionSummary(
         recording=demonstration.recording,
         label=demonstration.label,
         checksum=demonstration.checksum,
@@ -245,9 +222,9 @@ def _summarise(
         warp=warp,
         shape=shape,
         shape_remainder=remainder,
+        angles=angles,
         angle_remainder=angle_remainder,
     )
-    return motion, np.concatenate([shape.ravel(), angles.ravel()])
 
 
 def _project(curves: FloatArray, functions: FloatArray) -> tuple[FloatArray, FloatArray]:

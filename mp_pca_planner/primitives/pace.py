@@ -79,13 +79,6 @@ def reversed_paces(paces: FloatArray) -> FloatArray:
     return np.asarray(paces * (-1.0) ** np.arange(1, paces.shape[1] + 1))
 
 
-def uneven_phases(paces: FloatArray) -> FloatArray:
-    """σ(p) − p of paces at evenly spaced p, shape (n_demonstrations, n_shares): how they differ."""
-    rates = np.exp(paces @ legendre.legvander(2.0 * _SHARES - 1.0, paces.shape[1])[:, 1:].T)
-    way = _integral(rates[:, :, None])
-    return np.asarray((way / way[:, -1:])[:, ::5, 0] - _SHARES[::5])
-
-
 def _integral(values: FloatArray) -> FloatArray:
     """Trapezoidal integrals along the second axis, from 0 to each share."""
     steps = (values[:, 1:] + values[:, :-1]) / (2.0 * (len(_SHARES) - 1))

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..arrays import FloatArray
-from .moments import Moments
 
 # Components whose variance is below this share of the largest are rounding errors.
 _RANK_TOLERANCE = 1e-12
@@ -64,19 +63,21 @@ class PrincipalComponents:
         )
 
 
-def fit_components(moments: Moments) -> PrincipalComponents:
-    """Find all principal components of vectors that have any variance.
+def fit_components(samples: FloatArray) -> PrincipalComponents:
+    """Find all principal components that have any variance.
 
     Parameters
     ----------
-    moments :
-        Of the vectors. Constant ones (or a single one) give no components.
+    samples : array, shape (n_samples, n_features)
+        Constant ones (or a single one) give no components.
     """
-    mean, factor = moments.mean, moments.factor
-    if np.sqrt(moments.variances.max()) < _CONSTANT:
+    mean = samples.mean(axis=0)
+    deviations = samples - mean
+    n = len(samples)
+    if n < 2 or np.sqrt(np.sum(deviations**2, axis=0).max() / (n - 1)) < _CONSTANT:
         return PrincipalComponents(mean, np.zeros((0, mean.size)), np.zeros(0), 0.0)
-    _, singular, rows = np.linalg.svd(factor, full_matrices=False)
-    variance = singular**2 / (moments.count - 1)
+    _, singular, rows = np.linalg.svd(deviations, full_matrices=False)
+    variance = singular**2 / (n - 1)
     keep = variance > _RANK_TOLERANCE * variance[0]
     rows = rows[keep]
     largest = np.abs(rows).argmax(axis=1)

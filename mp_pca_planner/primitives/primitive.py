@@ -5,30 +5,50 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from dataclasses import dataclass, fields
+from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from ..arrays import FloatArray, frozen_array, unique_names
 from ..exceptions import PrimitiveFileError
 from .alignment import aligned_phases
 from .basis import Basis, PolynomialBasis
 from .boundary import boundary_values, hermite_functions
-from .pace import PacedBasis, reversed_paces
-from .statistics import RequestStatistics
+from .conditional_model import INVERSE_LENGTHS, ConditionalModel
+from .pace import PACE_DEGREE, PacedBasis
 
 COUPLINGS = ("joint", "arm")
 
-_PHASES = np.linspace(0.0, 1.0, 101)
+# Names stand for sizes that must agree.
+_SHAPES: dict[str, tuple[str | int, ...]] = {
+    "mean_coefficients": ("joints", "degrees"),
+    "component_coefficients": ("weights", "joints", "degrees"),
+    "explained_variance": ("weights",),
+    "total_variance": ("joints",),
+    "weights": ("demonstrations", "weights"),
+    "boundary_states": ("demonstrations", 6, "joints"),
+    "durations": ("demonstrations",),
+    "warps": ("demonstrations", "phases"),
+    "fit_residual": ("demonstrations", "joints"),
+    "requests": ("requests", "entries"),
+    "shape_coefficients": (len(INVERSE_LENGTHS), "fits", 2, "requests", "weights"),
+    "straight_weights": ("weights",),
+    "pace_coefficients": (len(INVERSE_LENGTHS), "fits", 2, "requests", "rates"),
+    "duration_coefficients": (len(INVERSE_LENGTHS), 1, 2, "requests", 1),
+    "weight_covariance": ("weights", "weights"),
+    "weight_precision": ("weights", "weights"),
+    "request_precision": ("entries", "entries"),
+}
 
 
+@dataclass(frozen=True, eq=False)
 class MovementPrimitive:
-    """A family of motions learned from demonstrations, immutable.
+    """A family of motions learned from demonstrations.
 
     A motion is q(s) = h(s) + μ(s) + Σ wₖ φₖ(s), see :mod:`.boundary` and :mod:`.basis`.
 
-    Parameters
+    Attributes
     ----------
     name : str
         Name of the primitive.
@@ -36,6 +56,8 @@ class MovementPrimitive:
         The n_joints joints.
     coupling : {'joint', 'arm'}
         Whether each component moves one joint ([P]) or all of them.
+    metadata : mapping
+        What else is known, of JSON types: options, provenance, repairs.
     mean_coefficients : array, shape (n_joints, degree + 1)
         Legendre coefficients of μ [rad or m].
     component_coefficients : array, shape (n_components, n_joints, degree + 1)
@@ -54,100 +76,107 @@ class MovementPrimitive:
     warps : array, shape (n_demonstrations, n_warp_phases)
         Their own timing: shares of their durations at evenly spaced aligned phases, strictly
         increasing from 0 to 1, see :mod:`.alignment`.
-    paces : array, shape (n_demonstrations, n_pace)
-        The same as polynomials, see :mod:`.pace`.
-    kernels : array, shape (n_kernels, 7)
-    activities : array, shape (n_demonstrations,)
-        See :class:`.RequestStatistics`.
     fit_residual : array, shape (n_demonstrations, n_joints)
         RMS difference between each demonstration and its reproduction with its weights and
         its own timing, over the aligned phases [rad or m].
-    metadata : mapping
-        What else is known, of JSON types: options, provenance, repairs.
+    model : ConditionalModel
+        Predicts the weights for a request.
 
     Raises
     ------
     PrimitiveFileError
-        If arrays are missing, not finite, or their shapes disagree.
+        If arrays are not finite, or their shapes disagree.
     """
 
-    ARRAYS = (
-        "mean_coefficients",
-        "component_coefficients",
-        "explained_variance",
-        "total_variance",
-        "weights",
-        "boundary_states",
-        "durations",
-        "warps",
-        "paces",
-        "kernels",
-        "activities",
-        "fit_residual",
-    )
+    name: str
+    joint_names: tuple[str, ...]
+    coupling: str
+    metadata: Mapping[str, Any]
+    mean_coefficients: FloatArray
+    component_coefficients: FloatArray
+    explained_variance: FloatArray
+    total_variance: FloatArray
+    weights: FloatArray
+    boundary_states: FloatArray
+    durations: FloatArray
+    warps: FloatArray
+    fit_residual: FloatArray
+    model: ConditionalModel
 
-    def __init__(
-        self,
+    ARRAYS: ClassVar[tuple[str, ...]] = tuple(_SHAPES)
+    """Names of all arrays, the model's included."""
+
+    @classmethod
+    def from_arrays(
+        cls,
         name: str,
         joint_names: tuple[str, ...],
         coupling: str,
-        arrays: Mapping[str, ArrayLike],
+        arrays: Mapping[str, FloatArray],
         metadata: Mapping[str, Any],
-    ) -> None:
-        if not isinstance(name, str) or not name:
+    ) -> MovementPrimitive:
+        """Make a primitive of its :attr:`ARRAYS`."""
+        of_model = {field.name for field in fields(ConditionalModel)}
+        model = ConditionalModel(**{k: v for k, v in arrays.items() if k in of_model})
+        own = {k: v for k, v in arrays.items() if k not in of_model}
+        return cls(name, joint_names, coupling, metadata, **own, model=model)
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.name, str) or not self.name:
             raise PrimitiveFileError(
-                f"the name of a primitive must be a non-empty string: {name!r}"
+                f"the name of a primitive must be a non-empty string: {self.name!r}"
             )
-        if any("\ud800" <= letter <= "\udfff" for letter in "".join([name, *joint_names])):
-            raise PrimitiveFileError(f"the names of primitive '{name}' must be valid Unicode")
-        if coupling not in COUPLINGS:
+        text = "".join([self.name, *self.joint_names])
+        if any("\ud800" <= letter <= "\udfff" for letter in text):
+            raise PrimitiveFileError(f"the names of primitive '{self.name}' must be valid Unicode")
+        if self.coupling not in COUPLINGS:
             raise PrimitiveFileError(
-                f"the coupling of primitive '{name}' is {coupling!r}, not one of {COUPLINGS}"
+                f"the coupling of primitive '{self.name}' is {self.coupling!r}, "
+                f"not one of {COUPLINGS}"
             )
-        self.name = name
-        self.coupling = coupling
-        self.joint_names = unique_names(joint_names, f"joints of '{name}'", PrimitiveFileError)
-        self.metadata = dict(metadata)
+        names = unique_names(self.joint_names, f"joints of '{self.name}'", PrimitiveFileError)
+        object.__setattr__(self, "joint_names", names)
+        object.__setattr__(self, "metadata", dict(self.metadata))
+        self._freeze_arrays()
+        self._check_values()
+
+    def _freeze_arrays(self) -> None:
+        """Make the arrays read-only, once their shapes agree."""
         n = len(self.joint_names)
-
-        def take(array: str, shape: tuple[int | None, ...]) -> FloatArray:
-            if array not in arrays:
-                raise PrimitiveFileError(f"primitive '{name}' lacks the array '{array}'")
-            return frozen_array(
-                arrays[array], shape, f"array '{array}' of '{name}'", PrimitiveFileError
+        sizes: dict[str | int, int] = {"joints": n, "entries": 2 * n + 1, "rates": PACE_DEGREE}
+        for array, shape in _SHAPES.items():
+            owner = self if hasattr(self, array) else self.model
+            frozen = frozen_array(
+                getattr(owner, array),
+                tuple(x if isinstance(x, int) else sizes.get(x) for x in shape),
+                f"array '{array}' of '{self.name}'",
+                PrimitiveFileError,
             )
+            sizes |= dict(zip(shape, frozen.shape, strict=True))
+            object.__setattr__(owner, array, frozen)
 
-        self.mean_coefficients = take("mean_coefficients", (n, None))
-        series = self.mean_coefficients.shape[1]
-        self.component_coefficients = take("component_coefficients", (None, n, series))
-        k = len(self.component_coefficients)
-        self.explained_variance = take("explained_variance", (k,))
-        self.total_variance = take("total_variance", (n,))
-        self.weights = take("weights", (None, k))
-        demonstrations = len(self.weights)
-        self.boundary_states = take("boundary_states", (demonstrations, 6, n))
-        self.durations = take("durations", (demonstrations,))
-        self.warps = take("warps", (demonstrations, None))
-        self.fit_residual = take("fit_residual", (demonstrations, n))
-        if demonstrations == 0 or np.any(self.durations <= 0.0):
-            raise PrimitiveFileError(f"primitive '{name}' needs demonstrations that last > 0 s")
+    def _check_values(self) -> None:
+        """Refuse arrays of values that make no sense."""
+        if len(self.durations) == 0 or np.any(self.durations <= 0.0):
+            raise PrimitiveFileError(
+                f"primitive '{self.name}' needs demonstrations that last > 0 s"
+            )
         if np.any(self.explained_variance <= 0.0) or np.any(self.total_variance < 0.0):
-            raise PrimitiveFileError(f"primitive '{name}' holds a variance that is not positive")
+            raise PrimitiveFileError(
+                f"primitive '{self.name}' holds a variance that is not positive"
+            )
+        if self.explained_variance.sum() > (1.0 + 1e-6) * self.total_variance.sum():
+            raise PrimitiveFileError(
+                f"the components of primitive '{self.name}' explain more than all variance"
+            )
         if (
             self.warps.shape[1] < 2
             or np.any(self.warps[:, [0, -1]] != (0.0, 1.0))
             or np.any(np.diff(self.warps, axis=1) <= 0.0)
         ):
-            raise PrimitiveFileError(f"the warps of primitive '{name}' must increase from 0 to 1")
-        self.paces = take("paces", (demonstrations, None))
-        self.activities = take("activities", (demonstrations,))
-        try:
-            self.statistics = self._request_statistics(take("kernels", (None, None)))
-        except np.linalg.LinAlgError as error:
             raise PrimitiveFileError(
-                f"the motions of primitive '{name}' are too much alike or too far apart to learn "
-                f"from ({error}): leave repetitions out"
-            ) from None
+                f"the warps of primitive '{self.name}' must increase from 0 to 1"
+            )
 
     @property
     def n_joints(self) -> int:
@@ -184,19 +213,6 @@ class MovementPrimitive:
         if not np.any(pace):
             return self.basis
         return PacedBasis(self.basis, goal - start, pace)
-
-    def _request_statistics(self, kernels: FloatArray) -> RequestStatistics:
-        return RequestStatistics(
-            np.column_stack(
-                [self.boundary_states[:, 0], self.boundary_states[:, 3], np.log(self.durations)]
-            ),
-            self.weights,
-            *_reversed_and_common_weights(self.basis, self.weights),
-            self.paces,
-            reversed_paces(self.paces),
-            kernels,
-            self.activities,
-        )
 
     @property
     def joint_of_component(self) -> tuple[int, ...]:
@@ -241,27 +257,4 @@ class MovementPrimitive:
 
     def arrays(self) -> dict[str, FloatArray]:
         """The arrays that make up the primitive, by name."""
-        own = {name: getattr(self, name) for name in self.ARRAYS if hasattr(self, name)}
-        return own | {"kernels": self.statistics.kernels}
-
-
-def _reversed_and_common_weights(
-    basis: Basis, weights: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Weights that come nearest to shapes gone backwards, and those nearest to the mean shape.
-
-    Parameters
-    ----------
-    basis : Basis
-        Of the primitive.
-    weights : array, shape (n_demonstrations, n_weights)
-        Weights of the shapes.
-    """
-    values = basis.functions(_PHASES)
-    functions, turned = (
-        x.reshape(_PHASES.size * basis.n_joints, basis.n_weights) for x in (values, values[::-1])
-    )
-    mean = basis.shape(np.zeros(basis.n_weights), _PHASES)
-    nearest = np.linalg.pinv(functions)
-    reversed_weights = weights @ (nearest @ turned).T + nearest @ (mean[::-1] - mean).ravel()
-    return reversed_weights, nearest @ mean.ravel()
+        return {k: getattr(self if hasattr(self, k) else self.model, k) for k in self.ARRAYS}

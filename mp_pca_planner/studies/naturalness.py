@@ -27,8 +27,8 @@ from ..primitives.boundary import hermite_functions
 from ..primitives.build import PrimitiveOptions, build_primitive
 from ..primitives.cross_validation import expected_motion, minimum_jerk_motion
 from ..primitives.differences import FINE_PHASES, MEASURES, by_way, differences
+from ..primitives.pace import fit_paces
 from ..primitives.primitive import MovementPrimitive
-from ..primitives.regression import Kernel, Regression
 from ..recordings.demonstration import Demonstration
 from ..robot import Robot
 
@@ -45,8 +45,8 @@ RHOS = (0.0, 0.01, 0.03, 0.1, 0.3)
 MINIMUM_JERK, MEAN_SHAPE, RIDGE = "minimum-jerk", "mean shape", "ridge regression"
 EXPECTED, BSPLINES = "expected (ρ = ∞)", "least-effort B-splines"
 
-# Variance of the ridge regression's constant, which makes it one about the mean.
-_FREE_CONSTANT = 1e3
+# Penalties of the ridge regression, in units of the variance of the requests.
+_PENALTIES = np.logspace(-3.0, 3.0, 25)
 _PHASES = FINE_PHASES[::10]
 _N_RESAMPLES = 2000
 _OPTIONS = PrimitiveOptions()
@@ -207,12 +207,13 @@ def _predictions(
     more: Mapping[str, Method],
 ) -> dict[str, Prediction]:
     """What every method makes of a motion."""
-    straight = minimum_jerk_motion(motion)
-    shape = primitive.basis.shape
+    start, goal = motion.positions[[0, -1]]
+    basis = primitive.paced_basis(start, goal, fit_paces(primitive.warps).mean(axis=0))
+    straight, mean = minimum_jerk_motion(motion), np.zeros(primitive.n_components)
     found = {
         MINIMUM_JERK: Prediction(straight),
-        MEAN_SHAPE: Prediction(straight + shape(np.zeros(primitive.n_components), FINE_PHASES)),
-        RIDGE: Prediction(straight + shape(_ridge_weights(primitive, motion), FINE_PHASES)),
+        MEAN_SHAPE: Prediction(straight + basis.shape(mean, FINE_PHASES)),
+        RIDGE: Prediction(straight + basis.shape(_ridge_weights(primitive, motion), FINE_PHASES)),
         EXPECTED: Prediction(expected_motion(primitive, motion)),
         **{name: method(motion, others) for name, method in more.items()},
     }
@@ -236,15 +237,22 @@ def plan_like(
 
 
 def _ridge_weights(primitive: MovementPrimitive, motion: Demonstration) -> FloatArray:
-    """Ridge regression of the weights on the request, penalty: mean variance of the requests."""
+    """Ridge regression of the weights on the request, penalty chosen by leaving one out."""
     states = primitive.boundary_states
     requests = np.column_stack([states[:, 0], states[:, 3], np.log(primitive.durations)])
-    n, size = requests.shape
-    noise = n / size
-    kernel = Kernel(0.0, noise, noise * _FREE_CONSTANT)
-    regression = Regression(requests, primitive.weights, primitive.weights, [(1.0, kernel)])
+    centred = requests - requests.mean(axis=0)
     request = np.concatenate([*motion.positions[[0, -1]], [np.log(motion.duration)]])
-    return regression.predict(request)
+    penalties = _PENALTIES * float(np.sum(centred.var(axis=0)))
+    errors, predictions = [], []
+    for penalty in penalties:
+        solved = np.linalg.solve(centred.T @ centred + penalty * np.eye(request.size), centred.T)
+        # The residuals of leaving one out, by the diagonal of the hat matrix.
+        hat = centred @ solved + 1.0 / len(requests)
+        residuals = (primitive.weights - hat @ primitive.weights) / (1.0 - np.diag(hat))[:, None]
+        errors.append(np.sum(residuals**2))
+        share = (request - requests.mean(axis=0)) @ solved + 1.0 / len(requests)
+        predictions.append(share @ primitive.weights)
+    return np.asarray(predictions[int(np.argmin(errors))])
 
 
 def _quantities(
@@ -279,7 +287,7 @@ def _peak_phase(positions: FloatArray) -> float:
 def _deviation(positions: FloatArray, motion: Demonstration, primitive: MovementPrimitive) -> float:
     """How unlikely a path is to the primitive, in standard deviations of a weight."""
     start, goal = motion.positions[[0, -1]]
-    expected = primitive.statistics.condition(start, goal, motion.duration)
+    expected = primitive.model.predict(start, goal, motion.duration)
     basis = primitive.basis
     if not basis.n_weights:
         return float("nan")

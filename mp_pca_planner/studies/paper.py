@@ -24,7 +24,6 @@ from ..planning.constraints import LimitedProgram, LimitTables
 from ..planning.solver import solve
 from ..primitives.basis import PolynomialBasis, legendre_values
 from ..primitives.differences import FINE_PHASES
-from ..primitives.moments import Moments
 from ..primitives.pca import PrincipalComponents, fit_components
 from ..recordings.demonstration import Demonstration
 from ..robot import Robot
@@ -50,7 +49,7 @@ _ENDS = np.array([0.0, 1.0])
 def angle_components(motions: Sequence[Demonstration]) -> list[PrincipalComponents]:
     """Components of the joint angles over time, joint by joint ([P] eq. (1)–(5))."""
     angles = np.array([motion.time_normalised(_N_PHASES) for motion in motions])
-    return [fit_components(Moments.of(angles[:, :, j])) for j in range(angles.shape[2])]
+    return [fit_components(angles[:, :, j]) for j in range(angles.shape[2])]
 
 
 def paper_basis(

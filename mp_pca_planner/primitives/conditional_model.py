@@ -1,0 +1,317 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""The conditional model: weights, time scaling and duration that are likely for a request.
+
+Gaussian-process regression, averaged over kernels. A few demonstrations don't determine how smooth
+and how noisy they are, nor whether a motion back repeats the motion there in reversed time (waving)
+or mirrors it (circles). Each kernel counts by the density that it gives to demonstrations that are
+left out: pseudo-Bayes factors (Gelfand and Dey, 1994; Rasmussen and Williams, "Gaussian Processes
+for Machine Learning", 2006, sections 2.2 and 5.4.2). The prior mean is the minimum-jerk motion.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..arrays import FloatArray
+from .covariances import in_span_score, request_precision, shrunk_covariance
+from .pace import reversed_paces
+
+# More demonstrations are thinned out evenly: the time to fit grows with the cube of their number.
+_MAX_DEMONSTRATIONS = 300
+
+# Predicted durations stay within this many standard deviations of the demonstrated ones.
+_MAX_DEVIATIONS = 3.0
+
+# The kernels: inverse lengths in units of the spread of the requests, correlations of a motion with
+# the reversed one, and variances of the noise in units of the variance that depends on the request.
+# The largest noise leaves the prior mean.
+INVERSE_LENGTHS = (0.25, 1.0, 2.0)
+_REVERSALS = (0.0, -0.8, 0.8)
+_NOISES = (0.02, 0.2, 2.0, 200.0)
+# Variance of what all outputs have in common, in the same units.
+_CONSTANT = 10.0
+# Power of the densities. Demonstrations that are left out one by one are not independent.
+_TEMPER = 0.7
+# Fewer demonstrations can't rank kernels; the first one is taken.
+_MIN_RANKED = 3
+# Share of the mean squared distance from start to goal that is added to each.
+_MIN_SQUARE = 0.09
+# Avoids logarithms of and divisions by zero.
+_TINY = 1e-300
+
+# What keeps its sign and what changes it where a motion is reversed in time.
+_SIGNS = np.array([1.0, -1.0])[:, None, None]
+
+Groups = Sequence[NDArray[np.intp]]
+"""Groups of demonstrations that are left out together, by their indices."""
+
+
+@dataclass(frozen=True, eq=False)
+class ConditionalDistribution:
+    """The distribution of motions for a request.
+
+    Attributes
+    ----------
+    weights : array, shape (n_weights,)
+        Expected weights ŵ.
+    covariance : array, shape (n_weights, n_weights)
+        Their covariance Λ, positive definite.
+    precision : array, shape (n_weights, n_weights)
+        Λ⁻¹.
+    pace : array, shape (n_pace,)
+        Expected time scaling, see :mod:`.pace`; zero: even.
+    duration : float
+        The duration of the request, or else the expected one [s].
+    in_span_score : float
+        How far outside the demonstrations the request lies: the Mahalanobis distance of its
+        end points (and duration, if given), divided by the square root of their number;
+        about 1 for a request like the demonstrations.
+    """
+
+    weights: FloatArray
+    covariance: FloatArray
+    precision: FloatArray
+    pace: FloatArray
+    duration: float
+    in_span_score: float
+
+
+@dataclass(frozen=True, eq=False)
+class ConditionalModel:
+    """A fitted regression of motions on requests (q0, qT, log T).
+
+    Shapes and durations grow with the square root of the distance from start to goal: small
+    motions are straighter. Demonstrations of several activities are fitted twice, with kernels
+    ranked by left-out motions and by left-out activities. The second fit counts for requests
+    that are unlike all demonstrations.
+
+    Attributes
+    ----------
+    requests : array, shape (n_demonstrations, 2 n_joints + 1)
+        q0, qT [rad or m] and log T of the demonstrations that the model is fitted to.
+    shape_coefficients : array, shape (n_lengths, n_fits, 2, n_demonstrations, n_weights)
+        Of weights less the straight ones: a prediction is the sum of their products with the
+        similarities of the request to the demonstrations.
+    straight_weights : array, shape (n_weights,)
+        Weights of a minimum-jerk motion, which is the prior mean.
+    pace_coefficients : array, shape (n_lengths, n_fits, 2, n_demonstrations, n_pace)
+        Of time scalings.
+    duration_coefficients : array, shape (n_lengths, 1, 2, n_demonstrations, 1)
+        Of log T less its mean, by the end points alone.
+    weight_covariance, weight_precision : array, shape (n_weights, n_weights)
+        Covariance of what is left of the weights of left-out demonstrations, and its inverse.
+    request_precision : array, shape (2 n_joints + 1, 2 n_joints + 1)
+        Inverse covariance of the requests.
+    """
+
+    requests: FloatArray
+    shape_coefficients: FloatArray
+    straight_weights: FloatArray
+    pace_coefficients: FloatArray
+    duration_coefficients: FloatArray
+    weight_covariance: FloatArray
+    weight_precision: FloatArray
+    request_precision: FloatArray
+
+    @classmethod
+    def fit(
+        cls,
+        requests: FloatArray,
+        shapes: FloatArray,
+        reversed_shapes: FloatArray,
+        straight_weights: FloatArray,
+        paces: FloatArray,
+        labels: Sequence[str],
+    ) -> ConditionalModel:
+        """Fit a model to demonstrations.
+
+        Parameters
+        ----------
+        requests, straight_weights :
+            See the attributes.
+        shapes, reversed_shapes : array, shape (n_demonstrations, n_weights)
+            Weights of the demonstrations less the straight ones, and of the same motions in
+            reversed time.
+        paces : array, shape (n_demonstrations, n_pace)
+            Their time scalings.
+        labels : sequence of str
+            Activity of each.
+        """
+        kept = slice(None, None, -(-len(requests) // _MAX_DEMONSTRATIONS))
+        used, activities = requests[kept], np.asarray(labels)[kept]
+        partitions = [list(np.arange(len(used))[:, None])]
+        if np.any(activities != activities[0]):
+            partitions.append([np.flatnonzero(activities == x) for x in np.unique(activities)])
+        similar, distances = zip(*map(_Features(used), used), strict=True)
+        roots = np.sqrt(distances)[:, None]
+        there, back = (x[kept] / roots for x in (shapes, reversed_shapes))
+        shape, residuals = _fit(similar, there, back, partitions)
+        pace, _ = _fit(similar, paces[kept], reversed_paces(paces[kept]), partitions)
+        similar, _ = zip(*map(_Features(used[:, :-1]), used[:, :-1]), strict=True)
+        times = used[:, -1:] - used[:, -1].mean() - np.log(roots)
+        duration, _ = _fit(similar, times, times, partitions[:1])
+        covariances = *shrunk_covariance(residuals * roots), request_precision(requests)
+        return cls(used, shape, straight_weights, pace, duration, *covariances)
+
+    def predict(
+        self, start: FloatArray, goal: FloatArray, duration: float | None = None
+    ) -> ConditionalDistribution:
+        """Predict motions for a request.
+
+        Parameters
+        ----------
+        start, goal : array, shape (n_joints,)
+            End points [rad or m].
+        duration : float, optional
+            Duration [s]; the expected one unless given.
+        """
+        ends = np.concatenate([start, goal])
+        expected = self._expected_duration(ends) if duration is None else duration
+        request = np.append(ends, np.log(expected))
+        given = ends if duration is None else request
+        score = in_span_score(given, self.mean, self.request_precision)
+        similar, distance = self._features(request)
+        # How unlike all demonstrations the request is, from 0 to 1, by the shortest kernel.
+        novelty = 1.0 + _CONSTANT - similar[-1, 0].max()
+        shape, pace = (
+            np.tensordot(similar, x[:, 0] + novelty * (x[:, -1] - x[:, 0]), axes=3)
+            for x in (self.shape_coefficients, self.pace_coefficients)
+        )
+        weights = self.straight_weights + np.sqrt(distance) * shape
+        covariance, precision = self.weight_covariance, self.weight_precision
+        return ConditionalDistribution(weights, covariance, precision, pace, expected, score)
+
+    @cached_property
+    def mean(self) -> FloatArray:
+        """Mean request, shape (2 n_joints + 1,)."""
+        return np.asarray(self.requests.mean(axis=0))
+
+    @cached_property
+    def _features(self) -> _Features:
+        return _Features(self.requests)
+
+    def _expected_duration(self, ends: FloatArray) -> float:
+        similar, distance = _Features(self.requests[:, :-1])(ends)
+        residual = np.tensordot(similar, self.duration_coefficients[:, 0], axes=3).item()
+        # A request far away must not make a motion of hours out of a trend.
+        reach = _MAX_DEVIATIONS * self.requests[:, -1].std()
+        deviation = np.clip(np.log(distance) / 2.0 + residual, -reach, reach)
+        return float(np.exp(self.mean[-1] + deviation))
+
+
+class _Features:
+    """Similarities of requests with those of the demonstrations, and their sizes.
+
+    Parameters
+    ----------
+    requests : array, shape (n_demonstrations, n_entries)
+        Start, goal, and at most one entry that is the same in both directions.
+    """
+
+    def __init__(self, requests: FloatArray) -> None:
+        n = requests.shape[1] // 2
+        self._swapped = np.r_[n : 2 * n, :n, 2 * n : requests.shape[1]]
+        # A spread or distance of zero: any unit will do.
+        self._spread = float(np.sqrt(np.sum(requests.var(axis=0)))) or 1.0
+        self._both_directions = np.array([requests, requests[:, self._swapped]])
+        squares = self._squared_distance(requests)
+        self._floor = _MIN_SQUARE * float(squares.mean()) or 1.0
+        self._unit = float(np.exp(np.mean(np.log(squares + self._floor))))
+
+    def __call__(self, request: FloatArray) -> tuple[FloatArray, float]:
+        """Prior covariances with the demonstrations, and the distance from start to goal.
+
+        The covariances are those of Matérn with smoothness 5/2 (Rasmussen and Williams, equation
+        4.17) and a constant. Squared exponentials, which are smoother, overshoot between and beyond
+        demonstrations.
+
+        Parameters
+        ----------
+        request : array, shape (n_entries,)
+            Any request.
+
+        Returns
+        -------
+        similarities : array, shape (n_lengths, 2, n_demonstrations)
+            By inverse length, of motions and of reversed ones.
+        distance : float
+            Bounded from below, in units of the geometric mean of all.
+        """
+        apart = np.linalg.norm(self._both_directions - request, axis=2) / self._spread
+        ratios = np.sqrt(5.0) * np.multiply.outer(INVERSE_LENGTHS, apart)
+        square = (self._squared_distance(request) + self._floor) / self._unit
+        covariances = (1.0 + ratios + ratios**2 / 3.0) * np.exp(-ratios) + _CONSTANT
+        return covariances, float(np.sqrt(square))
+
+    def _squared_distance(self, requests: FloatArray) -> FloatArray:
+        # Each joint counts twice, which any unit allows.
+        return np.asarray(np.sum((requests - requests[..., self._swapped]) ** 2, axis=-1))
+
+
+def _fit(
+    similarities: Sequence[FloatArray],
+    outputs: FloatArray,
+    reversed_outputs: FloatArray,
+    partitions: Sequence[Groups],
+) -> tuple[FloatArray, FloatArray]:
+    """Fit averages of Gaussian processes, one for each partition.
+
+    Parameters
+    ----------
+    similarities : sequence of arrays, shape (n_lengths, 2, n_demonstrations)
+        Of each demonstration.
+    outputs, reversed_outputs : array, shape (n_demonstrations, n_outputs)
+        Outputs of the demonstrations, and of the same motions in reversed time.
+    partitions : sequence of Groups
+        Groups of demonstrations that are left out together to rank the kernels.
+
+    Returns
+    -------
+    coefficients : array, shape (n_lengths, n_partitions, 2, n_demonstrations, n_outputs)
+        A prediction is the sum of their products with the similarities of a request.
+    residuals : array, shape (n_demonstrations, n_outputs)
+        Outputs minus predictions from the other groups of the first partition.
+    """
+    parts = np.array([outputs + reversed_outputs, outputs - reversed_outputs]) / 2.0
+    shares, residuals, scores = [], [], []
+    kernels = product(np.stack(similarities, axis=2), _REVERSALS, _NOISES)
+    for (there, back), reversal, noise in kernels:
+        inverse = np.linalg.inv(there + _SIGNS * reversal * back + noise * np.eye(len(outputs)))
+        solved = inverse @ parts
+        shares.append([solved[0] + solved[1], reversal * (solved[0] - solved[1])])
+        left = [_leave_out(inverse, solved, partition) for partition in partitions]
+        residuals.append(left[0][0])
+        scores.append([score for _, score in left])
+    squares = outputs @ outputs.T
+    # As many independent outputs as these correlated ones are worth.
+    freedom = np.trace(squares) ** 2 / (np.sum(squares**2) + _TINY)
+    probabilities = np.exp(_TEMPER * freedom * (np.array(scores) - np.max(scores, axis=0)))
+    if len(outputs) < _MIN_RANKED:
+        probabilities[1:] = 0.0
+    probabilities /= probabilities.sum(axis=0)
+    weighted = probabilities[:, :, None, None, None] * np.array(shares)[:, None]
+    first = range(0, len(scores), len(_REVERSALS) * len(_NOISES))
+    return np.add.reduceat(weighted, first), np.tensordot(probabilities[:, 0], residuals, axes=1)
+
+
+def _leave_out(inverse: FloatArray, solved: FloatArray, groups: Groups) -> tuple[FloatArray, float]:
+    """Residuals of groups that are left out, and the logarithm of their density.
+
+    Without refitting (Rasmussen and Williams, equations 5.10 to 5.12, for groups). The density is
+    that of one output, with the variance that makes it highest, up to a constant.
+    """
+    residuals, variances = np.empty_like(solved), np.empty(solved.shape[:2])
+    for group in groups:
+        covariance = np.linalg.inv(inverse[:, group[:, None], group])
+        residuals[:, group] = covariance @ solved[:, group]
+        variances[:, group] = np.diagonal(covariance, axis1=1, axis2=2)
+    square = np.sum(residuals**2 / variances[:, :, None])
+    score = -0.25 * np.sum(np.log(variances)) - 0.5 * solved.shape[1] * np.log(square + _TINY)
+    return np.sum(residuals, axis=0), float(score)

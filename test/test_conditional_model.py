@@ -1,0 +1,332 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Prediction of weights, time scaling and duration for a request."""
+
+from itertools import product
+
+import numpy as np
+import pytest
+from arm import arm_demonstrations, arm_primitive
+from scipy.stats import norm
+
+from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
+from mp_pca_planner.primitives.conditional_model import ConditionalModel
+from mp_pca_planner.primitives.cross_validation import expected_motion
+from mp_pca_planner.primitives.differences import FINE_PHASES, differences
+from mp_pca_planner.recordings.demonstration import Demonstration
+
+# Of the second of two weights; it changes its sign where a motion is reversed in time.
+SIGNS = np.array([1.0, -1.0])
+STRAIGHT = np.array([3.0, -1.0])
+
+
+def fit(requests, shapes, reversed_shapes=None, paces=None, labels=None):
+    """A model; outputs are the same in reversed time unless given."""
+    n, size = shapes.shape
+    return ConditionalModel.fit(
+        requests,
+        shapes,
+        shapes if reversed_shapes is None else reversed_shapes,
+        STRAIGHT if size == 2 else np.zeros(size),
+        np.zeros((n, 1)) if paces is None else paces,
+        [""] * n if labels is None else labels,
+    )
+
+
+def predict(model, request):
+    """Weights, less those of a straight motion."""
+    n = request.size // 2
+    found = model.predict(request[:n], request[n : 2 * n], float(np.exp(request[-1])))
+    return found.weights - model.straight_weights
+
+
+def swapped(x):
+    return x[..., [2, 3, 0, 1, 4]]
+
+
+def textbook(x, y, request, groups):
+    """Average of Gaussian processes, every covariance written out and every model fitted anew.
+
+    Hyperparameters are those that the module documents.
+    """
+    spread = np.sqrt(np.sum(x.var(axis=0)))
+    mean_square = np.mean(np.sum((x - swapped(x)) ** 2, axis=1))
+
+    def root(a):
+        return (np.sum((a - swapped(a)) ** 2) / mean_square + 0.09) ** 0.25
+
+    def similar(a, b, inverse_length):
+        r = np.sqrt(5.0) * np.linalg.norm(a - b) / spread * inverse_length
+        return 10.0 + (1.0 + r + r**2 / 3.0) * np.exp(-r)
+
+    def prior(a, b, length, reversal, output):
+        there, back = similar(a, b, length), similar(a, swapped(b), length)
+        return there + SIGNS[output] * reversal * back
+
+    def posterior(known, at, kernel, output):
+        *shape, noise = kernel
+        gram = np.array([[prior(x[i], x[j], *shape, output) for j in known] for i in known])
+        cross = np.array([prior(at, x[j], *shape, output) for j in known])
+        solved = np.linalg.solve(gram + noise * np.eye(len(known)), cross)
+        scaled = y[known, output] / [root(x[i]) for i in known]
+        variance = prior(at, at, *shape, output) + noise - solved @ cross
+        return solved @ scaled, variance
+
+    kernels = list(product((0.25, 1.0, 2.0), (0.0, -0.8, 0.8), (0.02, 0.2, 2.0, 200.0)))
+    scores, predictions = [], []
+    for kernel in kernels:
+        left, variances = np.empty_like(y), np.empty_like(y)
+        for i, output in product(range(len(x)), range(2)):
+            known = np.flatnonzero(groups != groups[i])
+            guess, variances[i, output] = posterior(known, x[i], kernel, output)
+            left[i, output] = y[i, output] / root(x[i]) - guess
+        scale = np.sum(left**2 / variances) / len(x)
+        log_density = norm.logpdf(left, scale=np.sqrt(scale * variances)).sum()
+        scores.append(log_density / 2.0)
+        everything = np.arange(len(x))
+        predictions.append([posterior(everything, request, kernel, k)[0] for k in (0, 1)])
+    scaled = y / np.array([[root(a)] for a in x])
+    gram = scaled @ scaled.T
+    freedom = np.trace(gram) ** 2 / np.sum(gram**2)
+    logs = 0.7 * freedom * np.array(scores)
+    probabilities = np.exp(logs - logs.max()) / np.exp(logs - logs.max()).sum()
+    return root(request) * (probabilities @ np.array(predictions))
+
+
+def example(n=7):
+    rng = np.random.default_rng(5)
+    x = rng.normal(size=(n, 5))
+    y = x @ rng.normal(size=(5, 2)) + 0.3 * rng.normal(size=(n, 2))
+    return x, y
+
+
+def test_predictions_are_averages_of_gaussian_processes():
+    x, y = example()
+    request = np.array([0.3, -0.5, 1.0, 0.2, -0.4])
+    found = predict(fit(x, y, y * SIGNS), request)
+    np.testing.assert_allclose(found, textbook(x, y, request, np.arange(7)), rtol=1e-8)
+
+
+def test_far_from_the_demonstrations_kernels_count_by_left_out_activities():
+    x, y = example()
+    labels = np.array(["a", "b", "b", "a", "a", "c", "c"])
+    model = fit(x, y, y * SIGNS, labels=labels)
+    far = x[0] + np.array([50.0, 0.0, 0.0, 0.0, 0.0])
+    np.testing.assert_allclose(predict(model, far), textbook(x, y, far, labels), rtol=1e-6)
+    near = textbook(x, y, x[0], np.arange(7))
+    np.testing.assert_allclose(predict(model, x[0]), near, rtol=1e-6)
+
+
+def test_the_prior_is_a_straight_motion():
+    """Where shapes scatter about a minimum-jerk motion, nothing else is predicted."""
+    rng = np.random.default_rng(8)
+    x, y = rng.normal(size=(30, 5)), rng.normal(size=(30, 2))
+    found = predict(fit(x, y), x.mean(axis=0) + 0.1)
+    assert np.abs(found).max() < 0.5 * np.abs(y.mean(axis=0)).max()
+
+
+def share_left(x, y, reversed_y=None):
+    """Mean square of what is left of left-out outputs, as a share of theirs."""
+    errors = []
+    backwards = y if reversed_y is None else reversed_y
+    for i in range(len(x)):
+        rest = np.arange(len(x)) != i
+        errors.append(y[i] - predict(fit(x[rest], y[rest], backwards[rest]), x[i]))
+    return np.mean(np.square(errors)) / np.mean(y**2)
+
+
+def test_what_can_be_predicted_is_and_noise_is_not():
+    rng = np.random.default_rng(4)
+    x = np.column_stack([rng.normal(size=(30, 2)), np.zeros(30)])
+    # Shapes grow with the square root of the distance; these are far from where it is small.
+    x[:, 1] += 5.0
+    assert share_left(x, x[:, :1] * 2.0) < 0.05
+    assert share_left(x, np.sin(2.0 * x[:, :1])) < 0.3
+    assert 0.9 < share_left(x, rng.normal(size=(30, 3))) < 1.15
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_motions_predict_reversed_ones(sign):
+    """Each motion and one that retraces it, or mirrors it, predict each other, others don't."""
+    rng = np.random.default_rng(7)
+    starts, goals = rng.normal(size=(2, 10, 3))
+    times = np.zeros((10, 1))
+    there = np.hstack([starts, goals, times])
+    x = np.vstack([there, np.hstack([goals, starts, times])])
+    forwards = rng.normal(size=(10, 12))
+    backwards = forwards * np.repeat([1.0, -1.0], 6)
+    y = np.vstack([forwards, sign * backwards])
+    assert share_left(x, y, np.vstack([backwards, sign * forwards])) < 0.35
+    assert share_left(there, forwards, backwards) > 0.9
+
+
+def test_a_motion_is_predicted_backwards_on_the_way_back():
+    """All demonstrations of one loop, half of them backwards: the last one's twin tells it."""
+    demonstrations = arm_demonstrations(8, 3)
+    backwards = [reversed_in_time(d) for d in demonstrations]
+    primitive = build_primitive([*demonstrations, *backwards[:-1]], "x")
+    motion = backwards[-1]
+    truth = motion.time_normalised(FINE_PHASES.size)
+    alone = expected_motion(build_primitive(demonstrations[:-1], "y"), motion)
+    (_, _, path) = differences(expected_motion(primitive, motion), truth)
+    (_, _, path_alone) = differences(alone, truth)
+    assert path < 0.5 * path_alone
+
+
+def reversed_in_time(motion):
+    return Demonstration(
+        motion.joint_names,
+        motion.times[-1] - motion.times[::-1],
+        motion.positions[::-1],
+        -motion.velocities[::-1],
+        motion.accelerations[::-1],
+        recording=motion.recording,
+        start_time=motion.start_time,
+        end_time=motion.end_time,
+    )
+
+
+def test_known_activities_are_predicted_rather_than_others():
+    """Activities whose shapes have nothing in common, at ends that partly overlap."""
+    rng = np.random.default_rng(2)
+    numbers = np.repeat(np.arange(8), 10)
+    n = numbers.size
+    x = rng.normal(size=(8, 5))[numbers] + 0.3 * rng.normal(size=(n, 5))
+    y = rng.normal(size=(8, 8))[numbers] + 0.1 * rng.normal(size=(n, 8))
+
+    def error(known, asked, labels):
+        model = fit(x[known], y[known], labels=labels[known])
+        found = np.array([predict(model, request) for request in x[asked]])
+        return np.mean((found - y[asked]) ** 2) / np.mean(y[asked] ** 2)
+
+    def unknown_activities(labels):
+        return np.mean([error(numbers != k, numbers == k, labels) for k in range(8)])
+
+    # 1 is the error of a straight motion.
+    labelled, unlabelled = (unknown_activities(x) for x in (numbers, np.zeros(n)))
+    assert labelled - 1.0 < 0.6 * (unlabelled - 1.0)
+    shown = np.arange(n) % 5 > 0
+    assert error(shown, ~shown, numbers) < 0.5
+
+
+@pytest.mark.parametrize("n", [1, 2])
+def test_one_or_two_demonstrations_are_repeated(n):
+    x = np.column_stack([np.arange(2.0 * n).reshape(n, 2), np.full(n, np.log(0.5))])
+    found = fit(x, np.full((n, 1), 3.0)).predict(x[0, :1], x[0, 1:2])
+    assert found.weights == pytest.approx([3.0], rel=1e-2)
+    assert found.duration == pytest.approx(0.5)
+    assert np.isfinite(found.in_span_score)
+
+
+def test_requests_that_never_vary_predict_the_mean():
+    y = np.arange(8.0)[:, None] + 20.0
+    assert predict(fit(np.ones((8, 3)), y), np.ones(3)) == pytest.approx([23.5], rel=0.1)
+
+
+def test_a_duration_that_is_given_is_kept():
+    assert fit(*example()).predict(np.zeros(2), np.zeros(2), 3.25).duration == 3.25
+
+
+def timed(starts, goals, durations):
+    """A model of straight motions."""
+    requests = np.column_stack([starts, goals, np.log(durations)])
+    return fit(requests, np.zeros((len(requests), 0)))
+
+
+def test_an_expected_duration_is_one_like_those_demonstrated():
+    x = np.linspace(0.0, 1.0, 9)[:, None]
+    model = timed(x, 2.0 * x, np.exp(x))
+    inside = model.predict(np.array([0.75]), np.array([1.5])).duration
+    assert inside == pytest.approx(np.exp(0.75), rel=0.05)
+    far = model.predict(np.array([1e3]), np.array([2e3])).duration
+    assert far <= np.exp(0.5 + 3.0 * x.std()) * (1 + 1e-9)
+
+
+def test_longer_motions_are_expected_to_take_longer_wherever_they_are():
+    rng = np.random.default_rng(3)
+    starts, goals = rng.normal(size=(2, 30, 2))
+    lengths = np.linalg.norm(goals - starts, axis=1)
+    model = timed(starts, goals, 0.6 * lengths**0.6)
+    for angle in rng.uniform(-np.pi, np.pi, size=20):
+        start, direction = rng.normal(3.0, size=2), np.array([np.cos(angle), np.sin(angle)])
+        short, long = (model.predict(start, start + x * direction).duration for x in (0.75, 3.0))
+        assert 1.6 < long / short < 2.8  # about 4**0.6
+
+
+def test_a_few_motions_that_are_all_as_long_leave_the_usual_growth_of_durations():
+    angles = np.linspace(0.0, np.pi, 4)
+    goals = np.column_stack([np.cos(angles), np.sin(angles)])
+    model = timed(np.zeros((4, 2)), goals, [0.5, 0.9, 0.6, 1.2])
+    usual, twice = (model.predict(np.zeros(2), k * goals[1]).duration for k in (1.0, 2.0))
+    assert 1.2 < twice / usual < 1.6  # about the square root of 2
+
+
+@pytest.mark.parametrize("goals", [[[0.0, 0.0]] * 3, [[1.0, 0.0]] * 3])
+def test_motions_to_nowhere_and_equal_durations_are_no_trouble(goals):
+    model = timed(np.zeros((3, 2)), np.array(goals), np.full(3, 0.8))
+    for goal in (np.zeros(2), np.ones(2)):
+        assert model.predict(np.zeros(2), goal).duration == pytest.approx(0.8)
+
+
+def test_the_covariance_is_that_of_predictions_of_left_out_motions():
+    rng = np.random.default_rng(1)
+    model = fit(rng.normal(size=(400, 3)), rng.normal(size=(400, 2)))
+    # Noise can't be predicted: what is left is its variance of 1.
+    found = model.predict(np.zeros(1), np.zeros(1))
+    np.testing.assert_allclose(found.covariance, np.eye(2), atol=0.3)
+    np.testing.assert_allclose(found.covariance @ found.precision, np.eye(2), atol=1e-9)
+
+
+def test_more_than_300_demonstrations_are_thinned_out():
+    rng = np.random.default_rng(6)
+    x, y = rng.normal(size=(601, 3)), rng.normal(size=(601, 2))
+    thinned = fit(x, y)
+    np.testing.assert_array_equal(thinned.requests, x[::3])
+    np.testing.assert_allclose(
+        thinned.shape_coefficients, fit(x[::3], y[::3]).shape_coefficients, rtol=1e-9
+    )
+
+
+def test_the_in_span_score_is_about_one_inside_and_grows_outside():
+    primitive = arm_primitive()
+    ends = primitive.boundary_states[:, [0, 3]]
+    scores = [primitive.model.predict(start, goal).in_span_score for start, goal in ends]
+    assert 0.5 < np.sqrt(np.mean(np.square(scores))) < 1.2
+    start, goal = ends.mean(axis=0)
+    assert primitive.model.predict(start, goal).in_span_score < 1e-9
+    far = [primitive.model.predict(start, goal + d).in_span_score for d in (1.0, 2.0, 4.0)]
+    assert far[0] < far[1] < far[2] and far[2] > 3.0
+
+
+@pytest.mark.parametrize("duration", [None, 0.6])
+def test_the_in_span_score_is_a_mahalanobis_distance(duration):
+    primitive = arm_primitive()
+    states = primitive.boundary_states
+    x = np.column_stack([states[:, 0], states[:, 3], np.log(primitive.durations)])
+    request = np.append(x[3, :-1] + 0.2, np.log(0.6))
+    if duration is None:
+        x, request = x[:, :-1], request[:-1]
+    covariance = np.cov(x, rowvar=False) + np.deg2rad(1.0) ** 2 * np.eye(request.size)
+    deviation = request - x.mean(axis=0)
+    expected = np.sqrt(deviation @ np.linalg.solve(covariance, deviation) / request.size)
+    found = primitive.model.predict(request[:4], request[4:8], duration).in_span_score
+    assert found == pytest.approx(expected)
+
+
+def test_expected_weights_of_held_out_motions_are_no_worse_than_the_mean():
+    demonstrations = arm_demonstrations(30, 11)
+    expected, plain = [], []
+    for i in range(0, 30, 3):
+        rest = [d for j, d in enumerate(demonstrations) if j != i]
+        options = PrimitiveOptions(n_components=4)
+        primitive = build_primitive(rest, "rest", options)
+        held_out = build_primitive([*rest, demonstrations[i]], "all", options)
+        target = held_out.basis.shape(held_out.weights[-1], np.linspace(0, 1, 50))
+        motion = demonstrations[i]
+        guess = primitive.model.predict(
+            motion.positions[0], motion.positions[-1], motion.duration
+        ).weights
+        for weights, errors in ((guess, expected), (np.zeros(4), plain)):
+            shape = primitive.basis.shape(weights, np.linspace(0, 1, 50))
+            errors.append(np.mean((shape - target) ** 2))
+    assert np.mean(expected) <= np.mean(plain)
