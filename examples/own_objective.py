@@ -43,7 +43,7 @@ def plan(weight: float) -> Plan:
     demonstrations = [m.as_demonstration(f"motion_{i}") for i, m in enumerate(motions)]
     primitive = build_primitive(demonstrations, "reach", PrimitiveOptions(n_components=4))
     options = PlannerOptions(
-        objectives=((1.0, Effort()), (weight, NearAngle("elbow", -0.4))), naturalness=0.001
+        objectives=((1.0, Effort()), (weight, NearAngle("elbow", -0.4))), naturalness=0.01
     )
     planner = Planner(robot, [primitive], robot.limits(), options)
     start, goal = (JointState(JOINT_NAMES, motions[0].positions[end]) for end in (0, -1))

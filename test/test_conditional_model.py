@@ -277,9 +277,9 @@ def test_the_covariance_is_that_of_predictions_of_left_out_motions():
     np.testing.assert_allclose(found.covariance @ found.precision, np.eye(2), atol=1e-9)
 
 
-def test_more_than_300_demonstrations_are_thinned_out():
+def test_more_than_200_demonstrations_are_thinned_out():
     rng = np.random.default_rng(6)
-    x, y = rng.normal(size=(601, 3)), rng.normal(size=(601, 2))
+    x, y = rng.normal(size=(401, 3)), rng.normal(size=(401, 2))
     thinned = fit(x, y)
     np.testing.assert_array_equal(thinned.requests, x[::3])
     np.testing.assert_allclose(

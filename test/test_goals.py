@@ -237,9 +237,9 @@ def test_each_objective_is_lowered_by_asking_for_it():
         a = plan.trajectory.accelerations
         return float(np.mean(np.gradient(a, plan.trajectory.times, axis=0) ** 2))
 
-    effort = planner(naturalness=1e-4).plan(goal, start)
-    smooth = planner(naturalness=1e-4, objectives=((1.0, Jerk()),)).plan(goal, start)
-    straight = planner(naturalness=1e-4, objectives=((1.0, Straightness(HAND)),)).plan(goal, start)
+    effort = planner(naturalness=1e-3).plan(goal, start)
+    smooth = planner(naturalness=1e-3, objectives=((1.0, Jerk()),)).plan(goal, start)
+    straight = planner(naturalness=1e-3, objectives=((1.0, Straightness(HAND)),)).plan(goal, start)
     assert jerk(smooth) < jerk(effort)
     assert hand_off_line(straight) < 0.5 * hand_off_line(effort)
     assert effort.solution.effort_cost < min(

@@ -138,6 +138,7 @@ def test_a_changed_file_is_refused_with_its_name_and_the_reason(path, change, me
         ("shape_coefficients", lambda x: x[:, :, :, 1:], "must have the shape"),
         ("pace_coefficients", lambda x: x * np.inf, "only finite"),
         ("requests", lambda x: x[:, 1:], "must have the shape"),
+        ("shape_coefficients", lambda x: x[:, :0], "must have the shape"),
         ("mean_coefficients", lambda x: x[0], "must have the shape"),
     ],
 )

@@ -177,7 +177,7 @@ class Settings:
     )
     naturalness: float = _declared(
         PlannerOptions.naturalness,
-        """Cost of a motion half a standard deviation away from the demonstrated ones, as a share of
+        """Cost of a motion one standard deviation away from the demonstrated ones, as a share of
         the expected motion's effort; 0: least effort alone, which may leave the demonstrations
         far behind.""",
         high=1e6,

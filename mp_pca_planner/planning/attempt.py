@@ -27,7 +27,7 @@ from .conditions import Condition
 from .constraints import LimitedProgram
 from .families import Family
 from .motion import Motion
-from .plan import MotionSolution, PlannerOptions, deviation_price
+from .plan import MotionSolution, PlannerOptions
 from .pose_search import POSE_TOLERANCE, nearest_configuration
 from .program import Program
 from .request import Request
@@ -295,7 +295,7 @@ def _starts(family: Family, program: MotionProgram, naturalness: float) -> list[
     if family.precision is not None and naturalness > 0.0:
         n = program.unknowns.n_weights
         scales = program.scales[:n]
-        price = deviation_price(naturalness) * program.costs(candidates[:1])[0]
+        price = naturalness * program.costs(candidates[:1])[0]
         program.precision[:n, :n] = price * family.precision * np.outer(scales, scales)
         if naturalness >= NEAR_EXPECTED:
             order = order[:1]

@@ -3,7 +3,7 @@
 """The motion compiler ([P] Section 2): from a request to a nonlinear program over few weights.
 
 The objective is J = ½∫‖τ‖²dt ([P] eq. (6)), or another sum of running costs (see
-:mod:`.objectives`), plus the naturalness 4ρ J(ŵ)(w−ŵ)ᵀΛ⁻¹(w−ŵ). With Gauss–Legendre nodes the
+:mod:`.objectives`), plus the naturalness ½ρ(w−ŵ)ᵀΛ⁻¹(w−ŵ). With Gauss–Legendre nodes the
 integral becomes a sum of squares, ½‖r(x)‖², whose Jacobian follows from the chain rule,
 ∂τ/∂w = ∂τ/∂q φ + ∂τ/∂q̇ φ'/T + M φ''/T².
 
@@ -434,7 +434,7 @@ class MotionProgram:
         return np.asarray([0.5 * float(r @ r) for r in residuals] + natural)
 
     def naturalness(self, x: FloatArray) -> float:
-        """The naturalness term 4ρ J(ŵ)(w−ŵ)ᵀΛ⁻¹(w−ŵ)."""
+        """The naturalness term ½ρ(w−ŵ)ᵀΛ⁻¹(w−ŵ)."""
         deviation = x - self.expected
         return float(0.5 * deviation @ self.precision @ deviation)
 

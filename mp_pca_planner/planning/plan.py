@@ -19,11 +19,6 @@ from .starts import MOST_STARTS
 
 BASES = ("pca", "bspline")
 DEMONSTRATED, SHORTEST, FREE = "demonstrated", "shortest", "free"
-
-# Standard deviations of the weights at which a deviation costs ρ times what the expected motion
-# costs. At √2 planned arm circles miss the demonstrated ones by 12 % more than expected ones do,
-# because effort falls by 40 %; at ½ by 2 %.
-_PRICED_DEVIATION = 0.5
 TIMINGS = (DEMONSTRATED, SHORTEST, FREE)
 SOLVED = "solved"
 STOPPED_EARLY = "stopped_early"
@@ -46,7 +41,7 @@ class PlannerOptions:
         Of goals that don't say their duration: like the demonstrations; the shortest that all
         limits allow; or the one with the least of the objectives.
     naturalness : float
-        ρ: how much a motion half a standard deviation away from the expected one costs, as a
+        ρ: how much a motion one standard deviation away from the expected one costs, as a
         share of what the expected motion costs. 0: least effort alone, which may leave the
         demonstrations far behind. It is raised when a motion breaks limits otherwise.
     sample_period : float
@@ -114,7 +109,7 @@ class MotionSolution:
     effort_cost : float
         Their J = ½∫‖τ‖²dt [N²·m²·s], whether that is an objective or not.
     naturalness_cost : float
-        Their 4ρ J(ŵ)(w−ŵ)ᵀΛ⁻¹(w−ŵ), in units of the objectives.
+        Their ½ρ(w−ŵ)ᵀΛ⁻¹(w−ŵ), in units of the objectives.
     start_cost : float
         J of the expected motion.
     converged : bool
@@ -246,8 +241,3 @@ class Plan:
             "goal_error": self.goal_error,
             "via_error": self.via_error,
         }
-
-
-def deviation_price(naturalness: float) -> float:
-    """Factor of J(ŵ) ½(w−ŵ)ᵀΛ⁻¹(w−ŵ) in the cost of a motion, for a naturalness ρ."""
-    return 2.0 * naturalness / _PRICED_DEVIATION**2

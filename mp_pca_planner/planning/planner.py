@@ -38,7 +38,7 @@ _SHARE_OF_FIXED = 0.6
 # The search for the shortest duration: first step and precision.
 _FIRST_STEP, _DURATION_PRECISION = 2.0, 1.002
 # In it, likeness to the demonstrations mustn't stand against the limits.
-_SEARCH_NATURALNESS = 1e-3
+_SEARCH_NATURALNESS = 1e-2
 # The shortest duration is stated this much longer, for a motion to fit into it again.
 _SHORTEST_MARGIN = 1.002
 # Demonstrations of a primitive whose own ends are planned between beforehand. From them one starts

@@ -149,8 +149,7 @@ class SequencePlanner:
     limits : JointLimits
         Limits of the joints.
     naturalness : float
-        ρ, see :class:`.PlannerOptions`, of √2 standard deviations: joined motions leave the
-        demonstrated ones anyway.
+        ρ, see :class:`.PlannerOptions`.
     sample_period : float
         Longest time between the points of a trajectory [s].
     max_solve_time : float

@@ -24,7 +24,7 @@ from .covariances import in_span_score, request_precision, shrunk_covariance
 from .pace import reversed_paces
 
 # More demonstrations are thinned out evenly: the time to fit grows with the cube of their number.
-_MAX_DEMONSTRATIONS = 300
+_MAX_DEMONSTRATIONS = 200
 
 # Predicted durations stay within this many standard deviations of the demonstrated ones.
 _MAX_DEVIATIONS = 3.0
@@ -33,6 +33,7 @@ _MAX_DEVIATIONS = 3.0
 # the reversed one, and variances of the noise in units of the variance that depends on the request.
 # The largest noise leaves the prior mean.
 INVERSE_LENGTHS = (0.25, 1.0, 2.0)
+# Reversals are zero, then one number with both signs.
 _REVERSALS = (0.0, -0.8, 0.8)
 _NOISES = (0.02, 0.2, 2.0, 200.0)
 # Variance of what all outputs have in common, in the same units.
@@ -46,11 +47,8 @@ _MIN_SQUARE = 0.09
 # Avoids logarithms of and divisions by zero.
 _TINY = 1e-300
 
-# What keeps its sign and what changes it where a motion is reversed in time.
-_SIGNS = np.array([1.0, -1.0])[:, None, None]
-
 Groups = Sequence[NDArray[np.intp]]
-"""Groups of demonstrations that are left out together, by their indices."""
+"""Indices of demonstrations that are left out together, in arrays of groups of one size."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,9 +144,9 @@ class ConditionalModel:
         """
         kept = slice(None, None, -(-len(requests) // _MAX_DEMONSTRATIONS))
         used, activities = requests[kept], np.asarray(labels)[kept]
-        partitions = [list(np.arange(len(used))[:, None])]
+        partitions: list[Groups] = [[np.arange(len(used))[:, None]]]
         if np.any(activities != activities[0]):
-            partitions.append([np.flatnonzero(activities == x) for x in np.unique(activities)])
+            partitions.append([np.argwhere(activities == x).T for x in np.unique(activities)])
         similar, distances = zip(*map(_Features(used), used), strict=True)
         roots = np.sqrt(distances)[:, None]
         there, back = (x[kept] / roots for x in (shapes, reversed_shapes))
@@ -197,8 +195,12 @@ class ConditionalModel:
     def _features(self) -> _Features:
         return _Features(self.requests)
 
+    @cached_property
+    def _end_features(self) -> _Features:
+        return _Features(self.requests[:, :-1])
+
     def _expected_duration(self, ends: FloatArray) -> float:
-        similar, distance = _Features(self.requests[:, :-1])(ends)
+        similar, distance = self._end_features(ends)
         residual = np.tensordot(similar, self.duration_coefficients[:, 0], axes=3).item()
         # A request far away must not make a motion of hours out of a trend.
         reach = _MAX_DEVIATIONS * self.requests[:, -1].std()
@@ -281,14 +283,17 @@ def _fit(
     """
     parts = np.array([outputs + reversed_outputs, outputs - reversed_outputs]) / 2.0
     shares, residuals, scores = [], [], []
-    kernels = product(np.stack(similarities, axis=2), _REVERSALS, _NOISES)
-    for (there, back), reversal, noise in kernels:
-        inverse = np.linalg.inv(there + _SIGNS * reversal * back + noise * np.eye(len(outputs)))
-        solved = inverse @ parts
-        shares.append([solved[0] + solved[1], reversal * (solved[0] - solved[1])])
-        left = [_leave_out(inverse, solved, partition) for partition in partitions]
-        residuals.append(left[0][0])
-        scores.append([score for _, score in left])
+    for (there, back), noise in product(np.stack(similarities, axis=2), _NOISES):
+        gram = there + np.reshape(_REVERSALS, (-1, 1, 1)) * back
+        inverses = np.linalg.inv(gram + noise * np.eye(len(outputs)))
+        for i, reversal in enumerate(_REVERSALS):
+            # What keeps its sign in reversed time is correlated so, what changes it the other way.
+            inverse = inverses[[i, -i]]
+            solved = inverse @ parts
+            shares.append([solved[0] + solved[1], reversal * (solved[0] - solved[1])])
+            left = [_leave_out(inverse, solved, partition) for partition in partitions]
+            residuals.append(left[0][0])
+            scores.append([score for _, score in left])
     squares = outputs @ outputs.T
     # As many independent outputs as these correlated ones are worth.
     freedom = np.trace(squares) ** 2 / (np.sum(squares**2) + _TINY)
@@ -309,9 +314,9 @@ def _leave_out(inverse: FloatArray, solved: FloatArray, groups: Groups) -> tuple
     """
     residuals, variances = np.empty_like(solved), np.empty(solved.shape[:2])
     for group in groups:
-        covariance = np.linalg.inv(inverse[:, group[:, None], group])
+        covariance = np.linalg.inv(inverse[:, group[..., None], group[:, None]])
         residuals[:, group] = covariance @ solved[:, group]
-        variances[:, group] = np.diagonal(covariance, axis1=1, axis2=2)
+        variances[:, group] = np.diagonal(covariance, axis1=2, axis2=3)
     square = np.sum(residuals**2 / variances[:, :, None])
     score = -0.25 * np.sum(np.log(variances)) - 0.5 * solved.shape[1] * np.log(square + _TINY)
     return np.sum(residuals, axis=0), float(score)

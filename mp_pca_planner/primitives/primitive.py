@@ -157,7 +157,12 @@ class MovementPrimitive:
 
     def _check_values(self) -> None:
         """Refuse arrays of values that make no sense."""
-        if len(self.durations) == 0 or np.any(self.durations <= 0.0):
+        sizes = (
+            len(self.durations),
+            len(self.model.requests),
+            self.model.shape_coefficients.shape[1],
+        )
+        if 0 in sizes or np.any(self.durations <= 0.0):
             raise PrimitiveFileError(
                 f"primitive '{self.name}' needs demonstrations that last > 0 s"
             )
