@@ -42,6 +42,12 @@ _SHAPES: dict[str, tuple[str | int, ...]] = {
 }
 
 
+# Positions, coefficients and durations of motions [rad, m, s] are smaller; what is divided by small
+# variances need not be.
+_LARGEST_USUAL = 1e6
+_LARGEST = {"weight_precision": 1e15, "request_precision": 1e15}
+
+
 @dataclass(frozen=True, eq=False)
 class MovementPrimitive:
     """A family of motions learned from demonstrations.
@@ -152,6 +158,10 @@ class MovementPrimitive:
                 f"array '{array}' of '{self.name}'",
                 PrimitiveFileError,
             )
+            if np.abs(frozen).max(initial=0.0) > _LARGEST.get(array, _LARGEST_USUAL):
+                raise PrimitiveFileError(
+                    f"array '{array}' of '{self.name}' holds numbers that are too large for motions"
+                )
             sizes |= dict(zip(shape, frozen.shape, strict=True))
             object.__setattr__(owner, array, frozen)
 
