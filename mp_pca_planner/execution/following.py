@@ -45,6 +45,8 @@ _MISSED = 0.02
 _BESIDE = 0.15
 # A robot that is slower than this share of its motion's speed has been stopped by something else.
 _SLOWEST = 0.05
+# A robot that begins to move is seen to do so by then [s].
+_BEGINNING = 0.5
 # What was measured shows a motion so long after it was published [s].
 _VISIBLE = 0.05
 
@@ -124,6 +126,7 @@ class MotionFollower:
         self._previous_progress: Progress
         self._servo: ServoModel
         self._unconfirmed_since: float
+        self._commanded_since: float
         # That of positions at rest [rad or m].
         self._noise: float
         self._is_path_known: bool
@@ -155,6 +158,7 @@ class MotionFollower:
                 self._previous, self._previous_progress = self._commanded, self._progress
                 self._unconfirmed_since = joined.time
             self._commanded, self._is_arrived = joined.motion, False
+            self._commanded_since = joined.time
             self._is_path_known, self._is_timed = joined.is_path_known, joined.is_on_time
             place = joined.time - joined.motion.began - self._servo.lag * rate
             self._progress = Progress(joined.time, place, rate)
@@ -262,7 +266,7 @@ class MotionFollower:
         self._progress = self._previous_progress = Progress(0.0, 0.0)
         self._servo = ServoModel(len(self.measured.joint_names))
         self._is_lagging = self._is_arrived = self._is_doubtful = False
-        self._unconfirmed_since = 0.0
+        self._unconfirmed_since = self._commanded_since = 0.0
         self._is_path_known = self._is_timed = True
         self._noise = 0.0
 
@@ -362,6 +366,14 @@ class MotionFollower:
             raise UnconfirmedError(
                 "the speed of the robot changes (speed scaling), so its place on the motion is not "
                 "known precisely; send the goal again"
+            )
+
+    def _check_resting(self, following: Following, now: float) -> None:
+        """Refuse to start where a robot rests that may just begin to move."""
+        if following.how == HELD and now < self._commanded_since + _BEGINNING:
+            raise UnconfirmedError(
+                "the robot rests at the start of the motion before this one, which was published "
+                f"less than {_BEGINNING:g} s ago; send the goal again"
             )
 
     def _check_confirmed(self, following: Following, then: float) -> None:

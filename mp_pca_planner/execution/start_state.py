@@ -126,6 +126,8 @@ class StartStates(MotionFollower):
                     self._check_known(following, now)
                 state = following.motion.state(place)
                 return Start(state, following, last, place, then, measured, at_once)
+            if following is not None:
+                self._check_resting(following, now)
             holds = following is not None and following.is_over and start_from != MEASURED
             holds = holds and self._is_path_known
             # A robot that has just come to the end of its motion may still settle.
