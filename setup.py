@@ -42,6 +42,7 @@ setup(
         "scipy>=1.11",
         "pin>=2.7",
         "rosbags>=0.11",
+        "lz4",  # as rosbags does
         "PyYAML>=6.0",
         "tqdm>=4.66",
     ],

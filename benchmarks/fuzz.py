@@ -22,6 +22,7 @@ import re
 import resource
 import shutil
 import signal
+import struct
 import sys
 import tempfile
 import traceback
@@ -35,6 +36,7 @@ from types import FrameType
 from typing import Any
 
 import numpy as np
+import yaml
 from fuzz_files import (
     GOAL,
     START,
@@ -47,12 +49,12 @@ from fuzz_files import (
     spoil_yaml,
 )
 
-from mp_pca_planner.cli import common
 from mp_pca_planner.cli.main import main as command
 
 CPU_SECONDS, MEMORY = 5.0, 1 << 30
 SILENCE = 60.0  # after which a process that says nothing counts as one that hangs [s]
 CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069]")
+UNEXPECTED = ("internal error", "not enough memory")
 WRITES = {"os.remove", "os.rename", "os.rmdir", "os.mkdir", "os.link", "os.symlink", "os.truncate"}
 MOTION = ["--robot", "{seeds}/a.urdf", f"--start={START}", f"--goal={GOAL}"]
 PLAN = ["plan", "{seeds}/a.npz", *MOTION, "--output", "{out}/plan.csv", "--force"]
@@ -135,7 +137,7 @@ class TooLong(BaseException):
     """An input took more than its share of computing time."""
 
 
-def try_input(name: str, number: int, seed: int, seeds: Path, work: Path) -> list[str]:
+def try_input(name: str, number: int, seed: int, seeds: Path, work: Path, *more: str) -> list[str]:
     """Spoil one file and give it to a command; what went wrong, and how the command ended."""
     random = np.random.default_rng([seed, list(FORMATS).index(name), number])
     one, (inputs, out) = FORMATS[name], (work / "in", work / "out")
@@ -144,12 +146,24 @@ def try_input(name: str, number: int, seed: int, seeds: Path, work: Path) -> lis
         folder.mkdir(parents=True)
     file = inputs / one.seed
     (shutil.copytree if (seeds / one.seed).is_dir() else shutil.copy)(seeds / one.seed, file)
-    one.spoil(file / one.inside if one.inside else file, random)
+    # Some values can't be written in some formats at all.
+    while not _is_spoilt(one.spoil, file / one.inside if one.inside else file, random):
+        pass
     if name == "trials":
         shutil.copy(file, out / "trials.json")
     chosen = one.commands[int(random.integers(0, len(one.commands)))]
     arguments = [part.format(file=file, out=out, seeds=seeds) for part in chosen]
-    return judged(arguments, allowed=(out, Path(tempfile.gettempdir())))
+    return judged([*arguments, *more], allowed=(out, Path(tempfile.gettempdir())))
+
+
+def _is_spoilt(spoil: Spoil, file: Path, random: np.random.Generator) -> bool:
+    content = file.read_bytes()
+    try:
+        spoil(file, random)
+    except (struct.error, ValueError, OverflowError, RecursionError, yaml.YAMLError):
+        file.write_bytes(content)
+        return False
+    return True
 
 
 def judged(arguments: Sequence[str], allowed: tuple[Path, ...]) -> list[str]:
@@ -176,8 +190,8 @@ def judged(arguments: Sequence[str], allowed: tuple[Path, ...]) -> list[str]:
         problems.append(str(status))
     problems += [f"wrote {path}" for path in written]
     odd = CONTROL.search(printed.getvalue())
-    if odd or "Traceback (most" in printed.getvalue():
-        problems.append(f"printed {printed.getvalue()[-300:]!r}")
+    if odd or any(word in printed.getvalue() for word in UNEXPECTED):
+        problems.append(f"printed {printed.getvalue()[-3000:]!r}")
     memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
     if memory > MEMORY:
         problems.append(f"took {memory / 1e9:.2g} GB")
@@ -248,7 +262,6 @@ def work_on(jobs: Connection, seeds: Path, folder: Path, seed: int) -> None:
     sys.addaudithook(_audit)
     # What libraries print past Python's own streams.
     os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
-    common.DEBUG = True
     while (job := jobs.recv()) is not None:
         jobs.send(try_input(*job, seed, seeds, folder))
 
@@ -271,10 +284,10 @@ def main() -> int:
             check_seeds(seeds, Path(temporary, "check"))
         if arguments.only is not None:
             sys.addaudithook(_audit)
-            common.DEBUG = True
             work = Path(tempfile.mkdtemp(dir=tempfile.gettempdir()))
-            for problem in try_input(names[0], arguments.only, arguments.seed, seeds, work):
-                print(problem)
+            number = arguments.only
+            for problem in try_input(names[0], number, arguments.seed, seeds, work, "--debug"):
+                print(problem.replace("\\n", "\n"))
             print(f"its files are in {work}")
             return 0
         numbers = [(names[k % len(names)], k // len(names)) for k in range(arguments.inputs)]

@@ -256,7 +256,7 @@ def result_of(run: Run) -> Result:
         bounds,
         time=record.times,
         cuts=[*record.cuts, *apart["point"]],
-        joins=sorted(apart["slowed"] | apart["hasty"]),
+        joins=sorted(apart["slowed"] | apart["hasty"] | apart["unknown"]),
         finest=FINEST,
     )
     known = set().union(*apart.values())

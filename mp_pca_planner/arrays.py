@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
 
@@ -41,7 +42,7 @@ def frozen_array(
     """
     try:
         array = np.array(values, dtype=np.float64, order="C")
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise error(f"{what} must be numbers, got {values!r:.80}") from None
     if array.ndim != len(shape) or any(
         want is not None and have != want for have, want in zip(array.shape, shape, strict=True)
@@ -82,4 +83,4 @@ def name_values(values: Mapping[str, float]) -> str:
 @lru_cache(maxsize=64)
 def _repeated(names: tuple[str, ...]) -> list[str]:
     # The same few joints are named again and again.
-    return sorted({name for name in names if names.count(name) > 1})
+    return sorted(name for name, count in Counter(names).items() if count > 1)

@@ -9,8 +9,19 @@ it without a traceback and the node puts it into its report.
 
 from __future__ import annotations
 
+import os
+import re
+import shlex
+import sys
+import sysconfig
 from collections.abc import Iterable, Mapping
 from difflib import get_close_matches
+from pathlib import Path
+
+_PACKAGE = "mp_pca_planner"
+
+MAX_NAMES = 100
+"""Names that a message lists."""
 
 
 class PlannerError(Exception):
@@ -91,15 +102,55 @@ class MissingDependencyError(PlannerError):
     def __init__(self, module: str, extra: str, purpose: str) -> None:
         super().__init__(
             f"{purpose} needs the Python module '{module}', which is not installed: "
-            f"install the extra with `pip install 'mp_pca_planner[{extra}]'`"
+            f"{_how_to_install(extra)}"
         )
         self.module = module
         self.extra = extra
 
 
+def _how_to_install(extra: str) -> str:
+    """Say how to get what an extra brings, where this Python runs."""
+    if extra == "ros":
+        # A ROS that is here is better than its wheels, which are for machines without one.
+        set_up = sorted(Path("/opt/ros").glob("*/setup.sh"))
+        if set_up and "ROS_DISTRO" not in os.environ:
+            return f"run `. {set_up[-1]}` first"
+    pip = [sys.executable or "python3", "-m", "pip", "install"]
+    if sys.prefix == sys.base_prefix and _is_managed():
+        # Debian's Python, which a sourced ROS uses, takes packages from elsewhere only this way.
+        pip += ["--user", "--break-system-packages"]
+    needed = _requirements(extra) or [f"{_source_tree() or _PACKAGE}[{extra}]"]
+    return f"run `{shlex.join([*pip, *needed])}` (the extra {_PACKAGE}[{extra}])"
+
+
+def _is_managed() -> bool:
+    """Whether the Python installation refuses packages that pip installs, as PEP 668 has it."""
+    return (Path(sysconfig.get_path("stdlib")) / "EXTERNALLY-MANAGED").exists()
+
+
+def _source_tree() -> Path | None:
+    """The checkout this module belongs to, if it is not installed."""
+    folder = Path(__file__).resolve().parents[1]
+    return folder if (folder / "setup.py").is_file() else None
+
+
+def _requirements(extra: str) -> list[str]:
+    """What an extra asks for: the package itself need not be where pip finds it by its name."""
+    from importlib.metadata import PackageNotFoundError, requires
+
+    try:
+        all_of_them = requires(_PACKAGE) or []
+    except PackageNotFoundError:
+        return []
+    pairs = [text.partition(";")[::2] for text in all_of_them]
+    return [what.strip() for what, when in pairs if re.search(rf"extra == ['\"]{extra}['\"]", when)]
+
+
 def quote_names(names: Iterable[str]) -> str:
-    """List names for a message: ``'a', 'b', 'c'`` (``none`` if there are none)."""
-    return ", ".join(f"'{name}'" for name in names) or "none"
+    """List names for a message: ``'a', 'b', 'c'`` (``none`` if there are none); not too many."""
+    quoted = [f"'{name}'" for name in names]
+    more = f" and {len(quoted) - MAX_NAMES} more" if quoted[MAX_NAMES:] else ""
+    return ", ".join(quoted[:MAX_NAMES]) + more or "none"
 
 
 def unknown_name(kind: str, name: str, valid: Iterable[str]) -> str:
@@ -108,3 +159,15 @@ def unknown_name(kind: str, name: str, valid: Iterable[str]) -> str:
     close = get_close_matches(name, names, n=1)
     hint = f" (did you mean '{close[0]}'?)" if close else ""
     return f"no {kind} is called '{name}'{hint}; valid names: {quote_names(names)}"
+
+
+def printable(text: str) -> str:
+    r"""Escape what is not printable, so that foreign text stays on its line.
+
+    Names, notes and keys come from files and messages of others. Line breaks, terminal control
+    characters, bidirectional controls and surrogates are shown as Python writes them: ``\n``,
+    ``\x1b``, ``\u202e``.
+    """
+    if text.isprintable():
+        return text
+    return "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)

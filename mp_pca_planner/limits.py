@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
 from .arrays import FloatArray, unique_names
 from .exceptions import LimitsError, unknown_name
+from .files import MAX_YAML_BYTES, load_yaml, read_text, reading
 
 # Keys of one joint in a limits file; those of MoveIt, and min/max_effort's kin.
 LIMIT_KEYS = (
@@ -133,18 +133,17 @@ def read_limits_file(path: str | Path, joint_names: Sequence[str]) -> dict[str, 
         If the file can't be read or says something else than limits.
     """
     where = f"limits file '{path}'"
-    try:
-        content = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        reason = getattr(error, "strerror", None) or str(error).splitlines()[0]
-        raise LimitsError(f"{where} can't be read: {reason}") from None
-    joints = content.get("joint_limits") if isinstance(content, dict) else None
-    if not isinstance(joints, dict):
-        raise LimitsError(f"{where} must hold a mapping 'joint_limits' from joint names to limits")
-    return {
-        _known_joint(name, joint_names, where): _read_entry(name, entry, where)
-        for name, entry in joints.items()
-    }
+    with reading(where, LimitsError):
+        content = load_yaml(read_text(path, MAX_YAML_BYTES))
+        joints = content.get("joint_limits") if isinstance(content, dict) else None
+        if not isinstance(joints, dict):
+            raise LimitsError(
+                f"{where} must hold a mapping 'joint_limits' from joint names to limits"
+            )
+        return {
+            _known_joint(name, joint_names, where): _read_entry(name, entry, where)
+            for name, entry in joints.items()
+        }
 
 
 def _known_joint(name: Any, joint_names: Sequence[str], where: str) -> str:

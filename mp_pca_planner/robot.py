@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from .arrays import FloatArray, frozen_array, unique_names
 from .exceptions import RobotError, quote_names, unknown_name
+from .files import read_text, reading
 from .inertias import inertia_flaws, joint_of
 from .limits import JointLimits, Overrides, merge_limits
 from .link_inertias import LinkInertias
@@ -122,11 +123,8 @@ class Robot:
         locked: Mapping[str, float] | None = None,
     ) -> Robot:
         """Read the robot description from a URDF file (see the class)."""
-        try:
-            urdf = Path(path).read_text(encoding="utf-8")
-        except (OSError, UnicodeDecodeError) as error:
-            reason = getattr(error, "strerror", None) or error
-            raise RobotError(f"the URDF file '{path}' can't be read: {reason}") from None
+        with reading(f"the URDF file '{path}'", RobotError):
+            urdf = read_text(path)
         return cls(urdf, joint_names, locked=locked, source=f"URDF file '{path}'")
 
     @property

@@ -12,10 +12,19 @@ from __future__ import annotations
 import math
 import re
 import xml.etree.ElementTree as ET
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
 
 from .exceptions import RobotError, quote_names, unknown_name
+from .files import MAX_TEXT_BYTES
+
+MAX_LINKS = 2000
+"""Most links of a robot; far longer chains than that overflow the stack of Pinocchio's parser."""
+MAX_MOVABLE_JOINTS = 200
+"""Most joints that move; the memory that Pinocchio takes grows with their cube."""
+MAX_DEPTH = 50
+"""How deeply elements of XML may be nested."""
 
 _ONE_DOF_TYPES = ("revolute", "continuous", "prismatic")
 # Stands for "no limit" where a URDF must have a number: continuous joints are handed to
@@ -118,18 +127,44 @@ def read_description(urdf: str, source: str) -> Description:
     )
 
 
-def _parse(urdf: str, source: str) -> ET.Element:
+def parse_xml(text: str, source: str) -> ET.Element:
+    """Parse XML of bounded size and depth: the parsers behind Pinocchio recurse without end.
+
+    Raises
+    ------
+    RobotError
+        If it is something else.
+    """
+    if len(text) > MAX_TEXT_BYTES:
+        raise RobotError(f"{source} has more than {MAX_TEXT_BYTES:,} characters")
     try:
-        root = ET.fromstring(urdf)
+        root = ET.fromstring(text)
     except ET.ParseError as error:
         raise RobotError(f"{source} is not XML: {error}") from None
     except ValueError as error:  # for example an encoding declaration that text can't have
         raise RobotError(f"{source} can't be parsed: {error}") from None
+    level, depth = [root], 0
+    while level:
+        level, depth = [child for element in level for child in element], depth + 1
+        if depth > MAX_DEPTH:
+            raise RobotError(f"{source} has elements within more than {MAX_DEPTH} others")
+    return root
+
+
+def _parse(urdf: str, source: str) -> ET.Element:
+    root = parse_xml(urdf, source)
     if root.tag != "robot":
         raise RobotError(f"{source} is no URDF: its root element is <{root.tag}>, not <robot>")
     if _is_xacro(root):
         raise RobotError(
             f"{source} is a xacro file: expand it to a URDF first (`xacro file.xacro`)"
+        )
+    n_links = len(root.findall("link"))
+    n_movable = sum(joint.get("type") in _ONE_DOF_TYPES for joint in root.findall("joint"))
+    if n_links > MAX_LINKS or n_movable > MAX_MOVABLE_JOINTS:
+        raise RobotError(
+            f"{source} has {n_links} links and {n_movable} movable joints, but at most "
+            f"{MAX_LINKS} and {MAX_MOVABLE_JOINTS} are accepted"
         )
     return root
 
@@ -173,10 +208,10 @@ def _end(joint: ET.Element, which: str) -> str:
 
 def _check_tree(root: ET.Element, source: str) -> None:
     """Refuse joints between links that don't exist, and links that form no tree."""
-    links = [link.get("name", "") for link in root.findall("link")]
+    links = Counter(link.get("name", "") for link in root.findall("link"))
     joints = root.findall("joint")
-    for kind, names in (("link", links), ("joint", [j.get("name", "") for j in joints])):
-        twice = sorted({name for name in names if names.count(name) > 1})
+    for kind, names in (("link", links), ("joint", Counter(j.get("name", "") for j in joints))):
+        twice = _repeated(names)
         if twice or "" in names:
             raise RobotError(
                 f"{source}: every {kind} needs a name of its own, but "
@@ -187,14 +222,18 @@ def _check_tree(root: ET.Element, source: str) -> None:
             if _end(joint, which) not in links:
                 unknown = unknown_name("link", _end(joint, which), links)
                 raise RobotError(f"{source}: {which} of joint '{joint.get('name')}': {unknown}")
-    children = [_end(joint, "child") for joint in joints]
+    children = Counter(_end(joint, "child") for joint in joints)
     roots = [name for name in links if name not in children]
-    if len(roots) != 1 or len(set(children)) < len(children):
+    if len(roots) != 1 or _repeated(children):
         raise RobotError(
             f"{source}: the links must form one tree, each but one the child of one joint; "
             f"{quote_names(roots)} are children of none, "
-            f"{quote_names(sorted({x for x in children if children.count(x) > 1}))} of several"
+            f"{quote_names(_repeated(children))} of several"
         )
+
+
+def _repeated(names: Counter[str]) -> list[str]:
+    return sorted(name for name, count in names.items() if count > 1)
 
 
 def _copy_links(root: ET.Element, clean: ET.Element) -> tuple[dict[str, str], dict[str, str]]:

@@ -223,6 +223,12 @@ def test_path_without_recording_is_named(tmp_path: Path, name: str) -> None:
         find_recordings([tmp_path / name])
 
 
+def test_one_path_may_stand_alone(tmp_path: Path) -> None:
+    write_bag(tmp_path / "one", "mcap", stamped(reaching([0.0, 1.0])))
+    for path in (tmp_path, str(tmp_path)):
+        assert find_recordings(path) == (tmp_path / "one",)
+
+
 def test_recordings_of_the_same_name_are_told_apart_by_their_folder(tmp_path: Path) -> None:
     paths = [tmp_path / "left" / "x.bag", tmp_path / "right" / "x.bag", tmp_path / "y.bag"]
     assert recording_names(paths) == ("left/x", "right/x", "y")

@@ -23,7 +23,7 @@ from mp_pca_planner.benchmarking.problems import (
 )
 from mp_pca_planner.benchmarking.run import PEERS, Result, compare, ratios, set_up, unsolved
 from mp_pca_planner.benchmarking.without_optimisation import MinimumJerk
-from mp_pca_planner.cli.benchmark import main
+from mp_pca_planner.cli.main import main
 from mp_pca_planner.exceptions import MissingDependencyError
 from mp_pca_planner.planning.plan import PlannerOptions
 from mp_pca_planner.primitives.file import save_primitive
@@ -53,7 +53,7 @@ def problem(scene) -> Problem:
 
 
 def benchmark(capsys, *options: str) -> dict:
-    assert main([*options, "--time-limit", str(EVER), "--json"]) == 0
+    assert main(["benchmark", *options, "--time-limit", str(EVER), "--json"]) == 0
     return json.loads(capsys.readouterr().out)
 
 
@@ -216,12 +216,12 @@ def test_table_states_naturalness_and_picture_is_drawn(capsys, tmp_path):
     pytest.importorskip("matplotlib", reason="the extra 'plot' is not installed")
     picture = tmp_path / "cost.png"
     options = ["--problems", "1", "--peers", "none", "--repeats", "1", "--plot", str(picture)]
-    assert main(options) == 0
+    assert main(["benchmark", *options]) == 0
     text = capsys.readouterr().out
     assert f"naturalness ρ = {PlannerOptions().naturalness:g}\n" in text
     assert "naturalness ρ = 0\n" in text
     assert picture.read_bytes().startswith(b"\x89PNG")
-    assert main(options) == 2
+    assert main(["benchmark", *options]) == 2
     assert "exists already" in capsys.readouterr().err
 
 
@@ -247,9 +247,9 @@ def test_one_arm_of_a_robot_is_chosen_by_its_joints(capsys):
     [
         (["--robot", "nobody"], "neither a URDF file nor one of 'human_arm', 'panda'"),
         (["--peers", "ruckik"], "did you mean 'ruckig'?"),
-        (["--problems", "0"], "'0' is no number from 1 on"),
+        (["--problems", "0"], "'0' is not a whole number from 1"),
         (["--seed", "1"], "not be 1, which chooses the demonstrations"),
-        (["--time-limit", "0"], "no time over 0"),
+        (["--time-limit", "0"], "is not a number from"),
         (["--primitives", "nothing.npz"], "nothing.npz"),
         (["--primitives", "any.npz", "--joints", "elbow"], "--primitives has its own joints"),
         (["--joints", "elbo"], "did you mean 'elbow'?"),
@@ -257,7 +257,7 @@ def test_one_arm_of_a_robot_is_chosen_by_its_joints(capsys):
 )
 def test_wrong_options_are_refused_in_one_line(capsys, options, message):
     try:
-        status = main(options)
+        status = main(["benchmark", *options])
     except SystemExit as refusal:  # of the parser
         status = refusal.code
     output = capsys.readouterr()

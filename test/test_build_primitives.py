@@ -106,6 +106,42 @@ def test_joint_states_in_a_field_give_the_same_primitive_as_on_a_topic(
         np.testing.assert_array_equal(array, expected[name])
 
 
+def test_refusal_of_embedded_joint_states_names_their_field(
+    tmp_path: Path, bag_format: str
+) -> None:
+    bag = write_embedded_bag(tmp_path / "x", bag_format, stamped(reaching(GOALS[0])))
+    hint = f"'--topic {TOPIC} --field {FIELD}'"
+    assert hint in refusal(bag, "--output", tmp_path / "p.npz")
+    assert hint in refusal(bag, "--output", tmp_path / "p.npz", "--topic", TOPIC)
+    assert hint not in refusal(bag, "--output", tmp_path / "p.npz", "--topic", "/other")
+
+
+def test_notes_are_printed(bags: Path, tmp_path: Path) -> None:
+    cut_off = stamped(reaching([0.0, 1.0, 0.2])[:350])
+    (tmp_path / "a").mkdir()
+    bag = write_bag(tmp_path / "a" / "cut", "mcap", cut_off)
+    status, out, _ = run(bag, bags, "--output", tmp_path / "p.npz")
+    assert status == 0
+    notes = [line for line in out.splitlines() if line.startswith("note ")]
+    assert len(notes) == 2
+    assert notes[0].split("cut: ")[1].endswith("messages; so one, three, two & <b>bold") and notes[
+        0
+    ].startswith("note        cut: velocities are empty")
+    assert notes[1].endswith("cut: the recording ends in a motion, which may be cut off there")
+
+
+def test_recordings_of_a_standing_arm_are_refused_by_name(bags: Path, tmp_path: Path) -> None:
+    noise = np.deg2rad(0.05) * np.random.default_rng(0).normal(size=(6000, 2))
+    for name in ("standing", "still"):
+        write_bag(tmp_path / name, "mcap", stamped(reaching([0.3], rest=60.0) + noise))
+    built = build(bags, tmp_path / "standing", "--output", tmp_path / "p.npz")
+    assert built["n_motions"] == 8
+    assert "standing" in [refused["recording"] for refused in built["refused"]]
+    standing = [tmp_path / "standing", tmp_path / "still", "--output", tmp_path / "q.npz"]
+    for segment in ("auto", "none"):
+        assert "it holds no motion" in refusal(*standing, "--segment", segment)
+
+
 def test_a_primitive_without_components_is_warned_of(tmp_path: Path) -> None:
     (tmp_path / "a").mkdir()
     bag = write_bag(tmp_path / "a" / "x", "mcap", stamped(reaching(GOALS[0])))
@@ -170,10 +206,10 @@ def test_recording_without_motions_of_the_label_is_not_refused(bags: Path, tmp_p
     [
         (["--label", "u"], "labels select motions of a table"),
         (["--segments", "TABLE", "--label", "x"], "valid names: 'u', 'v', 'w'"),
-        (["--min-rest", "-1"], "no time over 0"),
-        (["--min-motion", "soon"], "no time over 0"),
+        (["--min-rest", "-1"], "is not a number from"),
+        (["--min-motion", "soon"], "is not a number from"),
         (["--min-rest", "1", "--segment", "none"], "are for --segment auto"),
-        (["--jobs", "0"], "jobs must be 1 or more"),
+        (["--jobs", "0"], "'0' is not a whole number from 1 to 1024"),
         (["--report", "page.txt"], "must end in .html"),
         (["--write-segments", "cuts.txt"], "must end in .csv"),
     ],

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from arm import arm_demonstrations, arm_robot
 
-from mp_pca_planner.cli.case_study import main
+from mp_pca_planner.cli.main import main
 from mp_pca_planner.exceptions import PrimitiveError
 from mp_pca_planner.recordings.demonstration import Demonstration
 from mp_pca_planner.studies.case_study import OURS, choose_motions, study, variance_shares
@@ -96,7 +96,7 @@ def test_other_activities_teach_less(found):
 def output(tmp_path_factory, request):
     pytest.importorskip("matplotlib")
     folder = tmp_path_factory.mktemp("study") / "out"
-    assert main(["--motions", "4", "--output", str(folder), "--json"]) == 0
+    assert main(["case_study", "--motions", "4", "--output", str(folder), "--json"]) == 0
     return folder
 
 
@@ -124,7 +124,7 @@ def test_the_figures_are_written_beside_it(output):
 
 
 def test_an_existing_page_is_kept_without_force(output, capsys):
-    assert main(["--motions", "4", "--output", str(output)]) == 2
+    assert main(["case_study", "--motions", "4", "--output", str(output)]) == 2
     assert "exists already" in capsys.readouterr().err
 
 
@@ -139,5 +139,5 @@ def test_an_existing_page_is_kept_without_force(output, capsys):
 )
 def test_what_makes_no_sense_is_refused(tmp_path, capsys, arguments, message):
     pytest.importorskip("matplotlib")
-    assert main([*arguments, "--output", str(tmp_path / "out")]) == 2
+    assert main(["case_study", *arguments, "--output", str(tmp_path / "out")]) == 2
     assert message in capsys.readouterr().err

@@ -12,9 +12,7 @@ import pytest
 from arm import JOINTS, arm_demonstrations, arm_primitive, arm_robot
 from patience import EVER, PATIENT
 
-from mp_pca_planner.cli.plan import main
-from mp_pca_planner.cli.refine import main as refine_command
-from mp_pca_planner.cli.sequence import main as sequence
+from mp_pca_planner.cli.main import main
 from mp_pca_planner.exceptions import RobotError
 from mp_pca_planner.goal import JointGoal, JointState, Pose, PoseGoal, SequenceGoal
 from mp_pca_planner.learning.refinement import refine
@@ -211,6 +209,9 @@ def test_unreadable_srdf_is_refused(tmp_path):
     (tmp_path / "bad.srdf").write_text("<robot", encoding="utf-8")
     with pytest.raises(RobotError, match="SRDF file"):
         CollisionModel(chain(), srdf=tmp_path / "bad.srdf")
+    (tmp_path / "deep.srdf").write_text("<a>" * 100_000 + "</a>" * 100_000, encoding="utf-8")
+    with pytest.raises(RobotError, match="within more than 50 others"):
+        CollisionModel(chain(), srdf=tmp_path / "deep.srdf")
 
 
 def test_packages_are_looked_for_where_ros_and_the_urdf_are(monkeypatch, tmp_path):
@@ -469,9 +470,9 @@ def files(tmp_path) -> list[str]:
 
 def test_plan_refuses_a_motion_that_ends_in_itself(files, capsys):
     ends = ["--start", "0,0.9,0", "--goal", "0,0.9,3.0", "--duration", "1", "--json"]
-    assert main([*files, *ends]) == 0
+    assert main(["plan", *files, *ends]) == 0
     capsys.readouterr()
-    assert main([*files, *ends, "--collision"]) == 1
+    assert main(["plan", *files, *ends, "--collision"]) == 1
     facts = json.loads(capsys.readouterr().out)
     assert facts["status"] == "infeasible"
     assert "'a' and 'c' collide" in facts["message"]
@@ -479,27 +480,27 @@ def test_plan_refuses_a_motion_that_ends_in_itself(files, capsys):
 
 def test_plan_goes_where_nothing_is_in_the_way(files, capsys):
     ends = ["--start", "0,0.5,0", "--goal", "0.2,0.9,1.1", "--duration", "1"]
-    assert main([*files, *ends, "--collision"]) == 0
+    assert main(["plan", *files, *ends, "--collision"]) == 0
     assert "not checked" not in capsys.readouterr().out
 
 
 def test_plan_refuses_an_srdf_without_collision(files, capsys):
     ends = ["--start", "0,0.5,0", "--goal", "0.2,0.9,1.1", "--srdf", "x.srdf"]
-    assert main([*files, *ends]) == 2
+    assert main(["plan", *files, *ends]) == 2
     assert "are for --collision" in capsys.readouterr().err
 
 
 def test_sequence_refuses_to_end_in_itself_too(files, capsys):
     ends = ["--start", "0,0.9,0", "--via", "0.1,0.9,0.5", "--goal", "0,0.9,3.0", "--json"]
-    assert sequence([*files, *ends]) == 0
+    assert main(["sequence", *files, *ends]) == 0
     capsys.readouterr()
-    assert sequence([*files, *ends, "--collision"]) == 1
+    assert main(["sequence", *files, *ends, "--collision"]) == 1
     assert "'a' and 'c' collide" in json.loads(capsys.readouterr().out)["message"]
 
 
 @pytest.mark.parametrize("via", [[], ["--via", "0.1,0.9,0.5"]])
 def test_what_ends_in_itself_is_not_refined(files, capsys, via):
     ends = ["--start", "0,0.9,0", "--goal", "0,0.9,3.0"]
-    assert refine_command([*files, *ends, *via]) == 0
-    assert refine_command([*files, *ends, *via, "--collision"]) == 2
+    assert main(["refine", *files, *ends, *via]) == 0
+    assert main(["refine", *files, *ends, *via, "--collision"]) == 2
     assert "'a' and 'c' collide" in capsys.readouterr().err

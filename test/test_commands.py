@@ -7,6 +7,7 @@ import csv
 import io
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -15,11 +16,15 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from arm import JOINTS, arm_primitive
+from arm import JOINTS, arm_primitive, arm_robot
 from conftest import EPOCH, S, reaching, stamped, write_bag
 from rosbags.highlevel import AnyReader
 
 from mp_pca_planner.cli.main import main
+from mp_pca_planner.cli.states import status_line
+from mp_pca_planner.goal import JointGoal, JointState
+from mp_pca_planner.planning.plan import PlannerOptions
+from mp_pca_planner.planning.planner import Planner
 from mp_pca_planner.primitives.file import load_primitive, save_primitive
 from mp_pca_planner.recordings.bags import write_joint_states
 from mp_pca_planner.recordings.synthetic import continuous_recording, generate_motions
@@ -178,6 +183,7 @@ def test_build_primitives_uses_the_good_recordings_and_names_the_others(tmp_path
         (["--output", "p.npz", "--variance", "2"], "variance must be in"),
         (["--output", "p.npz", "--robot", "nowhere.urdf"], "nowhere.urdf"),
         (["--output", "p.npz", "--segments", "nowhere.csv"], "nowhere.csv"),
+        (["--output", "p.npz", "--min-rest", "1e308"], "number from 1e-06 to 1e+06 s"),
         (["--output", "p.npz", "--coupling", "leg"], "invalid choice: 'leg'"),
         (["--output", "no/such/folder/p.npz"], "no/such/folder"),
         ([], "--output"),
@@ -250,8 +256,26 @@ def test_inspect_of_a_damaged_bag_says_what_may_help(recording, tmp_path):
     (whole,) = recording[0].glob("*.mcap")
     damaged = tmp_path / "damaged.mcap"
     damaged.write_bytes(whole.read_bytes()[: whole.stat().st_size // 2])
-    assert "salvaging it takes" in run("inspect", damaged, ok=True).stdout
+    assert "salvaging it takes" in run("inspect", damaged, ok=False).stdout
     assert "only the" in run("inspect", damaged, "--salvage", ok=True).stdout
+
+
+def test_inspect_fails_if_no_file_is_usable_and_not_if_one_is(recording, tmp_path):
+    write_bag(tmp_path / "short", "mcap", stamped(np.zeros((1, 2))))
+    unusable = run("inspect", tmp_path / "short")
+    assert unusable.returncode == 2 and "can't be used" in unusable.stdout
+    assert run("inspect", tmp_path / "short", recording[0]).returncode == 0
+
+
+@pytest.mark.skipif(not os.path.exists("/proc/self/mem"), reason="there is no /proc")
+@pytest.mark.parametrize("name", ["m.npz", "m.mcap", "m.db3", "m.bag"])
+def test_files_that_may_not_be_read_are_not_called_damaged(tmp_path, name):
+    # Even root can't read this one from its start.
+    (tmp_path / name).symlink_to("/proc/self/mem")
+    done = run("inspect", tmp_path / name)
+    assert done.returncode == 2
+    text = done.stdout + done.stderr
+    assert "can't be read: Input/output error" in text and "damaged" not in text
 
 
 def test_inspect_refuses_what_is_no_recording(tmp_path):
@@ -270,7 +294,7 @@ def test_new_primitives_are_refused_a_file_that_is_none(command, primitive, tmp_
     request = ("--robot", URDF, "--start", START, "--goal", GOAL)
     line = refusal(command, primitive, *request, "--output", tmp_path / "a.txt")
     assert "a.txt' must end in .npz" in line
-    assert "from 0 on" in refusal(command, primitive, *request, "--seed", "-1")
+    assert "from 0 to" in refusal(command, primitive, *request, "--seed", "-1")
 
 
 def test_terminals_without_our_signs_get_others():
@@ -326,7 +350,7 @@ def test_a_picture_that_is_no_png_is_refused_before_the_work(tmp_path):
 
 
 def test_a_goal_is_not_waited_for_without_end():
-    assert "no time over 0" in refusal("send_goal", "a=1", "--timeout", "nan")
+    assert "is not a number from" in refusal("send_goal", "a=1", "--timeout", "nan")
 
 
 def test_help_tells_the_defaults_that_are_values():
@@ -421,6 +445,74 @@ def test_plan_writes_the_motion_in_every_format(primitive, tmp_path, name):
     np.testing.assert_array_equal(found, wanted)
 
 
+def request(command, primitive, *options, ok=True, goal=("--goal", GOAL)):
+    """The lines that a planning command prints."""
+    ends = ("--robot", URDF, "--start", START, *goal)
+    return run(command, primitive, *ends, *options, ok=ok).stdout.splitlines()
+
+
+@pytest.mark.parametrize("command", ["plan", "sequence"])
+def test_planning_says_what_it_wrote(command, primitive, tmp_path):
+    pytest.importorskip("matplotlib", reason="matplotlib (extra 'plot') is not installed")
+    files = [tmp_path / "m.csv", tmp_path / "m.png"]
+    lines = request(command, primitive, "--output", files[0], "--plot", files[1])
+    assert [f"written      {file}" for file in files] == lines[-2:]
+
+
+def test_planning_says_what_it_did_not_write_and_why(primitive, tmp_path):
+    output = tmp_path / "m.csv"
+    lines = request("plan", primitive, "--duration", "0.05", "--output", output, ok=False)
+    assert lines[0].startswith("infeasible (the motion must not be executed): ")
+    assert lines[-1] == f"not written  {output}"
+
+
+def test_refine_says_what_it_wrote(primitive, tmp_path):
+    output, motion = tmp_path / "r.npz", tmp_path / "r.csv"
+    lines = request("refine", primitive, "--output", output, "--trajectory", motion)
+    assert lines[-2:] == [f"primitive    written to {output}", f"written      {motion}"]
+
+
+@pytest.mark.parametrize("command", ["plan", "sequence", "refine"])
+def test_planning_says_what_the_check_for_collisions_found(command, primitive):
+    found = [line for line in request(command, primitive, "--collision") if "collision" in line]
+    assert found == ["collision    none; 10 pairs of links were checked"]
+    assert not any("collision" in line for line in request(command, primitive))
+
+
+def test_plan_prints_the_configuration_beside_the_pose_that_it_reaches(primitive):
+    lines = request("plan", primitive, goal=("--goal-pose", "0.35 -0.1 0.1"))
+    (line,) = (line for line in lines if line.startswith("goal  "))
+    assert line.endswith("(for the pose wrist: 0.35 -0.1 0.1)") and "elbow=-1.9" in line
+
+
+def test_sequence_prints_the_configuration_beside_the_pose_that_it_passes(primitive):
+    lines = request("sequence", primitive, "--via", "wrist: 0.35 -0.1 0.1")
+    found = [line for line in lines if line.startswith(("start", "via", "goal"))]
+    assert ["for the pose wrist: 0.35 -0.1 0.1" in line for line in found] == [False, True, False]
+
+
+def test_a_motion_that_is_not_optimal_is_said_to_be_executable():
+    start = JointState(JOINTS, [-0.2, 0.1, 0.5, -0.4])
+    goal = JointGoal(JointState(JOINTS, [-1.2, 0.1, 0.5, -0.9]))
+    hurried = PlannerOptions(max_solve_time=1e-9)
+    robot = arm_robot()
+    plan = Planner(robot, [arm_primitive()], robot.limits(), hurried).plan(goal, start)
+    line = status_line(plan)
+    assert line.startswith("stopped_early (the motion may be executed, but is not optimal): ")
+
+
+def test_plan_says_that_efforts_are_unknown_without_inertias(primitive, tmp_path):
+    urdf, limits = tmp_path / "bare.urdf", tmp_path / "limits.yaml"
+    text = config_file("human_arm.urdf").read_text()
+    urdf.write_text(re.sub(r"<inertial>.*?</inertial>", "", text, flags=re.DOTALL))
+    free = ", ".join(f"{name}: {{max_effort: .inf}}" for name in JOINTS)
+    limits.write_text(f"joint_limits: {{{free}}}")
+    ends = ("--robot", urdf, "--start", START, "--goal", GOAL, "--limits", limits)
+    text = run("plan", primitive, *ends, "--objective", "jerk=1", ok=True).stdout
+    assert "effort       unknown: the robot description lacks inertias" in text
+    assert "nan" not in text.split()
+
+
 def test_plan_reaches_a_pose_through_a_via_in_the_shortest_time(primitive):
     options = ["--start", START, "--goal-pose", "0.35 -0.1 0.1", "--frame", "wrist"]
     options += ["--via", "elbow=-0.8@0.5", "--objective", "effort=1,jerk=1e-5"]
@@ -454,7 +546,10 @@ def test_plan_draws_the_motion(primitive, tmp_path):
         (["--start", START, "--goal", "elbow=-1,2"], "must be name=value"),
         (["--start", START, "--goal", ""], "must be name=value"),
         (["--start", START, "--goal", "elbow=9"], "outside its limits"),
-        (["--start", START, "--goal", GOAL, "--duration", "-1"], "positive number of seconds"),
+        (
+            ["--start", START, "--goal", GOAL, "--duration", "-1"],
+            "number from 0.001 to 600 s",
+        ),
         (["--start", START, "--goal", GOAL, "--naturalness", "-1"], "naturalness"),
         (["--start", START, "--goal", GOAL, "--use", "leg"], "no primitive is called 'leg'"),
         (["--start", START, "--goal", GOAL, "--output", "m.xyz"], "must end in .csv"),
@@ -469,8 +564,12 @@ def test_plan_draws_the_motion(primitive, tmp_path):
         (["--start", START, "--goal", GOAL, "--via", "elbow=-1@1.5"], "between 0 and 1"),
         (["--start", START, "--goal", GOAL, "--via", "hand: 0.3 0 0"], "called 'hand'"),
         (["--start", START, "--goal", GOAL, "--duration", "soon"], "'shortest' or 'free'"),
+        (["--start", START, "--goal", GOAL, "--duration", "1e-300"], "number from 0.001 to 600 s"),
+        (["--start", START, "--goal", GOAL, "--naturalness", "1e308"], "number from 0 to 1e+06"),
+        (["--start", START, "--goal", GOAL, "--objective", "effort=1e308"], "to 1e+12"),
+        (["--start", START, "--goal", GOAL, "--starts", "9" * 5000], "whole number from 1 to"),
         (["--start", START, "--goal", GOAL, "--objective", "speed=1"], "objective is called"),
-        (["--start", START, "--goal", GOAL, "--objective", "jerk=-1"], "weight > 0"),
+        (["--start", START, "--goal", GOAL, "--objective", "jerk=-1"], "expected one from 1e-12"),
     ],
 )
 def test_plan_refuses_in_one_line(primitive, options, message):

@@ -11,7 +11,7 @@ import pytest
 import yaml
 from arm import JOINTS, arm_primitive, arm_robot
 
-from mp_pca_planner.cli.verify import main
+from mp_pca_planner.cli.main import main
 from mp_pca_planner.control.closed_loop import Sampling, simulate
 from mp_pca_planner.control.errors import ErrorModel
 from mp_pca_planner.control.law import (
@@ -216,7 +216,7 @@ def test_command_verifies_and_writes_law_and_parameters(
     request += ["--goal", "-0.2,-0.4,0.9,-0.9", "--trials", "2", "--json"]
     paired, parameters = tmp_path / "paired.npz", tmp_path / "controller.yaml"
     outputs = ["--output", str(paired), "--controller-parameters", str(parameters)]
-    assert main([*request, *outputs]) == 0
+    assert main(["verify", *request, *outputs]) == 0
     facts = json.loads(capsys.readouterr().out)
     assert facts["bound_held"] == facts["n_trials"] == 2
     assert facts["saturated"] == 0
@@ -224,7 +224,7 @@ def test_command_verifies_and_writes_law_and_parameters(
     assert law is not None
     assert law.position_gains.tolist() == facts["position_gains"]
     assert "gains" in parameters.read_text()
-    assert main([*request, *outputs]) == 2
+    assert main(["verify", *request, *outputs]) == 2
     assert "exists already" in capsys.readouterr().err
-    assert main([*request, "--position-gains", "1,1,1,1"]) == 2
+    assert main(["verify", *request, "--position-gains", "1,1,1,1"]) == 2
     assert "go together" in capsys.readouterr().err

@@ -59,13 +59,18 @@ def children(pid: int) -> dict[int, str]:
     return found
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGHUP])
 def test_interrupted_demo_ends_its_child_processes(tmp_path, number):
     pytest.importorskip("rclpy", reason="ROS 2 (extra 'ros') is not installed")
     pytest.importorskip("matplotlib", reason="matplotlib (extra 'plot') is not installed")
     environment = {**os.environ, "ROS_DOMAIN_ID": str(1 + (os.getpid() + 60) % 101)}
     command = [sys.executable, "-m", "mp_pca_planner", "demo", "--output", str(tmp_path / "out")]
-    with subprocess.Popen(command, env=environment, stdout=subprocess.DEVNULL) as demo:
+
+    def unprotect() -> None:
+        signal.signal(number, signal.SIG_DFL)  # the tests may run under nohup
+
+    options = {"env": environment, "stdout": subprocess.DEVNULL, "preexec_fn": unprotect}
+    with subprocess.Popen(command, **options) as demo:
         started: dict[int, str] = {}
         while not any("simulate" in words for words in started.values()):
             assert demo.poll() is None

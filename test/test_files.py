@@ -1,17 +1,94 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Files that are written whole or not at all."""
+"""Files of users, read with bounds; files that are written whole or not at all."""
 
+import errno
 import os
+import resource
 import signal
 import subprocess
 import sys
+import threading
 import time
+from pathlib import Path
 
 import pytest
 
 from mp_pca_planner.exceptions import PlannerError
-from mp_pca_planner.files import check_writable, write_whole
+from mp_pca_planner.files import (
+    MAX_YAML_BYTES,
+    check_writable,
+    load_yaml,
+    read_bytes,
+    read_text,
+    reading,
+    replace_path,
+    workspace_beside,
+    write_together,
+    write_whole,
+)
+
+# Reading
+
+
+@pytest.mark.parametrize("what", ["pipe", "device", "folder", "large", "latin", "nowhere", "nul\0"])
+def test_what_is_no_text_of_bounded_size_is_refused(tmp_path, what):
+    path = Path("/dev/zero") if what == "device" else tmp_path / what
+    if what == "pipe":
+        os.mkfifo(path)
+    elif what == "folder":
+        path.mkdir()
+    elif what in ("large", "latin"):
+        path.write_bytes(b"\xe9" * (101 if what == "large" else 1))
+    with (
+        pytest.raises(PlannerError, match=r"^the file can't be read: .+$"),
+        reading("the file", PlannerError),
+    ):
+        read_text(path, 100)
+
+
+def test_a_file_may_be_as_large_as_the_limit(tmp_path):
+    (tmp_path / "file").write_bytes(b"x" * 100)
+    assert read_bytes(tmp_path / "file", 100) == b"x" * 100
+
+
+BOMB = "a: &a [x, x]\n" + "".join(
+    f"{b}: &{b} [*{a}, *{a}]\n" for a, b in zip("abcdefgh", "bcdefghi", strict=True)
+)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (BOMB, "aliases of YAML"),
+        ("[" * 100_000, "levels deep"),
+        ("? " * 1000, "levels deep"),
+        ("a: " + "9" * 5000, "4300 digits"),
+        ("a: " + ":".join(["1"] * 40_000), "65,536 bytes"),
+        ("a: !!int x", "invalid literal"),
+        ("a: !!bool x", "KeyError 'x'"),
+        ("a: !!timestamp 2001-02-30", "out of range"),
+        ("a: \0", "character"),
+        ('a: "\\ud800"', "Unicode|UTF-8"),
+        ("{a: 1}: 2", "unhashable"),
+        (" " * (MAX_YAML_BYTES + 1), "larger than 1,048,576 bytes"),
+    ],
+)
+def test_hostile_yaml_is_refused(text, words):
+    with pytest.raises(PlannerError, match=words), reading("it", PlannerError):
+        load_yaml(text)
+
+
+def test_dates_of_yaml_are_text_and_numbers_are_numbers():
+    assert load_yaml("{a: 2001-02-30, b: 2001-02-03, c: 1.5, d: .inf}") == {
+        "a": "2001-02-30",
+        "b": "2001-02-03",
+        "c": 1.5,
+        "d": float("inf"),
+    }
+
+
+# Writing
 
 
 def test_an_existing_file_is_kept_unless_overwriting_is_asked_for(tmp_path):
@@ -64,3 +141,81 @@ def test_killing_the_writer_leaves_the_old_file_or_the_new_one(tmp_path):
             time.sleep(0.002 * i)
             process.send_signal(signal.SIGKILL)
         assert path.read_bytes() in (old, new)
+
+
+def test_files_that_are_written_together_change_together_or_not_at_all(tmp_path):
+    one, two, gone = (tmp_path / name for name in ("one", "two", "gone"))
+    write_whole(one, b"old")
+    write_whole(gone, b"old")
+    contents = {one: b"new", gone: None, two: b"x" * 5000}
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (4096, hard))
+    try:
+        with pytest.raises(PlannerError, match="two' can't be written: File too large"):
+            write_together(contents, overwrite=True)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    assert one.read_bytes() == gone.read_bytes() == b"old"
+    assert sorted(os.listdir(tmp_path)) == ["gone", "one"]
+    write_together(contents, overwrite=True)
+    assert sorted(os.listdir(tmp_path)) == ["one", "two"]
+    assert one.read_bytes() == b"new"
+
+
+def test_file_system_without_hard_links_serves_too(tmp_path, monkeypatch):
+    def refuse(*_):
+        raise OSError(errno.EPERM, os.strerror(errno.EPERM))
+
+    monkeypatch.setattr(os, "link", refuse)
+    write_whole(tmp_path / "file", b"first")
+    with pytest.raises(PlannerError, match="exists already"):
+        write_whole(tmp_path / "file", b"second")
+    assert (tmp_path / "file").read_bytes() == b"first"
+    assert os.listdir(tmp_path) == ["file"]
+
+
+def test_what_a_killed_writer_left_is_removed_by_the_next_one(tmp_path):
+    script = (
+        "import sys; from pathlib import Path; from mp_pca_planner.files import workspace_beside\n"
+        "with workspace_beside(Path(sys.argv[1])) as folder:\n"
+        "    (folder / 'part').write_bytes(b'x')\n"
+        "    print('ready', flush=True)\n"
+        "    sys.stdin.read()"
+    )
+    command = [sys.executable, "-c", script, str(tmp_path / "file")]
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
+    with subprocess.Popen(command, **pipes) as killed, subprocess.Popen(command, **pipes) as alive:
+        killed.stdout.readline()
+        alive.stdout.readline()
+        (tmp_path / ".file.of.others.tmp").write_bytes(b"")
+        killed.kill()
+        killed.wait()
+        write_whole(tmp_path / "other", b"")
+        left = sorted(os.listdir(tmp_path))
+        assert len(left) == 3 and left[0] == ".file.of.others.tmp" and left[2] == "other"
+        alive.stdin.close()
+        assert alive.wait() == 0
+    assert sorted(os.listdir(tmp_path)) == [".file.of.others.tmp", "other"]
+
+
+def test_a_folder_is_replaced_without_a_moment_in_which_it_is_missing(tmp_path):
+    target, missing, done = tmp_path / "bag", [], threading.Event()
+
+    def watch():
+        while not done.is_set():
+            if not target.exists():
+                missing.append(True)
+
+    target.mkdir()
+    watcher = threading.Thread(target=watch)
+    watcher.start()
+    for i in range(300):
+        with workspace_beside(target) as folder:
+            (folder / "bag").mkdir()
+            (folder / "bag" / str(i)).write_bytes(b"")
+            replace_path(folder / "bag", target)
+        assert os.listdir(target) == [str(i)]
+    done.set()
+    watcher.join()
+    assert not missing
+    assert os.listdir(tmp_path) == ["bag"]

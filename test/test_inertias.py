@@ -10,7 +10,7 @@ from arm import JOINTS, arm_demonstrations, arm_primitive
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from mp_pca_planner.cli.plan import main
+from mp_pca_planner.cli.main import main
 from mp_pca_planner.control.closed_loop import simulate
 from mp_pca_planner.control.law import COMPUTED_TORQUE, FEEDFORWARD_PD, ControlLaw
 from mp_pca_planner.control.stability import ErrorModel, analyse
@@ -250,7 +250,7 @@ def test_the_command_refuses_in_one_line(text, tmp_path, capfd):
     save_primitive(arm_primitive(), file)
     goal = ",".join(str(x) for x in MOTION.positions[-1])
     start = ",".join(str(x) for x in MOTION.positions[0])
-    status = main([str(file), "--robot", str(urdf), f"--start={start}", f"--goal={goal}"])
+    status = main(["plan", str(file), "--robot", str(urdf), f"--start={start}", f"--goal={goal}"])
     out, err = capfd.readouterr()
     assert status == 2 and out == ""
     assert err.count("\n") == 1 and "'lower_arm'" in err and "arm.urdf" in err

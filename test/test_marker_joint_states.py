@@ -11,7 +11,7 @@ from arm import JOINTS
 from marker_bags import write_marker_arrays
 from scipy.spatial.transform import Rotation
 
-from mp_pca_planner.cli.build_primitives import main
+from mp_pca_planner.cli.main import main
 from mp_pca_planner.exceptions import PlannerError, RecordingError, RobotError
 from mp_pca_planner.recordings.bags import read_joint_states, write_markers
 from mp_pca_planner.recordings.load import load_recordings
@@ -217,7 +217,7 @@ def test_people_are_measured_as_another_method_did(shared_data: Path, recording:
 
 
 def build(capsys: pytest.CaptureFixture[str], *options: object) -> tuple[int, str, str]:
-    status = main([str(option) for option in options])
+    status = main(["build_primitives", *map(str, options)])
     captured = capsys.readouterr()
     return status, captured.out, captured.err
 

@@ -55,6 +55,11 @@ def test_all_that_can_be_said_is_taken(tmp_path: Path) -> None:
     ("content", "message"),
     [
         ("markers: [", "can't be read"),
+        ("markers: " + "[" * 100_000, "levels deep"),
+        (f"x: &x {{{WRIST}}}\nmarkers: *x", "aliases of YAML"),
+        ("markers: {a: {link: x, position: [0, 0, " + "9" * 400 + "]}}", "must be numbers"),
+        ("markers: {a: {link: x, position: [0, 0, 0x" + "f" * 9999 + "]}}", "can't be read"),
+        (f"base: 2001-02-30\nmarkers: {{{WRIST}}}", "called '2001-02-30'"),
         ("- a", "must hold a mapping 'markers'"),
         ("markers: {a: {link: x}}", "marker 'a' must have a link and a position"),
         ("markers: {a: {link: x, position: [0, 0]}}", "position of marker 'a' must have the shape"),

@@ -20,7 +20,7 @@ from patience import PATIENT
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import JointState as JointStateMessage
 from std_msgs.msg import Header
-from trajectory_msgs.msg import JointTrajectory
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from mp_pca_planner.control.statement import control_statement
 from mp_pca_planner.exceptions import GoalError, TrajectoryError
@@ -128,6 +128,17 @@ def test_malformed_goals_are_refused_by_name(wrong: JointStateMessage, words: st
 
 
 # States
+
+
+def test_goals_of_a_hundred_thousand_names_or_points_are_refused_by_their_number() -> None:
+    many = [f"joint_{k}" for k in range(100_000)]
+    for names in (many, many[:1] * 100_000):
+        with pytest.raises(GoalError, match="names 100000 joints, at most 1000 are accepted"):
+            to_goal(message(names, [0.0] * 100_000), 0.0)
+        with pytest.raises(GoalError, match="names 100000 joints"):
+            to_sequence_goal(JointTrajectory(joint_names=names))
+    with pytest.raises(GoalError, match="has 100000 points, at most 1000 are accepted"):
+        to_sequence_goal(JointTrajectory(points=[JointTrajectoryPoint()] * 100_000))
 
 
 def test_state_holds_the_wanted_joints_in_their_order() -> None:

@@ -33,6 +33,7 @@ from nodes import (
 )
 from patience import HANG
 from rcl_interfaces.srv import ListParameters
+from rclpy.parameter import Parameter
 
 from mp_pca_planner.primitives.build import build_primitive
 from mp_pca_planner.primitives.file import load_primitive, save_primitive
@@ -220,6 +221,28 @@ def test_names_in_primitives_and_goals_are_no_paths(client: GoalClient, folder: 
     assert client.reload_primitives().success
 
 
+LONG = "x" * 5000
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("primitives", [LONG]), ("limits_file", LONG), ("save_folder", LONG), ("save_folder", "\x1b")],
+)
+def test_texts_that_no_file_can_be_called_are_refused_in_one_line(
+    client: GoalClient, folder: Path, name: str, value: object
+) -> None:
+    primitive_used(client)
+    (result,) = client.set_parameters(Parameter(name, value=value).to_parameter_msg())
+    answer = client.save_motion() if result.successful else result
+    said = answer.message if result.successful else answer.reason
+    kept = Parameter("save_folder", value=str(folder / "kept")).to_parameter_msg()
+    assert client.set_parameters(kept)[0].successful
+    assert 0 < len(said) < 1100
+    assert said.isprintable()
+    assert "internal error" not in said
+    primitive_used(client)
+
+
 LISTENER = """
 import sys
 from mp_pca_planner.ros.client import GoalClient
@@ -262,3 +285,20 @@ def test_node_that_security_keeps_out_ends_with_the_reason_and_status_2(
         said = log.read()
     assert "ROS refuses the node: error creating node: " in said
     assert "Traceback" not in said
+
+
+@pytest.mark.parametrize(
+    ("stack", "memory", "words"),
+    [(8 << 20, 1000 << 20, "GiB of address space"), (1 << 30, 4 << 30, "24 threads")],
+)
+def test_node_without_memory_for_itself_or_its_threads_ends_with_one_line_and_status_1(
+    stack: int, memory: int, words: str
+) -> None:
+    command = [sys.executable, "-m", "mp_pca_planner", "planner_node"]
+    limits = f"ulimit -S -s {stack >> 10} -v {memory >> 10} && exec"
+    done = subprocess.run(
+        ["bash", "-c", f'{limits} "$@"', "bash", *command], capture_output=True, text=True
+    )
+    assert done.returncode == 1, done.stderr
+    (line,) = done.stderr.splitlines()
+    assert words in line

@@ -5,7 +5,9 @@
 from __future__ import annotations
 
 import subprocess
+import sys
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -29,10 +31,10 @@ from nodes import (
     set_domain,
 )
 from rcl_interfaces.msg import Parameter as ParameterMessage
-from rcl_interfaces.msg import ParameterType, ParameterValue, SetParametersResult
+from rcl_interfaces.msg import ParameterValue, SetParametersResult
 from rcl_interfaces.srv import GetParameters, SetParametersAtomically
 from rclpy.node import Node
-from rclpy.parameter import Parameter, parameter_value_to_python
+from rclpy.parameter import parameter_value_to_python
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
@@ -45,6 +47,10 @@ from mp_pca_planner.execution.parameters import (
 )
 from mp_pca_planner.primitives.file import save_primitive
 from mp_pca_planner.ros.client import GoalClient
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
+
+from node_fuzz import Fuzzer, as_message
 
 DECLARED = {d.name: d for d in (*DECLARATIONS, *limit_declarations(JOINTS))}
 
@@ -183,15 +189,6 @@ def test_every_goal_gets_one_report_whatever_it_is(
     assert len(client.reports) == len(goals)
 
 
-def as_message(name: str, value: object) -> ParameterMessage:
-    """A parameter as clients send it, an empty list with a type of its own."""
-    if value is None:
-        unset = ParameterValue(type=ParameterType.PARAMETER_NOT_SET)
-        return ParameterMessage(name=name, value=unset)
-    kind = Parameter.Type.STRING_ARRAY if value == [] else None
-    return Parameter(name, kind, value).to_parameter_msg()
-
-
 def is_valid(declaration: Declaration, value: Any) -> bool:
     default = declaration.default
     if value is None:
@@ -230,3 +227,24 @@ def test_node_that_was_told_all_that_serves_goals_when_its_parameters_are_as_bef
     trajectory = client.send(goal_message()).trajectory
     assert trajectory is not None
     assert list(trajectory.points[-1].positions) == GOAL
+
+
+# `benchmarks/node_fuzz.py` does more of these.
+
+
+@pytest.fixture(scope="module")
+def fuzzer(node: subprocess.Popen[str], client: GoalClient) -> Iterator[Fuzzer]:
+    with ros_node("fuzzer") as caller:
+        yield Fuzzer(node, client, caller)
+
+
+def test_good_goals_are_served_after_garbage_on_every_topic(fuzzer: Fuzzer) -> None:
+    fuzzer.send_garbage(60)
+
+
+def test_good_goals_are_served_after_messages_that_are_far_too_large(fuzzer: Fuzzer) -> None:
+    fuzzer.send_too_much()
+
+
+def test_good_goals_are_served_after_odd_values_of_every_parameter(fuzzer: Fuzzer) -> None:
+    fuzzer.set_odd_values(share=25)

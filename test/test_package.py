@@ -26,7 +26,7 @@ PACKAGE = "mp_pca_planner"
 SOURCES = sorted((ROOT / PACKAGE).rglob("*.py"))
 
 LAYERS = [
-    {"exceptions", "arrays", "files"},
+    {"exceptions", "arrays", "files", "json_content"},
     {"trajectory", "goal", "interpolation", "limits", "resources"},
     {"urdf", "inertias", "link_inertias", "robot"},
     {"recordings", "primitives"},
@@ -39,6 +39,7 @@ LAYERS = [
 
 # Where rosdep calls a dependency otherwise than Python does.
 ROSDEP_NAMES = {
+    "lz4": "python3-rosbags-pip",  # which brings it
     "matplotlib": "python3-matplotlib",
     "numpy": "python3-numpy",
     "rosbags": "python3-rosbags-pip",
@@ -232,11 +233,36 @@ def test_unknown_command_is_refused_in_one_line_with_the_valid_ones(
     assert all(f"'{name}'" in output.err for name in COMMANDS)
 
 
-def test_missing_command_is_refused_in_one_line(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main([]) == 2
+def test_without_a_command_the_help_is_printed(capsys: pytest.CaptureFixture[str]) -> None:
+    printed = []
+    for arguments in ([], ["--help"]):
+        with pytest.raises(SystemExit) as exit_info:
+            main(arguments)
+        assert exit_info.value.code == 0
+        printed.append(capsys.readouterr())
+    assert printed[0] == printed[1]
+    assert printed[0].out.startswith("usage: mp_pca_planner") and printed[0].err == ""
+
+
+def test_wrong_option_before_the_command_is_refused_in_one_line(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    with pytest.raises(SystemExit) as exit_info:
+        main(["--jsn", "plan"])
+    assert exit_info.value.code == 2
     output = capsys.readouterr()
-    assert output.err.startswith("mp_pca_planner: a command is needed: 'build_primitives'")
-    assert output.err.count("\n") == 1
+    assert output.out == "" and output.err.count("\n") == 1
+
+
+def test_commands_print_through_one_module_that_escapes_foreign_text() -> None:
+    printing = {
+        source.name
+        for source in SOURCES
+        if source.parent.name == "cli"
+        for node in ast.walk(ast.parse(source.read_text(encoding="utf-8")))
+        if isinstance(node, ast.Name) and node.id == "print"
+    }
+    assert printing == {"terminal.py"}
 
 
 def test_version_is_printed(capsys: pytest.CaptureFixture[str]) -> None:

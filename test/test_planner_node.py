@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import json
 import math
+import os
 import random
 import re
 import signal
@@ -49,6 +50,7 @@ from rosbags.rosbag2 import Writer
 from rosbags.typesys import Stores, get_typestore
 from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import JointState
+from test_primitive_file import forge
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from visualization_msgs.msg import MarkerArray
 
@@ -341,7 +343,7 @@ def test_goal_velocity_is_served_only_if_the_controller_accepts_it(client: GoalC
         ("n_starts", 1.0, ["INTEGER"]),
         ("basis", "fourier", ["fourier", "pca", "bspline"]),
         ("start_from", "", ["measured", "commanded"]),
-        ("primitives", ["/nowhere.npz"], ["/nowhere.npz", "no such file"]),
+        ("primitives", ["/nowhere.npz"], ["/nowhere.npz", "No such file"]),
         ("limits_file", "/nowhere.yaml", ["/nowhere.yaml"]),
         ("robot_description", "<robot", ["not XML"]),
         ("limits.elbo.max_velocity", 1.0, ["elbo", "did you mean 'elbow'"]),
@@ -619,6 +621,13 @@ def test_reload_takes_new_files_and_keeps_the_old_ones_if_one_is_damaged(
 ) -> None:
     damaged = primitives / "more.npz"
     try:
+        save_primitive(arm_primitive("joint", 2), damaged)
+        forge(damaged, lambda a, m: m.update(joint_names=5))
+        assert "expected a list" in client.reload_primitives().message
+        damaged.unlink()
+        os.mkfifo(damaged)
+        assert "no regular file" in client.reload_primitives().message
+        damaged.unlink()
         damaged.write_bytes(b"PK")
         answer = client.reload_primitives()
         assert not answer.success
@@ -767,7 +776,7 @@ def test_node_waits_for_what_is_missing_and_says_for_what(tmp_path: Path) -> Non
         assert "arm.npz" in client.wait_for_diagnostics()["text"]
         duration = Parameter("duration", value=1.5).to_parameter_msg()
         assert client.set_parameters(duration)[0].successful
-        assert_refused(client.send(goal_message()), "arm.npz", "no such file")
+        assert_refused(client.send(goal_message()), "arm.npz", "No such file")
         assert not client.reload_primitives().success
         save_primitive(arm_primitive(), file)
         assert client.reload_primitives().success
@@ -969,7 +978,7 @@ def test_node_that_is_told_to_end_while_it_starts_ends_cleanly(tmp_path: Path, n
     ("arguments", "status", "words"),
     [
         (["--help"], 0, "--ros-args"),
-        ([], 2, "pip install 'mp_pca_planner[ros]'"),
+        ([], 2, "mp_pca_planner[ros]"),
         (["somewhere"], 2, "somewhere"),
     ],
 )

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import hashlib
+import os
 from pathlib import Path
 
 import numpy as np
@@ -140,6 +141,37 @@ def test_small_motions_are_left_out_with_a_note(tmp_path: Path) -> None:
     )
 
 
+SWAY = 0.05 * np.sin(0.6 * np.pi * np.arange(0.0, 60.0, 0.01))[:, None] * [1.0, -0.5]
+"""A standing arm that sways over 0.1 rad: in a set of large motions, that is rest."""
+
+
+def test_movements_that_are_small_beside_those_of_the_set_are_rest(tmp_path: Path) -> None:
+    for index in range(5):
+        write_bag(tmp_path / f"reach_{index}", "mcap", stamped(reaching([0, 2.0 + 0.1 * index])))
+    swaying = write_bag(tmp_path / "standing", "mcap", stamped(SWAY))
+    mixed = reaching([0, 0.3, 0.35])
+    write_bag(tmp_path / "mixed", "mcap", stamped(mixed))
+    alone = load_recordings([swaying])
+    assert len(alone.reports[0].motions) > 10
+    summarised = load_recordings([tmp_path], summarise=len, jobs=2)
+    (refused,) = summarised.refused
+    assert refused.recording == "standing"
+    assert "by the extent of the other recordings' motions" in refused.reason
+    by_name = {report.name: report for report in summarised.reports}
+    assert by_name["mixed"].repairs == {"rest": 1}
+    assert summarised.summaries == (1,) * 6
+
+
+@pytest.mark.parametrize("rate", [10, 25, 100, 400])
+@pytest.mark.parametrize("noise", [1e-4, 3e-3])
+def test_noise_alone_is_no_motion(tmp_path: Path, rate: int, noise: float) -> None:
+    positions = np.random.default_rng(rate).normal(scale=noise, size=(60 * rate, 2))
+    path = write_bag(tmp_path / "standing", "mcap", stamped(positions, rate=rate))
+    for segment in ("auto", "none"):
+        (refused,) = load_recordings([path], segment=segment).refused
+        assert "no motion" in refused.reason or "nothing moves" in refused.reason
+
+
 def test_unknown_way_to_segment_is_refused(tmp_path: Path) -> None:
     with pytest.raises(RecordingError, match="'auto', 'none'"):
         load_recordings([reaches(tmp_path / "x")], segment="aut")  # type: ignore[arg-type]
@@ -171,6 +203,9 @@ def test_segments_by_hand_are_taken_as_they_are(tmp_path: Path, bag_format: str)
         ("x,nan,2.0,", "'start_time_s' must be a number"),
         ("x,2.0,2.0,", "end after its start"),
         ("x,-1.0,2.0,", "must start at 0 s or later"),
+        ("x,1.0,1e308,", "at 1e.09 s at the latest"),
+        (",1.0,2.0,", "no recording is called ''"),
+        ("x,1.00,2.0,", "this motion is that of .* line 2: remove one"),
     ],
 )
 def test_faulty_row_is_refused_with_its_line(tmp_path: Path, row: str, message: str) -> None:
@@ -178,6 +213,18 @@ def test_faulty_row_is_refused_with_its_line(tmp_path: Path, row: str, message: 
     table = segments_file(tmp_path, "x,1.0,2.0,", row)
     with pytest.raises(RecordingError, match=f"line 3: .*{message}"):
         load_recordings([path], segments_csv=table)
+
+
+def test_more_segments_than_can_be_learned_from_are_refused(tmp_path: Path) -> None:
+    table = segments_file(tmp_path, *(f"x,1.0,{i + 2}," for i in range(10_001)))
+    with pytest.raises(RecordingError, match="more than 10,000 rows"):
+        load_recordings([reaches(tmp_path / "x")], segments_csv=table)
+
+
+def test_segments_in_a_pipe_are_refused(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    with pytest.raises(RecordingError, match="pipe' can't be read: it is no regular file"):
+        load_recordings([reaches(tmp_path / "x")], segments_csv=tmp_path / "pipe")
 
 
 def test_segment_outside_its_recording_is_refused_with_its_line(tmp_path: Path) -> None:

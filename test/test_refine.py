@@ -3,6 +3,7 @@
 """The command `refine`, and the cost of recorded executions."""
 
 import json
+import resource
 
 import numpy as np
 import pytest
@@ -10,7 +11,8 @@ from arm import JOINTS, arm_primitive, arm_robot
 from scipy.integrate import trapezoid
 from test_commands import GOAL, START, URDF, refusal, run
 
-from mp_pca_planner.exceptions import RecordingError
+from mp_pca_planner.cli.refine import main
+from mp_pca_planner.exceptions import PlannerError, RecordingError
 from mp_pca_planner.learning.executions import measure_execution
 from mp_pca_planner.primitives.file import load_primitive, save_primitive
 from mp_pca_planner.recordings.bags import write_joint_states
@@ -184,6 +186,26 @@ def test_trials_go_on_from_call_to_call_until_one_is_kept(primitive, tmp_path):
     assert third["kept"] and load_primitive(new).metadata["refined_from"]["cost"] == 8.0
 
 
+def test_cost_is_not_counted_if_the_next_trial_could_not_be_written(primitive, tmp_path):
+    pytest.importorskip("cmaes", reason="cmaes (extra 'learn') is not installed")
+    state, motion = tmp_path / "t.json", tmp_path / "trial.csv"
+    request = ("--robot", URDF, "--start", START, "--goal", GOAL, "--trials", state)
+    options = [str(word) for word in (primitive, *request, "--trajectory", motion, "--force")]
+    assert main(options) == 0
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    limit = 4096  # between the sizes of the trials and of the motion
+    resource.setrlimit(resource.RLIMIT_FSIZE, (limit, hard))
+    try:
+        with pytest.raises(PlannerError, match="can't be written"):
+            main([*options, "--cost", "10"])
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    assert not state.exists()
+    assert main([*options, "--cost", "10"]) == 0
+    assert len(json.loads(state.read_text())["trials"]) == 1
+    assert state.stat().st_size < limit < motion.stat().st_size
+
+
 def test_trials_of_a_sequence_pass_its_vias(primitive, tmp_path):
     pytest.importorskip("cmaes", reason="cmaes (extra 'learn') is not installed")
     via = arm_primitive().boundary_states[1][3]
@@ -210,18 +232,20 @@ def test_cost_of_a_trial_may_come_from_a_recording(primitive, tmp_path):
     ("options", "words"),
     [
         (("--cost", "3"), "name --trials"),
-        (("--min-gain", "2"), "--min-gain must be"),
-        (("--time-price", "-1"), "time_price must be"),
-        (("--tracking-price", "nan"), "--tracking-price must be"),
+        (("--min-gain", "2"), "--min-gain: '2' is not a number from 0"),
+        (("--time-price", "-1"), "--time-price: '-1' is not a number from 0"),
+        (("--tracking-price", "nan"), "--tracking-price: 'nan' is not a number from 0"),
         (("--trajectory", "motion.docx"), "must end in"),
-        (("--trials", "t.json", "--cost", "nan"), "finite number"),
+        (("--trials", "t.json", "--cost", "nan"), "--cost: 'nan' is not a number"),
+        (("--trials", "t.json", "--executed", "gone"), "'gone' can't be read: No such file"),
+        (("--trials", "t.json", "--executed", "gone.mcap"), "can't be read: No such file"),
         (("--limits", "{tight}"), "no motion to refine"),
         (("--via", GOAL, "--duration", "3"), "--duration can't be given with --via"),
         (("--via", f"{GOAL}@0.5"), "times (@) can't be given"),
     ],
 )
 def test_nonsense_is_refused_in_one_line(primitive, tmp_path, monkeypatch, options, words):
-    if "--cost" in options and "--trials" in options:
+    if "--executed" in options:
         pytest.importorskip("cmaes", reason="cmaes (extra 'learn') is not installed")
     monkeypatch.chdir(tmp_path)
     tight = tmp_path / "tight.yaml"

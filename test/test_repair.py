@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -159,6 +160,42 @@ def test_rare_contradiction_is_counted_and_the_first_message_kept(bag: Bag) -> N
     clean = bag.repaired(messages)
     assert clean.repairs == {"contradicting": 1}
     np.testing.assert_array_equal(clean.pieces[0].positions, MOTION)
+
+
+def test_a_few_contradictions_are_no_second_publisher(bag: Bag) -> None:
+    messages = stamped(MOTION[60:])
+    for place in (31, 52, 73):
+        messages.insert(place, replace(messages[place - 1], positions=MOTION[80] + 0.016))
+    assert bag.repaired(messages).repairs == {"contradicting": 3}
+
+
+@pytest.mark.parametrize("offset", [0.0, 0.02])
+def test_publishers_whose_stamps_lag_are_refused_if_they_contradict_each_other(
+    bag: Bag, offset: float
+) -> None:
+    """The second one stamps what is published 30 ms later, and so do its messages come."""
+    other = [
+        replace(message, positions=message.positions + offset, receive=message.stamp + 30_000_001)
+        for message in stamped(MOTION, start=EPOCH + 5_000_000)
+    ]
+    first = [replace(message, receive=message.stamp) for message in stamped(MOTION)]
+    messages = sorted([*first, *other], key=lambda message: message.receive or 0)
+    if offset:
+        with pytest.raises(RecordingError, match=r"\d+ messages contradict .*two publishers"):
+            bag.repaired(messages)
+    else:
+        (repairs,) = [bag.repaired(messages).repairs]
+        assert set(repairs) == {"out_of_order"}
+
+
+def test_block_of_late_messages_is_no_second_publisher(bag: Bag) -> None:
+    messages = [replace(message, receive=message.stamp) for message in stamped(MOTION)]
+    late = messages[130:160]
+    for message in late:
+        message.receive = messages[165].stamp + 1
+    assert bag.repaired(messages[:130] + messages[160:166] + late + messages[166:]).repairs == {
+        "out_of_order": 30
+    }
 
 
 def test_messages_out_of_order_are_counted_and_sorted(bag: Bag) -> None:

@@ -13,7 +13,7 @@ from arm import JOINTS, arm_demonstrations, arm_primitive, arm_robot
 from scipy.integrate import trapezoid
 from scipy.spatial.transform import Rotation
 
-from mp_pca_planner.cli.sequence import main
+from mp_pca_planner.cli.main import main
 from mp_pca_planner.exceptions import GoalError, RobotError
 from mp_pca_planner.goal import JointState, Pose, SequenceGoal
 from mp_pca_planner.planning.sequence import MODES, OPTIMAL, REAL_TIME, SequencePlan
@@ -332,7 +332,7 @@ def test_command_plans_through_vias(tmp_path: Path, capsys: pytest.CaptureFixtur
     arguments = [str(tmp_path / "reach.npz"), "--robot", str(config_file("human_arm.urdf"))]
     arguments += ["--start", start, "--via", f"{via}@1.5", "--goal", end]
     output = tmp_path / "motion.csv"
-    assert main([*arguments, "--json", "--output", str(output)]) == 0
+    assert main(["sequence", *arguments, "--json", "--output", str(output)]) == 0
     facts = json.loads(capsys.readouterr().out)
     assert facts["n_segments"] == 2
     assert facts["durations"][0] == pytest.approx(1.5)
@@ -340,7 +340,7 @@ def test_command_plans_through_vias(tmp_path: Path, capsys: pytest.CaptureFixtur
     pose = wrist_pose(configurations(4)[3]).position
     x, y, z = pose
     arguments[-1] = f"wrist: {x} {y} {z}"
-    assert main([*arguments, "--via", f"wrist: {x} {y} {z + 0.05} @2", "--json"]) == 0
+    assert main(["sequence", *arguments, "--via", f"wrist: {x} {y} {z + 0.05} @2", "--json"]) == 0
     facts = json.loads(capsys.readouterr().out)
     assert facts["n_segments"] == 3
     assert facts["via_error"] < 1e-6
@@ -351,13 +351,13 @@ def test_command_plans_through_vias(tmp_path: Path, capsys: pytest.CaptureFixtur
         part for one in zip(("--stop", "--via", "--stop"), poses, strict=True) for part in one
     ]
     at = arguments.index("--via")
-    assert main([*arguments[:at], *arguments[at + 2 :], *options, "--json"]) == 0
+    assert main(["sequence", *arguments[:at], *arguments[at + 2 :], *options, "--json"]) == 0
     facts = json.loads(capsys.readouterr().out)
     ends = np.cumsum(facts["durations"])
     speeds = np.abs(facts["velocities"]).max(axis=1)
     rows = [int(np.abs(np.array(facts["times"]) - end).argmin()) for end in ends]
     assert [bool(speeds[row] == 0.0) for row in rows] == [True, False, True, True]
-    assert main([*arguments, "--via", "wrist: 1 2"]) == 2
+    assert main(["sequence", *arguments, "--via", "wrist: 1 2"]) == 2
     assert "2 numbers" in capsys.readouterr().err
-    assert main([*arguments, "--via", f"{via}@soon"]) == 2
-    assert "number of seconds" in capsys.readouterr().err
+    assert main(["sequence", *arguments, "--via", f"{via}@soon"]) == 2
+    assert "after @, 'soon' is not a number" in capsys.readouterr().err

@@ -172,7 +172,7 @@ def test_topic_rate_and_joints_are_those_asked_for():
         (["--robot", "none.urdf"], "'none.urdf' can't be read"),
         (["--start", "wrist=1"], "no joint is called 'wrist'"),
         (["--joints", "wrist"], "wrist"),
-        (["--rate", "0"], "rate of joint states is 0.0 Hz, expected"),
+        (["--rate", "0"], "'0' is not a number from 0.01 to 1000 Hz"),
         (["--payload", "-1"], "payload is -1.0, expected a number from 0"),
         (["--record", "commands.csv"], "must end in .npz"),
     ],

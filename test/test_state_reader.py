@@ -77,3 +77,21 @@ def test_messages_that_are_alike_are_not_deserialised(monkeypatch):
         assert found.positions.tolist() == [0.1 * k, 0.2]
         assert found.velocities.tolist() == [1.0, k]
     assert len(n_read) == 1
+
+
+@given(joint_states(), st.data())
+def test_damaged_messages_are_ignored_or_refused(message, data):
+    reader = SerializedStateReader()
+    if data.draw(st.booleans()):
+        reader.names_all(message, WANTED)
+    size = data.draw(st.integers(0, len(message)))
+    damaged = bytearray(message[:size])
+    for _ in range(data.draw(st.integers(0, 5)) if size else 0):
+        damaged[data.draw(st.integers(0, size - 1))] = data.draw(st.integers(0, 255))
+    if reader.names_all(bytes(damaged), WANTED):
+        outcome(reader.read, bytes(damaged), WANTED)
+
+
+def test_message_that_is_far_too_large_is_ignored():
+    state = JointState(name=[*WANTED, *map(str, range(100_000))], position=[0.0] * 100_002)
+    assert not SerializedStateReader().names_all(bytes(serialize_message(state)), WANTED)

@@ -149,6 +149,13 @@ def test_cost_that_is_no_number_is_refused_and_nothing_is_learned(cost):
             '{"format": "mp_pca_planner/trials", "version": 1, "motion": "x", "trials": []}',
             "of another motion",
         ),
+        (
+            '{"format": "mp_pca_planner/trials", "version": 1, "motion": "x", "trials": [5]}',
+            r"trials\[0\] is 5, expected an object",
+        ),
+        ("[" * 100_000, "nested too deeply"),
+        ("5", "expected an object"),
+        ('{"format": []}', "expected text"),
     ],
 )
 def test_file_of_something_else_is_refused_and_left_alone(tmp_path, content, words):

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What is wrong with a description is said in a sentence, and never by urdfdom on stderr."""
 
+import os
 from pathlib import Path
 
 import numpy as np
@@ -149,3 +150,45 @@ def test_inertias_of_real_robots_are_valid_but_for_known_ones():
         except RobotError:
             refused.add(path.stem)
     assert refused == WITHOUT_INERTIAS
+
+
+def many(kind: str, n: int, parent: str = "l{i}") -> str:
+    links = "".join(f'<link name="l{i}"/>' for i in range(n + 1))
+    limit = '<limit lower="-1" upper="1" effort="1" velocity="1"/>'
+    joints = "".join(
+        f'<joint name="j{i}" type="{kind if i else "revolute"}"><parent link="'
+        f'{parent.format(i=i)}"/><child link="l{i + 1}"/>{limit}</joint>'
+        for i in range(n)
+    )
+    return f'<robot name="many">{links}{joints}</robot>'
+
+
+@pytest.mark.parametrize(
+    ("urdf", "message"),
+    [
+        (
+            many("revolute", 20_000),
+            "20001 links and 20000 movable joints, but at most 2000 and 200",
+        ),
+        (many("fixed", 20_000), "20001 links and 1 movable"),
+        (many("fixed", 20_000, "l0"), "20001 links and 1 movable"),
+        (many("revolute", 201), "201 movable joints"),
+        ("<robot>" * 100_000 + "</robot>" * 100_000, "within more than 50 others"),
+        ("<robot>" + " " * (16 << 20) + "</robot>", "more than 16,777,216 characters"),
+    ],
+    ids=["chain", "fixed chain", "fixed", "movable", "deep", "long"],
+)
+def test_description_of_unbounded_size_is_refused(urdf: str, message: str) -> None:
+    with pytest.raises(RobotError, match=message):
+        Robot(urdf)
+
+
+def test_largest_descriptions_are_read() -> None:
+    assert Robot(many("fixed", 1_999)).n_joints == 1
+    assert Robot(many("revolute", 200)).n_joints == 200
+
+
+def test_urdf_file_that_is_a_pipe_is_refused(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "robot.urdf")
+    with pytest.raises(RobotError, match="no regular file"):
+        Robot.from_file(tmp_path / "robot.urdf")

@@ -4,6 +4,7 @@
 
 import json
 import random
+import resource
 import signal
 import subprocess
 import sys
@@ -12,8 +13,8 @@ from pathlib import Path
 import pytest
 from arm import arm_demonstrations, arm_primitive
 
-from mp_pca_planner.cli.versioned_library import main
-from mp_pca_planner.exceptions import PrimitiveError
+from mp_pca_planner.cli.main import main
+from mp_pca_planner.exceptions import PlannerError, PrimitiveError
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
 from mp_pca_planner.primitives.file import save_primitive
 from mp_pca_planner.primitives.primitive import MovementPrimitive
@@ -62,16 +63,117 @@ def test_file_that_was_there_is_kept_as_a_version(tmp_path: Path) -> None:
     assert components(tmp_path) == 2
 
 
-def test_what_a_killed_process_left_undone_is_done_by_the_next(tmp_path: Path) -> None:
+def test_what_a_killed_process_left_undone_is_taken_back_by_the_next_change(
+    tmp_path: Path,
+) -> None:
     library = VersionedLibrary(tmp_path)
     library.add(primitive(2))
     library.add(primitive(3))
-    # Killed after the journal was written, and after a version was that no line names.
-    (tmp_path / "reach.npz").unlink()
+    # Killed before the journal was written: there are a version and a file in use without a line.
     save_primitive(primitive(4), tmp_path / ".versions/reach/0003.npz")
+    save_primitive(primitive(4), tmp_path / "reach.npz", overwrite=True)
     again = VersionedLibrary(tmp_path)
-    assert components(tmp_path) == 3
+    assert again.in_use() == {"reach": 2}
+    again.add(primitive(2, "other"))
+    assert [p.n_components for p in load_primitives([tmp_path])] == [2, 3]
     assert again.add(primitive(2)).version == 4
+
+
+def everything(folder: Path) -> dict[str, bytes]:
+    files = (path for path in folder.rglob("*") if path.is_file())
+    return {str(path.relative_to(folder)): path.read_bytes() for path in files}
+
+
+def line(**changed: object) -> str:
+    content = {
+        "action": "add",
+        "name": "reach",
+        "version": 1,
+        "time": "",
+        "author": "",
+        "package_version": "",
+        "provenance": {},
+        "note": "",
+    }
+    return json.dumps(content | changed) + "\n"
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        line(action="retire", name="{outside}", version=None),
+        line(action="retire", name="../important", version=None),
+        line(action="forget"),
+        line(action="retire"),
+        line(name=""),
+        line(name="\ud800"),
+        line(name=5),
+        line(version="1"),
+        line(version=True),
+        line(time=[]),
+        line(provenance=None),
+        line(version=1).replace("1", "1" * 400),
+        "[" * 100_000 + "\n",
+        "\n",
+        "\xff\n",
+        "5\n",
+    ],
+)
+def test_hostile_journals_are_refused_and_change_nothing(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], content: str
+) -> None:
+    outside, folder = tmp_path / "important", tmp_path / "library"
+    save_primitive(primitive(2), tmp_path / "important.npz")
+    VersionedLibrary(folder).add(primitive())
+    journal = folder / ".versions/journal.jsonl"
+    journal.write_bytes(content.replace("{outside}", str(outside)).encode("latin-1"))
+    before = everything(tmp_path)
+    assert main(["library", "list", str(folder)]) == 2
+    assert main(["library", "add", str(folder), str(tmp_path / "important.npz")]) == 2
+    said = capsys.readouterr().err
+    assert "journal.jsonl" in said and said.count("\n") == 2 and len(said) < 1500
+    assert everything(tmp_path) == before
+
+
+def test_reading_the_history_writes_nothing(tmp_path: Path) -> None:
+    VersionedLibrary(tmp_path).add(primitive())
+    (tmp_path / "reach.npz").unlink()
+    (tmp_path / ".versions/lock").unlink(missing_ok=True)
+    before = everything(tmp_path)
+    assert (
+        main(["library", "list", str(tmp_path)]) == main(["library", "history", str(tmp_path)]) == 0
+    )
+    assert everything(tmp_path) == before
+
+
+def test_stray_files_among_the_versions_do_no_harm(tmp_path: Path) -> None:
+    library = VersionedLibrary(tmp_path)
+    library.add(primitive(2))
+    for name in ("0001 (copy).npz", "1e5.npz", "9" * 200 + ".npz"):
+        (tmp_path / ".versions/reach" / name).write_bytes(b"")
+    assert library.add(primitive(3)).version == 2
+
+
+def test_change_that_does_not_fit_on_the_disk_leaves_the_library_as_it_was(tmp_path: Path) -> None:
+    library = VersionedLibrary(tmp_path)
+    library.add(primitive(2), note="x" * 200_000)
+    before = everything(tmp_path)
+    # The journal is the largest file, and the last one.
+    limit = (tmp_path / ".versions/journal.jsonl").stat().st_size
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (limit, hard))
+    try:
+        for change in (
+            lambda: library.add(primitive(3)),
+            lambda: library.add(primitive(3, "new")),
+            lambda: library.retire("reach"),
+        ):
+            with pytest.raises(PlannerError, match="can't be written"):
+                change()
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    assert everything(tmp_path) == before
+    assert not (tmp_path / ".versions/new").exists()
 
 
 def test_refusals_name_what_is_wrong(tmp_path: Path) -> None:
@@ -142,15 +244,17 @@ def test_command_adds_lists_and_rolls_back(
     folder = str(tmp_path / "library")
     for n in (2, 3):
         save_primitive(primitive(n), tmp_path / "new.npz", overwrite=True)
-        assert main(["add", folder, str(tmp_path / "new.npz"), "--note", f"with {n}"]) == 0
-    assert main(["rollback", folder, "reach", "--json"]) == 0
+        assert (
+            main(["library", "add", folder, str(tmp_path / "new.npz"), "--note", f"with {n}"]) == 0
+        )
+    assert main(["library", "rollback", folder, "reach", "--json"]) == 0
     changes = json.loads(capsys.readouterr().out.splitlines()[-1])["changes"]
     assert [c["version"] for c in changes] == [1]
     assert components(tmp_path / "library") == 2
-    assert main(["history", folder]) == 0
+    assert main(["library", "history", folder]) == 0
     assert "with 3" in capsys.readouterr().out
-    assert main(["retire", folder]) == 2
+    assert main(["library", "retire", folder]) == 2
     assert "needs at least one" in capsys.readouterr().err
-    assert main(["list", str(tmp_path / "nothing")]) == 2
-    assert main(["list", folder]) == 0
+    assert main(["library", "list", str(tmp_path / "nothing")]) == 2
+    assert main(["library", "list", folder]) == 0
     assert arm_primitive().name not in capsys.readouterr().out

@@ -18,6 +18,7 @@ pytest.importorskip("rclpy", reason="ROS 2 (rclpy) is not installed")
 pytest.importorskip("rich", reason="rich (extra view) is not installed")
 
 from arm import JOINTS, arm_primitive
+from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from nodes import (
     GOAL,
     PATIENTLY,
@@ -100,3 +101,18 @@ def test_view_ends_after_its_time(monkeypatch: pytest.MonkeyPatch) -> None:
     done = subprocess.run(command, capture_output=True, text=True, timeout=HANG, check=True)
     assert "joint states" in done.stdout
     assert not done.stderr
+
+
+def test_names_and_words_of_others_do_not_steer_the_terminal() -> None:
+    now, hostile = time.monotonic(), "\x1b[31m\nroot# \u202e"
+    report = DiagnosticStatus(message=hostile, values=[KeyValue(key=hostile, value=hostile)])
+    text = drawn(
+        Seen(
+            states={hostile: (0.0, 0.0, now)},
+            goal=(hostile, now),
+            report=(DiagnosticStatus(message=hostile), now),
+            diagnostics=(report, now),
+        )
+    )
+    assert all(line.isprintable() for line in text.split("\n"))
+    assert text.count(r"\x1b[31m\nroot#") == 6

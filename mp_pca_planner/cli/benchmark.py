@@ -25,9 +25,9 @@ from ..exceptions import PlannerError, quote_names, unknown_name
 from ..primitives.primitive_library import load_primitives
 from ..robot import Robot
 from .common import (
-    DONE,
     CommandParser,
     check_output,
+    count,
     joint_list,
     limits_of,
     print_json,
@@ -38,6 +38,7 @@ from .common import (
     table,
 )
 from .drawing import Cloud, draw_comparison, require_matplotlib
+from .terminal import DONE, say, written_lines
 
 _N_DEMONSTRATIONS = 40
 _DEMONSTRATIONS_SEED = 1
@@ -71,7 +72,7 @@ def _parser() -> CommandParser:
         help="a primitive file (default: learn from made-up motions of the robot)",
     )
     parser.add_argument("--limits", type=Path, metavar="FILE.yaml", help="as joint_limits.yaml")
-    parser.add_argument("--problems", type=_count, default=200, metavar="N", help="how many")
+    parser.add_argument("--problems", type=count, default=200, metavar="N", help="how many")
     parser.add_argument(
         "--random-ends",
         action="store_true",
@@ -85,9 +86,9 @@ def _parser() -> CommandParser:
         help=f"other methods: all, none, or some of {', '.join(PEERS)}",
     )
     parser.add_argument(
-        "--peer-problems", type=_count, default=10, metavar="N", help="problems for slow peers"
+        "--peer-problems", type=count, default=10, metavar="N", help="problems for slow peers"
     )
-    parser.add_argument("--repeats", type=_count, default=3, help="times each is solved")
+    parser.add_argument("--repeats", type=count, default=3, help="times each is solved")
     parser.add_argument(
         "--time-limit", type=seconds, default=10.0, metavar="S", help="for one problem [s]"
     )
@@ -95,12 +96,6 @@ def _parser() -> CommandParser:
     parser.add_argument("--force", action="store_true", help="overwrite the picture")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     return parser
-
-
-def _count(text: str) -> int:
-    if not text.isdecimal() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f"'{text}' is no number from 1 on")
-    return int(text)
 
 
 def _benchmark(arguments: argparse.Namespace) -> int:
@@ -129,7 +124,7 @@ def _benchmark(arguments: argparse.Namespace) -> int:
     if arguments.json:
         print_json(facts)
     else:
-        print(_text(facts))
+        say(*_text(facts), *written_lines([arguments.plot]))
     return DONE
 
 
@@ -196,7 +191,7 @@ def _facts(
     }
 
 
-def _text(facts: Mapping[str, Any]) -> str:
+def _text(facts: Mapping[str, Any]) -> list[str]:
     chosen = facts["ratios_of"]
     rows = []
     for name, s in facts["summary"].items():
@@ -223,7 +218,7 @@ def _text(facts: Mapping[str, Any]) -> str:
         f"{facts['n_problems']} problems of '{facts['robot']}', {facts['n_joints']} joints, "
         + ("anywhere within the limits" if facts["random_ends"] else "like the demonstrations"),
         "",
-        table(rows, header=header),
+        *table(rows, header=header).splitlines(),
         "",
         "Medians over the problems that a method calls solved; the worst violation, relative, on "
         "a 0.5 ms grid;",
@@ -237,7 +232,7 @@ def _text(facts: Mapping[str, Any]) -> str:
     lines += [f"{name} is absent: {reason}" for name, reason in facts["absent"].items()]
     for name, missed in facts["solved_by_bspline_only"].items():
         lines.append(f"{name}: of the problems that B-splines solve, {len(missed)} are not solved")
-    return "\n".join(lines)
+    return lines
 
 
 def _number(value: float | None, form: str, factor: float = 1.0) -> str:

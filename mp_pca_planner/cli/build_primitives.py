@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 import argparse
-import sys
+import re
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import asdict
@@ -30,7 +30,7 @@ from ..recordings.segmentation import SegmentationOptions
 from ..recordings.segments_file import segments_table
 from ..robot import Robot
 from .common import (
-    DONE,
+    JOBS,
     CommandParser,
     check_output,
     joint_list,
@@ -42,8 +42,12 @@ from .common import (
 )
 from .drawing import require_matplotlib
 from .report import REPORT_SAMPLES, report_page
+from .terminal import DONE, complain, say
 from .units import prismatic_joints, unit_of
 from .variance import variance_report
+
+MAX_NAMES = 5
+"""Further recordings that are named behind a note."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -100,7 +104,7 @@ def _add_input(group: argparse._ArgumentGroup) -> None:
     )
     workers = group.add_mutually_exclusive_group()
     workers.add_argument(
-        "--jobs", type=int, default=1, metavar="N", help="recordings to read at the same time"
+        "--jobs", type=JOBS, default=1, metavar="N", help="recordings to read at the same time"
     )
     workers.add_argument(
         "--dask",
@@ -246,11 +250,11 @@ def _build(arguments: argparse.Namespace) -> int:
     if arguments.json:
         print_json(facts)
     else:
-        print(_text(facts, primitive))
+        say(*_text(facts, primitive))
     for refusal in recordings.refused:
-        print(f"refused {refusal.recording}: {refusal.reason}", file=sys.stderr)
+        complain(f"refused {refusal.recording}: {refusal.reason}")
     if not primitive.n_components:
-        print(_without_components(primitive), file=sys.stderr)
+        complain(_without_components(primitive))
     return DONE
 
 
@@ -320,28 +324,41 @@ def _facts(recordings: RecordingSet, primitive: MovementPrimitive, output: Path)
     }
 
 
-def _text(facts: dict[str, Any], primitive: MovementPrimitive) -> str:
+def _text(facts: dict[str, Any], primitive: MovementPrimitive) -> list[str]:
     repairs = Counter[str]()
     for counts in facts["repairs"].values():
         repairs.update({kind: count for kind, count in counts.items() if count})
     repaired = ", ".join(f"{count} {kind}" for kind, count in sorted(repairs.items())) or "none"
     durations = primitive.durations
     unit = unit_of(primitive.joint_names, prismatic_joints(primitive))
-    return "\n".join(
-        [
-            f"recordings  {facts['n_recordings']} used, {len(facts['refused'])} refused",
-            f"repairs     {repaired}",
-            *_marker_lines(facts["marker_residuals"]),
-            f"motions     {facts['n_motions']} of {primitive.n_joints} joints, "
-            f"{durations.min():.2f} to {durations.max():.2f} s",
-            f"components  {primitive.n_components}, coupling '{primitive.coupling}', which "
-            f"reproduce the motions to {unit.number(facts['fit_residual_rms'])} {unit.name} RMS",
-            "",
-            variance_report(primitive),
-            "",
-            f"written to  {facts['output']}",
-        ]
-    )
+    return [
+        f"recordings  {facts['n_recordings']} used, {len(facts['refused'])} refused",
+        f"repairs     {repaired}",
+        *_note_lines(facts["notes"]),
+        *_marker_lines(facts["marker_residuals"]),
+        f"motions     {facts['n_motions']} of {primitive.n_joints} joints, "
+        f"{durations.min():.2f} to {durations.max():.2f} s",
+        f"components  {primitive.n_components}, coupling '{primitive.coupling}', which "
+        f"reproduce the motions to {unit.number(facts['fit_residual_rms'])} {unit.name} RMS",
+        "",
+        *variance_report(primitive),
+        "",
+        f"written to  {facts['output']}",
+    ]
+
+
+def _note_lines(notes: dict[str, list[str]]) -> list[str]:
+    """What is worth knowing about recordings; notes that differ in numbers only are said once."""
+    alike: dict[str, list[tuple[str, str]]] = {}
+    for name, own in notes.items():
+        for note in own:
+            alike.setdefault(re.sub(r"\d+", "", note), []).append((name, note))
+    lines = []
+    for (first, note), *others in alike.values():
+        names = ", ".join(name for name, _ in others[:MAX_NAMES])
+        more = f" and {len(others) - MAX_NAMES} more" if others[MAX_NAMES:] else ""
+        lines.append(f"note        {first}: {note}" + (f"; so {names}{more}" if others else ""))
+    return lines
 
 
 def _marker_lines(residuals: dict[str, dict[str, dict[str, float]]]) -> list[str]:

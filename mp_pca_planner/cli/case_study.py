@@ -28,8 +28,9 @@ from ..studies.case_study import CaseStudy, study
 from .case_study_page import case_study_page, draw_pictures
 from .case_study_tables import facts, summary, tables
 from .common import (
-    DONE,
+    JOBS,
     CommandParser,
+    count,
     make_folder,
     no_motion,
     plain,
@@ -38,6 +39,7 @@ from .common import (
     run,
 )
 from .drawing import require_matplotlib
+from .terminal import DONE, say
 
 _N_GENERATED = 60
 _SEED = 11
@@ -78,14 +80,14 @@ def _parser() -> CommandParser:
         "--marker-map", type=Path, metavar="YAML", help="default: human_arm_markers.yaml"
     )
     parser.add_argument("--segments", metavar="FILE.csv", help="motions cut by hand")
-    parser.add_argument("--motions", type=int, default=52, metavar="N", help="how many to study")
+    parser.add_argument("--motions", type=count, default=52, metavar="N", help="how many to study")
     parser.add_argument(
         "--arm",
         default="upper_arm,lower_arm,wrist",
         metavar="A,B,C",
         help="frames along the arm, to draw it; the last is its tip",
     )
-    parser.add_argument("--jobs", type=int, default=1, metavar="N", help="recordings at a time")
+    parser.add_argument("--jobs", type=JOBS, default=1, metavar="N", help="recordings at a time")
     parser.add_argument("--output", type=Path, default=Path("case_study_output"), metavar="DIR")
     parser.add_argument("--force", action="store_true", help="overwrite what is there")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
@@ -113,7 +115,8 @@ def _case_study(arguments: argparse.Namespace) -> int:
     if arguments.json:
         print_json({**facts(found, source), "files": [str(path) for path in written]})
     else:
-        print(f"{source}\n\n{summary(found)}\n\nwritten: {', '.join(map(str, written))}")
+        files = ", ".join(map(str, written))
+        say(source, "", *summary(found).splitlines(), "", f"written: {files}")
     return DONE
 
 

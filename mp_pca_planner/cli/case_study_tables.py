@@ -87,10 +87,10 @@ def table_3(study: CaseStudy) -> Table:
     least = found[BSPLINES]
     rows = []
     for name in TABLE_3_METHODS:
-        effort, seconds = found[name].effort or float("nan"), found[name].solve_time
-        ratios = [f"{effort / least.effort:.2f}" if least.effort else "", "", ""]
+        effort, seconds = found[name].effort, found[name].solve_time
+        ratios = [f"{effort / least.effort:.2f}" if effort and least.effort else "", "", ""]
         ratios[1:] = [f"{1e3 * seconds:.2f}", f"{seconds / least.solve_time:.3f}"]
-        rows.append([name, f"{effort:.3f}", *ratios])
+        rows.append([name, f"{effort:.3f}" if effort else "none", *ratios])
     (spline_effort, spline_time), (pca_effort, pca_time) = TABLE_3["B-spline"], TABLE_3["PCA"]
     rows += [
         ["paper: B-spline", f"{spline_effort:.3f}", "1.00", f"{1e3 * spline_time:.0f}", "1.000"],

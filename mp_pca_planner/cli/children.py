@@ -10,15 +10,15 @@ import sys
 from types import TracebackType
 from typing import Any
 
-_SIGNALS = (signal.SIGINT, signal.SIGTERM)
+_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 _PATIENCE = 10.0  # between the signal to end and SIGKILL [s]
 
 
 class Children:
     """Starts commands, and ends all of them when the block ends; use it as a context manager.
 
-    SIGINT and SIGTERM raise KeyboardInterrupt meanwhile, but never between the start of a child
-    and the moment it is known.
+    The first SIGINT, SIGTERM or SIGHUP raises KeyboardInterrupt, but never between the start of a
+    child and the moment it is known, nor while the children are ended.
     """
 
     def __init__(self) -> None:
@@ -37,7 +37,11 @@ class Children:
         return self._processes[-1]
 
     def __enter__(self) -> Children:
-        self._previous = {number: signal.signal(number, self._interrupt) for number in _SIGNALS}
+        for number in _SIGNALS:
+            # nohup ignores SIGHUP, and means it. Shells ignore SIGINT for background jobs, but
+            # children that inherited this could not be ended by it.
+            if number == signal.SIGINT or signal.getsignal(number) != signal.SIG_IGN:
+                self._previous[number] = signal.signal(number, self._interrupt)
         return self
 
     def __exit__(
@@ -46,8 +50,7 @@ class Children:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        for number in _SIGNALS:
-            signal.signal(number, signal.SIG_IGN)
+        self._is_interrupted = True  # from now on, signals are ignored
         for process in self._processes:
             process.send_signal(signal.SIGINT)
         for process in self._processes:
@@ -60,6 +63,6 @@ class Children:
             signal.signal(ending, handler)
 
     def _interrupt(self, *_: object) -> None:
-        self._is_interrupted = True
-        if not self._is_starting:
+        is_first, self._is_interrupted = not self._is_interrupted, True
+        if is_first and not self._is_starting:
             raise KeyboardInterrupt

@@ -5,24 +5,23 @@
 from __future__ import annotations
 
 import argparse
-import io
 import json
+import math
 import re
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from tqdm import tqdm
 
 from ..arrays import FloatArray
-from ..exceptions import GoalError, PlannerError, RecordingError, unknown_name
+from ..exceptions import GoalError, PlannerError, RecordingError, printable, unknown_name
 from ..files import check_writable
 from ..limits import JointLimits, read_limits_file
-
-DONE, FAILED, REFUSED = 0, 1, 2
+from .terminal import DEBUG, DEBUG_HELP, OneLineParser, say
 
 if TYPE_CHECKING:
     from ..recordings.load import RecordingSet
@@ -41,8 +40,8 @@ class _HelpFormatter(argparse.ArgumentDefaultsHelpFormatter):
         return super()._get_help_string(action)
 
 
-class CommandParser(argparse.ArgumentParser):
-    """Argument parser whose complaints are one line on stderr and exit status 2."""
+class CommandParser(OneLineParser):
+    """Argument parser of a command."""
 
     def __init__(self, command: str, description: str, **options: Any) -> None:
         super().__init__(
@@ -52,10 +51,8 @@ class CommandParser(argparse.ArgumentParser):
             formatter_class=_HelpFormatter,
             **options,
         )
-
-    def error(self, message: str) -> NoReturn:
-        """Print the complaint and exit."""
-        self.exit(REFUSED, f"{self.prog}: {message} (see --help)\n")
+        # The guard around all commands takes it; here it is for the help.
+        self.add_argument(DEBUG, action="store_true", help=DEBUG_HELP)
 
 
 def run(
@@ -66,29 +63,9 @@ def run(
     Returns
     -------
     :
-        The exit status: 0 done, 1 failed, 2 refused input or wrong usage. Refusals are one
-        line on stderr.
+        The exit status: 0 done, 1 failed, 2 refused input or wrong usage.
     """
-    for stream in (sys.stdout, sys.stderr):
-        # Not every terminal knows our ° and →.
-        if isinstance(stream, io.TextIOWrapper):
-            stream.reconfigure(errors="replace")
-    arguments = parser.parse_args(_with_negative_values(sys.argv[1:] if argv is None else argv))
-    try:
-        status = body(arguments)
-        if sys.stdout is not None:
-            sys.stdout.flush()
-        return status
-    except PlannerError as error:
-        print(f"{parser.prog}: {error}", file=sys.stderr)
-        return REFUSED
-    except OSError as error:
-        # Whoever read our output, `head` for example, has seen enough; or a disk is full.
-        if not isinstance(error, BrokenPipeError):
-            reason = error.strerror or error
-            print(f"{parser.prog}: the output can't be written: {reason}", file=sys.stderr)
-        sys.stdout = None
-        return FAILED
+    return body(parser.parse_args(_with_negative_values(sys.argv[1:] if argv is None else argv)))
 
 
 def _with_negative_values(argv: Sequence[str]) -> list[str]:
@@ -105,7 +82,7 @@ def _with_negative_values(argv: Sequence[str]) -> list[str]:
 
 def print_json(content: Any) -> None:
     """Print one JSON object on stdout."""
-    print(json_text(content))
+    say(json_text(content))
 
 
 def json_text(content: Any) -> str:
@@ -195,22 +172,48 @@ def limits_of(robot: Robot, file: Path | None) -> JointLimits:
     return robot.limits(read_limits_file(file, robot.movable_joints) if file else {})
 
 
-def seconds(text: str) -> float:
-    """A time that is over 0 and finite."""
-    try:
-        value = float(text)
-    except ValueError:
-        value = 0.0
-    if not 0.0 < value < float("inf"):
-        raise argparse.ArgumentTypeError(f"'{text}' is no time over 0 [s]")
-    return value
+def number(low: float, high: float, unit: str = "") -> Callable[[str], float]:
+    """Parser of a number from `low` to `high`, for argparse."""
+
+    def parse(text: str) -> float:
+        try:
+            value = float(text)
+        except ValueError:
+            value = math.nan
+        if not low <= value <= high:
+            wanted = f"a number from {low:g} to {high:g} {unit}".rstrip()
+            raise argparse.ArgumentTypeError(f"'{text}' is not {wanted}")
+        return value
+
+    return parse
 
 
-def seed(text: str) -> int:
-    """A seed of random numbers."""
-    if not text.isdecimal():
-        raise argparse.ArgumentTypeError(f"'{text}' is no whole number from 0 on")
-    return int(text)
+def whole(low: int, high: int) -> Callable[[str], int]:
+    """Parser of a whole number from `low` to `high`, for argparse."""
+
+    def parse(text: str) -> int:
+        # Longer texts are out of every range, and slow to read.
+        if not (text.isdecimal() and len(text) < 20 and low <= int(text) <= high):
+            raise argparse.ArgumentTypeError(f"'{text}' is not a whole number from {low} to {high}")
+        return int(text)
+
+    return parse
+
+
+seconds = number(1e-6, 1e6, "s")
+"""Parser of a time [s]."""
+
+count = whole(1, 1_000_000)
+"""Parser of how many."""
+
+REPORTED = ("status", "effort_cost", "solve_time_s", "duration", "primitive", "in_span_score")
+"""Values of the node's report that everybody wants to see."""
+
+JOBS = whole(1, 1024)
+"""Parser of how many processes."""
+
+seed = whole(0, 2**63 - 1)
+"""Parser of a seed of random numbers."""
 
 
 def joint_list(text: str) -> list[str]:
@@ -295,15 +298,13 @@ def split_time(text: str, what: str) -> tuple[str, float | None]:
     Raises
     ------
     GoalError
-        If the time is no number.
+        If the time is no number, or out of range.
     """
     values, at, moment = text.partition("@")
     try:
-        return values, float(moment) if at else None
-    except ValueError:
-        raise GoalError(
-            f"{what} '{text}' must end in @ and a number of seconds, if in @ at all"
-        ) from None
+        return values, seconds(moment) if at else None
+    except argparse.ArgumentTypeError as error:
+        raise GoalError(f"{what} '{text}': after @, {error}") from None
 
 
 def _finite(text: str, what: str) -> float:
@@ -317,8 +318,8 @@ def _finite(text: str, what: str) -> float:
 
 
 def table(rows: Sequence[Sequence[str]], *, header: Sequence[str]) -> str:
-    """Columns of text, the first aligned left and the others right."""
-    lines = [list(header), *(list(row) for row in rows)]
+    """Lines of columns, the first aligned left and the others right; foreign text is escaped."""
+    lines = [[printable(cell) for cell in row] for row in (header, *rows)]
     widths = [max(len(line[i]) for line in lines) for i in range(len(header))]
     return "\n".join(
         "  ".join(
@@ -327,6 +328,28 @@ def table(rows: Sequence[Sequence[str]], *, header: Sequence[str]) -> str:
         ).rstrip()
         for line in lines
     )
+
+
+def known(values: Mapping[str, str], names: Sequence[str] | None = None) -> dict[str, str]:
+    """Values of a report by name, without those that are unknown or were not asked for.
+
+    Parameters
+    ----------
+    values : mapping
+        The values; "nan" is none.
+    names : sequence of str, optional
+        Which of them, in this order; by default all.
+    """
+    chosen = values if names is None else {n: values[n] for n in names if n in values}
+    return {name: value for name, value in chosen.items() if value != "nan"}
+
+
+def short(value: str) -> str:
+    """A value with as many digits as one reads."""
+    try:
+        return value if value.lstrip("-").isdigit() else f"{float(value):.4g}"
+    except ValueError:
+        return value
 
 
 def percent(share: float) -> str:

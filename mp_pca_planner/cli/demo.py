@@ -34,8 +34,9 @@ from ..trajectory import Trajectory
 from ..validation import check_executable, check_limits
 from . import build_primitives
 from .children import Children
-from .common import DONE, FAILED, CommandParser, make_folder, run, table
+from .common import CommandParser, make_folder, run, table
 from .drawing import draw_arm, draw_motion, draw_primitive, require_matplotlib
+from .terminal import DONE, FAILED, say
 
 if TYPE_CHECKING:
     from ..ros.client import GoalClient
@@ -76,9 +77,9 @@ def _demo(arguments: argparse.Namespace) -> int:
     folder = arguments.output
     make_folder(folder)
 
-    print(f"1. Recording {_N_DEMONSTRATIONS} arm-raising motions into {folder / 'recording'}")
+    say(f"1. Recording {_N_DEMONSTRATIONS} arm-raising motions into {folder / 'recording'}")
     bag = _record(folder / "recording")
-    print(f"2. Building primitives from the bag\n   $ build_primitives {bag}")
+    say("2. Building primitives from the bag", f"   $ build_primitives {bag}")
     primitive_file = folder / "arm_raising.npz"
     status = build_primitives.main(
         [
@@ -90,14 +91,15 @@ def _demo(arguments: argparse.Namespace) -> int:
         return status
     primitive = load_primitive(primitive_file)
     robot = Robot.from_file(config_file("human_arm.urdf"), JOINT_NAMES)
-    print(
-        "\n3. Starting the planner node and a simulated robot, and sending goals over ROS 2 topics"
+    say(
+        "",
+        "3. Starting the planner node and a simulated robot, and sending goals over ROS 2 topics",
     )
     served = _execute_over_topics(folder, primitive_file)
     failures = _report(robot, served)
-    print(f"\n4. Drawing into {folder}")
+    say("", f"4. Drawing into {folder}")
     for path in _draw(folder, bag, primitive, robot, served):
-        print(f"   {path}")
+        say(f"   {path}")
     return FAILED if failures else DONE
 
 
@@ -211,7 +213,7 @@ def _report(robot: Robot, served: Sequence[_Served]) -> int:
         )
     header = ["goal", "duration [s]", "effort [N²m²s]", "solve [ms]", "end error [rad]"]
     header += ["goal to trajectory [ms]", "arrival error [mrad]", "checked on receipt"]
-    print(table(rows, header=header))
+    say(*table(rows, header=header).splitlines())
     return failures
 
 

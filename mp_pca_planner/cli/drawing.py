@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..arrays import FloatArray, frozen_array, unique_names
-from ..exceptions import MissingDependencyError, PlannerError, quote_names
+from ..exceptions import MissingDependencyError, PlannerError, printable, quote_names
 from ..files import write_whole
 from ..limits import JointLimits
 from ..recordings.demonstration import Demonstration
@@ -809,6 +809,7 @@ def _label(axes: Axes, x: str, y: str, *, in_all_columns: bool = False) -> None:
 
 
 def _save(figure: Figure, path: str | Path | io.BytesIO, force: bool) -> None:
+    _show_names_as_they_are(figure)
     if isinstance(path, io.BytesIO):
         figure.savefig(path, format="png", dpi=_DPI)
         return
@@ -818,3 +819,15 @@ def _save(figure: Figure, path: str | Path | io.BytesIO, force: bool) -> None:
     content = io.BytesIO()
     figure.savefig(content, format="png", dpi=_DPI)
     write_whole(target, content.getvalue(), overwrite=force)
+
+
+def _show_names_as_they_are(figure: Figure) -> None:
+    """Keep matplotlib from reading $ in names as mathematics, and control characters as text."""
+    from matplotlib.text import Text
+
+    for text in figure.findobj(Text):
+        content = text.get_text()
+        # Ticks get their text, which may be mathematics, when they are drawn.
+        if content:
+            text.set_parse_math(False)
+            text.set_text("\n".join(map(printable, content.split("\n"))))

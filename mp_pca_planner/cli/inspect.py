@@ -5,7 +5,6 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Any
@@ -13,14 +12,15 @@ from typing import Any
 import numpy as np
 
 from ..control.statement import control_statement
-from ..exceptions import PlannerError
+from ..exceptions import MAX_NAMES, PlannerError
 from ..primitives.file import load_primitive
 from ..primitives.primitive import MovementPrimitive
 from ..recordings.bags import find_recordings
 from ..recordings.load import RecordingInspection, inspect_recording
 from ..recordings.markers import MarkerFinding
 from ..recordings.repair import REPAIRS
-from .common import DONE, REFUSED, CommandParser, print_json, run, table
+from .common import CommandParser, print_json, run, table
+from .terminal import DONE, REFUSED, complain, say
 from .units import prismatic_joints, unit_of
 from .variance import variance_report
 
@@ -43,24 +43,26 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _inspect(arguments: argparse.Namespace) -> int:
     """Look at every file; one that can't be read doesn't hide the others."""
     reports: list[dict[str, Any]] = []
+    is_usable: list[bool] = []
     status = DONE
     for name in arguments.files:
         try:
             found = _look_at(name, arguments)
         except PlannerError as error:
-            print(f"mp_pca_planner inspect: {error}", file=sys.stderr)
+            complain(f"mp_pca_planner inspect: {error}")
             status = REFUSED
             continue
-        for facts, text in found:
+        for facts, lines in found:
             reports.append(facts)
+            is_usable.append(facts.get("refusal") is None)
             if not arguments.json:
-                print(text, end="\n\n")
+                say(*lines, "")
     if arguments.json:
         print_json({"files": reports})
-    return status
+    return status if any(is_usable) else REFUSED
 
 
-def _look_at(name: str, arguments: argparse.Namespace) -> list[tuple[dict[str, Any], str]]:
+def _look_at(name: str, arguments: argparse.Namespace) -> list[tuple[dict[str, Any], list[str]]]:
     if name.endswith(".npz"):
         primitive = load_primitive(name)
         return [(_primitive_facts(name, primitive), _primitive_text(name, primitive))]
@@ -73,21 +75,23 @@ def _look_at(name: str, arguments: argparse.Namespace) -> list[tuple[dict[str, A
     return [(asdict(facts), _recording_text(facts)) for facts in found]
 
 
-def _recording_text(facts: RecordingInspection) -> str:
+def _recording_text(facts: RecordingInspection) -> list[str]:
     lines = [f"{facts.path} ({facts.format})"]
     lines += [f"  topic     {t.name}  {t.type}  {t.count} messages" for t in facts.topics]
     lines += _marker_lines(facts.markers)
     if facts.topic is not None:
         lines.append(f"  looked at {facts.topic}: {facts.n_messages} messages")
     if facts.joint_names:
-        lines.append(f"  joints    {', '.join(facts.joint_names)}")
+        names, n = facts.joint_names[:MAX_NAMES], len(facts.joint_names)
+        more = f" and {n - MAX_NAMES} more" if n > MAX_NAMES else ""
+        lines.append(f"  joints    {', '.join(names)}{more}")
     if facts.rate is not None and facts.duration is not None:
         lines.append(f"  time      {facts.duration:.2f} s at {facts.rate:.1f} Hz")
     lines += [f"  repair    {kind}: {n} ({REPAIRS[kind]})" for kind, n in facts.repairs.items()]
     lines += [f"  note      {note}" for note in facts.notes]
     if facts.refusal is not None:
         lines.append(f"  can't be used: {facts.refusal}")
-    return "\n".join(lines)
+    return lines
 
 
 def _marker_lines(markers: Sequence[MarkerFinding]) -> list[str]:
@@ -123,7 +127,7 @@ def _primitive_facts(name: str, primitive: MovementPrimitive) -> dict[str, Any]:
     }
 
 
-def _primitive_text(name: str, primitive: MovementPrimitive) -> str:
+def _primitive_text(name: str, primitive: MovementPrimitive) -> list[str]:
     residual = np.sqrt(np.mean(primitive.fit_residual**2, axis=1))
     unit = unit_of(primitive.joint_names, prismatic_joints(primitive))
     rows = [
@@ -138,16 +142,14 @@ def _primitive_text(name: str, primitive: MovementPrimitive) -> str:
         )
     ]
     header = ["demonstration", "start [s]", "duration [s]", f"reproduced to [{unit.name} RMS]"]
-    return "\n".join(
-        [
-            f"{name}: movement primitive '{primitive.name}'",
-            f"joints      {', '.join(primitive.joint_names)}",
-            f"components  {primitive.n_components}, coupling '{primitive.coupling}', "
-            f"polynomials of degree {primitive.degree}",
-            f"control     {control_statement(primitive)}",
-            "",
-            variance_report(primitive),
-            "",
-            table(rows, header=header),
-        ]
-    )
+    return [
+        f"{name}: movement primitive '{primitive.name}'",
+        f"joints      {', '.join(primitive.joint_names)}",
+        f"components  {primitive.n_components}, coupling '{primitive.coupling}', "
+        f"polynomials of degree {primitive.degree}",
+        f"control     {control_statement(primitive)}",
+        "",
+        *variance_report(primitive),
+        "",
+        *table(rows, header=header).splitlines(),
+    ]

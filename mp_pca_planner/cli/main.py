@@ -11,10 +11,11 @@ from importlib import import_module
 from typing import NamedTuple, cast
 
 from .. import __version__
-from ..exceptions import MissingDependencyError, quote_names, unknown_name
+from ..exceptions import MissingDependencyError, PlannerError, unknown_name
+from .terminal import DEBUG, DEBUG_HELP, OneLineParser, guard
 
 PROGRAM = "mp_pca_planner"
-FAILED, WRONG_USAGE = 1, 2
+_ROS_ARGUMENTS = "--ros-args"
 
 CommandFunction = Callable[[Sequence[str] | None], int]
 
@@ -71,24 +72,27 @@ def main(argv: Sequence[str] | None = None) -> int:
     Returns
     -------
     :
-        The exit status: the command's own, 1 if it was interrupted, or 2 if there is no such
-        command or it can't be loaded.
+        The exit status: the command's own, 1 if it failed or was interrupted, or 2 if there is no
+        such command or it can't be loaded. Without a command, the help is printed.
     """
-    arguments = list(sys.argv[1:] if argv is None else argv)
-    if not arguments:
-        return _refuse(f"a command is needed: {quote_names(COMMANDS)}")
+    arguments, is_debugged = _without_debug(sys.argv[1:] if argv is None else argv)
+    program = " ".join([PROGRAM, *(name for name in arguments[:1] if name in COMMANDS)])
+    return guard(program, lambda: _run(arguments), debug=is_debugged)
+
+
+def _run(arguments: Sequence[str]) -> int:
     # Only the first argument is ours: the command sees the others as they were typed.
-    name = _parser().parse_args(arguments[:1]).command
+    name = _parser().parse_args(arguments[:1] or ["--help"]).command
     if name not in COMMANDS:
-        return _refuse(unknown_name("command", name, COMMANDS))
-    try:
-        return load_command(name)(arguments[1:])
-    except MissingDependencyError as error:
-        return _refuse(str(error))
-    except KeyboardInterrupt:
-        # Here, because loading a command takes long enough to be interrupted.
-        print(f"{PROGRAM} {name}: interrupted", file=sys.stderr)
-        return FAILED
+        raise PlannerError(unknown_name("command", name, COMMANDS))
+    return load_command(name)(arguments[1:])
+
+
+def _without_debug(argv: Sequence[str]) -> tuple[list[str], bool]:
+    """Take the option of every command off, wherever it is before the arguments for ROS."""
+    end = argv.index(_ROS_ARGUMENTS) if _ROS_ARGUMENTS in argv else len(argv)
+    own = [word for word in argv[:end] if word != DEBUG]
+    return [*own, *argv[end:]], len(own) < end
 
 
 def load_command(name: str) -> CommandFunction:
@@ -114,21 +118,17 @@ def _belongs_to_ros(module_name: str | None) -> bool:
     return top_level in {"rclpy", "std_srvs"} or top_level.endswith(("_msgs", "_interfaces"))
 
 
-def _parser() -> argparse.ArgumentParser:
+def _parser() -> OneLineParser:
     width = max(map(len, COMMANDS))
-    parser = argparse.ArgumentParser(
+    parser = OneLineParser(
         prog=PROGRAM,
-        usage="%(prog)s [-h] [--version] COMMAND ...",
+        usage="%(prog)s [-h] [--version] [--debug] COMMAND ...",
         description="Movement primitives from recordings, and least-effort motions made of them.",
         epilog="commands (each has its own --help):\n"
         + "\n".join(f"  {name:{width}}  {c.summary}" for name, c in COMMANDS.items()),
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--version", action="version", version=f"{PROGRAM} {__version__}")
+    parser.add_argument(DEBUG, action="store_true", help=DEBUG_HELP)
     parser.add_argument("command", metavar="COMMAND", help="one of the commands below")
     return parser
-
-
-def _refuse(message: str) -> int:
-    print(f"{PROGRAM}: {message}", file=sys.stderr)
-    return WRONG_USAGE

@@ -5,42 +5,50 @@
 from __future__ import annotations
 
 import argparse
-import io
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ..arrays import FloatArray
 from ..exceptions import GoalError, PlannerError
-from ..files import check_writable, write_whole
 from ..goal import JointGoal, JointState, Pose, PoseGoal, Via
 from ..planning.collision import CollisionModel, package_folders
 from ..planning.objectives import OBJECTIVES, Objective, objective_by_name
 from ..planning.plan import BASES, DEMONSTRATED, FREE, SHORTEST, Plan, PlannerOptions
 from ..planning.planner import Planner
 from ..planning.remarks import remarks
+from ..planning.request import LONGEST_DURATION
 from ..planning.starts import MOST_STARTS
 from ..primitives.primitive_library import load_primitives
-from ..recordings.bags import FORMAT_OF_SUFFIX, write_joint_trajectory
 from ..robot import Robot
-from ..trajectory import Trajectory
 from .common import (
-    DONE,
-    FAILED,
     CommandParser,
-    check_output,
     joint_values,
-    json_text,
     limits_of,
+    number,
     number_list,
     print_json,
     run,
+    whole,
 )
-from .drawing import draw_motion, require_matplotlib
-from .states import VALUES, passed_lines, remark_lines, states_by_name
+from .drawing import draw_motion
+from .motion_files import check_outputs, output_lines, trajectory_columns, write_trajectory
+from .states import (
+    VALUES,
+    collision_facts,
+    collision_lines,
+    effort_words,
+    passed_lines,
+    remark_lines,
+    states_by_name,
+    status_line,
+)
+from .terminal import DONE, FAILED, say
 
+NATURALNESS, SAMPLE_PERIOD = number(0.0, 1e6), number(1e-4, 1.0, "s")
+_DURATION = number(1e-3, LONGEST_DURATION, "s")
+_WEIGHTS = 1e-12, 1e12  # of objectives
 _AT_PHASE = "at a phase from 0 to 1 or when it suits best"
 
 
@@ -100,6 +108,7 @@ def add_request_options(
     )
     parser.add_argument(
         "--duration",
+        type=_duration,
         metavar="T",
         help="duration [s]; 'shortest' that the limits allow; 'free': the one of least cost "
         "(default: like the demonstrations)",
@@ -114,14 +123,14 @@ def add_request_options(
     parser.add_argument("--basis", choices=BASES, default=defaults.basis, help="basis functions")
     parser.add_argument(
         "--naturalness",
-        type=float,
+        type=NATURALNESS,
         default=defaults.naturalness,
         metavar="ρ",
         help="weight of likeness to the demonstrations against effort",
     )
     parser.add_argument(
         "--starts",
-        type=int,
+        type=whole(1, MOST_STARTS),
         default=MOST_STARTS,
         metavar="N",
         help="starts of the search for the least, where likeness counts for little (ρ < 0.1)",
@@ -130,7 +139,7 @@ def add_request_options(
         "--limits", type=Path, metavar="FILE.yaml", help="limits in the form of joint_limits.yaml"
     )
     parser.add_argument(
-        "--sample-period", type=float, default=defaults.sample_period, help="time step [s]"
+        "--sample-period", type=SAMPLE_PERIOD, default=defaults.sample_period, help="time step [s]"
     )
     add_collision_options(parser)
 
@@ -161,8 +170,9 @@ def add_collision_options(parser: CommandParser) -> None:
 def _plan(arguments: argparse.Namespace) -> int:
     check_outputs(arguments)
     planner, plan = plan_request(arguments)
+    facts = plan_facts(plan, planner.collision)
     if arguments.output is not None and plan.is_executable:
-        write_trajectory(plan.trajectory, arguments.output, plan_facts(plan), arguments.force)
+        write_trajectory(plan.trajectory, arguments.output, facts, arguments.force)
     if arguments.plot is not None:
         draw_motion(
             arguments.plot,
@@ -173,26 +183,11 @@ def _plan(arguments: argparse.Namespace) -> int:
             force=arguments.force,
         )
     if arguments.json:
-        print_json(plan_facts(plan))
+        print_json(facts)
     else:
-        print(_text(plan, planner.robot))
+        say(*_text(plan, planner.robot, asked(arguments, planner.robot), facts))
+        say(*output_lines(arguments, plan))
     return DONE if plan.is_executable else FAILED
-
-
-def check_outputs(arguments: argparse.Namespace) -> None:
-    """Refuse a motion's output or plot that could not be written, before any work.
-
-    Raises
-    ------
-    PlannerError
-        If a format is unknown, a file exists already, a folder doesn't, or matplotlib is missing.
-    """
-    if arguments.output is not None:
-        check_format(arguments.output)
-        check_writable(arguments.output, overwrite=arguments.force)
-    if arguments.plot is not None:
-        require_matplotlib()
-        check_output(arguments.plot, ".png", force=arguments.force)
 
 
 def plan_request(arguments: argparse.Namespace) -> tuple[Planner, Plan]:
@@ -243,7 +238,7 @@ def collision_model(arguments: argparse.Namespace, robot: Robot) -> CollisionMod
 
 def _goal(arguments: argparse.Namespace, robot: Robot) -> JointGoal | PoseGoal:
     how = {
-        "duration": _duration(arguments.duration),
+        "duration": arguments.duration if isinstance(arguments.duration, float) else None,
         "primitive": arguments.use,
         "vias": tuple(_via(text, robot.described_joints) for text in arguments.via),
     }
@@ -252,8 +247,12 @@ def _goal(arguments: argparse.Namespace, robot: Robot) -> JointGoal | PoseGoal:
     for option in ("goal_velocity", "goal_acceleration"):
         if getattr(arguments, option) is not None:
             raise GoalError(f"--{option.replace('_', '-')} needs --goal: a pose is reached at rest")
-    frame = arguments.frame or robot.frame_names[-1]
+    frame = _frame(arguments, robot)
     return PoseGoal(_pose(frame, arguments.goal_pose, "--goal-pose"), **how)
+
+
+def _frame(arguments: argparse.Namespace, robot: Robot) -> str:
+    return str(arguments.frame or robot.frame_names[-1])
 
 
 def _state(arguments: argparse.Namespace, end: str, names: Sequence[str]) -> JointState:
@@ -300,109 +299,48 @@ def target(text: str, names: Sequence[str], option: str) -> JointState | Pose:
     return JointState(list(q), list(q.values()))
 
 
-def _duration(text: str | None) -> float | None:
-    if text in (None, SHORTEST, FREE):
-        return None
+def _duration(text: str) -> str | float:
+    """Parse the option, for argparse."""
+    if text in (SHORTEST, FREE):
+        return text
     try:
-        return float(text)
-    except ValueError:
-        raise GoalError(
-            f"--duration is '{text}', but a number of seconds, '{SHORTEST}' or '{FREE}' is wanted"
-        ) from None
+        return _DURATION(text)
+    except argparse.ArgumentTypeError as error:
+        raise argparse.ArgumentTypeError(f"{error}, '{SHORTEST}' or '{FREE}'") from None
 
 
 def _objectives(text: str, robot: Robot, frame: str | None) -> tuple[tuple[float, Objective], ...]:
     weights = joint_values(text, OBJECTIVES, "--objective", "objective")
+    low, high = _WEIGHTS
+    for name, weight in weights.items():
+        if not low <= weight <= high:
+            raise GoalError(
+                f"--objective: the weight of '{name}' is {weight:g}, expected one from {low:g} "
+                f"to {high:g}"
+            )
     return tuple((w, objective_by_name(name, robot, frame)) for name, w in weights.items())
 
 
-def plan_facts(plan: Plan) -> dict[str, Any]:
+def asked(arguments: argparse.Namespace, robot: Robot) -> list[str]:
+    """What to pass and where to end, as the options say it; poses with the name of their frame."""
+    goal = arguments.goal or f"{_frame(arguments, robot)}: {arguments.goal_pose}"
+    return [*arguments.via, goal]
+
+
+def plan_facts(plan: Plan, collision: CollisionModel | None) -> dict[str, Any]:
     """What `plan --json` prints."""
-    return plan.summary() | {
-        **states_by_name(_passed(plan)),
-        "remarks": remarks(plan),
-        "joint_names": list(plan.trajectory.joint_names),
-        "weights": plan.solution.weights,
-        "via_phases": list(plan.via_phases),
-        **trajectory_columns(plan.trajectory),
-    }
-
-
-def trajectory_columns(trajectory: Trajectory) -> dict[str, FloatArray]:
-    """What is known at every point, by the names of the public interface."""
-    efforts = trajectory.efforts
-    return {
-        "times": trajectory.times,
-        "positions": trajectory.positions,
-        "velocities": trajectory.velocities,
-        "accelerations": trajectory.accelerations,
-        **({} if efforts is None else {"efforts": efforts}),
-    }
-
-
-def write_trajectory(
-    trajectory: Trajectory, path: Path, facts: Mapping[str, Any], overwrite: bool
-) -> None:
-    """Write a motion in the format that the file's name asks for.
-
-    Parameters
-    ----------
-    trajectory : Trajectory
-        The motion.
-    path : Path
-        Where to.
-    facts : mapping
-        What a .json file says.
-    overwrite : bool
-        Whether an existing file may be overwritten.
-
-    Raises
-    ------
-    PlannerError
-        If the format is unknown or the file can't be written.
-    """
-    if path.suffix == ".csv":
-        write_whole(path, _csv(trajectory), overwrite=overwrite)
-    elif path.suffix == ".json":
-        write_whole(path, json_text(facts).encode(), overwrite=overwrite)
-    elif path.suffix == ".npz":
-        buffer = io.BytesIO()
-        np.savez(
-            buffer,
-            joint_names=np.array(trajectory.joint_names),
-            **trajectory_columns(trajectory),  # type: ignore[arg-type]  # its stub takes bool only
-        )
-        write_whole(path, buffer.getvalue(), overwrite=overwrite)
-    else:
-        check_format(path)
-        write_joint_trajectory(path, trajectory, overwrite=overwrite)
-
-
-def check_format(path: Path) -> None:
-    """Refuse a file of a format that motions can't be written in."""
-    formats = (".csv", ".json", ".npz", *FORMAT_OF_SUFFIX)
-    if path.suffix not in ("", *formats):
-        raise PlannerError(
-            f"the output '{path}' must end in {', '.join(formats)}, "
-            "or have no ending for the folder of a rosbag2"
-        )
-
-
-def _csv(trajectory: Trajectory) -> bytes:
-    columns = trajectory_columns(trajectory)
-    times = columns.pop("times")
-    header = ["time", *(f"{name}.{kind}" for kind in columns for name in trajectory.joint_names)]
-    text = io.StringIO()
-    # 17 digits bring every number back to the last bit.
-    np.savetxt(
-        text,
-        np.column_stack([times, *columns.values()]),
-        fmt="%.17g",
-        delimiter=",",
-        header=",".join(header),
-        comments="",
+    return (
+        plan.summary()
+        | collision_facts(collision, plan.trajectory)
+        | {
+            **states_by_name(_passed(plan)),
+            "remarks": remarks(plan),
+            "joint_names": list(plan.trajectory.joint_names),
+            "weights": plan.solution.weights,
+            "via_phases": list(plan.via_phases),
+            **trajectory_columns(plan.trajectory),
+        }
     )
-    return text.getvalue().encode()
 
 
 def _passed(plan: Plan) -> list[JointState]:
@@ -427,22 +365,19 @@ def _ways(plan: Plan) -> list[str]:
     return lines
 
 
-def _text(plan: Plan, robot: Robot) -> str:
-    facts = plan.summary()
-    return "\n".join(
-        [
-            f"{facts['status']}: {facts['message']}",
-            *remark_lines(plan),
-            *passed_lines(_passed(plan), robot.described_joints),
-            f"primitive    {facts['primitive']} (in-span score {facts['in_span_score']:.2f}, "
-            "about 1 is like the demonstrations)",
-            f"selection    {facts['selection']}",
-            f"duration     {facts['duration']:.3f} s",
-            f"effort       {facts['effort_cost']:.4g} N²m²s "
-            f"(expected weights: {facts['start_cost']:.4g})",
-            f"solve time   {1e3 * plan.solve_time:.2f} ms, {facts['iterations']} iterations",
-            f"goal error   {facts['goal_error']:.2g} rad or m",
-            *_ways(plan),
-            f"worst limit violation  {facts['limit_violation']:.2g} (relative, 1 ms grid)",
-        ]
-    )
+def _text(plan: Plan, robot: Robot, asked: Sequence[str], facts: Mapping[str, Any]) -> list[str]:
+    return [
+        status_line(plan),
+        *remark_lines(plan),
+        *passed_lines(_passed(plan), robot.described_joints, asked),
+        f"primitive    {facts['primitive']} (in-span score {facts['in_span_score']:.2f}, "
+        "about 1 is like the demonstrations)",
+        f"selection    {facts['selection']}",
+        f"duration     {facts['duration']:.3f} s",
+        f"effort       {effort_words(plan.solution.effort_cost, plan.solution.start_cost)}",
+        f"solve time   {1e3 * plan.solve_time:.2f} ms, {facts['iterations']} iterations",
+        f"goal error   {facts['goal_error']:.2g} rad or m",
+        *_ways(plan),
+        *collision_lines(facts),
+        f"worst limit violation  {facts['limit_violation']:.2g} (relative, 1 ms grid)",
+    ]

@@ -5,13 +5,10 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
-
-import numpy as np
 
 from ..exceptions import LearningError
 from ..files import check_writable
@@ -30,17 +27,29 @@ from ..planning.sequence import OPTIMAL, SequencePlan, SequencePlanner
 from ..primitives.file import save_primitive
 from ..primitives.primitive import MovementPrimitive
 from ..robot import Robot
-from .common import DONE, FAILED, CommandParser, check_output, print_json, run, seed
-from .plan import (
-    add_request_options,
-    check_format,
-    plan_request,
-    trajectory_columns,
-    write_trajectory,
+from .common import (
+    CommandParser,
+    check_output,
+    number,
+    print_json,
+    run,
+    seed,
 )
+from .motion_files import check_format, trajectory_columns, write_trajectory
+from .plan import add_request_options, asked, plan_request
 from .sequence import sequence_request
-from .states import passed, passed_lines, remark_lines, states_by_name
+from .states import (
+    collision_facts,
+    collision_lines,
+    passed,
+    passed_lines,
+    remark_lines,
+    states_by_name,
+    status_line,
+)
+from .terminal import DONE, FAILED, complain, flush, say, written_lines
 
+_PRICE = number(0.0, 1e12)
 # Options of `plan` that sequences don't have.
 _NOT_OF_SEQUENCES = (
     "goal_pose",
@@ -71,13 +80,13 @@ def _parser() -> CommandParser:
     add_request_options(parser, via_form="V", via_time="as in `sequence`, but at any time")
     parser.add_argument(
         "--time-price",
-        type=float,
+        type=_PRICE,
         metavar="P",
         help="what a second costs, in units of ½∫‖τ‖²dt (default: the duration stays)",
     )
     parser.add_argument(
         "--min-gain",
-        type=float,
+        type=number(0.0, 0.999),
         default=0.01,
         metavar="SHARE",
         help="by how much the cost must fall for a new primitive",
@@ -102,7 +111,9 @@ def _parser() -> CommandParser:
     )
     trials.add_argument("--trials", type=Path, metavar="FILE.json", help="file that keeps them")
     cost = trials.add_mutually_exclusive_group()
-    cost.add_argument("--cost", type=float, metavar="C", help="what the last proposal cost")
+    cost.add_argument(
+        "--cost", type=number(-1e12, 1e12), metavar="C", help="what the last proposal cost"
+    )
     cost.add_argument(
         "--executed",
         type=Path,
@@ -111,7 +122,7 @@ def _parser() -> CommandParser:
     )
     trials.add_argument(
         "--tracking-price",
-        type=float,
+        type=_PRICE,
         default=0.0,
         metavar="P",
         help="of --executed: cost of ∫‖q − q_wanted‖²dt",
@@ -158,7 +169,7 @@ def _planned(arguments: argparse.Namespace) -> _Planned:
         raise LearningError(f"there is no motion to refine: {plan.message}")
     collision = planner.collision
     if collision is not None and not collision.has_geometry:
-        print(f"refine: {NOT_CHECKED.removeprefix('; ')}", file=sys.stderr)
+        complain(f"mp_pca_planner refine: {NOT_CHECKED.removeprefix('; ')}")
     known = {primitive.name: primitive for primitive in planner.primitives}
     made_from = tuple(known[name] for name in names)
     return _Planned(plan, planner.robot, planner.limits, collision, motions, made_from)
@@ -174,12 +185,6 @@ def _check_options(arguments: argparse.Namespace) -> None:
         check_writable(arguments.trials, overwrite=True)
     if arguments.via:
         _check_sequence_options(arguments)
-    if not 0.0 <= arguments.min_gain < 1.0:
-        raise LearningError(f"--min-gain must be from 0 to 1, got {arguments.min_gain}")
-    if not (np.isfinite(arguments.tracking_price) and arguments.tracking_price >= 0.0):
-        raise LearningError(
-            f"--tracking-price must be a number ≥ 0, got {arguments.tracking_price}"
-        )
     told = arguments.cost is not None or arguments.executed is not None
     if told and arguments.trials is None:
         raise LearningError("--cost and --executed tell the cost of a trial: name --trials, too")
@@ -226,11 +231,13 @@ def _refine_by_model(
     if arguments.json:
         print_json(facts | trajectory_columns(found.trajectory))
     else:
-        print(_request_text(planned))
-        print(
-            f"cost         {found.original_cost:.4g} → {found.cost:.4g} ({found.gain:.1%} less)\n"
-            f"duration     {before:.3f} → {after:.3f} s\n"
-            f"primitive    {_kept_words(arguments, facts)}"
+        say(
+            *_request_lines(planned, arguments),
+            f"cost         {found.original_cost:.4g} → {found.cost:.4g} ({found.gain:.1%} less)",
+            f"duration     {before:.3f} → {after:.3f} s",
+            *collision_lines(facts),
+            f"primitive    {_kept_words(arguments, facts)}",
+            *written_lines([arguments.trajectory]),
         )
     return DONE if facts["kept"] or arguments.output is None else FAILED
 
@@ -250,7 +257,7 @@ def _refine_by_trials(
     if arguments.executed is not None:
         cost = _measured_cost(arguments, learner)
     if cost is not None:
-        learner.tell(cost)
+        learner.tell(cost, keep=False)
     best = learner.best
     facts = _facts(planned, learner.best_motion()) | {
         "n_trials": len(learner.trials),
@@ -267,18 +274,23 @@ def _refine_by_trials(
     if arguments.json:
         print_json(facts | trajectory_columns(proposal.trajectory))
     else:
-        print(_request_text(planned))
+        say(*_request_lines(planned, arguments))
         if best is not None:
-            print(
+            say(
                 f"best of {len(learner.trials)} trials: {best.cost:.4g}, "
-                f"{facts['gain']:.1%} less than the first one's\n"
-                f"primitive: {_kept_words(arguments, facts)}"
+                f"{facts['gain']:.1%} less than the first one's",
+                f"primitive    {_kept_words(arguments, facts)}",
             )
-        print(
+        say(*written_lines([arguments.trials if cost is not None else None, arguments.trajectory]))
+        say(
             f"execute trial {len(learner.trials) + 1} "
             f"({arguments.trajectory or 'name --trajectory to have it written'}), "
-            "and tell its cost with --cost or --executed"
+            "and report its cost with --cost or --executed"
         )
+    if cost is not None:
+        # Last of all: if something else can't be written, the call can be repeated.
+        flush()
+        learner.keep_trials()
     return DONE if facts["kept"] or arguments.output is None else FAILED
 
 
@@ -293,10 +305,11 @@ def _gain(before: float, after: float) -> float:
     return 1.0 - after / before if before > 0.0 else 0.0
 
 
-def _request_text(planned: _Planned) -> str:
-    """The start, the vias and the goal by joint name, and remarks on the planned motion."""
-    lines = passed_lines(passed(planned.motions), planned.robot.described_joints)
-    return "\n".join([*remark_lines(planned.plan), *lines])
+def _request_lines(planned: _Planned, arguments: argparse.Namespace) -> list[str]:
+    """The planned motion: its status, remarks, and the start, the vias and the goal by joint."""
+    robot = planned.robot
+    states = passed_lines(passed(planned.motions), robot.described_joints, asked(arguments, robot))
+    return [f"planned      {status_line(planned.plan)}", *remark_lines(planned.plan), *states]
 
 
 def _facts(planned: _Planned, accepted: AcceptedMotion) -> dict[str, Any]:
@@ -304,6 +317,7 @@ def _facts(planned: _Planned, accepted: AcceptedMotion) -> dict[str, Any]:
         **states_by_name(passed(planned.motions)),
         "in_span_score": planned.plan.in_span_score,
         "remarks": remarks(planned.plan),
+        **collision_facts(planned.collision, accepted.trajectory),
         "primitive": ", ".join(primitive.name for primitive in planned.primitives),
         "joint_names": list(accepted.trajectory.joint_names),
         "duration": accepted.motion.duration,

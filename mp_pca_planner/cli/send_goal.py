@@ -6,26 +6,26 @@ from __future__ import annotations
 
 import argparse
 import math
-import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from importlib.util import find_spec
 
 from ..exceptions import GoalError, MissingDependencyError, quote_names
 from ..goal import JointState, SequenceGoal
 from .common import (
-    DONE,
-    FAILED,
-    REFUSED,
+    REPORTED,
     CommandParser,
     Stop,
     add_via_options,
     joint_values,
+    known,
     print_json,
     run,
     seconds,
+    short,
     split_time,
 )
+from .terminal import DONE, FAILED, REFUSED, complain, say
 
 _NANOSECONDS = 10**9
 
@@ -56,6 +56,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--timeout", type=seconds, default=10.0, metavar="S", help="longest time to wait [s]"
     )
+    parser.add_argument("--verbose", action="store_true", help="print all values of the report")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     return run(parser, _send, argv)
 
@@ -102,17 +103,23 @@ def _send(arguments: argparse.Namespace) -> int:
             client.wait_for_node(arguments.timeout, with_trajectory=False)
             answer = client.send(goal, arguments.timeout, with_trajectory=False)
     except NoAnswerError as error:
-        print(f"mp_pca_planner send_goal: {error}", file=sys.stderr)
+        complain(f"mp_pca_planner send_goal: {error}")
         return FAILED
     report = answer.report
     if arguments.json:
         print_json({"message": report.message, **answer.values})
     else:
-        print(report.message)
-        print("\n".join(f"  {key}: {value}" for key, value in answer.values.items()))
+        say(report.message, *report_lines(answer.values, is_verbose=arguments.verbose))
     if report.level == DiagnosticStatus.ERROR:
         return REFUSED
     return DONE if is_served(report) else FAILED
+
+
+def report_lines(values: Mapping[str, str], *, is_verbose: bool) -> list[str]:
+    """Lines of text with the values of a report: all, or those that everybody wants to see."""
+    if is_verbose:
+        return [f"  {name:<18} {value}" for name, value in known(values).items()]
+    return [f"  {name:<18} {short(value)}" for name, value in known(values, REPORTED).items()]
 
 
 def _via(text: str, names: Sequence[str], unit: float) -> tuple[JointState, float | None]:

@@ -5,8 +5,9 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from ..goal import JointState, SequenceGoal
 from ..planning.plan import PlannerOptions
@@ -15,8 +16,6 @@ from ..planning.sequence import MODES, OPTIMAL, SequencePlan, SequencePlanner
 from ..primitives.primitive_library import load_primitives
 from ..robot import Robot
 from .common import (
-    DONE,
-    FAILED,
     CommandParser,
     Stop,
     add_via_options,
@@ -27,15 +26,20 @@ from .common import (
     split_time,
 )
 from .drawing import draw_motion
-from .plan import (
-    add_collision_options,
-    check_outputs,
-    collision_model,
-    target,
-    trajectory_columns,
-    write_trajectory,
+from .motion_files import check_outputs, output_lines, trajectory_columns, write_trajectory
+from .plan import NATURALNESS, SAMPLE_PERIOD, add_collision_options, collision_model, target
+from .states import (
+    VALUES,
+    collision_facts,
+    collision_lines,
+    effort_words,
+    passed,
+    passed_lines,
+    remark_lines,
+    states_by_name,
+    status_line,
 )
-from .states import VALUES, passed, passed_lines, remark_lines, states_by_name
+from .terminal import DONE, FAILED, say
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -62,11 +66,15 @@ def _parser() -> CommandParser:
     parser.add_argument("--mode", choices=MODES, default=OPTIMAL, help="optimise, or only join")
     parser.add_argument("--use", metavar="NAME", help="primitive to use (default: the nearest)")
     parser.add_argument(
-        "--naturalness", type=float, default=defaults.naturalness, metavar="ρ", help="as in `plan`"
+        "--naturalness",
+        type=NATURALNESS,
+        default=defaults.naturalness,
+        metavar="ρ",
+        help="as in `plan`",
     )
     parser.add_argument("--limits", type=Path, metavar="FILE.yaml", help="as in `plan`")
     parser.add_argument(
-        "--sample-period", type=float, default=defaults.sample_period, help="time step [s]"
+        "--sample-period", type=SAMPLE_PERIOD, default=defaults.sample_period, help="time step [s]"
     )
     add_collision_options(parser)
     parser.add_argument(
@@ -85,6 +93,7 @@ def _sequence(arguments: argparse.Namespace) -> int:
         **states_by_name(passed(plan.motions)),
         "remarks": remarks(plan),
         "joint_names": list(plan.trajectory.joint_names),
+        **collision_facts(planner.collision, plan.trajectory),
         "durations": [motion.duration for motion in plan.motions],
         **trajectory_columns(plan.trajectory),
     }
@@ -102,7 +111,8 @@ def _sequence(arguments: argparse.Namespace) -> int:
     if arguments.json:
         print_json(facts)
     else:
-        print(_text(plan, planner.robot))
+        say(*_text(plan, planner.robot, [*arguments.via, arguments.goal], facts))
+        say(*output_lines(arguments, plan))
     return DONE if plan.is_executable else FAILED
 
 
@@ -146,19 +156,19 @@ def _goal(arguments: argparse.Namespace, names: Sequence[str]) -> SequenceGoal:
     return SequenceGoal(tuple(targets), tuple(times), arguments.use, stops)
 
 
-def _text(plan: SequencePlan, robot: Robot) -> str:
-    facts = plan.summary()
+def _text(
+    plan: SequencePlan, robot: Robot, asked: Sequence[str], facts: Mapping[str, Any]
+) -> list[str]:
     durations = ", ".join(f"{motion.duration:.3f}" for motion in plan.motions)
-    return "\n".join(
-        [
-            f"{facts['status']}: {facts['message']}",
-            *remark_lines(plan),
-            *passed_lines(passed(plan.motions), robot.described_joints),
-            f"primitives   {facts['primitive']} (in-span score {facts['in_span_score']:.2f})",
-            f"duration     {facts['duration']:.3f} s ({durations})",
-            f"effort       {facts['effort_cost']:.4g} N²m²s",
-            f"solve time   {1e3 * plan.solve_time:.2f} ms, {facts['iterations']} iterations",
-            f"target error {max(plan.via_error, plan.goal_error):.2g} rad or m",
-            f"worst limit violation  {facts['limit_violation']:.2g} (relative, 1 ms grid)",
-        ]
-    )
+    return [
+        status_line(plan),
+        *remark_lines(plan),
+        *passed_lines(passed(plan.motions), robot.described_joints, asked),
+        f"primitives   {facts['primitive']} (in-span score {facts['in_span_score']:.2f})",
+        f"duration     {facts['duration']:.3f} s ({durations})",
+        f"effort       {effort_words(plan.effort_cost)}",
+        f"solve time   {1e3 * plan.solve_time:.2f} ms, {facts['iterations']} iterations",
+        f"target error {max(plan.via_error, plan.goal_error):.2g} rad or m",
+        *collision_lines(facts),
+        f"worst limit violation  {facts['limit_violation']:.2g} (relative, 1 ms grid)",
+    ]

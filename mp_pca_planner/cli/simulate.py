@@ -21,8 +21,17 @@ from ..arrays import FloatArray
 from ..exceptions import MissingDependencyError
 from ..files import write_whole
 from ..robot import Robot
-from .common import DONE, CommandParser, check_output, joint_list, joint_values, print_json, run
+from .common import (
+    CommandParser,
+    check_output,
+    joint_list,
+    joint_values,
+    number,
+    print_json,
+    run,
+)
 from .common import seed as seed_number
+from .terminal import DONE, say, written_lines
 
 CONTROLLER_TOPIC = "mp_pca_planner/joint_trajectory"
 """Topic of the motions that the node publishes by default."""
@@ -75,7 +84,11 @@ def _parser() -> CommandParser:
         "limits that exclude it",
     )
     parser.add_argument(
-        "--rate", type=float, default=500.0, metavar="HZ", help="rate of joint_states"
+        "--rate",
+        type=number(0.01, 1000.0, "Hz"),
+        default=500.0,
+        metavar="HZ",
+        help="rate of joint_states",
     )
     parser.add_argument(
         "--controller-topic",
@@ -137,7 +150,8 @@ def _simulate(
     if arguments.json:
         print_json(summary)
     else:
-        print(f"{summary['received']} trajectories received, {len(summary['rejected'])} rejected")
+        say(f"{summary['received']} trajectories received, {len(summary['rejected'])} rejected")
+        say(*written_lines([arguments.record]))
     return DONE
 
 

@@ -4,17 +4,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from ..arrays import FloatArray, by_name, name_values
 from ..goal import JointState
+from ..planning.collision import CollisionModel
 from ..planning.motion import Motion
-from ..planning.plan import Plan
+from ..planning.plan import INFEASIBLE, STOPPED_EARLY, Plan
 from ..planning.remarks import remarks
 from ..planning.sequence import SequencePlan
+from ..trajectory import Trajectory
 
 VALUES = "name=value,… or values in the robot description's joint order [rad or m]"
 """How help texts describe what :func:`joint_values` reads."""
@@ -25,7 +28,47 @@ def passed(motions: Sequence[Motion]) -> list[JointState]:
     return [motions[0].start, *(motion.goal for motion in motions)]
 
 
-def passed_lines(states: Sequence[JointState], names: Sequence[str]) -> list[str]:
+def status_line(plan: Plan | SequencePlan) -> str:
+    """The status of a plan, what that means for the motion, and the plan's own sentence."""
+    meaning = {
+        STOPPED_EARLY: " (the motion may be executed, but is not optimal)",
+        INFEASIBLE: " (the motion must not be executed)",
+    }
+    return f"{plan.status}{meaning.get(plan.status, '')}: {plan.message}"
+
+
+def effort_words(effort: float, expected: float = math.nan) -> str:
+    """An effort, beside that of the expected motion; either may be unknown."""
+    if math.isnan(effort):
+        return "unknown: the robot description lacks inertias"
+    beside = "" if math.isnan(expected) else f" (expected motion: {expected:.4g})"
+    return f"{effort:.4g} N²m²s{beside}"
+
+
+def collision_words(collision: CollisionModel, trajectory: Trajectory) -> str:
+    """What a check of a motion for self-collisions finds."""
+    if not collision.has_geometry:
+        return "not checked: the robot description has no collision geometry"
+    found = collision.collisions(trajectory)
+    if not found:
+        return f"none; {len(collision.pairs)} pairs of links were checked"
+    more = f", and {len(found) - 1} more pairs of links collide" if len(found) > 1 else ""
+    return f"{found[0]}{more}"
+
+
+def collision_facts(collision: CollisionModel | None, trajectory: Trajectory) -> dict[str, str]:
+    """What a check for self-collisions found, if there was one."""
+    return {} if collision is None else {"collision": collision_words(collision, trajectory)}
+
+
+def collision_lines(facts: Mapping[str, Any]) -> list[str]:
+    """The line of text on self-collisions, if they were checked."""
+    return [f"collision    {facts['collision']}"] if "collision" in facts else []
+
+
+def passed_lines(
+    states: Sequence[JointState], names: Sequence[str], asked: Sequence[str] = ()
+) -> list[str]:
     """Lines of text with the start, the vias and the goal of a motion by joint name.
 
     Parameters
@@ -34,11 +77,16 @@ def passed_lines(states: Sequence[JointState], names: Sequence[str]) -> list[str
         At least two. Velocities and accelerations at the ends have lines where one is not zero.
     names : sequence of str
         Their joints, in the order to print.
+    asked : sequence of str
+        What was asked for after the start, as options say it. A pose is printed beside the
+        configuration that reaches it.
     """
     labels = ["start", *(f"via {k}" for k in range(1, len(states) - 1)), "goal"]
+    poses = [f" (for the pose {text})" if ":" in text else "" for text in asked]
+    poses = ["", *(poses or [""] * (len(states) - 1))]
     lines = []
-    for label, state in zip(labels, states, strict=True):
-        lines.append(f"{label:<12} {_named(state.positions, state, names)}")
+    for label, state, pose in zip(labels, states, poses, strict=True):
+        lines.append(f"{label:<12} {_named(state.positions, state, names)}{pose}")
         for rate in ("velocities", "accelerations") if label in ("start", "goal") else ():
             values = getattr(state, rate)
             if np.any(values):

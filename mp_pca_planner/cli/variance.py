@@ -11,7 +11,7 @@ from .common import percent, table
 _ENOUGH = 0.99
 
 
-def variance_report(primitive: MovementPrimitive) -> str:
+def variance_report(primitive: MovementPrimitive) -> list[str]:
     """Shares of the variance, of the shapes and of the joint angles beside [P] Table 2."""
     shares = primitive.explained_variance_ratio
     lines = ["Variance of the shapes (motions less their boundary parts) [%]"]
@@ -20,7 +20,8 @@ def variance_report(primitive: MovementPrimitive) -> str:
         [name, *(percent(v) for v in values), *[""] * (most - len(values)), percent(sum(values))]
         for name, values in shares.items()
     ]
-    lines.append(table(rows, header=["", *(f"PC{k + 1}" for k in range(most)), "sum"]))
+    header = ["", *(f"PC{k + 1}" for k in range(most)), "sum"]
+    lines += table(rows, header=header).splitlines()
     for name, values in shares.items():
         if values and sum(values) < _ENOUGH:
             lines.append(
@@ -36,8 +37,8 @@ def variance_report(primitive: MovementPrimitive) -> str:
         paper = [percent(value) for value in TABLE_2.get(name, ())[:2]] or ["", ""]
         rows.append([name, *ours, percent(sum(values)), *(paper if beside else [])])
     header = ["", "PC1", "PC2", "PC3", "PC4", "sum", *(["paper PC1", "PC2"] if beside else [])]
-    lines.append(table(rows, header=header))
+    lines += table(rows, header=header).splitlines()
     if not beside:
         firsts = [percent(sum(values[:2])) for values in TABLE_2.values()]
         lines.append(f"PC1 + PC2 of the paper's arm, joint by joint: {', '.join(firsts)}")
-    return "\n".join(lines)
+    return lines

@@ -23,19 +23,21 @@ from ..planning.plan import Plan
 from ..planning.planner import Planner
 from ..primitives.file import save_primitive
 from .common import (
-    DONE,
-    FAILED,
     CommandParser,
     check_output,
+    count,
     joint_values,
+    number,
     print_json,
     progress_bar,
     run,
     seed,
     table,
+    whole,
 )
-from .plan import add_request_options, plan_request
+from .plan import add_request_options, asked, plan_request
 from .states import passed_lines, remark_lines
+from .terminal import DONE, FAILED, say, written_lines
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -54,9 +56,15 @@ def _parser() -> CommandParser:
     law = parser.add_argument_group("control law (default: the primitive's own, if it has one)")
     law.add_argument("--law", choices=KINDS, help="which law (default: feedforward_pd)")
     law.add_argument(
-        "--natural-frequency", type=float, default=30.0, metavar="ω", help="for gains [rad/s]"
+        "--natural-frequency",
+        type=number(1e-3, 1e5),
+        default=30.0,
+        metavar="ω",
+        help="for gains [rad/s]",
     )
-    law.add_argument("--damping-ratio", type=float, default=1.0, metavar="ζ", help="for gains")
+    law.add_argument(
+        "--damping-ratio", type=number(1e-3, 1e3), default=1.0, metavar="ζ", help="for gains"
+    )
     law.add_argument(
         "--position-gains", metavar="P", help="given gains: name=value,… of all joints"
     )
@@ -66,21 +74,28 @@ def _parser() -> CommandParser:
     assumed = parser.add_argument_group("errors assumed")
     assumed.add_argument(
         "--inertia-error",
-        type=float,
+        type=number(0.0, 1.0),
         default=errors.inertia,
         metavar="SHARE",
         help="of the mass and of each principal moment of inertia of each link, either way",
     )
     assumed.add_argument(
-        "--payload", type=float, default=errors.payload, help="largest unknown mass [kg]"
+        "--payload", type=number(0.0, 1e4), default=errors.payload, help="largest unknown mass [kg]"
     )
     assumed.add_argument("--payload-link", metavar="LINK", help="where it is (default: the last)")
     assumed.add_argument(
-        "--start-error", type=float, default=errors.position, help="of each joint [rad or m]"
+        "--start-error",
+        type=number(0.0, 10.0),
+        default=errors.position,
+        help="of each joint [rad or m]",
     )
-    assumed.add_argument("--control-period", type=float, default=1e-3, help="sampling [s]")
-    assumed.add_argument("--delay", type=int, default=1, help="samples from measuring to acting")
-    parser.add_argument("--trials", type=int, default=100, help="simulations")
+    assumed.add_argument(
+        "--control-period", type=number(1e-6, 1.0, "s"), default=1e-3, help="sampling [s]"
+    )
+    assumed.add_argument(
+        "--delay", type=whole(0, 1000), default=1, help="samples from measuring to acting"
+    )
+    parser.add_argument("--trials", type=count, default=100, help="simulations")
     parser.add_argument("--seed", type=seed, default=0, help="seed of the errors")
     parser.add_argument(
         "--output", type=Path, metavar="FILE.npz", help="write the primitive with this law"
@@ -103,8 +118,6 @@ def _verify(arguments: argparse.Namespace) -> int:
     check_output(arguments.output, ".npz", force=arguments.force)
     if arguments.controller_parameters is not None:
         check_writable(arguments.controller_parameters, overwrite=arguments.force)
-    if arguments.trials < 1:
-        raise ControlError(f"--trials must be at least 1, got {arguments.trials}")
     errors = ErrorModel(
         arguments.inertia_error, arguments.payload, arguments.payload_link, arguments.start_error
     )
@@ -140,11 +153,12 @@ def _verify(arguments: argparse.Namespace) -> int:
     if arguments.json:
         print_json(facts | {"law": law.kind, "joint_names": list(law.joint_names)})
     else:
-        lines = remark_lines(plan)
-        lines += passed_lines([plan.motion.start, plan.motion.goal], planner.robot.described_joints)
-        print("\n".join(lines))
-        print(f"duration     {plan.trajectory.duration:.3f} s, of robot '{planner.robot.name}'")
-        print(_text(law, stability, found))
+        ends, robot = [plan.motion.start, plan.motion.goal], planner.robot
+        goal = asked(arguments, robot)[-1:]
+        say(*remark_lines(plan), *passed_lines(ends, robot.described_joints, goal))
+        say(f"duration     {plan.trajectory.duration:.3f} s, of robot '{planner.robot.name}'")
+        say(*_text(law, stability, found))
+        say(*written_lines([arguments.output, arguments.controller_parameters]))
     return DONE if found.bound_held == arguments.trials and stability.holds else FAILED
 
 
@@ -201,7 +215,7 @@ def _facts(
     }
 
 
-def _text(law: ControlLaw, stability: Stability, found: Verification) -> str:
+def _text(law: ControlLaw, stability: Stability, found: Verification) -> list[str]:
     n = len(found.errors)
     bound = stability.error_bound
     rows = [
@@ -216,7 +230,7 @@ def _text(law: ControlLaw, stability: Stability, found: Verification) -> str:
         for j, name in enumerate(law.joint_names)
     ]
     header = ["joint", "Kp", "Kd", "bound [mrad]", "worst [mrad]", "median [mrad]"]
-    lines = [
+    return [
         f"law           {law.kind}",
         f"poles         slowest {stability.slowest_pole:.3g} 1/s, least damping ratio "
         f"{stability.least_damping:.3g}, sampled radius {stability.sampled_radius:.4f}",
@@ -227,6 +241,5 @@ def _text(law: ControlLaw, stability: Stability, found: Verification) -> str:
         if bound is not None
         else "bound         none: errors this large can't be bounded with these gains",
         "",
-        table(rows, header=header),
+        *table(rows, header=header).splitlines(),
     ]
-    return "\n".join(lines)

@@ -12,7 +12,8 @@ from pathlib import Path
 from ..exceptions import PrimitiveError
 from ..primitives.file import load_primitive
 from ..primitives.versioned_library import Change, VersionedLibrary
-from .common import DONE, CommandParser, print_json, run, table
+from .common import CommandParser, print_json, run, table
+from .terminal import DONE, say
 
 ACTIONS = ("list", "history", "add", "retire", "rollback")
 
@@ -60,7 +61,7 @@ def _library(arguments: argparse.Namespace) -> int:
     if arguments.json:
         print_json({"changes": [asdict(change) for change in changes]})
     else:
-        print(_text(changes))
+        say(*_text(changes).splitlines())
     return DONE
 
 

@@ -10,8 +10,9 @@ import time
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
-from ..exceptions import MissingDependencyError
-from .common import DONE, CommandParser, run, seconds
+from ..exceptions import MissingDependencyError, printable
+from .common import REPORTED, CommandParser, known, run, seconds, short
+from .terminal import DONE
 
 if TYPE_CHECKING:
     from diagnostic_msgs.msg import DiagnosticStatus
@@ -25,7 +26,6 @@ _BAR_WIDTH = 24
 # Older joint states are no present ones [s].
 _STALE = 0.5
 _LEVELS = (("OK", "green"), ("WARN", "yellow"), ("ERROR", "red"), ("STALE", "red"))
-_REPORTED = ("status", "effort_cost", "solve_time_s", "duration", "primitive", "in_span_score")
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -83,11 +83,11 @@ def frame(seen: Seen, now: float) -> RenderableType:
 
     goal = Text("none yet")
     if seen.goal is not None:
-        goal = Text(f"{seen.goal[0]}   ({now - seen.goal[1]:.0f} s ago)")
+        goal = Text(f"{printable(seen.goal[0])}   ({now - seen.goal[1]:.0f} s ago)")
     return Group(
         Panel(_joints(seen, now), title="joint states", title_align="left"),
         Panel(goal, title="last goal", title_align="left"),
-        Panel(_status(seen.report, now, _REPORTED), title="last report", title_align="left"),
+        Panel(_status(seen.report, now, REPORTED), title="last report", title_align="left"),
         Panel(_status(seen.diagnostics, now), title="diagnostics", title_align="left"),
     )
 
@@ -113,7 +113,7 @@ def _joints(seen: Seen, now: float) -> RenderableType:
         age = f"{now - when:.1f} s"
         bar = _bar(q, low, high)
         # Names come from messages: no markup in them.
-        cells = (name, f"{q:.3f}", ends[0], bar, ends[1], velocity, age)
+        cells = (printable(name), f"{q:.3f}", ends[0], bar, ends[1], velocity, age)
         table.add_row(*(Text(cell) for cell in cells), style=style)
     return table
 
@@ -136,9 +136,11 @@ def _status(
         return Text("none yet")
     status, when = heard
     word, colour = _LEVELS[min(int.from_bytes(status.level, "little"), len(_LEVELS) - 1)]
-    head = Text.assemble((word, colour), f"  {status.message}   ({now - when:.0f} s ago)")
+    head = Text.assemble(
+        (word, colour), f"  {printable(status.message)}   ({now - when:.0f} s ago)"
+    )
     values = {pair.key: pair.value for pair in status.values}
-    shown = values if names is None else {n: values[n] for n in names if n in values}
+    shown = known(values, names)
     return Group(head, _values(shown)) if shown else head
 
 
@@ -148,13 +150,5 @@ def _values(values: Mapping[str, str]) -> Table:
 
     table = Table.grid(padding=(0, 2))
     for name, value in values.items():
-        table.add_row(Text(name, style="cyan"), Text(_short(value)))
+        table.add_row(Text(printable(name), style="cyan"), Text(printable(short(value))))
     return table
-
-
-def _short(value: str) -> str:
-    """A value with as many digits as one reads."""
-    try:
-        return value if value.lstrip("-").isdigit() else f"{float(value):.4g}"
-    except ValueError:
-        return value

@@ -29,15 +29,20 @@ _CYCLE = 0.001
 # A robot is on time where that moves its commanded positions by less [rad or m], or at this rate
 # and lag [s], which servos and messages account for.
 _SAME_POSITION, _RATE_TOLERANCE = 5e-4, 0.07
-# From so much difference on it is seen that a robot follows the newer of two motions, or rests at
-# the end of the older, but for noise, and that a moving one follows the older; up to so much it
-# does not matter [rad or m].
-_CONFIRMED, _DIFFERENCE, _NO_JUMP = 0.0015, 0.006, 1.5e-4
+# From so much difference on it is seen that a robot follows the newer of two motions, that it
+# follows the older, and that it rests at the end of the older, but for noise; up to so much it does
+# not matter [rad or m].
+_CONFIRMED, _DIFFERENCE, _RESTS, _NO_JUMP = 0.0015, 0.006, 4e-4, 1.5e-4
+# A load that is not known yet looks like so much more or less lag of the servos [s].
+_LAG_OF_LOAD = 0.003
 # To continue a motion, states may be this old [s], this far from where a lagging robot is
 # estimated to be [rad or m] but for their noise, and its rate may change so fast [1/s].
 _FRESH, _PRECISE, _STEADY = 0.1, 1e-4, 0.5
 # A robot at rest so far from the end of its motion is elsewhere, whatever its load [rad or m].
 _MISSED = 0.02
+# A robot that rests short of the end of its motion is beside its path by less than this share of
+# the way that is left; a load that is not known yet pulls it away from the end in any direction.
+_BESIDE = 0.15
 # A robot that is slower than this share of its motion's speed has been stopped by something else.
 _SLOWEST = 0.05
 # What was measured shows a motion so long after it was published [s].
@@ -125,6 +130,8 @@ class MotionFollower:
         self._is_timed: bool
         self._is_lagging: bool
         self._is_arrived: bool
+        # Whether the robot may follow the motion before, elsewhere than on this one.
+        self._is_doubtful: bool
         self._forget()
 
     def expect(self, joint_names: tuple[str, ...]) -> None:
@@ -215,6 +222,10 @@ class MotionFollower:
                 return self.follow(timeout, tolerance)
             self._progress = found
             is_late = not self._is_on_time(motion, on_time, found)
+            is_over = on_time.place >= motion.duration
+            if is_late and at_rest and is_over:
+                left = np.abs(motion.state(found.place).positions - motion.end).max()
+                is_late = found.error < _BESIDE * left
             if is_late and self._servo.unlearn():
                 return self.follow(timeout, tolerance)
             if at_rest and len(positions) > 2:
@@ -226,8 +237,8 @@ class MotionFollower:
             if is_late:
                 how = HELD if at_rest else LAGGING
                 return self._following(motion, how, command, measured, tolerance, at_rest)
-            is_over = on_time.place >= motion.duration
-            if known.any() and self._is_path_known and self._is_timed and not is_over:
+            is_sure = self._is_path_known and self._is_timed and not self._is_doubtful
+            if known.any() and is_sure and not is_over:
                 lag = on_time.place - found.place
                 self._servo.learn(motion, float(times[-1]), measured.positions, lag)
             # When a motion began that a controller started on receipt is not known by the clock.
@@ -250,7 +261,7 @@ class MotionFollower:
         self._commanded = self._previous = None
         self._progress = self._previous_progress = Progress(0.0, 0.0)
         self._servo = ServoModel(len(self.measured.joint_names))
-        self._is_lagging = self._is_arrived = False
+        self._is_lagging = self._is_arrived = self._is_doubtful = False
         self._unconfirmed_since = 0.0
         self._is_path_known = self._is_timed = True
         self._noise = 0.0
@@ -281,12 +292,15 @@ class MotionFollower:
         places = np.array([on_time.place, found.place + self._servo.lag * found.rate])
         clock, path = motion.sample(places)[0]
         is_near = np.abs(clock - path).max() <= _SAME_POSITION
-        has_no_lag = abs(on_time.place - found.place) <= self._servo.longest_lag
+        lag = abs(on_time.place - found.place)
+        has_no_lag = lag <= self._servo.longest_lag
+        has_its_rate = abs(found.rate - 1.0) <= _RATE_TOLERANCE
         # A robot that has lagged, and moves at the rate of the clock again, is late still, though
-        # it may be near where the motion ends.
+        # it may be near where the motion ends: unless a load made a servo's lag look longer.
         if self._is_lagging:
-            return bool(is_near and has_no_lag)
-        return bool(is_near or (has_no_lag and abs(found.rate - 1.0) <= _RATE_TOLERANCE))
+            is_usual = abs(lag - self._servo.lag) <= _LAG_OF_LOAD and has_its_rate
+            return bool(has_no_lag and (is_near or is_usual))
+        return bool(is_near or (has_no_lag and has_its_rate))
 
     def give_up(self) -> None:
         """Note that the controller has not taken the motion that was published last."""
@@ -306,6 +320,7 @@ class MotionFollower:
         at_rest: bool,
     ) -> bool:
         """See which motion the robot follows, where the newest and the one before differ enough."""
+        self._is_doubtful = False
         if self._previous is None or not len(times):
             return False
         when = float(times[-1])
@@ -314,13 +329,21 @@ class MotionFollower:
         measured = positions[-1] - self._servo.offset
         new = motion.state(found.at(when)).positions
         old = self._previous.state(self._previous_progress.at(when)).positions
-        to_new, to_old, between = (
-            float(np.abs(x).max()) for x in (measured - new, measured - old, new - old)
+        # Motions to goals that changed a little share their path: then their timing tells them
+        # apart, unless the robot is late on either.
+        due = new
+        if self._is_timed and not self._is_lagging:
+            due = motion.state(when - motion.began - self._servo.lag).positions
+        to_new, to_due, to_old, between = (
+            float(np.abs(x).max())
+            for x in (measured - new, measured - due, measured - old, due - old)
         )
-        visible = _CONFIRMED + 4.0 * self._noise
-        if between >= visible and to_new < 0.5 * to_old:
-            self._previous = None
-        elif to_new >= (visible if at_rest else _DIFFERENCE) and to_old < 0.5 * to_new:
+        # What is learned from the wrong motion would hide that it is the wrong one.
+        self._is_doubtful = between > _NO_JUMP
+        noise = 4.0 * self._noise
+        if between >= _CONFIRMED + noise and max(to_new, to_due) < 0.5 * to_old:
+            self._previous, self._is_doubtful = None, False
+        elif to_new >= (_RESTS + noise if at_rest else _DIFFERENCE) and to_old < 0.5 * to_new:
             self.give_up()
             return True
         return False

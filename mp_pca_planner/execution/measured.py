@@ -236,7 +236,7 @@ class MeasuredStates:
             if moving.any():
                 # How fast a robot is now that slows down, a mean over all that time does not say.
                 newest = times >= times[-1] - _SHORTEST_SPAN
-                now = np.polyfit(times[newest] - times[-1], positions[newest], 2)[1]
+                now = np.linalg.pinv(np.vander(times[newest] - times[-1], 3))[1] @ positions[newest]
                 slope = np.where(moving, now, 0.0)
             return np.where(clear, v, np.where(moving, slope, 0.0))
         return np.where(np.abs(v) <= REST_VELOCITY, 0.0, v)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..arrays import FloatArray
 from ..exceptions import GoalError, TrajectoryError
 from ..goal import JointState
 from ..trajectory import Trajectory
@@ -137,7 +138,7 @@ class StartStates(MotionFollower):
                 if following.at_rest:
                     self._servo.rest(measured.positions - here)
             elif start_from != MEASURED:
-                here = measured.positions - self._servo.load
+                here = self._held(measured.positions)
             state = JointState(measured.joint_names, here)
             return Start(state, following if holds else None, last, place, now, measured)
 
@@ -214,6 +215,16 @@ class StartStates(MotionFollower):
                 # A robot at the rate of the clock is on time again once it takes a stamped motion.
                 is_timed and abs(rate - 1.0) <= _FULL_RATE,
             )
+
+    def _held(self, measured: FloatArray) -> FloatArray:
+        """Where a robot that rests elsewhere than its motion ends is commanded to be."""
+        for before in self.alternatives:
+            is_near = np.abs(measured - before.positions).max() <= START_TOLERANCE
+            if is_near and not before.velocities.any():
+                # The controller has not taken the last motion: what it holds is known.
+                self._servo.rest(measured - before.positions)
+                return before.positions
+        return measured - self._servo.load
 
     def _check_rest(self, planned: JointState, present: JointState) -> None:
         """Refuse a motion from rest if the robot has left it meanwhile."""

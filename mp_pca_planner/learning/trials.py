@@ -19,9 +19,10 @@ from typing import Any
 
 import numpy as np
 
-from ..arrays import FloatArray
+from ..arrays import FloatArray, frozen_array
 from ..exceptions import LearningError, MissingDependencyError, TrajectoryError
-from ..files import write_whole
+from ..files import read_text, reading, write_whole
+from ..json_content import check_form, load_json
 from ..limits import JointLimits
 from ..planning.collision import CollisionModel
 from ..planning.motion import Motion
@@ -31,6 +32,7 @@ from .refinement import BOUNDS, AcceptedMotion, ExecutableMotions, RefinementOpt
 
 _FORMAT = "mp_pca_planner/trials"
 _VERSION = 1
+_FORM = {"motion": str, "trials": [{"parameters": [float], "cost": float}]}
 # How far the parameters of the first trials are spread.
 _FIRST_STEP = 0.2
 # Of a proposal that breaks limits, the half-way to the best motion is tried instead, this often;
@@ -154,7 +156,7 @@ class TrialLearner:
             self._proposal = self._repaired(self._search.ask()) if searching else self._first[n]
         return self._proposal
 
-    def tell(self, cost: float, executed: FloatArray | None = None) -> None:
+    def tell(self, cost: float, executed: FloatArray | None = None, *, keep: bool = True) -> None:
         """Say what the proposed motion cost.
 
         Parameters
@@ -163,6 +165,9 @@ class TrialLearner:
             The cost.
         executed : array, shape (n_segments, N_PARAMETERS), optional
             The parameters of the motion that was executed, if not those of the proposed one.
+        keep : bool
+            Whether to write the file; otherwise :meth:`keep_trials` does when what follows from
+            the cost is written, too.
 
         Raises
         ------
@@ -175,9 +180,31 @@ class TrialLearner:
             raise LearningError(f"the cost of a trial must be a finite number, got {cost}")
         tried = self.propose().motion.parameters if executed is None else executed
         trial = Trial(tuple(tried.ravel().tolist()), float(cost))
-        if self._state is not None:
-            _write(self._state, self._identity, self._request, [*self._trials, trial])
+        if keep:
+            self._write([*self._trials, trial])
         self._learn(trial)
+
+    def keep_trials(self) -> None:
+        """Write the file of trials, if there is one.
+
+        Raises
+        ------
+        PlannerError
+            If it can't be written.
+        """
+        self._write(self._trials)
+
+    def _write(self, trials: Sequence[Trial]) -> None:
+        if self._state is None:
+            return
+        content = {
+            "format": _FORMAT,
+            "version": _VERSION,
+            "motion": self._identity,
+            "request": self._request,
+            "trials": [{"parameters": trial.parameters, "cost": trial.cost} for trial in trials],
+        }
+        write_whole(self._state, json.dumps(content, indent=1).encode(), overwrite=True)
 
     def _learn(self, trial: Trial) -> None:
         if len(self._trials) >= len(self._first):
@@ -242,47 +269,26 @@ def read_request(path: Path) -> Any:
     return _content(path).get("request")
 
 
-def _write(
-    path: Path, identity: str, request: Mapping[str, Any] | None, trials: Sequence[Trial]
-) -> None:
-    content = {
-        "format": _FORMAT,
-        "version": _VERSION,
-        "motion": identity,
-        "request": request,
-        "trials": [{"parameters": trial.parameters, "cost": trial.cost} for trial in trials],
-    }
-    write_whole(path, json.dumps(content, indent=1).encode(), overwrite=True)
-
-
 def _content(path: Path) -> dict[str, Any]:
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-        is_ours = content["format"] == _FORMAT and content["version"] == _VERSION
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise _unreadable(path, error) from None
-    if not is_ours:
-        raise LearningError(f"'{path}' is no file of trials of this release")
-    return dict(content)
-
-
-def _unreadable(path: Path, error: Exception) -> LearningError:
-    return LearningError(f"the trials in '{path}' can't be read: {error!r:.120}")
+    with reading(f"the trials in '{path}'", LearningError):
+        content = load_json(read_text(path))
+        check_form(content, {"format": str, "version": int}, "the file")
+        if content["format"] != _FORMAT or content["version"] != _VERSION:
+            raise LearningError(f"'{path}' is no file of trials of this release")
+        check_form(content, _FORM, "the file")
+        return dict(content)
 
 
 def _read(path: Path, identity: str, n_parameters: int) -> list[Trial]:
     content = _content(path)
-    try:
-        motion = content["motion"]
-        trials = [Trial(tuple(x["parameters"]), x["cost"]) for x in content["trials"]]
-        numbers = np.array([[*trial.parameters, trial.cost] for trial in trials], dtype=float)
-    except (ValueError, KeyError, TypeError) as error:
-        raise _unreadable(path, error) from None
-    if motion != identity:
+    if content["motion"] != identity:
         raise LearningError(
             f"the trials in '{path}' are of another motion, or with other options: "
             "remove it, name another file, or repeat the request that it was made for"
         )
-    if trials and (numbers.shape[1] != n_parameters + 1 or not np.isfinite(numbers).all()):
-        raise LearningError(f"the trials in '{path}' hold {n_parameters} finite parameters each")
+    trials = [Trial(tuple(x["parameters"]), x["cost"]) for x in content["trials"]]
+    what = f"the trials in '{path}'"
+    for trial in trials:
+        frozen_array(trial.parameters, (n_parameters,), f"parameters of {what}", LearningError)
+        frozen_array(trial.cost, (), f"a cost of {what}", LearningError)
     return trials

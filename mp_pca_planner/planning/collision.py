@@ -22,8 +22,10 @@ from numpy.typing import NDArray
 
 from ..arrays import FloatArray
 from ..exceptions import RobotError
+from ..files import read_text, reading
 from ..robot import Robot
 from ..trajectory import Trajectory
+from ..urdf import parse_xml
 from ..validation import interpolate
 
 NOT_CHECKED = "; self-collisions were not checked: the robot has no collision geometry"
@@ -276,12 +278,11 @@ class CollisionModel:
             self._geometry.addCollisionPair(pin.CollisionPair(first, second))
 
     def _remove_disabled(self, srdf: Path) -> None:
-        try:
-            text = srdf.read_text(encoding="utf-8")
+        source = f"the SRDF file '{srdf}'"
+        with reading(source, RobotError):
+            text = read_text(srdf)
+            parse_xml(text, source)
             pin.removeCollisionPairsFromXML(self._model, self._geometry, text)
-        except (OSError, ValueError, RuntimeError) as error:
-            reason = getattr(error, "strerror", None) or error
-            raise RobotError(f"the SRDF file '{srdf}' can't be read: {reason}") from None
 
     def _moved_by_joints(self) -> FloatArray:
         """What each joint moves of each pair, shape (n_pairs, n_joints).

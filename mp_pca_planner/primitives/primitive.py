@@ -126,6 +126,10 @@ class MovementPrimitive:
             raise PrimitiveFileError(
                 f"the name of a primitive must be a non-empty string: {self.name!r}"
             )
+        if any(
+            "\ud800" <= letter <= "\udfff" for letter in "".join([self.name, *self.joint_names])
+        ):
+            raise PrimitiveFileError(f"the names of primitive '{self.name}' must be valid Unicode")
         if self.coupling not in COUPLINGS:
             raise PrimitiveFileError(
                 f"the coupling of primitive '{self.name}' is {self.coupling!r}, "

@@ -6,10 +6,10 @@
     library/.versions/NAME/0001.npz  every version of each, never changed
     library/.versions/journal.jsonl  one line per change
 
-A change is made under a lock, so that several processes may change a library at once. It writes the
-version first, then the line of the journal, then the file in use; each of these appears in one
-step or not at all. The journal decides: a process that was killed in between leaves files in use
-that lag behind it, which the next one to open the library brings up to date.
+A change is made under a lock, so that several processes may change a library at once. Its files
+are stored beside their places first; then the version, the file in use and the journal take their
+names, each in one step. The journal decides: if a process was killed in between, its change was not
+made, and the next change puts the files in use back first. Reading the history changes nothing.
 """
 
 from __future__ import annotations
@@ -17,22 +17,39 @@ from __future__ import annotations
 import getpass
 import json
 import os
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
+from itertools import count, islice
 from pathlib import Path
 from typing import Any
 
 from .. import __version__
 from ..exceptions import MissingDependencyError, PlannerError, PrimitiveError, unknown_name
-from ..files import write_whole
-from .file import load_primitive, save_primitive
+from ..files import read_bytes, read_text, reading, write_together
+from ..json_content import check_form, load_json
+from .file import MAX_BYTES, load_primitive, primitive_bytes
 from .primitive import MovementPrimitive
 
 ADD, RETIRE, ROLLBACK = "add", "retire", "rollback"
 
+MAX_JOURNAL_BYTES = 64 << 20
+"""Largest journal."""
+MAX_NAME_BYTES = 200
+"""Longest name of a primitive of a library, in UTF-8."""
+
 _LOCK_TIMEOUT = 30.0
+_LINE = {
+    "action": str,
+    "name": str,
+    "version": (int, type(None)),
+    "time": str,
+    "author": str,
+    "package_version": str,
+    "provenance": dict,
+    "note?": str,
+}
 
 
 @dataclass(frozen=True)
@@ -89,25 +106,35 @@ class VersionedLibrary:
             raise PrimitiveError(f"the library '{folder}' is no folder")
         self._versions = self.folder / ".versions"
         self._journal = self._versions / "journal.jsonl"
-        if self._journal.exists():
-            with self._locked():
-                self._bring_up_to_date()
+        self.history()
 
     def history(self) -> tuple[Change, ...]:
         """Every change, the oldest first."""
-        if not self._journal.exists():
-            return ()
-        lines = self._journal.read_text(encoding="utf-8").splitlines()
-        changes = []
-        for number, line in enumerate(lines, start=1):
+        with reading(f"the journal '{self._journal}'", PrimitiveError):
             try:
-                changes.append(Change(**json.loads(line)))
-            except (TypeError, ValueError):
-                raise PrimitiveError(
-                    f"line {number} of '{self._journal}' is damaged: restore it from a copy, or "
-                    "delete the line if the change that it stood for may be forgotten"
-                ) from None
-        return tuple(changes)
+                lines = read_text(self._journal, MAX_JOURNAL_BYTES).splitlines()
+            except (FileNotFoundError, NotADirectoryError):
+                return ()
+        return tuple(self._change(number, line) for number, line in enumerate(lines, start=1))
+
+    def _change(self, number: int, line: str) -> Change:
+        """What a line of the journal says."""
+        where = f"line {number} of '{self._journal}'"
+        try:
+            with reading(where, PrimitiveError):
+                content = load_json(line)
+                check_form(content, _LINE, "it")
+                change = Change(**content)
+                check_name(change.name)
+                version_fits = (change.version is None) == (change.action == RETIRE)
+                if change.action not in (ADD, RETIRE, ROLLBACK) or not version_fits:
+                    raise ValueError(f"there is no '{change.action}' to version {change.version}")
+                return change
+        except PrimitiveError as error:
+            raise PrimitiveError(
+                f"{where} is damaged ({error}): restore the journal from a copy, or delete the "
+                "line if the change that it stood for may be forgotten"
+            ) from None
 
     def in_use(self) -> dict[str, int]:
         """Version of each primitive that is in use, by name."""
@@ -123,13 +150,15 @@ class VersionedLibrary:
             If its name is no file name, or it moves other joints than those in use.
         """
         name = primitive.name
-        if name.startswith(".") or "/" in name or "\0" in name:
-            raise PrimitiveError(f"'{name}' can't be the name of a file: give it another --name")
+        check_name(name)
         with self._locked():
             self._check_joints(primitive)
-            self._adopt_strangers(name)
-            version = self._store(primitive)
-            return self._record(ADD, name, version, _provenance(primitive), note)
+            changes, files = self._adopted(name)
+            version = self._free_version(name, len(files))
+            content = primitive_bytes(primitive)
+            files[self._file_of(name, version)] = files[self._file_in_use(name)] = content
+            changes.append(_change_now(ADD, name, version, _provenance(primitive), note))
+            return self._make(changes, files)
 
     def retire(self, name: str, note: str = "") -> Change:
         """Take a primitive out of use; its versions are kept.
@@ -140,10 +169,11 @@ class VersionedLibrary:
             If none of this name is in use.
         """
         with self._locked():
-            self._adopt_strangers(name)
-            if name not in self.in_use():
+            changes, files = self._adopted(name)
+            if not changes and name not in self.in_use():
                 raise PrimitiveError(unknown_name("primitive in use", name, self.in_use()))
-            return self._record(RETIRE, name, None, {}, note)
+            files[self._file_in_use(name)] = None
+            return self._make([*changes, _change_now(RETIRE, name, None, {}, note)], files)
 
     def roll_back(self, name: str, version: int | None = None, note: str = "") -> Change:
         """Put an earlier version of a primitive into use again.
@@ -176,10 +206,19 @@ class VersionedLibrary:
                 valid = ", ".join(str(v) for v in sorted({v for v in used if v is not None}))
                 raise PrimitiveError(f"'{name}' has no version {version}; it has {valid}")
             primitive = load_primitive(self._file_of(name, version))
-            return self._record(ROLLBACK, name, version, _provenance(primitive), note)
+            change = _change_now(ROLLBACK, name, version, _provenance(primitive), note)
+            return self._make([change], {self._file_in_use(name): self._content(name, version)})
 
     def _file_of(self, name: str, version: int) -> Path:
         return self._versions / name / f"{version:04}.npz"
+
+    def _file_in_use(self, name: str) -> Path:
+        return self.folder / f"{name}.npz"
+
+    def _content(self, name: str, version: int) -> bytes:
+        file = self._file_of(name, version)
+        with reading(f"version {version} of '{name}' of the library", PrimitiveError):
+            return read_bytes(file, MAX_BYTES)
 
     def _check_joints(self, primitive: MovementPrimitive) -> None:
         for name, version in self.in_use().items():
@@ -190,44 +229,50 @@ class VersionedLibrary:
                     f"library moves {other.joint_names}: use another library"
                 )
 
-    def _adopt_strangers(self, name: str) -> None:
+    def _adopted(self, name: str) -> tuple[list[Change], dict[Path, bytes | None]]:
         """Keep a file that somebody put into the folder by hand before it is replaced."""
-        file = self.folder / f"{name}.npz"
-        if file.exists() and name not in self.in_use():
-            found = load_primitive(file)
-            version = self._store(found)
-            self._record(ADD, name, version, _provenance(found), "was in the folder already")
+        file = self._file_in_use(name)
+        if name in self.in_use() or not file.exists():
+            return [], {}
+        found, version = load_primitive(file), self._free_version(name)
+        note = "was in the folder already"
+        change = _change_now(ADD, name, version, _provenance(found), note)
+        return [change], {self._file_of(name, version): primitive_bytes(found)}
 
-    def _store(self, primitive: MovementPrimitive) -> int:
-        folder = self._versions / primitive.name
-        folder.mkdir(parents=True, exist_ok=True)
+    def _free_version(self, name: str, n_before: int = 0) -> int:
+        """A version that no line of the journal and no file has, the `n_before`-next one."""
+        used = [c.version for c in self.history() if c.name == name and c.version is not None]
+        versions = count(max(used, default=0) + 1)
         # A version that no line of the journal names was left by a process that was killed.
-        taken = [int(path.stem) for path in folder.glob("[0-9]*.npz")]
-        version = max(taken, default=0) + 1
-        save_primitive(primitive, self._file_of(primitive.name, version))
-        return version
+        free = (v for v in versions if not self._file_of(name, v).exists())
+        return next(islice(free, n_before, None))
 
-    def _record(
-        self, action: str, name: str, version: int | None, provenance: Mapping[str, Any], note: str
-    ) -> Change:
-        now = datetime.now(UTC).isoformat(timespec="seconds")
-        change = Change(action, name, version, now, _author(), __version__, provenance, note)
-        lines = self._journal.read_bytes() if self._journal.exists() else b""
-        line = json.dumps(asdict(change), sort_keys=True).encode() + b"\n"
-        write_whole(self._journal, lines + line, overwrite=True)
-        self._bring_up_to_date()
-        return change
+    def _make(self, changes: Sequence[Change], files: Mapping[Path, bytes | None]) -> Change:
+        """Make changes as a whole: their files, then their lines of the journal."""
+        before = self._journal.read_bytes() if self._journal.exists() else b""
+        lines = [json.dumps(asdict(change), sort_keys=True).encode() + b"\n" for change in changes]
+        journal = before + b"".join(lines)
+        if len(journal) > MAX_JOURNAL_BYTES:
+            raise PrimitiveError(f"the journal '{self._journal}' is full: use another library")
+        folder = self._versions / changes[-1].name
+        folder.mkdir(parents=True, exist_ok=True)
+        try:
+            write_together({**self._put_back(), **files, self._journal: journal}, overwrite=True)
+        except PlannerError:
+            with suppress(OSError):
+                folder.rmdir()  # if this change made it
+            raise
+        return changes[-1]
 
-    def _bring_up_to_date(self) -> None:
-        """Make the files in use those that the journal names."""
+    def _put_back(self) -> dict[Path, bytes | None]:
+        """Files in use that differ from those that the journal names, with what they must be."""
+        files: dict[Path, bytes | None] = {}
         for name, version in {c.name: c.version for c in self.history()}.items():
-            file = self.folder / f"{name}.npz"
-            if version is None:
-                file.unlink(missing_ok=True)
-                continue
-            content = self._file_of(name, version).read_bytes()
-            if not file.exists() or file.read_bytes() != content:
-                write_whole(file, content, overwrite=True)
+            file = self._file_in_use(name)
+            expected = None if version is None else self._content(name, version)
+            if _present(file, MAX_BYTES) != expected:
+                files[file] = expected
+        return files
 
     @contextmanager
     def _locked(self) -> Iterator[None]:
@@ -249,6 +294,37 @@ class VersionedLibrary:
             raise PlannerError(
                 f"the library '{self.folder}' can't be used: {error.strerror or error}"
             ) from None
+
+
+def _present(file: Path, max_bytes: int) -> bytes | None:
+    """The content of a file, if there is one that can be read."""
+    try:
+        return read_bytes(file, max_bytes)
+    except (OSError, ValueError):
+        return None
+
+
+def check_name(name: str) -> None:
+    """Refuse a name that can't be that of a file in a folder.
+
+    Raises
+    ------
+    PrimitiveError
+        If it is such a name.
+    """
+    try:
+        length = len(name.encode())
+    except UnicodeEncodeError:
+        length = 0
+    if not 0 < length <= MAX_NAME_BYTES or name.startswith(".") or "/" in name or "\0" in name:
+        raise PrimitiveError(f"{name!r:.80} can't be the name of a file: give it another --name")
+
+
+def _change_now(
+    action: str, name: str, version: int | None, provenance: Mapping[str, Any], note: str
+) -> Change:
+    now = datetime.now(UTC).isoformat(timespec="seconds")
+    return Change(action, name, version, now, _author(), __version__, provenance, note)
 
 
 def _author() -> str:

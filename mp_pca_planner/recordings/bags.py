@@ -4,11 +4,11 @@
 
 from __future__ import annotations
 
+import bz2
 import glob
 import hashlib
 import os
 import re
-import shutil
 import sqlite3
 import struct
 import tempfile
@@ -16,7 +16,7 @@ from collections import Counter
 from collections.abc import Callable, Collection, Generator, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
 from dataclasses import dataclass, fields, is_dataclass, replace
-from functools import cache
+from functools import cache, partial
 from itertools import pairwise
 from pathlib import Path, PurePath
 from typing import Any, Literal, TypeVar
@@ -24,12 +24,12 @@ from urllib.parse import quote
 from zlib import crc32
 
 import numpy as np
-import yaml
+from lz4.frame import LZ4FrameDecompressor  # type: ignore[import-untyped]
 from numpy.typing import ArrayLike
-from rosbags.interfaces import Connection, MessageDefinition, MessageDefinitionFormat
+from rosbags.interfaces import Connection, MessageDefinition, MessageDefinitionFormat, Nodetype
 from rosbags.rosbag1 import Reader as Reader1
 from rosbags.rosbag1 import Writer as Writer1
-from rosbags.rosbag1.reader import decompressors
+from rosbags.rosbag1.reader import Chunk, Header, RecordType
 from rosbags.rosbag2 import ReaderError, StoragePlugin
 from rosbags.rosbag2 import Writer as Writer2
 from rosbags.rosbag2 import reader as reader2
@@ -42,14 +42,28 @@ from rosbags.typesys.store import Typestore
 
 from ..arrays import FloatArray, frozen_array, unique_names
 from ..exceptions import DamagedRecordingError, RecordingError, quote_names, unknown_name
-from ..files import exists_already
+from ..files import (
+    exists_already,
+    load_yaml,
+    read_bytes,
+    replace_path,
+    take_free_name,
+    workspace_beside,
+)
 from ..trajectory import Trajectory
 from .byte_layout import ENCAPSULATION, most_spare_bytes
 from .byte_layout import NS_PER_S as NS_PER_S
 from .joint_states import IntArray as IntArray
 from .joint_states import JointStateCollector, RawJointStates, joined
 from .mcap_records import CHUNK_HEAD, chunk_messages
-from .salvage import Found, salvaged_mcap, salvaged_rosbag1, salvaged_sqlite3
+from .salvage import (
+    Found,
+    opened_sqlite3,
+    salvaged_mcap,
+    salvaged_rosbag1,
+    salvaged_sqlite3,
+)
+from .unpacking import MAX_UNPACKED, check_unpacked_size, copy_unpacked, unpacked
 
 BagFormat = Literal["rosbag1", "sqlite3", "mcap"]
 
@@ -62,8 +76,14 @@ FORMAT_OF_SUFFIX: dict[str, BagFormat] = {".bag": "rosbag1", ".db3": "sqlite3", 
 PACKED_SUFFIXES = (".zstd", ".zst")
 ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
 
+_SQLITE_LIMIT_LENGTH = 0
+"""Of sqlite: which limit is that of the length of a value."""
+
 MAX_STAMP = 1 << 63
 """Stamps are stored in 64 bits, but not all that these can hold is a time [ns]."""
+
+MAX_DEFINITION = 1 << 17
+"""Definitions of messages have at most so many characters; large ones of ROS have a third."""
 
 PART_MESSAGES = 1 << 16
 """Joint states are handed on in parts of so many messages."""
@@ -95,12 +115,12 @@ Stored = tuple[Topic, int, bytes]
 """Topic, time of reception [ns] and a message as it is stored."""
 
 
-def find_recordings(paths: Iterable[str | Path]) -> tuple[Path, ...]:
+def find_recordings(paths: str | Path | Iterable[str | Path]) -> tuple[Path, ...]:
     """Expand files, rosbag2 folders, folders of bags and glob patterns to single recordings.
 
-    A folder is searched with its subfolders. A rosbag2 folder (one with a metadata.yaml) is one
-    recording. A file that is given by its name is taken whatever its suffix, so that it can be
-    refused by name.
+    One path stands for a list of it alone. A folder is searched with its subfolders. A rosbag2
+    folder (one with a metadata.yaml) is one recording. A file that is given by its name is taken
+    whatever its suffix, so that it can be refused by name.
 
     Raises
     ------
@@ -108,7 +128,7 @@ def find_recordings(paths: Iterable[str | Path]) -> tuple[Path, ...]:
         If a path does not exist or holds no recording.
     """
     found: dict[Path, Path] = {}
-    for path in paths:
+    for path in [paths] if isinstance(paths, str | Path) else paths:
         with _translated_os_errors(path):
             recordings = [item for match in _glob(path) for item in _recordings_in(match)]
         if not recordings:
@@ -141,10 +161,12 @@ def recording_format(path: Path) -> BagFormat:
         If it is neither a bag file nor a rosbag2 folder.
     """
     with _translated_os_errors(path):
+        path.stat()
         suffixes = {_suffix(file) for file in _bag_files(path)}
     if len(suffixes) != 1:
         raise RecordingError(
-            f"'{path}' is no recording: wanted is a .bag, .db3 or .mcap file, or a rosbag2 folder"
+            f"'{path}' is no recording: expected a regular .bag, .db3 or .mcap file, or a rosbag2 "
+            "folder"
         )
     return FORMAT_OF_SUFFIX[suffixes.pop()]
 
@@ -194,6 +216,7 @@ def open_bag(path: Path, *, salvage: bool = False) -> Iterator[Bag]:
     RecordingError
         If it can't be read.
     """
+    _check_readable(path)
     bag_format = recording_format(path)
     with _hint_at_salvage(salvage), ExitStack() as stack:
         reader: _Reader | None = None
@@ -201,8 +224,9 @@ def open_bag(path: Path, *, salvage: bool = False) -> Iterator[Bag]:
         try:
             with _damage_told(path, bag_format):
                 reader = stack.enter_context(_opened(path, bag_format))
+                _check_connections(reader.connections)
         except DamagedRecordingError as error:
-            failure = error
+            reader, failure = None, error
         if failure is not None and not salvage:
             raise failure
         bag = Bag(path, bag_format, reader, salvage=salvage)
@@ -358,8 +382,7 @@ class Bag:
         with _damage_told(self.path, self.format):
             if connections:
                 for connection, receive_stamp, data in reader.messages(connections):
-                    if not 0 <= receive_stamp < MAX_STAMP:
-                        raise ReaderError(f"a message was received at {receive_stamp} ns")
+                    _check_message(receive_stamp, data)
                     count += 1
                     yield wanted[connection.topic, connection.msgtype], receive_stamp, data
         n_stored = _stored_count(reader, connections)
@@ -384,9 +407,6 @@ class Bag:
             except RecordingError as error:
                 reasons.append(f"message {count + 1} can't be deserialised: {error.__cause__}")
                 break
-            if not 0 <= found.receive_stamp < MAX_STAMP:
-                reasons.append(f"message {count + 1} was received at {found.receive_stamp} ns")
-                break
             count += 1
             yield topic, found.receive_stamp, found.data
         why = reasons[0] if reasons else "its index"
@@ -407,11 +427,13 @@ class Bag:
         for file in _bag_files(self.path):
             try:
                 with ExitStack() as stack:
-                    (unpacked,) = _unpacked_files([file], stack, salvage=True)
-                    for found in _salvaged_messages(unpacked):
+                    (whole_file,) = _unpacked_files([file], stack, salvage=True)
+                    for found in _salvaged_messages(whole_file):
+                        _check_message(found.receive_stamp, found.data)
                         whole = found._replace(
-                            type=normalize_msgtype(found.type), data=_unpacked(found.data)
+                            type=normalize_msgtype(found.type), data=_unpacked_message(found.data)
                         )
+                        _check_text(whole.topic, whole.type)
                         if found.definition:
                             self._definitions[whole.topic, whole.type] = MessageDefinition(
                                 MessageDefinitionFormat.MSG, found.definition
@@ -434,6 +456,16 @@ class Bag:
 
         return unpacked
 
+    def embedded_states(self) -> list[tuple[str, str]]:
+        """Topics whose messages have joint states in a field, and the name of this field."""
+        found = []
+        for topic in self.topics:
+            with suppress(RecordingError):
+                field = _field_of_states(self._own_types(topic), topic.type)
+                if field:
+                    found.append((topic.name, field))
+        return found
+
     def _own_types(self, topic: Topic) -> Typestore:
         """Types as the bag itself defines them."""
         if topic in self._stores:
@@ -443,6 +475,11 @@ class Bag:
             raise RecordingError(
                 f"'{topic.name}' has messages of type {topic.type}, which the bag does not define "
                 "as .msg text: only fields of defined messages can be read"
+            )
+        if len(definition.data) > MAX_DEFINITION:
+            raise RecordingError(
+                f"the definition of {topic.type} has {len(definition.data):,} characters: accepted "
+                f"are {MAX_DEFINITION:,}"
             )
         store = get_typestore(Stores.EMPTY)
         with _damage_told(self.path, self.format):
@@ -475,6 +512,21 @@ def _field(message: Any, field: str) -> Any:
     if kind != JOINT_STATE:
         raise RecordingError(f"the field '{field}' is a {kind}: wanted is a {JOINT_STATE}")
     return message
+
+
+def _field_of_states(store: Typestore, kind: str) -> str:
+    """Name of the first field that is a JointState, with dots where it is within others, or ''."""
+    paths = {kind: ""}
+    waiting = [kind]
+    for current in waiting:
+        _, fields_of_type = store.fielddefs.get(current, ((), ()))
+        for name, description in fields_of_type:
+            # Every type is searched once: types of types would take forever.
+            inner = str(description[1])
+            if description[0] == Nodetype.NAME and inner not in paths:
+                paths[inner] = f"{paths[current]}.{name}".lstrip(".")
+                waiting.append(inner)
+    return "" if kind == JOINT_STATE else paths.get(JOINT_STATE, "")
 
 
 def choose_topic(topics: Sequence[Topic], topic: str | None = None) -> Topic:
@@ -739,8 +791,17 @@ def _own_name(path: Path) -> str:
 
 def _storage_files(path: Path) -> list[Path]:
     if not path.is_dir():
-        return [path]
+        # Reading a pipe or a device may never end.
+        return [path] if path.is_file() else []
     return sorted(file for file in path.iterdir() if file.is_file() and file.name != METADATA)
+
+
+def _check_readable(path: Path) -> None:
+    """Refuse what isn't there or may not be read, which readers would call damaged."""
+    with _translated_os_errors(path):
+        for file in _storage_files(path):
+            with file.open("rb") as stream:
+                stream.read(1)
 
 
 def _bag_files(path: Path) -> list[Path]:
@@ -792,8 +853,27 @@ def _damage_told(path: Path, bag_format: BagFormat) -> Iterator[None]:
 
 def _opened(path: Path, bag_format: BagFormat) -> AbstractContextManager[_Reader]:
     if bag_format == "rosbag1":
-        return Reader1(path)
+        return _Rosbag1Reader(path)
     return _FolderReader(path) if path.is_dir() else _FileReader(path)
+
+
+def _check_connections(connections: Iterable[Connection]) -> None:
+    for connection in connections:
+        _check_text(connection.topic, connection.msgtype)
+
+
+def _check_text(*names: object) -> None:
+    for name in names:
+        if not isinstance(name, str):
+            raise ReaderError(f"a topic or a type is called {name!r:.40}, which is no text")
+
+
+def _check_message(receive_stamp: object, data: object) -> None:
+    """Refuse what sqlite lets through: it takes any value in any column."""
+    if not isinstance(receive_stamp, int) or not 0 <= receive_stamp < MAX_STAMP:
+        raise ReaderError(f"a message was received at {receive_stamp!r:.40} ns")
+    if not isinstance(data, bytes):
+        raise ReaderError(f"a message is stored as {type(data).__name__}, not as bytes")
 
 
 def _stored_count(reader: _Reader, connections: Sequence[Connection]) -> int:
@@ -819,15 +899,61 @@ def _folder_notes(reader: _Reader, wanted: Collection[tuple[str, str]]) -> tuple
     return (f"{METADATA} tells of {told} messages on the topic, {stored} are stored: all are used",)
 
 
+DECOMPRESSORS_BY_NAME = {
+    "bz2": bz2.BZ2Decompressor,
+    "lz4": LZ4FrameDecompressor,
+    "zstd": reader2.zstd.ZstdDecompressor,  # type: ignore[attr-defined]
+}
+
+_unpacked = partial(unpacked, DECOMPRESSORS_BY_NAME)
+
+# Chunks of mcap are decompressed in several places of rosbags, all of them through this table.
+DECOMPRESSORS.update({kind: partial(_unpacked, kind) for kind in DECOMPRESSORS if kind})
+
+
+class _Rosbag1Reader(Reader1):
+    """A reader that holds chunks to the sizes they declare."""
+
+    _n_declared = 0
+
+    def read_chunk(self) -> Chunk:
+        """Read the header of a chunk from the current position."""
+        assert self.bio is not None
+        start = self.bio.tell()
+        header = Header.read(self.bio, RecordType.CHUNK)
+        kind, size = header.get_string("compression"), header.get_uint32("size")
+        self._n_declared += size
+        check_unpacked_size(self._n_declared, self.path.stat().st_size)
+        self.bio.seek(start)
+        return super().read_chunk()._replace(decompressor=partial(_unpacked, kind, declared=size))
+
+
 class _Sqlite3Reader(Sqlite3Reader):
     """A reader for paths of any letters: rosbags puts them into a URI as they are."""
 
     def __init__(self, path: Path) -> None:
         super().__init__(Path(quote(str(path.resolve()))))
+        self._plain_path = path
+
+    def open(self) -> None:
+        """Open the file, with the bounds of :func:`.salvage.opened_sqlite3`."""
+        with opened_sqlite3(self._plain_path):
+            super().open()
+        assert self.dbconn is not None
+        self.dbconn.limit(_SQLITE_LIMIT_LENGTH, MAX_UNPACKED)
 
 
 class _McapReader(McapReader):
     """A reader that is faster where chunks follow each other in time, as recorders write them."""
+
+    def open(self) -> None:
+        """Open the file, and hold its index to what may be."""
+        super().open()
+        if len({chunk.chunk_start_offset for chunk in self.chunks}) < len(self.chunks):
+            raise ReaderError("its index lists a chunk twice")
+        check_unpacked_size(
+            sum(chunk.uncompressed_size for chunk in self.chunks), self.path.stat().st_size
+        )
 
     def messages(
         self,
@@ -926,16 +1052,16 @@ class _FolderReader:
             own = [c for c in connections if c.owner is storage]
             if own and self._messages_packed:
                 for connection, receive_stamp, data in storage.messages(own):
-                    yield connection, receive_stamp, _unpacked(data)
+                    yield connection, receive_stamp, _unpacked_message(data)
             elif own:
                 yield from storage.messages(own)
 
     def _files(self) -> list[Path]:
         try:
-            text = (self._path / METADATA).read_bytes()
+            text = read_bytes(self._path / METADATA)
         except FileNotFoundError:
             return _bag_files(self._path)
-        content = yaml.load(text, _YAML)["rosbag2_bagfile_information"]
+        content = load_yaml(text)["rosbag2_bagfile_information"]
         if content["version"] > METADATA_VERSION:
             raise ReaderError(f"version {content['version']} of {METADATA} is not known")
         self.told = {}
@@ -946,7 +1072,7 @@ class _FolderReader:
             key = (about["name"], about["type"])
             self.told[key] = self.told.get(key, 0) + topic["message_count"]
         files = [self._path / PurePath(name).name for name in content["relative_file_paths"]]
-        missing = [file.name for file in files if not file.exists()]
+        missing = [file.name for file in files if not file.is_file()]
         if missing:
             raise ReaderError(f"files are missing: {quote_names(missing)}")
         mode = (content.get("compression_mode") or "none").lower()
@@ -956,11 +1082,9 @@ class _FolderReader:
         return files
 
 
-def _unpacked(message: bytes) -> bytes:
+def _unpacked_message(message: bytes) -> bytes:
     """Unpack a message that was compressed by itself; CDR never begins as those do."""
-    if message[:4] != ZSTD_MAGIC:
-        return message
-    return DECOMPRESSORS["zstd"](message, 0)
+    return _unpacked("zstd", message) if message[:4] == ZSTD_MAGIC else message
 
 
 def _unpacked_files(
@@ -972,18 +1096,16 @@ def _unpacked_files(
             yield file
             continue
         folder = stack.enter_context(tempfile.TemporaryDirectory())
-        unpacked = Path(folder, file.stem)
+        target = Path(folder, file.stem)
         with ExitStack() as opened:
             packed = opened.enter_context(reader2.zstd.open(file, "rb"))  # type: ignore[attr-defined]
-            target = opened.enter_context(unpacked.open("wb"))
             if salvage:
                 opened.enter_context(suppress(Exception))
-            shutil.copyfileobj(packed, target)
-        yield unpacked
+            copy_unpacked(packed, target, file.stat().st_size)
+        yield target
 
 
 _STORAGES: Mapping[str, Any] = {".mcap": _McapReader, ".db3": _Sqlite3Reader}
-_YAML = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 _Reader = Reader1 | _FolderReader | _FileReader
 
 
@@ -991,8 +1113,8 @@ def _salvaged_messages(file: Path) -> Iterator[Found]:
     if file.suffix == ".db3":
         return salvaged_sqlite3(file)
     if file.suffix == ".mcap":
-        return salvaged_mcap(file, lambda kind, data, size: DECOMPRESSORS[kind](data, size))
-    return salvaged_rosbag1(file, lambda kind, data, _: decompressors[kind](data))
+        return salvaged_mcap(file, _unpacked)
+    return salvaged_rosbag1(file, _unpacked)
 
 
 @cache
@@ -1074,16 +1196,13 @@ def _write(
             f"'{target}' can't be written as sqlite3: choose a path without '?', '#' and '%'"
         )
     try:
-        workspace = Path(tempfile.mkdtemp(prefix=f".{target.name}.", dir=target.parent))
-        try:
+        with workspace_beside(target) as workspace:
             written = _write_new(workspace / target.name, bag_format, topic, kind, messages)
             _keep_on_disk(written)
-            if target.exists():
-                os.rename(target, workspace / "replaced")
-            os.rename(written, target)
+            (replace_path if overwrite else take_free_name)(written, target)
             _sync(target.parent)
-        finally:
-            shutil.rmtree(workspace)
+    except FileExistsError:
+        raise exists_already(target) from None
     except (OSError, sqlite3.Error) as error:
         raise RecordingError(
             f"'{target}' can't be written: {getattr(error, 'strerror', None) or error}"

@@ -37,6 +37,9 @@ from .repair import (
     told_on_refusal,
 )
 
+MAX_DURATION = 1000.0
+"""No commanded motion lasts longer [s]; it would be a large number of samples."""
+
 SAMPLE_RATE = 200.0
 """Samples of an interpolated motion per second [Hz]; smoothing keeps no more."""
 
@@ -217,9 +220,10 @@ def _repaired(
 
 
 def _is_finite(motion: CommandedMotion) -> bool:
-    """Tell whether a controller would take the numbers for numbers."""
+    """Tell whether a controller would take the numbers for numbers, of a motion that may be."""
     return bool(
-        (np.abs(motion.positions) < MAX_POSITION).all()
+        motion.times[-1] - motion.times[0] < MAX_DURATION
+        and (np.abs(motion.positions) < MAX_POSITION).all()
         and not np.isinf(motion.velocities).any()
         and not np.isinf(motion.accelerations).any()
     )

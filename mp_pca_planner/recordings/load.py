@@ -39,14 +39,17 @@ from .joint_trajectories import read_trajectories, repair_trajectories
 from .marker_joint_states import MarkerResidual, MarkerSource, solve_markers
 from .markers import MarkerFinding, find_markers
 from .processes import Outcome, map_in_processes
-from .repair import CleanRecording, repair, repair_parts
+from .repair import CleanRecording, Piece, repair, repair_parts
 from .segmentation import (
+    MIN_EXTENT,
     SegmentationOptions,
     SpeedThresholds,
     extent,
     find_motions,
     joint_speed,
     large_motions,
+    least_extent,
+    least_extent_of_set,
     speed_thresholds,
     trim,
 )
@@ -59,11 +62,22 @@ N_OVERVIEW = 1000
 
 @dataclass(frozen=True)
 class Motion:
-    """Where in a recording a motion is: times since its first message [s], and its label."""
+    """Where in a recording a motion is.
+
+    Attributes
+    ----------
+    start, end : float
+        Times since the recording's first message [s].
+    label : str
+        What the table of segments calls it.
+    extent : float
+        Norm over the joints of how far each of them moves [rad or m].
+    """
 
     start: float
     end: float
     label: str = ""
+    extent: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -210,7 +224,7 @@ class RecordingInspection:
 
 
 def load_recordings(
-    paths: Iterable[str | Path],
+    paths: str | Path | Iterable[str | Path],
     *,
     topic: str | None = None,
     joints: Sequence[str] | None = None,
@@ -234,7 +248,7 @@ def load_recordings(
     Parameters
     ----------
     paths :
-        Bag files, rosbag2 folders, folders of bags, glob patterns.
+        Bag files, rosbag2 folders, folders of bags, glob patterns; one of them or several.
     topic :
         Topic of the joint states; by default the only one.
     joints :
@@ -310,12 +324,11 @@ def load_recordings(
         # Where the table has only motions of other labels, there is nothing to do.
         if by_hand is None or by_hand.get(name) != []
     ]
-    outcomes: list[_Loaded | Refusal] = [Refusal(task.name, "") for task in tasks]
-    bytes_done = _BytesDone(tasks, progress)
-    with closing(_outcomes(tasks, jobs, dask, bytes_done.within)) as ready:
-        for outcome in ready:
-            outcomes[outcome.index] = _told(outcome, tasks[outcome.index].name)
-            bytes_done.finished(outcome.index)
+    outcomes = _all_outcomes(tasks, jobs, dask, progress)
+    again = _tasks_again(tasks, outcomes)
+    repeated = _all_outcomes(list(again.values()), jobs, dask, None)
+    for index, outcome in zip(again, repeated, strict=True):
+        outcomes[index] = outcome
     loaded = [outcome for outcome in outcomes if isinstance(outcome, _Loaded)]
     return RecordingSet(
         tuple(motion for one in loaded for motion in one.demonstrations),
@@ -419,12 +432,13 @@ class _Settings:
 
 @dataclass(frozen=True)
 class _Task:
-    """A recording to be loaded; its motions, if they were cut by hand."""
+    """A recording to be loaded; its motions, if they were cut by hand; the set's least extent."""
 
     path: Path
     name: str
     segments: tuple[Segment, ...] | None
     settings: _Settings
+    least_extent: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -454,6 +468,39 @@ class _BytesDone:
         if self._tell is not None:
             self._done += self._sizes[index]
             self._tell(self._done, sum(self._sizes))
+
+
+def _all_outcomes(
+    tasks: Sequence[_Task],
+    jobs: int,
+    dask: str | None,
+    progress: Callable[[int, int], None] | None,
+) -> list[_Loaded | Refusal]:
+    """Load recordings; what became of each, in their order."""
+    outcomes: list[_Loaded | Refusal] = [Refusal(task.name, "") for task in tasks]
+    if not tasks:
+        return outcomes
+    bytes_done = _BytesDone(tasks, progress)
+    with closing(_outcomes(tasks, jobs, dask, bytes_done.within)) as ready:
+        for outcome in ready:
+            outcomes[outcome.index] = _told(outcome, tasks[outcome.index].name)
+            bytes_done.finished(outcome.index)
+    return outcomes
+
+
+def _tasks_again(tasks: Sequence[_Task], outcomes: Sequence[_Loaded | Refusal]) -> dict[int, _Task]:
+    """Recordings with motions that are none beside those of the whole set, by their index."""
+    found = {
+        index: [motion.extent for motion in outcome.report.motions]
+        for index, outcome in enumerate(outcomes)
+        if isinstance(outcome, _Loaded) and tasks[index].segments is None
+    }
+    least = least_extent_of_set([extent for extents in found.values() for extent in extents])
+    return {
+        index: replace(tasks[index], least_extent=least)
+        for index, extents in found.items()
+        if min(extents) <= least
+    }
 
 
 def _outcomes(
@@ -497,6 +544,10 @@ def _load(task: _Task, progress: Callable[[float], None] | None = None) -> _Load
         pieces = [smooth(piece, clean.sample_rate) for piece in clean.pieces]
         thresholds = _thresholds(pieces, settings.segmentation)
         cuts, notes = _cut(task, clean, pieces, thresholds)
+        if task.segments is None:
+            cuts, n_rest = _without_rest(cuts, clean.pieces, task.least_extent)
+            repairs = {"rest": n_rest} if n_rest else {}
+            clean = replace(clean, repairs={**clean.repairs, **repairs})
         motions = _demonstrations(cuts, clean, task.name, checksum(task.path))
     except RecordingError as error:
         return Refusal(task.name, str(error))
@@ -593,7 +644,7 @@ def _cleaned_motions(
 ) -> CleanRecording:
     """Read joint states or commanded motions, and clean them."""
     if topic is None or state_field is None:
-        chosen = choose_topic(bag.topics, topic)
+        chosen = _chosen_topic(bag, topic)
         if chosen.type == JOINT_TRAJECTORY:
             return repair_trajectories(read_trajectories(bag, chosen), joints)
         topic = chosen.name
@@ -606,6 +657,23 @@ def _cleaned_motions(
         raw = bag.joint_states(topic, joined, field=state_field)
         clean = repair(raw, joints, max_gap=max_gap)
     return clean
+
+
+def _chosen_topic(bag: Bag, topic: str | None) -> Topic:
+    """The topic to read; where there is none, say which messages hold joint states."""
+    try:
+        return choose_topic(bag.topics, topic)
+    except RecordingError as error:
+        hints = [
+            f"'--topic {name} --field {field}'"
+            for name, field in bag.embedded_states()
+            if topic in (None, name)
+        ]
+        if not hints:
+            raise
+        raise RecordingError(
+            f"{error}; other messages hold joint states: read them with {' or '.join(hints)}"
+        ) from None
 
 
 def _thresholds(pieces: Sequence[SmoothPiece], options: SegmentationOptions) -> SpeedThresholds:
@@ -632,6 +700,28 @@ def _cut_at_rests_and_valleys(
         "of the largest are left out"
     )
     return kept, (note,)
+
+
+def _without_rest(
+    cuts: Sequence[Cut], pieces: Sequence[Piece], least_of_set: float
+) -> tuple[list[Cut], int]:
+    """Leave out what is no motion by its extent; also return how many movements that are."""
+    least = max(least_extent(pieces), least_of_set)
+    extents = [extent(piece.positions[first : last + 1]) for piece, first, last, _ in cuts]
+    kept = [cut for cut, size in zip(cuts, extents, strict=True) if size > least]
+    if cuts and not kept:
+        raise RecordingError(
+            f"it holds no motion: its joints move over {max(extents):.2g} rad (or m) at most, and "
+            f"up to {least:.2g} is taken for rest, {_why(least, least_of_set)}; give a table of "
+            "segments if these are motions nevertheless"
+        )
+    return kept, len(cuts) - len(kept)
+
+
+def _why(least: float, least_of_set: float) -> str:
+    if least == least_of_set:
+        return "by the extent of the other recordings' motions"
+    return "by its noise" if least > MIN_EXTENT else "as an arm that is held still sways"
 
 
 def _cut_nothing(pieces: Sequence[SmoothPiece], thresholds: SpeedThresholds) -> list[Cut]:
@@ -701,7 +791,9 @@ def _report(
         joint_names=clean.joint_names,
         checksum=motions[0].checksum,
         repairs=clean.repairs,
-        motions=tuple(Motion(m.start_time, m.end_time, m.label) for m in motions),
+        motions=tuple(
+            Motion(m.start_time, m.end_time, m.label, extent(m.positions)) for m in motions
+        ),
         thresholds=thresholds,
         notes=notes,
         marker_residuals=marker_residuals,

@@ -10,11 +10,11 @@ from pathlib import Path
 from typing import Any, Literal, get_args
 
 import numpy as np
-import yaml
 from numpy.typing import ArrayLike
 
 from ..arrays import FloatArray, frozen_array
 from ..exceptions import RecordingError, unknown_name
+from ..files import MAX_YAML_BYTES, load_yaml, read_text, reading
 
 BaseMotion = Literal["moving", "fixed", "identity"]
 BASE_MOTIONS: tuple[BaseMotion, ...] = get_args(BaseMotion)
@@ -117,22 +117,21 @@ def read_marker_map(path: str | Path) -> MarkerMap:
         If the file can't be read or says something else.
     """
     where = f"marker map '{path}'"
-    try:
-        content = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        reason = str(error).splitlines()[0]
-        raise RecordingError(f"the {where} can't be read: {reason}") from None
-    if not isinstance(content, dict) or not isinstance(content.get("markers"), dict):
-        raise RecordingError(
-            f"the {where} must hold a mapping 'markers' from names to links and positions"
+    with reading(f"the {where}", RecordingError):
+        content = load_yaml(read_text(path, MAX_YAML_BYTES))
+        if not isinstance(content, dict) or not isinstance(content.get("markers"), dict):
+            raise RecordingError(
+                f"the {where} must hold a mapping 'markers' from names to links and positions"
+            )
+        _refuse_unknown(content, "key", _KEYS, where)
+        return MarkerMap(
+            tuple(
+                _placement(str(name), entry, where) for name, entry in content["markers"].items()
+            ),
+            _one_of(content.get("base", "moving"), "way of the base to move", BASE_MOTIONS, where),
+            _origin_fits(content.get("fit_origins", {}), where),
+            where,
         )
-    _refuse_unknown(content, "key", _KEYS, where)
-    return MarkerMap(
-        tuple(_placement(str(name), entry, where) for name, entry in content["markers"].items()),
-        _one_of(content.get("base", "moving"), "way of the base to move", BASE_MOTIONS, where),
-        _origin_fits(content.get("fit_origins", {}), where),
-        where,
-    )
 
 
 def _placement(name: str, entry: Any, where: str) -> MarkerPlacement:

@@ -33,7 +33,8 @@ REPAIRS = {
     "points whose times don't increase",
     "missing_joints": "message dropped: it lacks a chosen joint (another publisher's, for example)",
     "reordered": "message that lists the joints in another order than the first: taken by name",
-    "non_finite": "message dropped: a position of a chosen joint is NaN, infinite or absurd",
+    "non_finite": "message dropped: a position of a chosen joint (or the duration of a commanded "
+    "motion) is NaN, infinite or absurd",
     "unstamped": "message dropped: no header stamp, while most have one",
     "stray_stamps": "message dropped: its stamp is far from those before and after it",
     "clock_jumps": "stamps step back by more than the longest gap: cut there",
@@ -48,6 +49,7 @@ REPAIRS = {
     "replaced": "commanded motion cut short: another one started before its end",
     "single_points": "commanded motion dropped: one point, from nobody knows where",
     "short_pieces": "piece between cuts dropped: too few samples",
+    "rest": "movement dropped: not farther than noise and sway go, taken for rest",
 }
 """What is repaired, by the name under which it is counted."""
 
@@ -67,6 +69,9 @@ QUIET_PERIODS = 3.0
 """A long recording is divided where for so many messages before and after no step is longer than
 that many usual periods, and nothing else is wrong; looked for among so many messages."""
 
+MAX_JOINTS = 500
+"""More joints than that are no robot's."""
+
 MAX_RATE = 5000.0
 """Joint states faster than this [Hz] were not recorded as they happened."""
 
@@ -78,7 +83,11 @@ MAX_GAP_PERIODS = 5
 """A gap is longer than `MAX_GAP` [s] and than that many usual periods."""
 
 MAX_CONFLICTS = 0.01
-"""Share of equal stamps with unequal positions from which on there must be two publishers."""
+MIN_CONFLICTS = 10
+CONFLICT = 0.01
+"""There are two publishers if over that share of the messages, and over that number of them,
+contradict others: they have the same stamp and other positions, or come late and are farther than
+`CONFLICT` [rad or m] from where those that came in order are at that time."""
 
 FULL_TURN_TOLERANCE = 1.0
 """How much a jump may differ from a full turn [rad]; the joint moves between samples as well."""
@@ -362,6 +371,7 @@ class _Gathered:
             stamps, first_stamp, self._shift, max_gap, repairs
         )
         positions = _taken(ordered, positions)
+        _refuse_late_contradictions(times, positions, ordered)
         distinct = _distinct_stamps(times, positions, repairs)
         times, positions = _taken(distinct, times), _taken(distinct, positions)
         known = _without_zeros(positions, repairs, must_be_none=self._one_of_several)
@@ -556,15 +566,24 @@ def choose_joints(
         for name in names:
             if name not in known:
                 raise RecordingError(unknown_name("joint", name, known))
-        return names
+        return _not_too_many(names, topic)
     common = set.intersection(*map(set, listed))
     if not common:
-        choices = "; ".join(quote_names(names) for names in dict.fromkeys(listed))
+        choices = "; ".join(quote_names(names) for names in list(dict.fromkeys(listed))[:10])
         raise RecordingError(
             f"no joint is in every message of '{topic}', choose joints that come together: "
             f"{choices}"
         )
-    return tuple(name for name in listed[0] if name in common)
+    return _not_too_many(tuple(name for name in listed[0] if name in common), topic)
+
+
+def _not_too_many(names: tuple[str, ...], topic: str) -> tuple[str, ...]:
+    if len(names) > MAX_JOINTS:
+        raise RecordingError(
+            f"{len(names)} joints of '{topic}' are more than the {MAX_JOINTS} accepted: choose "
+            "some of them (--joints)"
+        )
+    return names
 
 
 def _choose_clock(raw: RawJointStates, messages: IntArray) -> tuple[IntArray, tuple[str, ...]]:
@@ -702,14 +721,44 @@ def _distinct_stamps(times: IntArray, positions: FloatArray, repairs: Counter[st
     sample, before = order[same_stamp], order[same_stamp - 1]
     differs = np.any(positions[sample] != positions[before], axis=1)
     undecided = _count(differs & ~zero[sample])
-    if undecided > MAX_CONFLICTS * times.size:
-        raise RecordingError(
-            f"{undecided} messages contradict another one with the same stamp: two publishers of "
-            "the same joints; record one of them"
-        )
+    _refuse_conflicts(undecided, times.size, "another one with the same stamp")
     repairs["contradicting"] += _count(differs)
     repairs["repeated_stamps"] += _count(~differs)
     return np.asarray(np.delete(order, same_stamp), dtype=np.int64)
+
+
+def _refuse_conflicts(n_conflicts: int, n_messages: int, what: str) -> None:
+    if n_conflicts > max(MIN_CONFLICTS, MAX_CONFLICTS * n_messages):
+        raise RecordingError(
+            f"{n_conflicts} messages contradict {what}: two publishers of the same joints; record "
+            "one of them"
+        )
+
+
+def _refuse_late_contradictions(
+    times: IntArray, positions: FloatArray, order_of_reception: IntArray
+) -> None:
+    """Refuse late messages that are elsewhere than those that came in order.
+
+    Two publishers whose stamps differ by their delays look so; late messages of one publisher
+    are where the others are.
+    """
+    earliest_behind = np.minimum.accumulate(order_of_reception[::-1])[::-1]
+    late = np.append(order_of_reception[:-1] > earliest_behind[1:], False)
+    if _count(late) <= MIN_CONFLICTS:
+        return
+    on_time = times[~late]
+    elsewhere = np.zeros(_count(late), dtype=bool)
+    for position in positions.T:
+        expected = np.interp(times[late], on_time, position[~late])
+        off = np.abs(position[late] - expected)
+        elsewhere |= np.abs(off - 2.0 * np.pi * np.round(off / (2.0 * np.pi))) > CONFLICT
+    # Zeros between positions are another publisher's, too, but can be told apart.
+    elsewhere &= np.any(positions[late] != 0.0, axis=1)
+    # Where a block of messages comes late, nothing is near enough to say where they should be.
+    behind = np.clip(np.searchsorted(on_time, times[late]), 1, on_time.size - 1)
+    elsewhere &= on_time[behind] - on_time[behind - 1] <= 3 * np.median(np.diff(on_time))
+    _refuse_conflicts(_count(elsewhere), times.size, "those that came before them")
 
 
 def _cut_at_gaps(

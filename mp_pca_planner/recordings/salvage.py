@@ -8,12 +8,13 @@ import mmap
 import sqlite3
 import struct
 from collections.abc import Callable, Iterator
-from contextlib import closing
+from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import NamedTuple
 from urllib.parse import quote
 
 from .byte_layout import NS_PER_S
+from .unpacking import MAX_UNPACKED
 
 Buffer = bytes | mmap.mmap
 
@@ -195,10 +196,7 @@ def _text(content: Buffer, position: int) -> str:
 
 def salvaged_sqlite3(path: Path) -> Iterator[Found]:
     """Find messages in an sqlite3 file, in the order of writing, until the damage or the end."""
-    where = f"file:{quote(str(path.resolve()))}?immutable=1"
-    with closing(sqlite3.connect(where, uri=True)) as database:
-        # Only so does sqlite3 open a file that has fewer pages than its first one says.
-        database.execute("PRAGMA writable_schema=ON")
+    with opened_sqlite3(path) as database:
         topics = {
             number: (name, kind)
             for number, name, kind in database.execute("SELECT id, name, type FROM topics")
@@ -214,6 +212,27 @@ def salvaged_sqlite3(path: Path) -> Iterator[Found]:
             last = row
             name, kind = topics[number]
             yield Found(name, kind, stamp, data, definitions.get(kind, ""))
+
+
+@contextmanager
+def opened_sqlite3(path: Path) -> Iterator[sqlite3.Connection]:
+    """Open an sqlite3 file, also one that is cut off, that holds nothing but bounded tables.
+
+    Raises
+    ------
+    DamageError
+        If it has a view, which may have rows without end.
+    """
+    where = f"file:{quote(str(path.resolve()))}?immutable=1"
+    with closing(sqlite3.connect(where, uri=True)) as database:
+        # A computed column may be as large as it says.
+        database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, MAX_UNPACKED)
+        # Only so does sqlite3 open a file that has fewer pages than its first one says.
+        database.execute("PRAGMA writable_schema=ON")
+        views = database.execute("SELECT name FROM sqlite_master WHERE type = 'view' LIMIT 1")
+        for (name,) in views:
+            raise DamageError(f"'{name}' is a view: bags have tables only")
+        yield database
 
 
 def _sqlite3_definitions(database: sqlite3.Connection) -> dict[str, str]:

@@ -6,12 +6,15 @@ Two kinds of cuts. A *rest* is a time at which the joints are as good as still; 
 rests is moving. People often don't stop dead between one motion and the next, so moving parts are
 also cut at *valleys*: times at which the speed is low relative to the peaks on both sides.
 All speeds are compared with the recording's own, so units and scale of the joints don't matter.
+How far a motion goes is compared with the noise, with the other motions, and with a least extent:
+a recording of an arm that stands still has speeds of its own, too, but no motions.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
+from heapq import heapify, heappop, heappush
 from itertools import pairwise
 
 import numpy as np
@@ -19,10 +22,21 @@ from scipy.signal import find_peaks
 
 from ..arrays import FloatArray
 from ..exceptions import RecordingError
+from .repair import Piece
 from .smoothing import SmoothPiece
 
 NOISE_PERCENTILE = 5.0
 """Of all speeds: what noise feigns, when it is low, in a recording that has some rest."""
+
+NOISE_EXTENTS = 8.0
+"""Noise feigns motions over at most so many of its standard deviations: unfiltered ones, which is
+the worst case, at 10 to 25 Hz during minutes."""
+
+MIN_EXTENT = 0.035
+"""What stays within that [rad or m], two degrees, is no motion: an arm that is held still sways."""
+
+SET_RATIO = 0.05
+"""What stays within that share of the usual extent of a set's motions is none of them."""
 
 MIN_RATE_FOR_VALLEYS = 20.0
 """Below this rate [Hz] the speed between samples is guesswork: only rests cut."""
@@ -117,11 +131,38 @@ def speed_thresholds(speed: FloatArray, options: SegmentationOptions) -> SpeedTh
     return SpeedThresholds(rest=rest, moving=moving)
 
 
-def _usual_peak(speed: FloatArray) -> float:
-    """Median of the speed weighted by its square: rest, however long, hardly counts."""
-    ordered = np.sort(speed)
+def _usual_peak(values: FloatArray) -> float:
+    """Median of values weighted by their squares: small ones, however many, hardly count."""
+    ordered = np.sort(values)
     energy = np.cumsum(ordered**2)
     return float(ordered[np.searchsorted(energy, 0.5 * energy[-1])])
+
+
+def least_extent(pieces: Sequence[Piece]) -> float:
+    """Extent over which a movement of a recording is more than noise and sway [rad or m]."""
+    return max(MIN_EXTENT, NOISE_EXTENTS * float(np.linalg.norm(_noise(pieces))))
+
+
+def least_extent_of_set(extents: Sequence[float]) -> float:
+    """Extent over which a movement is one of a set of motions [rad or m], by all their extents."""
+    return SET_RATIO * _usual_peak(np.asarray(extents)) if extents else 0.0
+
+
+def _noise(pieces: Sequence[Piece]) -> FloatArray:
+    """Standard deviation of each joint's noise: how far samples are off between their neighbours.
+
+    By the median, so that what moves during less than half of the time does not matter; and what
+    moves is off by little beside its own extent.
+    """
+    off = np.concatenate([_off_neighbours(piece) for piece in pieces])
+    # Median of a normal distribution's magnitudes; the variance of one sample less a mean of two.
+    return np.asarray(np.median(np.abs(off), axis=0) / (0.6745 * np.sqrt(1.5)))
+
+
+def _off_neighbours(piece: Piece) -> FloatArray:
+    t, q = piece.times, piece.positions
+    share = ((t[1:-1] - t[:-2]) / (t[2:] - t[:-2]))[:, None]
+    return np.asarray(q[1:-1] - (1.0 - share) * q[:-2] - share * q[2:])
 
 
 def find_motions(
@@ -201,20 +242,35 @@ def _split_at_valleys(
     enough = [_share_that_cuts(piece.positions, cut, window, options) for cut in bounds[1:-1]]
     peaks = [float(speed[first : last + 1].max()) for first, last in pairwise(bounds)]
 
+    n = len(enough)
+    # Of each cut the ones beside it; -1 and n are the ends of the run. Cut i is at bounds[i + 1],
+    # and the part behind it has the peak peaks[i + 1].
+    before, behind = list(range(-1, n - 1)), list(range(1, n + 1))
+
     def excess(cut: int) -> float:
-        first, valley, last = bounds[cut : cut + 3]
+        first, valley, last = (bounds[i + 1] for i in (before[cut], cut, behind[cut]))
         too_near = min(valley - first, last - valley) < window
-        share = float(speed[valley]) / min(peaks[cut], peaks[cut + 1])
+        share = float(speed[valley]) / min(peaks[before[cut] + 1], peaks[cut + 1])
         return share - enough[cut] + too_near
 
-    excesses = [excess(cut) for cut in range(len(enough))]
-    while excesses and max(excesses) > 0.0:
-        cut = excesses.index(max(excesses))
-        peaks[cut : cut + 2] = [max(peaks[cut : cut + 2])]
-        del bounds[cut + 1], enough[cut], excesses[cut]
-        for neighbour in {cut - 1, cut} & set(range(len(excesses))):
+    excesses = {cut: excess(cut) for cut in range(n)}
+    queue = [(-value, cut) for cut, value in excesses.items()]
+    heapify(queue)
+    while queue and queue[0][0] < 0.0:
+        value, cut = heappop(queue)
+        if excesses.get(cut) != -value:
+            continue
+        del excesses[cut]
+        left, right = before[cut], behind[cut]
+        peaks[left + 1] = max(peaks[left + 1], peaks[cut + 1])
+        if left >= 0:
+            behind[left] = right
+        if right < n:
+            before[right] = left
+        for neighbour in {left, right} & excesses.keys():
             excesses[neighbour] = excess(neighbour)
-    return list(pairwise(bounds))
+            heappush(queue, (-excesses[neighbour], neighbour))
+    return list(pairwise([run[0], *(bounds[cut + 1] for cut in sorted(excesses)), run[1]]))
 
 
 def _share_that_cuts(

@@ -13,8 +13,13 @@ from pathlib import Path
 from typing import Protocol
 
 from ..exceptions import RecordingError, quote_names, unknown_name
+from ..files import read_text, reading
 
 COLUMNS = ("recording", "start_time_s", "end_time_s")
+MAX_SEGMENTS = 10_000
+"""Most rows of a file: learning takes minutes from so many motions."""
+MAX_TIME = 1e9
+"""Latest time in a recording [s], 30 years."""
 
 
 @dataclass(frozen=True)
@@ -75,38 +80,40 @@ def read_segments(path: str | Path, recordings: Collection[str]) -> dict[str, li
     Raises
     ------
     RecordingError
-        If the file can't be read, lacks a column, or a row names no given recording or holds no
-        time span; with the number of the line.
+        If the file can't be read, lacks a column, or a row names no given recording, holds no
+        time span, or repeats another one; with the number of the line.
     """
     segments: dict[str, list[Segment]] = {}
-    try:
-        with Path(path).open(encoding="utf-8-sig", newline="") as file:
-            rows = csv.DictReader(file)
-            missing = [name for name in COLUMNS if name not in (rows.fieldnames or ())]
-            if missing:
-                raise RecordingError(
-                    f"'{path}' lacks the columns {quote_names(missing)}: its first line must name "
-                    f"{quote_names(COLUMNS)}"
-                )
-            for row in rows:
-                where = f"'{path}', line {rows.line_num}"
-                name = row["recording"]
-                if name not in recordings:
-                    raise RecordingError(f"{where}: {unknown_name('recording', name, recordings)}")
-                segments.setdefault(name, []).append(_segment(row, where))
-    except OSError as error:
-        raise RecordingError(f"'{path}' can't be read: {error.strerror or error}") from None
-    except (csv.Error, UnicodeDecodeError) as error:
-        raise RecordingError(f"'{path}' is no CSV file in UTF-8: {error}") from None
+    seen: dict[tuple[str, float, float, str], str] = {}
+    with reading(f"'{path}'", RecordingError):
+        rows = csv.DictReader(io.StringIO(read_text(path), newline=""))
+        missing = [name for name in COLUMNS if name not in (rows.fieldnames or ())]
+        if missing:
+            raise RecordingError(
+                f"'{path}' lacks the columns {quote_names(missing)}: its first line must name "
+                f"{quote_names(COLUMNS)}"
+            )
+        for number, row in enumerate(rows):
+            if number == MAX_SEGMENTS:
+                raise RecordingError(f"'{path}' has more than {MAX_SEGMENTS:,} rows: divide it")
+            where = f"'{path}', line {rows.line_num}"
+            name = row["recording"] or ""
+            if name not in recordings:
+                raise RecordingError(f"{where}: {unknown_name('recording', name, recordings)}")
+            segment = _segment(row, where)
+            first = seen.setdefault((name, segment.start, segment.end, segment.label), where)
+            if first != where:
+                raise RecordingError(f"{where}: this motion is that of {first}: remove one")
+            segments.setdefault(name, []).append(segment)
     return segments
 
 
 def _segment(row: dict[str, str], where: str) -> Segment:
     start, end = (_seconds(row[name], name, where) for name in COLUMNS[1:])
-    if not 0.0 <= start < end:
+    if not 0.0 <= start < end <= MAX_TIME:
         raise RecordingError(
             f"{where}: a motion must start at 0 s or later and end after its start, "
-            f"got {start:g} s to {end:g} s"
+            f"at {MAX_TIME:g} s at the latest, got {start:g} s to {end:g} s"
         )
     return Segment(start, end, row.get("label") or "", where)
 

@@ -115,6 +115,11 @@ def report_values(report: DiagnosticStatus) -> dict[str, str]:
     return {pair.key: pair.value for pair in report.values}
 
 
+def _time_received(facts: dict[str, int]) -> float:
+    # Not every middleware tells when.
+    return 1e-9 * (facts["received_timestamp"] or time.time_ns())
+
+
 class GoalClient:
     """Sends goals to the node and collects what it publishes; use it as a context manager.
 
@@ -147,7 +152,7 @@ class GoalClient:
         self.executions: list[DiagnosticStatus] = []
         self.diagnostics: list[DiagnosticArray] = []
         self.previews: list[MarkerArray] = []
-        self._trajectory_received = 0.0
+        self._trajectory_received = self._diagnostics_received = 0.0
         self._planner = planner
         # A context of its own leaves that of the process, and its signal handlers, alone.
         self._context = rclpy.Context()
@@ -179,12 +184,13 @@ class GoalClient:
         for message_type, topic, callback, qos in (
             (DiagnosticStatus, f"{there}/plan_report", self.reports.append, _DEPTH),
             (DiagnosticStatus, f"{there}/execution_report", self.executions.append, _DEPTH),
-            (DiagnosticArray, "/diagnostics", self.diagnostics.append, _DEPTH),
             (MarkerArray, f"{there}/preview", self.previews.append, latched),
         ):
             node.create_subscription(message_type, topic, callback, qos)
         # rclpy's types know of no callbacks that are told when the middleware got a message.
         on_trajectory: Any = self._on_trajectory
+        on_diagnostics: Any = self._on_diagnostics
+        node.create_subscription(DiagnosticArray, "/diagnostics", on_diagnostics, _DEPTH)
         node.create_subscription(
             JointTrajectory, f"{there}/joint_trajectory", on_trajectory, _DEPTH, raw=True
         )
@@ -265,7 +271,7 @@ class GoalClient:
         timeout : float
             Longest time to wait [s].
         with_trajectory : bool
-            Whether to wait for the motion.
+            Whether to wait for the motion; none is waited for where its topic is remapped.
 
         Raises
         ------
@@ -286,10 +292,8 @@ class GoalClient:
         is_under_way = report_values(report).get("status") == UNDER_WAY
         if not with_trajectory or is_under_way or not is_served(report):
             return Answer(report, None, None)
-        self._wait(
-            lambda: len(self.trajectories) > n_trajectories, timeout, "published no trajectory"
-        )
-        return Answer(report, self.trajectories[-1], self._trajectory_received - sent)
+        trajectory = self._next_trajectory(n_trajectories, timeout)
+        return Answer(report, trajectory, trajectory and self._trajectory_received - sent)
 
     def set_parameters(self, *parameters: Parameter) -> list[SetParametersResult]:
         """Set parameters one by one."""
@@ -303,6 +307,8 @@ class GoalClient:
     def stop(self, timeout: float = 10.0) -> tuple[Trigger.Response, JointTrajectory | None]:
         """Have the robot come to rest; returns the answer and what was published.
 
+        No motion is waited for where its topic is remapped.
+
         Raises
         ------
         NoAnswerError
@@ -310,14 +316,11 @@ class GoalClient:
         """
         n = len(self.trajectories)
         answer = self._call(self._services["stop"], Trigger.Request())
-        if not answer.success:
-            return answer, None
-        self._wait(lambda: len(self.trajectories) > n, timeout, "published no trajectory")
-        return answer, self.trajectories[-1]
+        return answer, self._next_trajectory(n, timeout) if answer.success else None
 
-    def save_motion(self) -> Trigger.Response:
+    def save_motion(self, timeout: float = 10.0) -> Trigger.Response:
         """Have the last motion kept as a primitive."""
-        return self._call(self._services["save_motion"], Trigger.Request())
+        return self._call(self._services["save_motion"], Trigger.Request(), timeout)
 
     def wait_for_preview(
         self, wanted: Callable[[MarkerArray], bool] = bool, timeout: float = 10.0
@@ -370,14 +373,15 @@ class GoalClient:
         NoAnswerError
             If none came.
         """
-        n = len(self.diagnostics)
+        # Others may wait unread since long ago.
+        called = time.time()
 
         def values() -> dict[str, str]:
             status = self.diagnostics[-1].status[0]
             return {"text": status.message} | {pair.key: pair.value for pair in status.values}
 
         self._wait(
-            lambda: len(self.diagnostics) > n and wanted(values()),
+            lambda: self._diagnostics_received > called and wanted(values()),
             timeout,
             "published no such diagnostics",
         )
@@ -391,10 +395,20 @@ class GoalClient:
         """Wait until the node has primitives and a robot model."""
         self.wait_for_diagnostics(lambda values: values["model"] != "none")
 
+    def _next_trajectory(self, n_before: int, timeout: float) -> JointTrajectory | None:
+        """What follows so many motions; None where their topic is remapped."""
+        if not self._node.count_publishers(f"{self._planner}/joint_trajectory"):
+            return None
+        self._wait(lambda: len(self.trajectories) > n_before, timeout, "published no trajectory")
+        return self.trajectories[-1]
+
     def _on_trajectory(self, message: bytes, facts: dict[str, int]) -> None:
-        # Not every middleware tells when.
-        self._trajectory_received = 1e-9 * (facts["received_timestamp"] or time.time_ns())
+        self._trajectory_received = _time_received(facts)
         self.trajectories.append(deserialize_message(message, JointTrajectory))
+
+    def _on_diagnostics(self, message: DiagnosticArray, facts: dict[str, int]) -> None:
+        self._diagnostics_received = _time_received(facts)
+        self.diagnostics.append(message)
 
     def _call(self, client: Any, request: Any, timeout: float = 10.0) -> Any:
         future = client.call_async(request)

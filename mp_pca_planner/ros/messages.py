@@ -17,7 +17,7 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from ..arrays import FloatArray
 from ..control.statement import control_statement
-from ..exceptions import GoalError
+from ..exceptions import GoalError, printable
 from ..execution.adaptation import AdaptedPlan
 from ..execution.execution_monitor import ExecutionReport
 from ..execution.parameters import Declaration
@@ -38,6 +38,12 @@ _NANOSECONDS = 10**9
 _LONGEST_TEXT = 1000
 _LONGEST_TIME = 2**31
 
+MAX_NAMES = 1000
+"""Most joints that a goal may name."""
+
+MAX_POINTS = 1000
+"""Most points that a sequence may have."""
+
 
 def to_goal(message: JointStateMessage, duration: float) -> JointGoal:
     """Read a goal.
@@ -53,9 +59,10 @@ def to_goal(message: JointStateMessage, duration: float) -> JointGoal:
     Raises
     ------
     GoalError
-        If names repeat, lengths disagree or a number is not finite.
+        If names repeat or are too many, lengths disagree or a number is not finite.
     """
     names = message.name
+    _check_count("names", len(names), "joints", MAX_NAMES)
     _check_lengths("goal", message)
     for field in ("position", "velocity"):
         values = zip(names, getattr(message, field), strict=False)
@@ -98,10 +105,12 @@ def to_sequence_goal(message: JointTrajectory) -> SequenceGoal:
     Raises
     ------
     GoalError
-        If names repeat, lengths disagree, a number is not finite, times don't increase, or
-        velocities, accelerations or efforts are asked for.
+        If names repeat, names or points are too many, lengths disagree, a number is not finite,
+        times don't increase, or velocities, accelerations or efforts are asked for.
     """
     n_joints = len(message.joint_names)
+    _check_count("names", n_joints, "joints", MAX_NAMES)
+    _check_count("has", len(message.points), "points", MAX_POINTS)
     targets, times, stops = [], [], []
     for k, point in enumerate(message.points, start=1):
         if len(point.positions) != n_joints:
@@ -192,6 +201,11 @@ def _check_finite(said: str, values: Iterable[tuple[str, float]]) -> None:
     for name, value in values:
         if not math.isfinite(value):
             raise GoalError(f"{said.format(name, value)}, but only finite numbers are accepted")
+
+
+def _check_count(verb: str, n: int, things: str, most: int) -> None:
+    if n > most:
+        raise GoalError(f"the goal {verb} {n} {things}, at most {most} are accepted")
 
 
 def _check_lengths(what: str, message: JointStateMessage) -> None:
@@ -292,7 +306,7 @@ def to_refusal(
 ) -> DiagnosticStatus:
     """Report a goal for which nothing was published, with the plan if it came to one."""
     values = plan.summary() if plan else {"status": "refused"}
-    return _report(DiagnosticStatus.ERROR, _one_line(reason), goal_stamp, values)
+    return _report(DiagnosticStatus.ERROR, reason, goal_stamp, values)
 
 
 def _report(
@@ -307,9 +321,9 @@ def to_stamp_text(stamp: Time) -> str:
     return f"{stamp.sec}.{stamp.nanosec:09d}"
 
 
-def _one_line(text: str) -> str:
-    # Names in a refused goal may hold anything, and end up in this text and in logs.
-    return "".join(c if c.isprintable() else repr(c)[1:-1] for c in text[:_LONGEST_TEXT])
+def to_text(text: object) -> str:
+    """Write a text that may hold names from others: one printable line, not too long."""
+    return printable(str(text)[:_LONGEST_TEXT])
 
 
 def to_status(
@@ -319,8 +333,8 @@ def to_status(
     return DiagnosticStatus(
         name=name,
         level=level,
-        message=text,
-        values=[KeyValue(key=key, value=str(value)) for key, value in values.items()],
+        message=to_text(text),
+        values=[KeyValue(key=key, value=printable(str(v))) for key, v in values.items()],
     )
 
 

@@ -7,7 +7,6 @@ from __future__ import annotations
 import math
 import threading
 import time
-import traceback
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -20,7 +19,6 @@ from geometry_msgs.msg import PoseStamped
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock, ClockType
 from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
-from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState as JointStateMessage
@@ -29,7 +27,7 @@ from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory
 from visualization_msgs.msg import MarkerArray
 
-from ..exceptions import GoalError, PlannerError, quote_names, unknown_name
+from ..exceptions import GoalError, quote_names, unknown_name
 from ..execution.assembly import Model, assemble_model
 from ..execution.execution_monitor import ExecutionReport
 from ..execution.goal_statistics import GoalStatistics
@@ -52,6 +50,7 @@ from ..primitives.primitive_library import load_primitives
 from ..robot import Robot
 from ..trajectory import Trajectory
 from .goal_intake import FetchedByHand, GoalIntake, Inlet, waiting_messages
+from .guarded_node import GuardedNode
 from .messages import (
     to_descriptor,
     to_execution_report,
@@ -62,6 +61,7 @@ from .messages import (
     to_refusal,
     to_sequence_goal,
     to_status,
+    to_text,
     to_under_way_report,
 )
 from .preview import to_preview
@@ -127,7 +127,7 @@ def _joint_names(primitives: Sequence[MovementPrimitive]) -> tuple[str, ...]:
     return primitives[0].joint_names if primitives else ()
 
 
-class PlannerNode(Node):
+class PlannerNode(GuardedNode):
     """Plans a motion for each goal and publishes it.
 
     Raises
@@ -169,7 +169,7 @@ class PlannerNode(Node):
         # Registered only now: the first values are judged together.
         self.add_on_set_parameters_callback(self._on_set_parameters)
         self._connect()
-        self._goals = NewestGoalThread(self._serve, self._on_overtaken, self._preview)
+        self._goals = NewestGoalThread(self._serve, self._on_overtaken, self.guarded(self._preview))
         self._intake = GoalIntake(
             self.context,
             [
@@ -201,9 +201,9 @@ class PlannerNode(Node):
             return
         try:
             primitives = load_primitives(self._settings.primitive_paths)
-        except PlannerError as error:
-            self._primitives_problem = str(error)
-            self.get_logger().error(f"{error}; fix it, then call ~/reload_primitives")
+        except Exception as error:
+            self._primitives_problem = problem = self.explain(error)
+            self.get_logger().error(f"{problem}; fix it, then call ~/reload_primitives")
         else:
             self._adopt(primitives)
 
@@ -248,8 +248,9 @@ class PlannerNode(Node):
         if self._last_served.trial is not None:
             try:
                 self._last_served.trial.tell(message.data)
-            except PlannerError as error:
-                self.get_logger().error(f"nothing was learned from a trial: {error}")
+            except Exception as error:
+                problem = self.explain(error)
+                self.get_logger().error(f"nothing was learned from a trial: {problem}")
                 return
         self._last_cost = message.data
 
@@ -257,19 +258,15 @@ class PlannerNode(Node):
         self._goals.cancel()
         try:
             response.message = self._server.stop(self._ready_model())
-        except PlannerError as error:
-            response.message = f"nothing was published: {error}"
+        except Exception as error:
+            response.message = f"nothing was published: {self.explain(error)}"
         else:
             response.success = True
         return response
 
     def _on_save(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        try:
-            response.message = f"saved as '{self._save()}'; ~/reload_primitives takes it into use"
-        except PlannerError as error:
-            response.message = str(error)
-        else:
-            response.success = True
+        saved = f"saved as '{self._save()}'; ~/reload_primitives takes it into use"
+        response.success, response.message = True, to_text(saved)
         return response
 
     def _on_description(self, message: String) -> None:
@@ -279,19 +276,19 @@ class PlannerNode(Node):
             return
         try:
             self._adopt(self._primitives)
-        except PlannerError as error:
+        except Exception as error:
             # The robot is another one than before, so the old model is of no use.
-            self._model, self._model_problem = None, str(error)
-            self.get_logger().error(str(error))
+            self._model, self._model_problem = None, self.explain(error)
+            self.get_logger().error(self._model_problem)
         else:
             self._log_readiness()
 
     def _on_reload(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         try:
             self._adopt(load_primitives(self._settings.primitive_paths))
-        except PlannerError as error:
-            self._primitives_problem = str(error)
-            response.message = f"{error}; {self._library()} kept"
+        except Exception as error:
+            self._primitives_problem = self.explain(error)
+            response.message = f"{self._primitives_problem}; {self._library()} kept"
         else:
             response.success = True
             response.message = f"loaded: {self._library()}"
@@ -311,8 +308,8 @@ class PlannerNode(Node):
                 primitives = load_primitives(paths) if paths else ()
             if settings != self._settings:
                 self._adopt(primitives, parameters)
-        except PlannerError as error:
-            return SetParametersResult(successful=False, reason=str(error))
+        except Exception as error:
+            return SetParametersResult(successful=False, reason=self.explain(error))
         return SetParametersResult(successful=True)
 
     def _on_timer(self) -> None:
@@ -338,7 +335,7 @@ class PlannerNode(Node):
         subscription = self.create_subscription(
             message_type, topic, lambda _: None, _GOALS, callback_group=FetchedByHand()
         )
-        return Inlet(subscription, receive)
+        return Inlet(subscription, self.guarded(receive))
 
     def _job(self, message: Any, kind: type[Goal], read: _ReadGoal, check: bool) -> _Job | None:
         """What there is to do; nothing for a goal that is refused."""
@@ -348,10 +345,8 @@ class PlannerNode(Node):
             asked = read(message, model)
             if check:
                 asked.check()
-        except PlannerError as error:
-            self._refuse(to_refusal(str(error), stamp))
         except Exception as error:
-            self._report_defect(error, stamp)
+            self._refuse(to_refusal(self.explain(error), stamp))
         else:
             return _Job(kind, asked, model, stamp)
         return None
@@ -374,32 +369,27 @@ class PlannerNode(Node):
             served = self._server.serve(
                 job.kind, job.asked.make_goal, job.model, is_cancelled, job.stamp
             )
+            self._report_served(served, job.stamp)
         except UnexecutablePlanError as error:
             self._refuse(to_refusal(str(error), job.stamp, error.plan))
-        except PlannerError as error:
-            self._refuse(to_refusal(str(error), job.stamp))
         except CancelledError:
             raise
         except Exception as error:
-            self._report_defect(error, job.stamp)
-        else:
-            if served.under_way:
-                self._statistics.under_way()
-                self._reports.publish(to_under_way_report(served.plan, served.under_way, job.stamp))
-                return
-            # A cost may follow the report at once.
-            self._last_served, self._last_cost = served, None
-            trial = served.trial.facts if served.trial else None
-            primitives = served.model.planner.primitives
-            self._reports.publish(to_plan_report(served.plan, job.stamp, trial, primitives))
+            self._refuse(to_refusal(self.explain(error), job.stamp))
 
-    def _report_defect(self, error: Exception, stamp: Time) -> None:
-        """Any other error than ours means a defect of this package.
-
-        It must not take the node away from a robot at work, nor leave a goal without its report.
-        """
-        self.get_logger().error(traceback.format_exc())
-        self._refuse(to_refusal(f"internal error, please report it: {error!r}", stamp))
+    def _report_served(self, served: Served, stamp: Time) -> None:
+        plan = served.plan
+        if served.under_way:
+            self._statistics.under_way()
+            self._reports.publish(to_under_way_report(plan, served.under_way, stamp))
+            return
+        # A cost may follow the report at once.
+        self._last_served, self._last_cost = served, None
+        trial = served.trial.facts if served.trial else None
+        primitives = served.model.planner.primitives
+        self._reports.publish(to_plan_report(plan, stamp, trial, primitives))
+        times = f"{served.motion.duration:.3g} s long, planned in {1e3 * plan.solve_time:.3g} ms"
+        self.get_logger().info(to_text(f"goal served: {plan.message} ({times})"))
 
     def _refuse(self, report: DiagnosticStatus) -> None:
         self._statistics.refused()
@@ -411,8 +401,8 @@ class PlannerNode(Node):
     def _on_overtaken(self, job: _Job) -> None:
         try:
             job.asked.check()
-        except PlannerError as error:
-            self._refuse(to_refusal(str(error), job.stamp))
+        except Exception as error:
+            self._refuse(to_refusal(self.explain(error), job.stamp))
         else:
             self._statistics.overtaken()
             self._reports.publish(to_overtaken_report(job.stamp))
@@ -429,7 +419,7 @@ class PlannerNode(Node):
     def _report_execution(self, report: ExecutionReport) -> None:
         self._execution_reports.publish(to_execution_report(report))
         if not report.is_good:
-            self.get_logger().error(report.message)
+            self.get_logger().error(to_text(report.message))
 
     def _watch(self) -> None:
         """Take the states that wait, and check how the robot follows its motion."""
@@ -452,13 +442,7 @@ class PlannerNode(Node):
         self._previewed = served
         model = served.model
         robot, frame = model.planning_robot, model.end_effector
-        try:
-            markers = to_preview(served.plan.trajectory, robot, frame, model.urdf)
-        except Exception:
-            # A defect, too; a picture is not worth the planning thread.
-            self.get_logger().error(traceback.format_exc())
-        else:
-            self._previews.publish(markers)
+        self._previews.publish(to_preview(served.plan.trajectory, robot, frame, model.urdf))
 
     def _save(self) -> Path:
         """Keep the last motion; returns the file."""
@@ -525,11 +509,11 @@ class PlannerNode(Node):
         settings = self._read_settings(changed)
         try:
             model, problem = self._assemble(settings, primitives), ""
-        except PlannerError as error:
+        except Exception as error:
             if not self._model_problem:
                 self._forget_limits_except(_joint_names(self._primitives))
                 raise
-            model, problem = None, str(error)
+            model, problem = None, self.explain(error)
         if primitives is not self._primitives:
             self._primitives_problem = ""
         self._settings, self._primitives = settings, primitives
@@ -596,7 +580,8 @@ class PlannerNode(Node):
         known = (*_NAMES_OF_ROS, LIMITS_PREFIX)
         for name in self._parameter_overrides:
             if name not in valid and not name.startswith(known):
-                self.get_logger().warning(f"ignored: {unknown_name('parameter', name, valid)}")
+                problem = to_text(unknown_name("parameter", name, valid))
+                self.get_logger().warning(f"ignored: {problem}")
 
     # Diagnostics
 

@@ -5,19 +5,27 @@
 from __future__ import annotations
 
 import argparse
+import mmap
 import os
 import signal
 import sys
 import threading
 from collections.abc import Sequence
 
-from ..exceptions import MissingDependencyError, PlannerError
+from ..exceptions import MissingDependencyError, PlannerError, printable
 
-DONE, REFUSED = 0, 2
+DONE, FAILED, REFUSED = 0, 1, 2
 
 _PROGRAM = "mp_pca_planner planner_node"
 _ROS_ARGUMENTS = "--ros-args"
 _ENDING_SIGNALS = (signal.SIGINT, signal.SIGTERM)
+# What a node takes: threads, most of which are those of DDS, and addresses [bytes].
+_N_THREADS = 24
+_ADDRESS_SPACE = 3 * 2**29
+
+
+class _ShortageError(Exception):
+    """The system has too little for a node."""
 
 
 def main(args: Sequence[str] | None = None) -> int:
@@ -31,7 +39,8 @@ def main(args: Sequence[str] | None = None) -> int:
     Returns
     -------
     :
-        The exit status: 0 stopped by a signal, 2 refused arguments or parameters.
+        The exit status: 0 stopped by a signal, 1 too little memory or too few threads, 2 refused
+        arguments or parameters.
     """
     arguments = list(sys.argv[1:] if args is None else args)
     own = arguments[: arguments.index(_ROS_ARGUMENTS)] if _ROS_ARGUMENTS in arguments else arguments
@@ -43,15 +52,42 @@ def main(args: Sequence[str] | None = None) -> int:
     for number in _ENDING_SIGNALS:
         signal.signal(number, lambda *_: stop.set())
     try:
+        _check_resources()
         _run(arguments, unknown, options.managed, stop)
-    except PlannerError as error:
-        print(f"{_PROGRAM}: {error}", file=sys.stderr)
-        return REFUSED
+    except (PlannerError, _ShortageError) as error:
+        print(f"{_PROGRAM}: {printable(str(error))}", file=sys.stderr)
+        return REFUSED if isinstance(error, PlannerError) else FAILED
     finally:
         # Python drops handlers before all else when it ends: one more signal would kill it then.
         for number in _ENDING_SIGNALS:
             signal.signal(number, signal.SIG_IGN)
     return DONE
+
+
+def _check_resources() -> None:
+    """Raise a `_ShortageError` if the node could not have its memory and its threads.
+
+    DDS does not survive a thread that it can't start: it hangs, or aborts the process.
+    """
+    try:
+        mmap.mmap(-1, _ADDRESS_SPACE, flags=mmap.MAP_PRIVATE, prot=0).close()
+    except OSError as error:
+        raise _ShortageError(
+            f"the node needs {_ADDRESS_SPACE / 2**30:g} GiB of address space, and the system "
+            f"refuses it ({error.strerror}): raise the limit (ulimit -v)"
+        ) from None
+    end = threading.Event()
+    threads = [threading.Thread(target=end.wait, daemon=True) for _ in range(_N_THREADS)]
+    try:
+        for thread in threads:
+            thread.start()
+    except RuntimeError:
+        raise _ShortageError(
+            f"the node needs {_N_THREADS} threads, and the system refuses them: raise the limits "
+            "of processes (ulimit -u, pids of the container) and of memory (ulimit -v)"
+        ) from None
+    finally:
+        end.set()
 
 
 def _run(
@@ -121,6 +157,8 @@ def _parser() -> argparse.ArgumentParser:
         epilog="Everything is set by ROS parameters, for example --ros-args -p "
         "primitives:=[reach.npz]; config/planner.yaml of this package explains them all.",
     )
+    # The guard around all commands takes it; here it is for the help.
+    parser.add_argument("--debug", action="store_true", help="print the traceback of an error")
     parser.add_argument(
         "--managed",
         action="store_true",

@@ -15,6 +15,8 @@ import numpy as np
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState as JointStateMessage
 
+from ..exceptions import GoalError
+from ..files import reading
 from ..goal import JointState
 from ..recordings.byte_layout import ByteLayout, find_layout
 from .messages import to_state
@@ -24,6 +26,8 @@ from .messages import to_state
 _STAMP, _STAMP_END = 4, 12
 # Encapsulations of version 1, big- and little-endian: in others numbers are aligned otherwise.
 _PLAIN_CDR = (bytes([0, 0]), bytes([0, 1]))
+# Larger messages are not read [bytes]: a state of a thousand joints has a quarter of that.
+_MAX_BYTES = 2**18
 # Publishers whose names are remembered.
 _MOST_BLOCKS = 16
 
@@ -85,13 +89,19 @@ class SerializedStateReader:
         self._alike: _Alike | None = None
 
     def names_all(self, message: bytes, joint_names: Sequence[str]) -> bool:
-        """Whether the message has all of these joints."""
+        """Whether the message has all of these joints; a malformed one has none."""
         if self._joint_names != tuple(joint_names):
             self._joint_names, self._blocks = tuple(joint_names), []
         for block, verdict in self._blocks:
             if message.startswith(block, _STAMP_END):
                 return verdict
-        return self._learn(message)
+        if not _STAMP_END <= len(message) <= _MAX_BYTES:
+            return False
+        try:
+            with reading("a state", GoalError):
+                return self._learn(message)
+        except GoalError:
+            return False
 
     def read(self, message: bytes, joint_names: Sequence[str]) -> JointState:
         """Read the state of these joints.
@@ -104,8 +114,9 @@ class SerializedStateReader:
         names = tuple(joint_names)
         state = None if self._alike is None else self._alike.state(message, names)
         if state is None:
-            state = to_state(deserialize_message(message, JointStateMessage), names)
-            self._alike = _find_alike(message, names)
+            with reading("the present state", GoalError):
+                state = to_state(deserialize_message(message, JointStateMessage), names)
+                self._alike = _find_alike(message, names)
         return state
 
     def stamp(self, message: bytes) -> float:
@@ -117,8 +128,9 @@ class SerializedStateReader:
     def _learn(self, message: bytes) -> bool:
         names = deserialize_message(message, JointStateMessage).name
         verdict = set(self._joint_names).issubset(names)
-        block = message[_STAMP_END : _end_of_names(message)]
-        self._blocks = [*self._blocks[1 - _MOST_BLOCKS :], (block, verdict)]
+        if message.startswith(_PLAIN_CDR):
+            block = message[_STAMP_END : _end_of_names(message)]
+            self._blocks = [*self._blocks[1 - _MOST_BLOCKS :], (block, verdict)]
         return verdict
 
 

@@ -1,0 +1,119 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Output of the commands in the terminal, and the guard around each command."""
+
+from __future__ import annotations
+
+import argparse
+import errno
+import io
+import sys
+import traceback
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import NoReturn
+
+from ..exceptions import PlannerError, printable
+
+DONE, FAILED, REFUSED = 0, 1, 2
+DEBUG = "--debug"
+DEBUG_HELP = "print the traceback of an error"
+
+# No room for the output.
+_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+
+
+class OneLineParser(argparse.ArgumentParser):
+    """Argument parser whose complaints are one line on stderr and exit status 2."""
+
+    def error(self, message: str) -> NoReturn:
+        """Print the complaint and exit."""
+        complain(f"{self.prog}: {message} (see --help)")
+        sys.exit(REFUSED)
+
+
+def say(*lines: str) -> None:
+    """Print lines on stdout. Foreign text in a line neither breaks it nor steers the terminal."""
+    for line in lines:
+        print(printable(line))
+
+
+def complain(text: str) -> None:
+    """Print one line on stderr."""
+    print(printable(text), file=sys.stderr)
+
+
+def written_lines(files: Iterable[Path | None]) -> list[str]:
+    """Lines of text that say which files were written."""
+    return [f"written      {file}" for file in files if file is not None]
+
+
+def guard(program: str, command: Callable[[], int], *, debug: bool = False) -> int:
+    """Run a command; whatever it raises ends in one line on stderr and an exit status.
+
+    Parameters
+    ----------
+    program :
+        What the line starts with.
+    command :
+        Returns the exit status.
+    debug :
+        Whether the traceback precedes the line.
+
+    Returns
+    -------
+    :
+        The status: the command's own, 2 for refused input, 1 for anything else that it raised.
+    """
+    for stream in (sys.stdout, sys.stderr):
+        # Not every terminal knows our ° and →.
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="replace")
+    try:
+        return _flushed(command)
+    except BrokenPipeError:
+        # Whoever read our output, `head` for example, has seen enough.
+        sys.stdout = None
+        return FAILED
+    except (Exception, KeyboardInterrupt) as error:
+        if debug:
+            traceback.print_exc()
+        if isinstance(error, OSError) and error.errno in _FULL:
+            # Python would try to write the rest when it ends, and fail again.
+            sys.stdout = None
+        complain(f"{program}: {_reason(error)}")
+        return REFUSED if isinstance(error, PlannerError) else FAILED
+
+
+def _flushed(command: Callable[[], int]) -> int:
+    try:
+        status = command()
+    except SystemExit:
+        flush()
+        raise
+    flush()
+    return status
+
+
+def flush() -> None:
+    """Have all output arrive, or fail now."""
+    if sys.stdout is not None:
+        sys.stdout.flush()
+
+
+def _reason(error: BaseException) -> str:
+    """What went wrong, in one sentence."""
+    if isinstance(error, PlannerError):
+        return str(error)
+    if isinstance(error, KeyboardInterrupt):
+        return "interrupted"
+    if isinstance(error, MemoryError):
+        return f"there is not enough memory for this ({error or 'MemoryError'})"
+    if isinstance(error, ImportError):
+        return f"the installation is incomplete: {error}"
+    if isinstance(error, OSError):
+        named = f"'{error.filename}'" if error.filename else "input or output failed"
+        what = "the output can't be written" if error.errno in _FULL else named
+        return f"{what}: {error.strerror or error}"
+    kind = type(error).__name__
+    return f"internal error, {kind}: {error} (repeat with {DEBUG} for the traceback)"

@@ -1,0 +1,86 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""A node that goes on whatever its callbacks raise."""
+
+from __future__ import annotations
+
+import traceback
+from collections.abc import Callable
+from functools import wraps
+from typing import Any
+
+from rclpy.node import Node
+
+from ..exceptions import PlannerError, printable
+from .messages import to_text
+
+_LOG_PERIOD = 1.0
+
+
+class GuardedNode(Node):
+    """A node whose callbacks end neither their thread nor the process, and answer every request.
+
+    This holds for the services and subscriptions that rclpy creates, too.
+    """
+
+    def explain(self, error: Exception) -> str:
+        """Say in one sentence what went wrong; log where, unless a user can mend it."""
+        if isinstance(error, PlannerError):
+            return to_text(error)
+        if isinstance(error, OSError) and error.strerror:
+            # Not the whole name: that it is too long may be what is wrong.
+            file = f": '{error.filename!s:.80}'" if error.filename else ""
+            return to_text(f"the system refuses it: {error.strerror}{file}")
+        if isinstance(error, MemoryError):
+            return "the system has no more memory"
+        lines = traceback.format_exception(error)
+        found = "\n".join(printable(line) for line in "".join(lines).splitlines())
+        self.get_logger().error(found, throttle_duration_sec=_LOG_PERIOD)
+        return to_text(f"internal error, please report it: {error!r}")
+
+    def guarded(self, callback: Callable[..., None]) -> Callable[..., None]:
+        """A callback that logs what it would raise."""
+
+        @wraps(callback)
+        def call(*arguments: Any) -> None:
+            try:
+                callback(*arguments)
+            except Exception as error:
+                text = self._explain_failure(callback, error)
+                self.get_logger().error(text, throttle_duration_sec=_LOG_PERIOD)
+
+        return call
+
+    def _explain_failure(self, callback: Any, error: Exception) -> str:
+        # What rclpy's own callbacks raise is due to what they were sent, a negative time on /clock.
+        if getattr(callback, "__module__", "").startswith("rclpy."):
+            return to_text(f"rclpy rejects what it received: {error}")
+        return self.explain(error)
+
+    def create_subscription(
+        self, msg_type: Any, topic: str, callback: Any, *arguments: Any, **options: Any
+    ) -> Any:
+        """See `Node`."""
+        guarded = self.guarded(callback)
+        return super().create_subscription(msg_type, topic, guarded, *arguments, **options)
+
+    def create_timer(
+        self, timer_period_sec: float, callback: Any, *arguments: Any, **options: Any
+    ) -> Any:
+        """See `Node`."""
+        return super().create_timer(timer_period_sec, self.guarded(callback), *arguments, **options)
+
+    def create_service(self, srv_type: Any, srv_name: str, callback: Any, **options: Any) -> Any:
+        """See `Node`; where the answer has a message, it says what went wrong."""
+
+        @wraps(callback)
+        def answer(request: Any, response: Any) -> Any:
+            try:
+                return callback(request, response)
+            except Exception as error:
+                text = self._explain_failure(callback, error)
+                if hasattr(response, "message"):
+                    response.message = text
+                return response
+
+        return super().create_service(srv_type, srv_name, answer, **options)
