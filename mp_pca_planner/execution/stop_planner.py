@@ -5,12 +5,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from ..arrays import FloatArray
 from ..exceptions import GoalError
 from ..goal import JointState
+from ..limits import JointLimits
 from .assembly import Model
 from .following import UnconfirmedError
 from .joined import Joined
@@ -20,6 +22,8 @@ from .stopping import braking_ends, ends_at, ends_on_path, hold, stop_at_point, 
 
 # Time to find a stop [s].
 _TIME_TO_STOP = 0.02
+# Shares of the limits for stops of a robot whose state is estimated from what was measured.
+_ESTIMATED_ACCELERATION, _ESTIMATED_JERK = 0.7, 0.5
 # Places on its motion at which a robot that is not heard of may be.
 _N_PLACES = 6
 
@@ -85,6 +89,9 @@ class StopPlanner:
             ends = ends_at(state.positions - states.load_offset)
         else:
             ends = braking_ends(state)
+        if following is None:
+            # What it does now is estimated from what was measured of it.
+            model = replace(model, limits=_drawn_in(model.limits))
         return self._stop_at_point([state, *places], ends, model, "")
 
     def _stop_on_path(self, model: Model) -> tuple[str, Joined, bool]:
@@ -127,3 +134,21 @@ class StopPlanner:
             stop = hold(states[0].joint_names, states[0].positions)
             said = "no stop within the limits was found: the robot is sent to hold its position"
         return said + more, Joined.to_last_point(stop, now), True
+
+
+def _drawn_in(limits: JointLimits) -> JointLimits:
+    """Limits with room for errors of a state that is estimated."""
+    return JointLimits(
+        limits.joint_names,
+        {
+            joint: {
+                "min_position": limits.lower[j],
+                "max_position": limits.upper[j],
+                "max_velocity": limits.velocity[j],
+                "max_acceleration": _ESTIMATED_ACCELERATION * limits.acceleration[j],
+                "max_jerk": _ESTIMATED_JERK * limits.jerk[j],
+                "max_effort": limits.effort[j],
+            }
+            for j, joint in enumerate(limits.joint_names)
+        },
+    )

@@ -180,6 +180,14 @@ class MovementPrimitive:
             raise PrimitiveFileError(
                 f"primitive '{self.name}' holds a variance that is not positive"
             )
+        model = self.model
+        for matrix in (model.weight_covariance, model.weight_precision, model.request_precision):
+            try:
+                np.linalg.cholesky(matrix)
+            except np.linalg.LinAlgError:
+                raise PrimitiveFileError(
+                    f"primitive '{self.name}' holds a covariance that is not positive definite"
+                ) from None
         if self.explained_variance.sum() > (1.0 + 1e-6) * self.total_variance.sum():
             raise PrimitiveFileError(
                 f"the components of primitive '{self.name}' explain more than all variance"
