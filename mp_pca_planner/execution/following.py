@@ -29,6 +29,8 @@ _CYCLE = 0.001
 # A robot is on time where that moves its commanded positions by less [rad or m], or at this rate
 # and lag [s], which servos and messages account for.
 _SAME_POSITION, _RATE_TOLERANCE = 5e-4, 0.07
+# The same in the first moments of a motion from rest.
+_SAME_AT_FIRST = 0.002
 # From so much difference on it is seen that a robot follows the newer of two motions, that it
 # follows the older, and that it rests at the end of the older, but for noise; up to so much it does
 # not matter [rad or m].
@@ -133,6 +135,8 @@ class MotionFollower:
         self._is_timed: bool
         self._is_lagging: bool
         self._is_arrived: bool
+        # Whether that motion continues another one.
+        self._is_joined: bool
         # Whether the robot may follow the motion before, elsewhere than on this one.
         self._is_doubtful: bool
         self._forget()
@@ -159,6 +163,7 @@ class MotionFollower:
                 self._unconfirmed_since = joined.time
             self._commanded, self._is_arrived = joined.motion, False
             self._commanded_since = joined.time
+            self._is_joined = joined.motion.began < joined.time
             self._is_path_known, self._is_timed = joined.is_path_known, joined.is_on_time
             place = joined.time - joined.motion.began - self._servo.lag * rate
             self._progress = Progress(joined.time, place, rate)
@@ -265,7 +270,7 @@ class MotionFollower:
         self._commanded = self._previous = None
         self._progress = self._previous_progress = Progress(0.0, 0.0)
         self._servo = ServoModel(len(self.measured.joint_names))
-        self._is_lagging = self._is_arrived = self._is_doubtful = False
+        self._is_lagging = self._is_arrived = self._is_doubtful = self._is_joined = False
         self._unconfirmed_since = self._commanded_since = 0.0
         self._is_path_known = self._is_timed = True
         self._noise = 0.0
@@ -295,7 +300,10 @@ class MotionFollower:
     def _is_on_time(self, motion: CommandedMotion, on_time: Progress, found: Progress) -> bool:
         places = np.array([on_time.place, found.place + self._servo.lag * found.rate])
         clock, path = motion.sample(places)[0]
-        is_near = np.abs(clock - path).max() <= _SAME_POSITION
+        # Where a motion begins, it is so slow that any error of the servos looks like a lag.
+        begins = self._is_timed and on_time.time < self._commanded_since + _BEGINNING
+        begins = begins and not self._is_joined
+        is_near = np.abs(clock - path).max() <= (_SAME_AT_FIRST if begins else _SAME_POSITION)
         lag = abs(on_time.place - found.place)
         has_no_lag = lag <= self._servo.longest_lag
         has_its_rate = abs(found.rate - 1.0) <= _RATE_TOLERANCE
