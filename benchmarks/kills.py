@@ -187,7 +187,8 @@ def kill_node(n: int, work: Path, random: np.random.Generator) -> list[str]:
             node.kill()
             node.wait()
             found = contents(folder)
-            changed = [name for name in before if found.get(name) != before[name]]
+            lasting = [name for name in before if not is_temporary(name)]
+            changed = [name for name in lasting if found.get(name) != before[name]]
             problems += [f"~/save_motion, kill {k}: '{name}' has changed" for name in changed]
             problems += [f"~/save_motion, kill {k}: {one}" for one in unreadable(folder)]
     n_kept = len([name for name in found if not is_temporary(name)]) - 2
