@@ -92,6 +92,12 @@ class StopPlanner:
         if following is None:
             # What it does now is estimated from what was measured of it.
             model = replace(model, limits=_drawn_in(model.limits))
+            if v.any():
+                # Since then it has moved on, evenly or more slowly.
+                way = v * max(now - states.measured.newest_time, 0.0)
+                moved = [JointState(names, state.positions + x * way, v) for x in (0.5, 1.0)]
+                ends = braking_ends(moved[0])
+                places += moved
         return self._stop_at_point([state, *places], ends, model, "")
 
     def _stop_on_path(self, model: Model) -> tuple[str, Joined, bool]:
