@@ -239,7 +239,7 @@ def _audit(event: str, arguments: tuple[Any, ...]) -> None:
 
 
 def check_seeds(seeds: Path, work: Path) -> None:
-    """Refuse to go on if a valid file is refused: then spoilt ones would try nothing."""
+    """Refuse to start if a valid file is refused: then spoilt ones would try nothing."""
     for name, one in FORMATS.items():
         for command_line in one.commands:
             shutil.rmtree(work, ignore_errors=True)

@@ -8,7 +8,6 @@ and closed again with right checksums: otherwise nothing behind the checksum wou
 
 from __future__ import annotations
 
-import hashlib
 import io
 import json
 import re
@@ -27,6 +26,7 @@ from rosbags.rosbag2 import Writer as Writer2
 from rosbags.typesys import Stores, get_typestore
 
 from mp_pca_planner.cli.main import main as command
+from mp_pca_planner.primitives.file import _checksum
 from mp_pca_planner.recordings.synthetic import JOINT_NAMES, continuous_recording, generate_motions
 from mp_pca_planner.resources import config_file
 
@@ -262,15 +262,6 @@ def _spoilt_array(array: Any, random: Random) -> Any:
         case 5:
             return array[..., : array.shape[-1] // 2] if array.ndim else array
     return None
-
-
-def _checksum(arrays: Any, metadata: Any) -> str:
-    digest = hashlib.sha256(json.dumps(metadata, sort_keys=True).encode())
-    for name in sorted(arrays):
-        array = np.ascontiguousarray(arrays[name])
-        digest.update(f"{name}{array.shape}".encode())
-        digest.update(array.tobytes())
-    return digest.hexdigest()
 
 
 def spoil_bag(path: Path, random: Random) -> None:

@@ -341,8 +341,8 @@ class MotionFollower:
         measured = positions[-1] - self._servo.offset
         new = motion.state(found.at(when)).positions
         old = self._previous.state(self._previous_progress.at(when)).positions
-        # Motions to goals that changed a little share their path: then their timing tells them
-        # apart, unless the robot is late on either.
+        # Motions to goals that changed a little share their path: then they differ by their timing,
+        # unless the robot is late on either.
         due = new
         if self._is_timed and not self._is_lagging:
             due = motion.state(when - motion.began - self._servo.lag).positions

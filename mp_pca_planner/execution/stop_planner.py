@@ -72,33 +72,32 @@ class StopPlanner:
                 pass
         names = measured.joint_names
         v = states.measured.velocities(measured)
-        state = JointState(names, measured.positions, v)
-        # What the controller itself takes for the state of a robot that moves.
-        places = [measured] if v.any() and measured.velocities.any() else []
-        if following is not None:
-            on_path = following.motion.state(following.progress.place)
-            if following.is_over:
-                said = "the robot is at rest and holds its position"
-                return said, Joined.on_receipt(hold(names, on_path.positions), now), True
-            by_clock = following.motion.state(now - following.motion.began)
-            places = [on_path, by_clock, *states.alternatives]
-        if not v.any():
-            if not places:
-                said = "the robot is at rest and holds its position"
-                return said, Joined.on_receipt(hold(names, state.positions), now), True
-            ends = ends_at(state.positions - states.load_offset)
-        else:
-            ends = braking_ends(state)
         if following is None:
-            # What it does now is estimated from what was measured of it.
-            model = replace(model, limits=_drawn_in(model.limits))
-            if v.any():
-                # Since then it has moved on, evenly or more slowly.
-                way = v * max(now - states.measured.newest_time, 0.0)
-                moved = [JointState(names, state.positions + x * way, v) for x in (0.5, 1.0)]
-                ends = braking_ends(moved[0])
-                places += moved
-        return self._stop_at_point([state, *places], ends, model, "")
+            return self._stop_unknown(measured, v, model)
+        on_path = following.motion.state(following.progress.place)
+        if following.is_over:
+            return _holding(names, on_path.positions, now)
+        state = JointState(names, measured.positions, v)
+        by_clock = following.motion.state(now - following.motion.began)
+        ends = braking_ends(state) if v.any() else ends_at(state.positions - states.load_offset)
+        places = [state, on_path, by_clock, *states.alternatives]
+        return self._stop_at_point(places, ends, model, "")
+
+    def _stop_unknown(
+        self, measured: JointState, v: FloatArray, model: Model
+    ) -> tuple[str, Joined, bool]:
+        """Stop a robot that follows no motion of ours: what it does is estimated."""
+        now = self._states.motion_time
+        names, q = measured.joint_names, measured.positions
+        if not v.any():
+            return _holding(names, q, now)
+        # Since it was heard of it has moved on, evenly or more slowly.
+        way = v * max(now - self._states.measured.newest_time, 0.0)
+        here, *moved = [JointState(names, q + share * way, v) for share in (0.0, 0.5, 1.0)]
+        # The controller itself takes the reported velocities for its own.
+        reported = [measured] if measured.velocities.any() else []
+        model = replace(model, limits=_drawn_in(model.limits))
+        return self._stop_at_point([here, *reported, *moved], braking_ends(moved[0]), model, "")
 
     def _stop_on_path(self, model: Model) -> tuple[str, Joined, bool]:
         settings, states = model.settings, self._states
@@ -140,6 +139,14 @@ class StopPlanner:
             stop = hold(states[0].joint_names, states[0].positions)
             said = "no stop within the limits was found: the robot is sent to hold its position"
         return said + more, Joined.to_last_point(stop, now), True
+
+
+def _holding(
+    joint_names: Sequence[str], positions: FloatArray, now: float
+) -> tuple[str, Joined, bool]:
+    """The answer to a stop of a robot at rest."""
+    said = "the robot is at rest and holds its position"
+    return said, Joined.on_receipt(hold(joint_names, positions), now), True
 
 
 def _drawn_in(limits: JointLimits) -> JointLimits:
