@@ -21,7 +21,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mp_pca_planner.benchmarking.problems import (
+from mp_pca_planner.evaluation.problems import (
     Problem,
     Scene,
     held_out_problems,
@@ -29,13 +29,13 @@ from mp_pca_planner.benchmarking.problems import (
     robot_file,
     scene_of,
 )
-from mp_pca_planner.cli.common import table
-from mp_pca_planner.goal import JointGoal, JointState
-from mp_pca_planner.limits import JointLimits
+from mp_pca_planner.motion.goal import JointGoal, JointState
 from mp_pca_planner.planning.plan import Plan, PlannerOptions
 from mp_pca_planner.planning.planner import Planner
+from mp_pca_planner.plotting.text import table
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
 from mp_pca_planner.primitives.primitive import MovementPrimitive
+from mp_pca_planner.robot.limits import JointLimits
 
 ROBOTS = ("human_arm", "panda", "ur5", "kinova")
 COMPONENTS = {"arm": 8, "joint": 4}

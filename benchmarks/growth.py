@@ -19,18 +19,18 @@ from pathlib import Path
 import numpy as np
 from example_robot_data.robots_loader import getModelPath
 
-from mp_pca_planner.benchmarking.problems import (
+from mp_pca_planner.evaluation.problems import (
     Problem,
     Scene,
     held_out_problems,
     robot_file,
     scene_of,
 )
-from mp_pca_planner.cli.common import table
-from mp_pca_planner.goal import JointGoal, JointState
+from mp_pca_planner.motion.goal import JointGoal, JointState
 from mp_pca_planner.planning.compiler import DEFAULT_NODES
 from mp_pca_planner.planning.plan import PlannerOptions
 from mp_pca_planner.planning.planner import Planner
+from mp_pca_planner.plotting.text import table
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
 
 NODES = (28, 56, 112, 224)

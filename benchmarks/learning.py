@@ -21,17 +21,17 @@ import xml.etree.ElementTree as ET
 import numpy as np
 
 from mp_pca_planner.arrays import FloatArray
-from mp_pca_planner.goal import JointGoal, JointState
 from mp_pca_planner.learning.family import family_around
 from mp_pca_planner.learning.refinement import RefinementCost, refine
 from mp_pca_planner.learning.trials import TrialLearner
+from mp_pca_planner.motion.goal import JointGoal, JointState
+from mp_pca_planner.motion.validation import check_limits
 from mp_pca_planner.planning.plan import Plan
 from mp_pca_planner.planning.planner import Planner
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
 from mp_pca_planner.recordings.synthetic import JOINT_NAMES, generate_motions
 from mp_pca_planner.resources import config_file
-from mp_pca_planner.robot import Robot
-from mp_pca_planner.validation import check_limits
+from mp_pca_planner.robot.model import Robot
 
 MODEL_ERROR = 0.3
 N_NEIGHBOURS = 5

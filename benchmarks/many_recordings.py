@@ -25,7 +25,7 @@ from pathlib import Path
 
 import numpy as np
 
-from mp_pca_planner.cli.common import table
+from mp_pca_planner.plotting.text import table
 from mp_pca_planner.primitives.build import build_from_statistics
 from mp_pca_planner.primitives.motion_statistics import MotionStatistics
 from mp_pca_planner.primitives.options import PrimitiveOptions

@@ -21,7 +21,15 @@ from pathlib import Path
 import numpy as np
 
 from mp_pca_planner.arrays import FloatArray
-from mp_pca_planner.cli.common import rms, table
+from mp_pca_planner.cli.common import rms
+from mp_pca_planner.mocap.marker_joint_states import (
+    MarkerSource,
+    SolvedMarkers,
+    marker_source,
+    solve_trajectories,
+)
+from mp_pca_planner.mocap.markers import MarkerTrajectories, read_markers
+from mp_pca_planner.plotting.text import table
 from mp_pca_planner.recordings.bags import (
     choose_topic,
     find_recordings,
@@ -29,13 +37,6 @@ from mp_pca_planner.recordings.bags import (
     read_joint_states,
     recording_names,
 )
-from mp_pca_planner.recordings.marker_joint_states import (
-    MarkerSource,
-    SolvedMarkers,
-    marker_source,
-    solve_trajectories,
-)
-from mp_pca_planner.recordings.markers import MarkerTrajectories, read_markers
 from mp_pca_planner.resources import config_file
 
 

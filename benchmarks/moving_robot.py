@@ -36,10 +36,10 @@ import numpy as np
 from referee import Verdict, judge
 from virtual_node import VirtualNode, scene_and_model
 
-from mp_pca_planner.benchmarking.problems import Scene
-from mp_pca_planner.cli.common import table
+from mp_pca_planner.evaluation.problems import Scene
 from mp_pca_planner.execution.assembly import Model
-from mp_pca_planner.goal import JointGoal, JointState
+from mp_pca_planner.motion.goal import JointGoal, JointState
+from mp_pca_planner.plotting.text import table
 
 EVENTS_IN_A_RUN = 10
 RATES = (1.0, 5.0, 20.0, 50.0)  # of streams of goals [Hz]

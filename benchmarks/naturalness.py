@@ -25,8 +25,10 @@ from pathlib import Path
 import numpy as np
 
 from mp_pca_planner.arrays import FloatArray
-from mp_pca_planner.cli.common import print_json, progress_bar, table
+from mp_pca_planner.cli.common import print_json, progress_bar
+from mp_pca_planner.evaluation.naturalness import BSPLINES, Comparison, Method, Prediction, compare
 from mp_pca_planner.exceptions import MissingDependencyError
+from mp_pca_planner.plotting.text import table
 from mp_pca_planner.primitives.alignment import arc_length_warp
 from mp_pca_planner.primitives.basis import PolynomialBasis
 from mp_pca_planner.primitives.build import PrimitiveOptions
@@ -34,8 +36,7 @@ from mp_pca_planner.primitives.differences import FINE_PHASES, MEASURES, by_way
 from mp_pca_planner.primitives.pace import PacedBasis, fit_paces
 from mp_pca_planner.recordings.demonstration import Demonstration
 from mp_pca_planner.recordings.load import load_recordings
-from mp_pca_planner.robot import Robot
-from mp_pca_planner.studies.naturalness import BSPLINES, Comparison, Method, Prediction, compare
+from mp_pca_planner.robot.model import Robot
 
 FEWEST = 5
 _N_DMP_STEPS = 500

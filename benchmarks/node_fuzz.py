@@ -4,7 +4,7 @@
 
 Run it as ``python benchmarks/node_fuzz.py``. After each step, the services are called, the
 parameters are reset, and a good goal must be served. It ends with status 1 if the node died, did
-not answer, or reported an internal error. `test/test_node_fuzz.py` runs a short one.
+not answer, or reported an internal error. `test/ros/test_node_fuzz.py` runs a short one.
 """
 
 from __future__ import annotations

@@ -16,18 +16,14 @@ import argparse
 import numpy as np
 from scipy.optimize import minimize
 
-from mp_pca_planner.benchmarking.problems import (
-    held_out_problems,
-    robot_file,
-    scene_of,
-)
-from mp_pca_planner.cli.common import table
-from mp_pca_planner.goal import JointGoal, JointState
+from mp_pca_planner.evaluation.problems import held_out_problems, robot_file, scene_of
+from mp_pca_planner.motion.goal import JointGoal, JointState
 from mp_pca_planner.planning import attempt
 from mp_pca_planner.planning.constraints import LimitedProgram
 from mp_pca_planner.planning.plan import SOLVED, PlannerOptions
 from mp_pca_planner.planning.planner import Planner
 from mp_pca_planner.planning.solver import Solution, solve
+from mp_pca_planner.plotting.text import table
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
 
 ROBOTS = ("human_arm", "panda", "ur5", "kinova")

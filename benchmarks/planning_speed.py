@@ -18,22 +18,22 @@ import time
 import numpy as np
 import pinocchio as pin
 
-from mp_pca_planner.benchmarking.check import RigidArm
-from mp_pca_planner.benchmarking.problems import (
+from mp_pca_planner.evaluation.check import RigidArm
+from mp_pca_planner.evaluation.problems import (
     Problem,
     Scene,
     held_out_problems,
     robot_file,
     scene_of,
 )
-from mp_pca_planner.cli.common import table
-from mp_pca_planner.goal import JointGoal, JointState
+from mp_pca_planner.motion.goal import JointGoal, JointState
 from mp_pca_planner.planning.compiler import MotionProgram, QuadratureTables
 from mp_pca_planner.planning.plan import Plan, PlannerOptions
 from mp_pca_planner.planning.planner import Planner
+from mp_pca_planner.plotting.text import table
 from mp_pca_planner.primitives.basis import Basis, BSplineBasis
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
-from mp_pca_planner.robot import Robot
+from mp_pca_planner.robot.model import Robot
 
 ROBOTS = ("human_arm", "panda")
 N_MANY_NODES = 200

@@ -18,17 +18,13 @@ from collections.abc import Callable
 
 import numpy as np
 
-from mp_pca_planner.benchmarking.problems import (
-    held_out_problems,
-    robot_file,
-    scene_of,
-)
-from mp_pca_planner.cli.common import table
-from mp_pca_planner.goal import JointGoal, JointState
+from mp_pca_planner.evaluation.problems import held_out_problems, robot_file, scene_of
+from mp_pca_planner.motion.goal import JointGoal, JointState
 from mp_pca_planner.planning import solver
 from mp_pca_planner.planning.plan import PlannerOptions
 from mp_pca_planner.planning.planner import Planner
 from mp_pca_planner.planning.quadratic import solve_quadratic
+from mp_pca_planner.plotting.text import table
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
 
 ROBOTS = ("human_arm", "panda", "ur5", "kinova")

@@ -21,7 +21,7 @@ from pathlib import Path
 
 import numpy as np
 
-from mp_pca_planner.cli.common import table
+from mp_pca_planner.plotting.text import table
 from mp_pca_planner.recordings.bags import NS_PER_S, write_joint_states
 
 JOINTS = [f"joint_{number}" for number in range(1, 8)]

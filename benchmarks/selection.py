@@ -19,15 +19,15 @@ from functools import partial
 
 import numpy as np
 
-from mp_pca_planner.cli.common import table
-from mp_pca_planner.goal import JointGoal, JointState
+from mp_pca_planner.motion.goal import JointGoal, JointState
 from mp_pca_planner.planning.plan import Plan
 from mp_pca_planner.planning.planner import Planner
 from mp_pca_planner.planning.selection import Selector, is_near
+from mp_pca_planner.plotting.text import table
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
 from mp_pca_planner.recordings.synthetic import JOINT_NAMES, generate_motions
 from mp_pca_planner.resources import config_file
-from mp_pca_planner.robot import Robot
+from mp_pca_planner.robot.model import Robot
 
 
 def main() -> None:

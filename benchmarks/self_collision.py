@@ -15,17 +15,17 @@ import time
 
 import numpy as np
 
-from mp_pca_planner.benchmarking.problems import (
+from mp_pca_planner.evaluation.problems import (
     Problem,
     held_out_problems,
     random_problems,
     robot_file,
     scene_of,
 )
-from mp_pca_planner.cli.common import table
-from mp_pca_planner.goal import JointGoal, JointState
-from mp_pca_planner.planning.collision import CollisionModel, package_folders
+from mp_pca_planner.motion.collision import CollisionModel, package_folders
+from mp_pca_planner.motion.goal import JointGoal, JointState
 from mp_pca_planner.planning.planner import Planner, PlannerOptions
+from mp_pca_planner.plotting.text import table
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
 
 ROBOTS = ("human_arm", "panda", "ur5", "kinova")

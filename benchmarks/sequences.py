@@ -18,15 +18,15 @@ from itertools import pairwise
 
 import numpy as np
 
-from mp_pca_planner.cli.common import table
-from mp_pca_planner.goal import JointGoal, JointState, Pose, SequenceGoal
+from mp_pca_planner.motion.goal import JointGoal, JointState, Pose, SequenceGoal
 from mp_pca_planner.planning.planner import Planner
 from mp_pca_planner.planning.selection import effort_of
 from mp_pca_planner.planning.sequence import OPTIMAL, REAL_TIME, SequencePlan, SequencePlanner
+from mp_pca_planner.plotting.text import table
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
 from mp_pca_planner.recordings.synthetic import JOINT_NAMES, generate_motions
 from mp_pca_planner.resources import config_file
-from mp_pca_planner.robot import Robot
+from mp_pca_planner.robot.model import Robot
 
 
 def main() -> None:

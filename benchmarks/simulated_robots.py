@@ -16,11 +16,11 @@ import time
 import numpy as np
 from referee import Verdict, judge
 
-from mp_pca_planner.benchmarking.problems import robot_file
-from mp_pca_planner.cli.common import table
-from mp_pca_planner.robot import Robot
+from mp_pca_planner.evaluation.problems import robot_file
+from mp_pca_planner.motion.trajectory import Trajectory
+from mp_pca_planner.plotting.text import table
+from mp_pca_planner.robot.model import Robot
 from mp_pca_planner.simulation import SimulatedRobot
-from mp_pca_planner.trajectory import Trajectory
 
 PAYLOAD = 3.0
 DURATION = 1.5

@@ -16,7 +16,7 @@ import argparse
 
 import numpy as np
 
-from mp_pca_planner.benchmarking.problems import (
+from mp_pca_planner.evaluation.problems import (
     Problem,
     Scene,
     held_out_problems,
@@ -24,11 +24,11 @@ from mp_pca_planner.benchmarking.problems import (
     robot_file,
     scene_of,
 )
-from mp_pca_planner.cli.common import table
-from mp_pca_planner.goal import JointGoal, JointState
+from mp_pca_planner.motion.goal import JointGoal, JointState
 from mp_pca_planner.planning.plan import SOLVED, PlannerOptions
 from mp_pca_planner.planning.planner import Planner
 from mp_pca_planner.planning.starts import MOST_STARTS
+from mp_pca_planner.plotting.text import table
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
 from mp_pca_planner.primitives.primitive import MovementPrimitive
 

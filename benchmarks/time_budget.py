@@ -16,16 +16,16 @@ import time
 
 import numpy as np
 
-from mp_pca_planner.benchmarking.problems import (
+from mp_pca_planner.evaluation.problems import (
     held_out_problems,
     random_problems,
     robot_file,
     scene_of,
 )
-from mp_pca_planner.cli.common import table
-from mp_pca_planner.goal import JointGoal, JointState
+from mp_pca_planner.motion.goal import JointGoal, JointState
 from mp_pca_planner.planning.plan import INFEASIBLE, SOLVED, STOPPED_EARLY, Plan, PlannerOptions
 from mp_pca_planner.planning.planner import Planner
+from mp_pca_planner.plotting.text import table
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
 
 VELOCITY = (2.175, 2.175, 2.175, 2.175, 2.61, 2.61, 2.61)

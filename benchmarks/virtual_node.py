@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from mp_pca_planner.benchmarking.problems import Scene, robot_file, scene_of
+from mp_pca_planner.evaluation.problems import Scene, robot_file, scene_of
 from mp_pca_planner.exceptions import PlannerError
 from mp_pca_planner.execution.assembly import Model, assemble_model
 from mp_pca_planner.execution.execution_monitor import ExecutionReport
@@ -25,7 +25,7 @@ from mp_pca_planner.execution.motion_server import MotionServer
 from mp_pca_planner.execution.newest_goal import CancelledError
 from mp_pca_planner.execution.parameters import Settings
 from mp_pca_planner.execution.start_state import StartStates
-from mp_pca_planner.goal import Goal, JointState
+from mp_pca_planner.motion.goal import Goal, JointState
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
 from mp_pca_planner.simulation import ControllerOptions, SimulatedRobot
 

@@ -29,19 +29,19 @@ import yaml
 
 from mp_pca_planner.control.closed_loop import Reference, Sampling, sample_times, simulate
 from mp_pca_planner.control.law import FEEDFORWARD_PD, ControlLaw, pair_law, paired_law
-from mp_pca_planner.goal import JointGoal, JointState
 from mp_pca_planner.learning.executions import measure_execution
 from mp_pca_planner.learning.family import family_around
 from mp_pca_planner.learning.refinement import refine
 from mp_pca_planner.learning.trials import TrialLearner
+from mp_pca_planner.motion.goal import JointGoal, JointState
+from mp_pca_planner.motion.trajectory import Trajectory
 from mp_pca_planner.planning.planner import Planner
 from mp_pca_planner.primitives.build import build_primitive
 from mp_pca_planner.primitives.file import save_primitive
 from mp_pca_planner.recordings.bags import write_joint_states
 from mp_pca_planner.recordings.synthetic import JOINT_NAMES, generate_motions
 from mp_pca_planner.resources import config_file
-from mp_pca_planner.robot import Robot
-from mp_pca_planner.trajectory import Trajectory
+from mp_pca_planner.robot.model import Robot
 
 MODEL_ERROR = 0.3
 NATURAL_FREQUENCY = 30.0

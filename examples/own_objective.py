@@ -12,14 +12,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from mp_pca_planner.goal import JointGoal, JointState
+from mp_pca_planner.motion.goal import JointGoal, JointState
 from mp_pca_planner.planning.objectives import Effort, Nodes, Residuals
 from mp_pca_planner.planning.plan import Plan, PlannerOptions
 from mp_pca_planner.planning.planner import Planner
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
 from mp_pca_planner.recordings.synthetic import JOINT_NAMES, generate_motions
 from mp_pca_planner.resources import config_file
-from mp_pca_planner.robot import Robot
+from mp_pca_planner.robot.model import Robot
 
 
 class NearAngle:

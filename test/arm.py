@@ -9,7 +9,7 @@ from mp_pca_planner.primitives.primitive import MovementPrimitive
 from mp_pca_planner.recordings.demonstration import Demonstration
 from mp_pca_planner.recordings.synthetic import JOINT_NAMES, generate_motions
 from mp_pca_planner.resources import config_file
-from mp_pca_planner.robot import Robot
+from mp_pca_planner.robot.model import Robot
 
 JOINTS = JOINT_NAMES
 

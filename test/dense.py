@@ -5,7 +5,7 @@
 import numpy as np
 from scipy.interpolate import BPoly
 
-from mp_pca_planner.trajectory import Trajectory
+from mp_pca_planner.motion.trajectory import Trajectory
 
 ORDERS = {"velocity": 1, "acceleration": 2, "jerk": 3}
 

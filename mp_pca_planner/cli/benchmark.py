@@ -9,8 +9,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from ..benchmarking.method import Method
-from ..benchmarking.problems import (
+from ..evaluation.method import Method
+from ..evaluation.problems import (
     EXAMPLE_ROBOTS,
     HUMAN_ARM,
     Scene,
@@ -20,10 +20,12 @@ from ..benchmarking.problems import (
     random_problems,
     robot_file,
 )
-from ..benchmarking.run import PEERS, Result, compare, ratios, set_up, summarise, unsolved
+from ..evaluation.run import PEERS, Result, compare, ratios, set_up, summarise, unsolved
 from ..exceptions import PlannerError, quote_names, unknown_name
+from ..plotting.drawing import Cloud, draw_comparison, require_matplotlib
+from ..plotting.text import table
 from ..primitives.primitive_library import load_primitives
-from ..robot import Robot
+from ..robot.model import Robot
 from .common import (
     CommandParser,
     check_output,
@@ -35,9 +37,7 @@ from .common import (
     run,
     seconds,
     seed,
-    table,
 )
-from .drawing import Cloud, draw_comparison, require_matplotlib
 from .terminal import DONE, say, written_lines
 
 _N_DEMONSTRATIONS = 40

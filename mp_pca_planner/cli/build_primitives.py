@@ -17,6 +17,11 @@ import numpy as np
 
 from ..exceptions import RecordingError
 from ..files import write_whole
+from ..mocap.marker_joint_states import MarkerSource, marker_source
+from ..plotting.drawing import require_matplotlib
+from ..plotting.report import REPORT_SAMPLES, report_page
+from ..plotting.units import prismatic_joints, unit_of
+from ..plotting.variance import variance_report
 from ..primitives.alignment import ALIGNMENTS
 from ..primitives.build import build_from_statistics
 from ..primitives.file import save_primitive
@@ -24,11 +29,10 @@ from ..primitives.motion_statistics import MotionStatistics
 from ..primitives.options import PrimitiveOptions
 from ..primitives.primitive import COUPLINGS, MovementPrimitive
 from ..recordings.load import RecordingSet, load_recordings
-from ..recordings.marker_joint_states import MarkerSource, marker_source
 from ..recordings.repair import MAX_GAP, MAX_GAP_PERIODS
 from ..recordings.segmentation import SegmentationOptions
 from ..recordings.segments_file import segments_table
-from ..robot import Robot
+from ..robot.model import Robot
 from .common import (
     JOBS,
     CommandParser,
@@ -40,11 +44,7 @@ from .common import (
     run,
     seconds,
 )
-from .drawing import require_matplotlib
-from .report import REPORT_SAMPLES, report_page
 from .terminal import DONE, complain, say
-from .units import prismatic_joints, unit_of
-from .variance import variance_report
 
 MAX_NAMES = 5
 """Further recordings that are named behind a note."""

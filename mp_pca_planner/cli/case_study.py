@@ -16,17 +16,18 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from ..evaluation.case_study import CaseStudy, study
 from ..exceptions import RecordingError
 from ..files import exists_already, write_whole
+from ..mocap.marker_joint_states import MarkerSource, marker_source, place_markers
+from ..plotting.case_study_page import case_study_page, draw_pictures
+from ..plotting.case_study_tables import facts, summary, tables
+from ..plotting.drawing import require_matplotlib
 from ..recordings.bags import write_markers
 from ..recordings.load import RecordingSet, load_recordings
-from ..recordings.marker_joint_states import MarkerSource, marker_source, place_markers
 from ..recordings.synthetic import continuous_recording, generate_motions
 from ..resources import config_file
-from ..robot import Robot
-from ..studies.case_study import CaseStudy, study
-from .case_study_page import case_study_page, draw_pictures
-from .case_study_tables import facts, summary, tables
+from ..robot.model import Robot
 from .common import (
     JOBS,
     CommandParser,
@@ -38,7 +39,6 @@ from .common import (
     progress_bar,
     run,
 )
-from .drawing import require_matplotlib
 from .terminal import DONE, say
 
 _N_GENERATED = 60

@@ -18,14 +18,14 @@ import numpy as np
 from tqdm import tqdm
 
 from ..arrays import FloatArray
-from ..exceptions import GoalError, PlannerError, RecordingError, printable, unknown_name
+from ..exceptions import GoalError, PlannerError, RecordingError, unknown_name
 from ..files import check_writable
-from ..limits import JointLimits, read_limits_file
+from ..robot.limits import JointLimits, read_limits_file
 from .terminal import DEBUG, DEBUG_HELP, OneLineParser, say
 
 if TYPE_CHECKING:
     from ..recordings.load import RecordingSet
-    from ..robot import Robot
+    from ..robot.model import Robot
 
 Progress = Callable[[int, int], None]
 
@@ -317,19 +317,6 @@ def _finite(text: str, what: str) -> float:
     return value
 
 
-def table(rows: Sequence[Sequence[str]], *, header: Sequence[str]) -> str:
-    """Lines of columns, the first aligned left and the others right; foreign text is escaped."""
-    lines = [[printable(cell) for cell in row] for row in (header, *rows)]
-    widths = [max(len(line[i]) for line in lines) for i in range(len(header))]
-    return "\n".join(
-        "  ".join(
-            cell.ljust(width) if i == 0 else cell.rjust(width)
-            for i, (cell, width) in enumerate(zip(line, widths, strict=True))
-        ).rstrip()
-        for line in lines
-    )
-
-
 def known(values: Mapping[str, str], names: Sequence[str] | None = None) -> dict[str, str]:
     """Values of a report by name, without those that are unknown or were not asked for.
 
@@ -350,11 +337,6 @@ def short(value: str) -> str:
         return value if value.lstrip("-").isdigit() else f"{float(value):.4g}"
     except ValueError:
         return value
-
-
-def percent(share: float) -> str:
-    """A share as a percentage with two decimals, as in [P] Table 2."""
-    return f"{100.0 * share:.2f}"
 
 
 def rms(values: FloatArray) -> float:

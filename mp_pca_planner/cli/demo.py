@@ -19,23 +19,24 @@ import yaml
 from ..arrays import FloatArray
 from ..exceptions import MissingDependencyError, PlannerError
 from ..files import write_whole
-from ..goal import JointGoal, JointState
-from ..limits import JointLimits
+from ..motion.goal import JointGoal, JointState
+from ..motion.trajectory import Trajectory
+from ..motion.validation import check_executable, check_limits
 from ..planning.plan import Plan, PlannerOptions
 from ..planning.planner import Planner
+from ..plotting.drawing import draw_arm, draw_motion, draw_primitive, require_matplotlib
+from ..plotting.text import table
 from ..primitives.file import load_primitive
 from ..primitives.primitive import MovementPrimitive
 from ..recordings.bags import write_joint_states
 from ..recordings.load import load_recordings
 from ..recordings.synthetic import JOINT_NAMES, continuous_recording, generate_motions
 from ..resources import config_file
-from ..robot import Robot
-from ..trajectory import Trajectory
-from ..validation import check_executable, check_limits
+from ..robot.limits import JointLimits
+from ..robot.model import Robot
 from . import build_primitives
 from .children import Children
-from .common import CommandParser, make_folder, run, table
-from .drawing import draw_arm, draw_motion, draw_primitive, require_matplotlib
+from .common import CommandParser, make_folder, run
 from .terminal import DONE, FAILED, say
 
 if TYPE_CHECKING:

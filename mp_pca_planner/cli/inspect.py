@@ -13,16 +13,17 @@ import numpy as np
 
 from ..control.statement import control_statement
 from ..exceptions import MAX_NAMES, PlannerError
+from ..mocap.markers import MarkerFinding
+from ..plotting.text import table
+from ..plotting.units import prismatic_joints, unit_of
+from ..plotting.variance import variance_report
 from ..primitives.file import load_primitive
 from ..primitives.primitive import MovementPrimitive
 from ..recordings.bags import find_recordings
 from ..recordings.load import RecordingInspection, inspect_recording
-from ..recordings.markers import MarkerFinding
 from ..recordings.repair import REPAIRS
-from .common import CommandParser, print_json, run, table
+from .common import CommandParser, print_json, run
 from .terminal import DONE, REFUSED, complain, say
-from .units import prismatic_joints, unit_of
-from .variance import variance_report
 
 
 def main(argv: Sequence[str] | None = None) -> int:

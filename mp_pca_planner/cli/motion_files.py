@@ -15,12 +15,12 @@ import numpy as np
 from ..arrays import FloatArray
 from ..exceptions import PlannerError
 from ..files import check_writable, write_whole
+from ..motion.trajectory import Trajectory
 from ..planning.plan import Plan
 from ..planning.sequence import SequencePlan
+from ..plotting.drawing import require_matplotlib
 from ..recordings.bags import FORMAT_OF_SUFFIX, write_joint_trajectory
-from ..trajectory import Trajectory
 from .common import check_output, json_text
-from .drawing import require_matplotlib
 from .terminal import written_lines
 
 

@@ -12,16 +12,17 @@ from typing import Any
 import numpy as np
 
 from ..exceptions import GoalError, PlannerError
-from ..goal import JointGoal, JointState, Pose, PoseGoal, Via
-from ..planning.collision import CollisionModel, package_folders
+from ..motion.collision import CollisionModel, package_folders
+from ..motion.goal import JointGoal, JointState, Pose, PoseGoal, Via
 from ..planning.objectives import OBJECTIVES, Objective, objective_by_name
 from ..planning.plan import BASES, DEMONSTRATED, FREE, SHORTEST, Plan, PlannerOptions
 from ..planning.planner import Planner
 from ..planning.remarks import remarks
 from ..planning.request import LONGEST_DURATION
 from ..planning.starts import MOST_STARTS
+from ..plotting.drawing import draw_motion
 from ..primitives.primitive_library import load_primitives
-from ..robot import Robot
+from ..robot.model import Robot
 from .common import (
     CommandParser,
     joint_values,
@@ -32,7 +33,6 @@ from .common import (
     run,
     whole,
 )
-from .drawing import draw_motion
 from .motion_files import check_outputs, output_lines, trajectory_columns, write_trajectory
 from .states import (
     VALUES,

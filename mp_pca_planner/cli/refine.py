@@ -17,8 +17,7 @@ from ..learning.family import family_around
 from ..learning.refined_motion import RefinedMotion
 from ..learning.refinement import AcceptedMotion, RefinementOptions, refine
 from ..learning.trials import TrialLearner
-from ..limits import JointLimits
-from ..planning.collision import NOT_CHECKED, CollisionModel
+from ..motion.collision import NOT_CHECKED, CollisionModel
 from ..planning.motion import Motion
 from ..planning.plan import Plan
 from ..planning.planner import Planner
@@ -26,7 +25,8 @@ from ..planning.remarks import remarks
 from ..planning.sequence import OPTIMAL, SequencePlan, SequencePlanner
 from ..primitives.file import save_primitive
 from ..primitives.primitive import MovementPrimitive
-from ..robot import Robot
+from ..robot.limits import JointLimits
+from ..robot.model import Robot
 from .common import (
     CommandParser,
     check_output,

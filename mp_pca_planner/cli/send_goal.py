@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from importlib.util import find_spec
 
 from ..exceptions import GoalError, MissingDependencyError, quote_names
-from ..goal import JointState, SequenceGoal
+from ..motion.goal import JointState, SequenceGoal
 from .common import (
     REPORTED,
     CommandParser,

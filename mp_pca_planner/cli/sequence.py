@@ -9,12 +9,13 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from ..goal import JointState, SequenceGoal
+from ..motion.goal import JointState, SequenceGoal
 from ..planning.plan import PlannerOptions
 from ..planning.remarks import remarks
 from ..planning.sequence import MODES, OPTIMAL, SequencePlan, SequencePlanner
+from ..plotting.drawing import draw_motion
 from ..primitives.primitive_library import load_primitives
-from ..robot import Robot
+from ..robot.model import Robot
 from .common import (
     CommandParser,
     Stop,
@@ -25,7 +26,6 @@ from .common import (
     run,
     split_time,
 )
-from .drawing import draw_motion
 from .motion_files import check_outputs, output_lines, trajectory_columns, write_trajectory
 from .plan import NATURALNESS, SAMPLE_PERIOD, add_collision_options, collision_model, target
 from .states import (

@@ -20,7 +20,7 @@ import numpy as np
 from ..arrays import FloatArray
 from ..exceptions import MissingDependencyError
 from ..files import write_whole
-from ..robot import Robot
+from ..robot.model import Robot
 from .common import (
     CommandParser,
     check_output,

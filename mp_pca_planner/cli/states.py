@@ -11,13 +11,13 @@ from typing import Any
 import numpy as np
 
 from ..arrays import FloatArray, by_name, name_values
-from ..goal import JointState
-from ..planning.collision import CollisionModel
+from ..motion.collision import CollisionModel
+from ..motion.goal import JointState
+from ..motion.trajectory import Trajectory
 from ..planning.motion import Motion
 from ..planning.plan import INFEASIBLE, STOPPED_EARLY, Plan
 from ..planning.remarks import remarks
 from ..planning.sequence import SequencePlan
-from ..trajectory import Trajectory
 
 VALUES = "name=value,… or values in the robot description's joint order [rad or m]"
 """How help texts describe what :func:`joint_values` reads."""

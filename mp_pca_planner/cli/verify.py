@@ -21,6 +21,7 @@ from ..exceptions import ControlError
 from ..files import check_writable, write_whole
 from ..planning.plan import Plan
 from ..planning.planner import Planner
+from ..plotting.text import table
 from ..primitives.file import save_primitive
 from .common import (
     CommandParser,
@@ -32,7 +33,6 @@ from .common import (
     progress_bar,
     run,
     seed,
-    table,
     whole,
 )
 from .plan import add_request_options, asked, plan_request

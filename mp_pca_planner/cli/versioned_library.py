@@ -10,9 +10,10 @@ from dataclasses import asdict
 from pathlib import Path
 
 from ..exceptions import PrimitiveError
+from ..plotting.text import table
 from ..primitives.file import load_primitive
 from ..primitives.versioned_library import Change, VersionedLibrary
-from .common import CommandParser, print_json, run, table
+from .common import CommandParser, print_json, run
 from .terminal import DONE, say
 
 ACTIONS = ("list", "history", "add", "retire", "rollback")

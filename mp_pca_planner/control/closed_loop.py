@@ -15,8 +15,8 @@ from scipy.interpolate import BPoly
 
 from ..arrays import FloatArray
 from ..exceptions import ControlError
-from ..robot import Robot
-from ..trajectory import Trajectory
+from ..motion.trajectory import Trajectory
+from ..robot.model import Robot
 from .law import COMPUTED_TORQUE, ControlLaw
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..arrays import FloatArray
 from ..exceptions import ControlError
-from ..robot import Robot
+from ..robot.model import Robot
 
 
 @dataclass(frozen=True, eq=False)

@@ -22,9 +22,9 @@ from numpy.typing import ArrayLike
 
 from ..arrays import FloatArray, frozen_array, unique_names
 from ..exceptions import ControlError, PrimitiveFileError
+from ..motion.trajectory import Trajectory
 from ..primitives.primitive import MovementPrimitive
-from ..robot import Robot
-from ..trajectory import Trajectory
+from ..robot.model import Robot
 
 FEEDFORWARD_PD, COMPUTED_TORQUE = "feedforward_pd", "computed_torque"
 KINDS = (FEEDFORWARD_PD, COMPUTED_TORQUE)

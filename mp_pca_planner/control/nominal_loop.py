@@ -8,8 +8,8 @@ import numpy as np
 from scipy.linalg import expm
 
 from ..arrays import FloatArray
-from ..robot import Robot
-from ..trajectory import Trajectory
+from ..motion.trajectory import Trajectory
+from ..robot.model import Robot
 from .closed_loop import Reference, Sampling, sample_times, simulate
 from .law import COMPUTED_TORQUE, ControlLaw
 

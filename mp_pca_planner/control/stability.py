@@ -38,8 +38,8 @@ import numpy as np
 
 from ..arrays import FloatArray, frozen_array
 from ..exceptions import ControlError
-from ..robot import Robot
-from ..trajectory import Trajectory
+from ..motion.trajectory import Trajectory
+from ..robot.model import Robot
 from .closed_loop import DEFAULT_SAMPLING, Sampling
 from .errors import ErrorModel
 from .law import COMPUTED_TORQUE, ControlLaw

@@ -9,9 +9,9 @@ from typing import Any
 
 from ..arrays import by_name, name_values
 from ..exceptions import PrimitiveFileError
+from ..motion.trajectory import Trajectory
 from ..primitives.primitive import MovementPrimitive
-from ..robot import Robot
-from ..trajectory import Trajectory
+from ..robot.model import Robot
 from .law import known_stability, paired_law
 
 NO_LAW = "none; run verify to pair one with this primitive"

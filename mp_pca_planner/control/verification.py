@@ -10,8 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..arrays import FloatArray
-from ..robot import Robot
-from ..trajectory import Trajectory
+from ..motion.trajectory import Trajectory
+from ..robot.model import Robot
 from .closed_loop import DEFAULT_SAMPLING, Sampling, simulate
 from .errors import ErrorModel
 from .law import ControlLaw

@@ -14,13 +14,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..arrays import FloatArray
-from ..goal import JointState
-from ..interpolation import hermite_functions
-from ..limits import JointLimits
+from ..motion.goal import JointState
+from ..motion.interpolation import hermite_functions
+from ..motion.trajectory import Trajectory
+from ..motion.validation import LimitCheck, check_limits
 from ..planning.plan import SOLVED
-from ..robot import Robot
-from ..trajectory import Trajectory
-from ..validation import LimitCheck, check_limits
+from ..robot.limits import JointLimits
+from ..robot.model import Robot
 from .commanded import CommandedMotion
 
 # Shortest displacement [s], and how much longer each next one is that is tried.

@@ -11,12 +11,12 @@ from typing import Any
 
 from ..arrays import FloatArray
 from ..exceptions import unknown_name
-from ..limits import JointLimits, read_limits_file
-from ..planning.collision import CollisionModel, package_folders
+from ..motion.collision import CollisionModel, package_folders
 from ..planning.planner import Planner
 from ..planning.sequence import SequencePlanner
 from ..primitives.primitive import MovementPrimitive
-from ..robot import Robot
+from ..robot.limits import JointLimits, read_limits_file
+from ..robot.model import Robot
 from .newest_goal import CancelledError
 from .parameters import ParameterError, Settings
 

@@ -14,9 +14,9 @@ from functools import cached_property
 import numpy as np
 
 from ..arrays import FloatArray
-from ..goal import JointState
-from ..interpolation import hermite_functions, segment_ends
-from ..trajectory import Trajectory
+from ..motion.goal import JointState
+from ..motion.interpolation import hermite_functions, segment_ends
+from ..motion.trajectory import Trajectory
 
 # Messages give times in nanoseconds. Between points that are nearer to each other than this [s],
 # that rounding would be a jerk; where the wait is shorter, there is nothing to lead with.

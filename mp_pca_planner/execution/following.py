@@ -12,7 +12,7 @@ import numpy as np
 
 from ..arrays import FloatArray
 from ..exceptions import TrajectoryError
-from ..goal import JointState
+from ..motion.goal import JointState
 from .commanded import CommandedMotion
 from .joined import Joined
 from .measured import Clock, MeasuredStates, StateReader

@@ -9,7 +9,7 @@ from collections import defaultdict, deque
 
 import numpy as np
 
-from ..goal import Goal
+from ..motion.goal import Goal
 
 # Enough for a 99th percentile; older ones say little about the present.
 _N_REMEMBERED = 1000

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..arrays import FloatArray
-from ..trajectory import Trajectory
+from ..motion.trajectory import Trajectory
 from .commanded import CommandedMotion
 
 TRANSPORT = 0.02

@@ -14,7 +14,7 @@ import numpy as np
 
 from ..arrays import FloatArray
 from ..exceptions import GoalError, quote_names
-from ..goal import JointState
+from ..motion.goal import JointState
 
 REST_VELOCITY = 0.01
 """Velocity up to which a robot counts as at rest [rad/s or m/s]: the noise of encoders."""

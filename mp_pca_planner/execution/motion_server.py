@@ -16,11 +16,11 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 
 from ..exceptions import GoalError, TrajectoryError
-from ..goal import Goal, JointGoal, JointState, PoseGoal, SequenceGoal
+from ..motion.goal import Goal, JointGoal, JointState, PoseGoal, SequenceGoal
+from ..motion.trajectory import Trajectory
+from ..motion.validation import check_executable, check_limits
 from ..planning.plan import Plan
 from ..planning.sequence import SequencePlan
-from ..trajectory import Trajectory
-from ..validation import check_executable, check_limits
 from .adaptation import AdaptedPlan, displaced, effort_cost
 from .assembly import Model
 from .commanded import CommandedMotion

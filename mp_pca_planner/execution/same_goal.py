@@ -8,7 +8,7 @@ from itertools import starmap
 
 import numpy as np
 
-from ..goal import Goal, JointGoal, JointState, Pose, SequenceGoal
+from ..motion.goal import Goal, JointGoal, JointState, Pose, SequenceGoal
 
 # Goals that are nearer to each other than this are the same [rad or m]: controllers and encoders
 # resolve no more.

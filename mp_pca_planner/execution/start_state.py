@@ -10,8 +10,8 @@ import numpy as np
 
 from ..arrays import FloatArray
 from ..exceptions import GoalError, TrajectoryError
-from ..goal import JointState
-from ..trajectory import Trajectory
+from ..motion.goal import JointState
+from ..motion.trajectory import Trajectory
 from .commanded import CommandedMotion
 from .following import LAGGING, OFF, ON_TIME, Following, MotionFollower
 from .joined import TRANSPORT, USUAL_TRANSPORT, Joined

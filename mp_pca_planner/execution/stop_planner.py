@@ -11,8 +11,8 @@ import numpy as np
 
 from ..arrays import FloatArray
 from ..exceptions import GoalError
-from ..goal import JointState
-from ..limits import JointLimits
+from ..motion.goal import JointState
+from ..robot.limits import JointLimits
 from .assembly import Model
 from .following import UnconfirmedError
 from .joined import Joined

@@ -15,11 +15,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..arrays import FloatArray
-from ..goal import JointState
-from ..limits import JointLimits
-from ..robot import Robot
-from ..trajectory import Trajectory
-from ..validation import check_limits
+from ..motion.goal import JointState
+from ..motion.trajectory import Trajectory
+from ..motion.validation import check_limits
+from ..robot.limits import JointLimits
+from ..robot.model import Robot
 from .commanded import CommandedMotion
 
 # Times that a stop may take [s]; the shortest that the limits allow is used.

@@ -22,12 +22,12 @@ import numpy as np
 
 from ..arrays import FloatArray
 from ..exceptions import GoalError, LearningError, PlannerError, TrajectoryError
-from ..goal import JointGoal, JointState
 from ..learning.refined_motion import RefinedMotion
 from ..learning.refinement import ExecutableMotions, RefinementCost, RefinementOptions, refine
 from ..learning.trials import TrialLearner, read_request
+from ..motion.goal import JointGoal, JointState
 from ..planning.plan import Plan
-from ..robot import Robot
+from ..robot.model import Robot
 from .assembly import Model
 
 # Goals whose learners are kept in memory; the others' trials are in their files.

@@ -13,9 +13,9 @@ from scipy.integrate import trapezoid
 
 from ..arrays import FloatArray
 from ..exceptions import RecordingError, quote_names
+from ..motion.trajectory import Trajectory
+from ..motion.validation import interpolate
 from ..recordings.bags import JOINT_STATE, NS_PER_S, Bag, Stored, choose_topic, open_bag
-from ..trajectory import Trajectory
-from ..validation import interpolate
 
 # Steps in which the start of the motion is looked for in the recording [s].
 _STEP = 0.005

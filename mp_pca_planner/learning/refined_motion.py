@@ -18,10 +18,10 @@ import numpy as np
 
 from ..arrays import FloatArray, frozen_array
 from ..exceptions import PlannerError
+from ..motion.trajectory import Trajectory
 from ..planning.motion import Motion
 from ..primitives.boundary import boundary_values, hermite_functions
-from ..robot import Robot
-from ..trajectory import Trajectory
+from ..robot.model import Robot
 from .warp import N_WARP_PARAMETERS, evaluate_warp
 
 AMPLITUDE, LOG_DURATION = 0, 1

@@ -14,12 +14,12 @@ from scipy.optimize import OptimizeResult, minimize
 
 from ..arrays import FloatArray
 from ..exceptions import GoalError, TrajectoryError
-from ..limits import JointLimits
-from ..planning.collision import CollisionModel
+from ..motion.collision import CollisionModel
+from ..motion.trajectory import Trajectory
+from ..motion.validation import LimitCheck, check_executable, check_limits
 from ..planning.motion import Motion
-from ..robot import Robot
-from ..trajectory import Trajectory
-from ..validation import LimitCheck, check_executable, check_limits
+from ..robot.limits import JointLimits
+from ..robot.model import Robot
 from .refined_motion import (
     LOG_DURATION,
     N_PARAMETERS,

@@ -23,10 +23,10 @@ from ..arrays import FloatArray, frozen_array
 from ..exceptions import LearningError, MissingDependencyError, TrajectoryError
 from ..files import read_text, reading, write_whole
 from ..json_content import check_form, load_json
-from ..limits import JointLimits
-from ..planning.collision import CollisionModel
+from ..motion.collision import CollisionModel
 from ..planning.motion import Motion
-from ..robot import Robot
+from ..robot.limits import JointLimits
+from ..robot.model import Robot
 from .refined_motion import LOG_DURATION, RefinedMotion
 from .refinement import BOUNDS, AcceptedMotion, ExecutableMotions, RefinementOptions
 

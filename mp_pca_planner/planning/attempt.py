@@ -15,13 +15,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..arrays import FloatArray
-from ..goal import JointState
-from ..limits import JointLimits
-from ..robot import Robot
-from ..trajectory import Trajectory
-from ..validation import LimitCheck, check_limits
+from ..motion.collision import Collision, CollisionModel
+from ..motion.goal import JointState
+from ..motion.trajectory import Trajectory
+from ..motion.validation import LimitCheck, check_limits
+from ..robot.limits import JointLimits
+from ..robot.model import Robot
 from .clearance import ClearProgram, Watch, watches_of
-from .collision import Collision, CollisionModel
 from .compiler import MotionProgram
 from .conditions import Condition
 from .constraints import LimitedProgram

@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import FloatArray
+from ..motion.collision import Collision, CollisionModel
 from ..primitives.basis import Basis
-from .collision import Collision, CollisionModel
 from .compiler import Rows, StateMap, Unknowns, hermite_tables
 from .constraints import LimitedPoint, LimitedProgram
 

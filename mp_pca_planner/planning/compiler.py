@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from ..arrays import FloatArray
 from ..primitives.basis import Basis
 from ..primitives.boundary import hermite_functions
-from ..robot import Robot
+from ..robot.model import Robot
 from .conditions import Condition
 from .objectives import QUANTITIES, Effort, Nodes, Objective, Residuals
 

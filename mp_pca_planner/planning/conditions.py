@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import FloatArray
-from ..goal import Pose
-from ..robot import Robot
+from ..motion.goal import Pose
+from ..robot.model import Robot
 
 
 class Target(Protocol):

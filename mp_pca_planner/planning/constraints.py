@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import FloatArray
-from ..limits import JointLimits
-from ..validation import Violation
+from ..motion.validation import Violation
+from ..robot.limits import JointLimits
 from .compiler import (
     N_RATES,
     Linearisation,

@@ -15,9 +15,9 @@ import numpy as np
 
 from ..arrays import FloatArray
 from ..exceptions import GoalError, TrajectoryError
-from ..goal import JointState
-from ..limits import JointLimits
-from ..robot import Robot
+from ..motion.goal import JointState
+from ..robot.limits import JointLimits
+from ..robot.model import Robot
 from .attempt import Attempt, MotionSolver, condition_errors
 from .compiler import QuadratureTables
 from .conditions import PoseTarget, Target

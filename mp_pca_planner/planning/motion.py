@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..arrays import FloatArray
-from ..goal import JointState
+from ..motion.goal import JointState
 from ..primitives.basis import Basis
 from ..primitives.boundary import boundary_values, hermite_functions
 

@@ -18,7 +18,7 @@ import numpy as np
 
 from ..arrays import FloatArray
 from ..exceptions import GoalError, unknown_name
-from ..robot import Robot
+from ..robot.model import Robot
 
 QUANTITIES = ("positions", "velocities", "accelerations", "jerks", "efforts")
 """What residuals may depend on."""

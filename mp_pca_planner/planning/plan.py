@@ -10,8 +10,8 @@ import numpy as np
 
 from ..arrays import FloatArray
 from ..exceptions import GoalError
-from ..trajectory import Trajectory
-from ..validation import LimitCheck
+from ..motion.trajectory import Trajectory
+from ..motion.validation import LimitCheck
 from .compiler import DEFAULT_NODES
 from .motion import Motion
 from .objectives import Effort, Objective

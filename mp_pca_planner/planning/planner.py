@@ -12,14 +12,14 @@ import numpy as np
 
 from ..arrays import FloatArray
 from ..exceptions import GoalError, PrimitiveError, quote_names
-from ..goal import JointGoal, JointState, PoseGoal
-from ..limits import JointLimits
+from ..motion.collision import CollisionModel
+from ..motion.goal import JointGoal, JointState, PoseGoal
+from ..motion.validation import check_limits, require_effort_limits
 from ..primitives.basis import Basis, BSplineBasis
 from ..primitives.primitive import MovementPrimitive
-from ..robot import Robot
-from ..validation import check_limits, require_effort_limits
+from ..robot.limits import JointLimits
+from ..robot.model import Robot
 from .attempt import NEAR_EXPECTED, Attempt, MotionSolver, condition_errors, largest
-from .collision import CollisionModel
 from .compiler import QuadratureTables
 from .conditions import PoseTarget
 from .constraints import LimitTables

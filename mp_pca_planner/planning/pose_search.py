@@ -15,9 +15,9 @@ import numpy as np
 
 from ..arrays import FloatArray
 from ..exceptions import GoalError
-from ..goal import Pose
-from ..limits import JointLimits
-from ..robot import Robot
+from ..motion.goal import Pose
+from ..robot.limits import JointLimits
+from ..robot.model import Robot
 
 POSE_TOLERANCE = 1e-6
 """Largest distance from a pose that counts as none [m or rad]."""

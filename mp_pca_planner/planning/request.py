@@ -11,12 +11,12 @@ import numpy as np
 
 from ..arrays import FloatArray
 from ..exceptions import GoalError
-from ..goal import JointGoal, JointState, Pose, PoseGoal, Via
-from ..limits import JointLimits
+from ..motion.goal import JointGoal, JointState, Pose, PoseGoal, Via
 from ..primitives.boundary import hermite_functions
 from ..primitives.conditional_model import ConditionalDistribution
 from ..primitives.primitive import MovementPrimitive
-from ..robot import Robot
+from ..robot.limits import JointLimits
+from ..robot.model import Robot
 from .conditions import Condition, JointTarget, PoseTarget, Target
 from .plan import SHORTEST, PlannerOptions
 from .pose_search import configurations_at, starts_near

@@ -19,11 +19,11 @@ from numpy.typing import NDArray
 
 from ..arrays import FloatArray
 from ..exceptions import GoalError, quote_names, unknown_name
-from ..goal import JointState
+from ..motion.goal import JointState
 from ..primitives.conditional_model import ConditionalDistribution
 from ..primitives.covariances import marginal_precision
 from ..primitives.primitive import MovementPrimitive
-from ..robot import Robot
+from ..robot.model import Robot
 from .compiler import QuadratureTables
 from .motion import Motion
 from .objectives import Effort, Nodes, Objective

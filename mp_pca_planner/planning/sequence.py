@@ -26,13 +26,13 @@ import numpy as np
 
 from ..arrays import FloatArray
 from ..exceptions import GoalError, TrajectoryError
-from ..goal import JointState, Pose, SequenceGoal
-from ..limits import JointLimits
+from ..motion.collision import NOT_CHECKED, Collision, CollisionModel
+from ..motion.goal import JointState, Pose, SequenceGoal
+from ..motion.trajectory import Trajectory
+from ..motion.validation import LimitCheck, check_executable, check_limits
 from ..primitives.primitive import MovementPrimitive
-from ..robot import Robot
-from ..trajectory import Trajectory
-from ..validation import LimitCheck, check_executable, check_limits
-from .collision import NOT_CHECKED, Collision, CollisionModel
+from ..robot.limits import JointLimits
+from ..robot.model import Robot
 from .conditions import JointTarget, PoseTarget, Target
 from .motion import Motion
 from .plan import INFEASIBLE, SOLVED, STOPPED_EARLY

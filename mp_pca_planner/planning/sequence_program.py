@@ -16,12 +16,12 @@ from numpy.typing import NDArray
 from scipy.linalg import LinAlgError, cho_solve_banded, cholesky_banded
 
 from ..arrays import FloatArray
-from ..goal import JointState
-from ..limits import JointLimits
+from ..motion.goal import JointState
 from ..primitives.basis import Basis
 from ..primitives.boundary import boundary_values, hermite_functions
 from ..primitives.conditional_model import ConditionalDistribution
-from ..robot import Robot
+from ..robot.limits import JointLimits
+from ..robot.model import Robot
 from .compiler import QuadratureTables
 from .conditions import PoseTarget
 from .motion import Motion

@@ -18,7 +18,7 @@ import numpy as np
 
 from ..arrays import FloatArray
 from ..exceptions import TrajectoryError
-from ..goal import JointState
+from ..motion.goal import JointState
 from ..primitives.conditional_model import ConditionalDistribution
 from ..primitives.primitive import MovementPrimitive
 from .conditions import Target

@@ -10,9 +10,9 @@ import numpy as np
 
 from ..arrays import FloatArray
 from ..exceptions import GoalError, quote_names, unknown_name
-from ..goal import JointState
-from ..limits import JointLimits
-from ..robot import Robot
+from ..motion.goal import JointState
+from ..robot.limits import JointLimits
+from ..robot.model import Robot
 
 # Where there is no limit: no robot has positions, velocities or accelerations beyond [SI].
 _NO_ROBOT = 1e6

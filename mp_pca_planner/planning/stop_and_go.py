@@ -18,12 +18,12 @@ import numpy as np
 
 from ..arrays import FloatArray
 from ..exceptions import TrajectoryError
-from ..goal import JointState
-from ..interpolation import hermite_functions, segment_ends
-from ..limits import JointLimits
-from ..robot import Robot
-from ..trajectory import Trajectory
-from ..validation import LimitCheck, check_limits
+from ..motion.goal import JointState
+from ..motion.interpolation import hermite_functions, segment_ends
+from ..motion.trajectory import Trajectory
+from ..motion.validation import LimitCheck, check_limits
+from ..robot.limits import JointLimits
+from ..robot.model import Robot
 from .motion import Motion
 
 # Largest velocity, acceleration and jerk of the minimum-jerk motion of distance 1 in a time of 1.

@@ -9,10 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..exceptions import TrajectoryError
-from ..limits import JointLimits
-from ..validation import check_executable
+from ..motion.collision import NOT_CHECKED, CollisionModel
+from ..motion.validation import check_executable
+from ..robot.limits import JointLimits
 from .attempt import Attempt
-from .collision import NOT_CHECKED, CollisionModel
 from .fallback import Fallback
 from .objectives import Effort
 from .plan import DEMONSTRATED, INFEASIBLE, SOLVED, STOPPED_EARLY, PlannerOptions

@@ -12,7 +12,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..arrays import FloatArray
-from ..interpolation import hermite_functions as hermite_functions
+from ..motion.interpolation import hermite_functions as hermite_functions
 
 
 def boundary_values(

@@ -50,7 +50,7 @@ from ..files import (
     take_free_name,
     workspace_beside,
 )
-from ..trajectory import Trajectory
+from ..motion.trajectory import Trajectory
 from .byte_layout import ENCAPSULATION, most_spare_bytes
 from .byte_layout import NS_PER_S as NS_PER_S
 from .joint_states import IntArray as IntArray

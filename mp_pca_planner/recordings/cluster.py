@@ -134,7 +134,7 @@ def _run_on_worker() -> Callable[[bytes, str, str], bytes | str]:
 
         worker = f"its worker on '{socket.gethostname()}'"
         try:
-            from mp_pca_planner import __version__ as found
+            from .. import __version__ as found
 
             if found != version:
                 return f"{worker} has mp_pca_planner {found}, but {version} is needed as here"

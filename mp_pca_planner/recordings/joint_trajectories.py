@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike
 
 from ..arrays import FloatArray
 from ..exceptions import RecordingError
-from ..interpolation import interpolate_at
+from ..motion.interpolation import interpolate_at
 from .bags import NS_PER_S, Bag, Stored, Topic
 from .joint_states import listed_names
 from .repair import (

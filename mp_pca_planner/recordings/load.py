@@ -19,6 +19,8 @@ from ..exceptions import (
     UnusableRecordingError,
     unknown_name,
 )
+from ..mocap.marker_joint_states import MarkerResidual, MarkerSource, solve_markers
+from ..mocap.markers import MarkerFinding, find_markers
 from .bags import (
     JOINT_TRAJECTORY,
     Bag,
@@ -36,8 +38,6 @@ from .cluster import map_on_cluster
 from .demonstration import Demonstration
 from .joint_states import RawJointStates, joined
 from .joint_trajectories import read_trajectories, repair_trajectories
-from .marker_joint_states import MarkerResidual, MarkerSource, solve_markers
-from .markers import MarkerFinding, find_markers
 from .processes import Outcome, map_in_processes
 from .repair import CleanRecording, Piece, repair, repair_parts
 from .segmentation import (

@@ -13,8 +13,8 @@ from scipy.interpolate import CubicSpline
 
 from ..arrays import FloatArray
 from ..exceptions import RecordingError
-from ..limits import JointLimits
-from ..robot import Robot
+from ..robot.limits import JointLimits
+from ..robot.model import Robot
 from .demonstration import Demonstration
 from .synthetic import bell, progress
 

@@ -21,12 +21,12 @@ from ..exceptions import GoalError, printable
 from ..execution.adaptation import AdaptedPlan
 from ..execution.execution_monitor import ExecutionReport
 from ..execution.parameters import Declaration
-from ..goal import JointGoal, JointState, Pose, PoseGoal, SequenceGoal
+from ..motion.goal import JointGoal, JointState, Pose, PoseGoal, SequenceGoal
+from ..motion.trajectory import Trajectory
 from ..planning.plan import Plan
 from ..planning.remarks import remarks
 from ..planning.sequence import SequencePlan
 from ..primitives.primitive import MovementPrimitive
-from ..trajectory import Trajectory
 
 UNDER_WAY = "under_way"
 """Status in the report of a goal that is under way, or reached, already."""

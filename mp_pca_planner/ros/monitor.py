@@ -19,8 +19,8 @@ from std_msgs.msg import String
 from trajectory_msgs.msg import JointTrajectory
 
 from ..exceptions import PlannerError
-from ..limits import JointLimits
-from ..robot import Robot
+from ..robot.limits import JointLimits
+from ..robot.model import Robot
 from .node import NODE_NAME
 
 _LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)

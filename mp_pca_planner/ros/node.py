@@ -44,11 +44,11 @@ from ..execution.parameters import (
     limit_declarations,
 )
 from ..execution.start_state import StartStates
-from ..goal import Goal, JointGoal, PoseGoal, SequenceGoal
+from ..motion.goal import Goal, JointGoal, PoseGoal, SequenceGoal
+from ..motion.trajectory import Trajectory
 from ..primitives.primitive import MovementPrimitive
 from ..primitives.primitive_library import load_primitives
-from ..robot import Robot
-from ..trajectory import Trajectory
+from ..robot.model import Robot
 from .goal_intake import FetchedByHand, GoalIntake, Inlet, waiting_messages
 from .guarded_node import GuardedNode
 from .messages import (

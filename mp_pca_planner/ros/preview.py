@@ -12,8 +12,8 @@ from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
 from ..arrays import FloatArray
-from ..robot import Robot
-from ..trajectory import Trajectory
+from ..motion.trajectory import Trajectory
+from ..robot.model import Robot
 
 _N_PATH_POINTS = 60
 _N_GHOSTS = 6

@@ -10,8 +10,8 @@ from dataclasses import replace
 import numpy as np
 
 from ..exceptions import GoalError, unknown_name
-from ..goal import JointState, Pose, PoseGoal
-from ..robot import Robot
+from ..motion.goal import JointState, Pose, PoseGoal
+from ..robot.model import Robot
 
 
 def stated_in(goal: PoseGoal, reference: str, robot: Robot) -> Callable[[JointState], PoseGoal]:

@@ -17,7 +17,7 @@ from sensor_msgs.msg import JointState as JointStateMessage
 
 from ..exceptions import GoalError
 from ..files import reading
-from ..goal import JointState
+from ..motion.goal import JointState
 from ..recordings.byte_layout import ByteLayout, find_layout
 from .messages import to_state
 

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from ..exceptions import TrajectoryError
-from ..trajectory import Trajectory
+from ..motion.trajectory import Trajectory
 
 _NANOSECONDS = 10**9
 # Before the message: plain CDR, little-endian. Alignment counts from behind it.

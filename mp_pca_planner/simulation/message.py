@@ -7,7 +7,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from ..trajectory import Trajectory
+from ..motion.trajectory import Trajectory
 
 NANOSECONDS = 10**9
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..arrays import FloatArray
 from ..exceptions import MissingDependencyError
-from ..robot import Robot
+from ..robot.model import Robot
 from .plant import PERIOD, Drives
 
 # The drives' torques are explicit, which is stable in shorter steps only.

@@ -17,7 +17,7 @@ from scipy.linalg import lapack
 
 from ..arrays import FloatArray
 from ..exceptions import SimulationError
-from ..robot import Robot
+from ..robot.model import Robot
 
 PERIOD = 1e-3
 """Time of one step [s]."""

@@ -14,8 +14,8 @@ from numpy.typing import ArrayLike
 
 from ..arrays import FloatArray, frozen_array
 from ..exceptions import SimulationError, unknown_name
-from ..robot import Robot
-from ..trajectory import Trajectory
+from ..motion.trajectory import Trajectory
+from ..robot.model import Robot
 from .controller import ControllerOptions, TrajectoryController
 from .faults import Faults
 from .message import NANOSECONDS, TrajectoryMessage, to_message

@@ -1,0 +1,218 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""The case study of [P], Section 4: arm motions, their components, and one that is planned."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..arrays import FloatArray
+from ..exceptions import PrimitiveError
+from ..primitives.build import build_primitive
+from ..primitives.pca import PrincipalComponents
+from ..recordings.demonstration import Demonstration
+from ..robot.model import Robot
+from .naturalness import (
+    BSPLINES,
+    DEFAULT_RHO,
+    Comparison,
+    Prediction,
+    compare,
+    plan_like,
+    planned,
+)
+from .paper import N_COMPONENTS, angle_components, paper_method
+
+PAPER = "components as in the paper"
+OURS = planned(DEFAULT_RHO)
+TABLE_3_METHODS = (BSPLINES, PAPER, planned(0.0), OURS)
+
+FEWEST_OF_ACTIVITY = 5
+"""Activities of fewer motions have no table of their own."""
+
+_N_REPEATS = 9
+
+
+@dataclass(frozen=True, eq=False)
+class Raising:
+    """One motion planned by several methods.
+
+    Attributes
+    ----------
+    motion : Demonstration
+        What the person did.
+    predictions : dict of str to Prediction
+        By method, each with the median time of several solutions.
+    """
+
+    motion: Demonstration
+    predictions: dict[str, Prediction]
+
+
+@dataclass(frozen=True, eq=False)
+class CaseStudy:
+    """Everything that the case study finds.
+
+    Attributes
+    ----------
+    motions : tuple of Demonstration
+        The motions chosen.
+    components : tuple of PrincipalComponents
+        Of the joint angles, joint by joint: [P] Table 2 and Fig. 2.
+    shares_by_activity : dict of str to array, shape (n_joints, 4)
+        Shares of the variance for all motions of each activity.
+    raising : Raising
+        [P] Table 3, Figs. 3 and 4.
+    held_out : Comparison
+        Each of the motions planned by what the others teach.
+    other_activities : Comparison or None
+        Each of them planned by what those of other activities teach, if there are any.
+    """
+
+    motions: tuple[Demonstration, ...]
+    components: tuple[PrincipalComponents, ...]
+    shares_by_activity: dict[str, FloatArray]
+    raising: Raising
+    held_out: Comparison
+    other_activities: Comparison | None
+
+    def closer_than_bsplines(self, quantity: str) -> float:
+        """Share of the motions that our plan comes nearer to than B-splines do."""
+        ours, theirs = (self.held_out.column(name, quantity) for name in (OURS, BSPLINES))
+        return float(np.mean(ours < theirs))
+
+    def time_ratio(self, method: str) -> float:
+        """Median over the motions of a method's time to solve over that of B-splines."""
+        ours, theirs = (self.held_out.column(name, "solve_time") for name in (method, BSPLINES))
+        return float(np.median(ours / theirs))
+
+
+def choose_motions(motions: Sequence[Demonstration], number: int) -> list[Demonstration]:
+    """Choose motions from all activities in turn, evenly spread over the motions of each.
+
+    Parameters
+    ----------
+    motions :
+        All motions; their labels are the activities.
+    number :
+        How many to choose.
+
+    Raises
+    ------
+    PrimitiveError
+        If there are fewer motions.
+    """
+    if not 3 <= number <= len(motions):
+        raise PrimitiveError(
+            f"{number} motions can't be chosen: the recordings hold {len(motions)}, and the case "
+            "study needs at least 3"
+        )
+    activities = [
+        [i for i, m in enumerate(motions) if m.label == label]
+        for label in sorted({m.label for m in motions})
+    ]
+    quotas = [0] * len(activities)
+    while sum(quotas) < number:
+        for k, members in enumerate(activities):
+            quotas[k] += int(quotas[k] < len(members) and sum(quotas) < number)
+    chosen = [
+        members[(2 * i + 1) * len(members) // (2 * quota)]
+        for members, quota in zip(activities, quotas, strict=True)
+        for i in range(quota)
+    ]
+    return [motions[i] for i in sorted(chosen)]
+
+
+def study(
+    motions: Sequence[Demonstration],
+    number: int,
+    robot: Robot,
+    tip: str,
+    progress: Callable[[int, int], None] | None = None,
+) -> CaseStudy:
+    """Do the case study.
+
+    Parameters
+    ----------
+    motions :
+        All motions.
+    number :
+        How many to choose of them, see :func:`choose_motions`.
+    robot :
+        Model of the arm.
+    tip :
+        The frame at its end.
+    progress :
+        Called with motions done and in all.
+
+    Raises
+    ------
+    PrimitiveError
+        If there are too few motions.
+    """
+    chosen = choose_motions(motions, number)
+    activities = [m.label for m in chosen]
+    has_activities = len(set(activities)) > 1
+    total = number * (2 if has_activities else 1)
+
+    def told(before: int) -> Callable[[int, int], None] | None:
+        if progress is None:
+            return None
+        return lambda done, _: progress(before + done, total)
+
+    paper = {PAPER: paper_method(robot)}
+    held_out = compare(chosen, robot=robot, tip=tip, more=paper, progress=told(0))
+    other_activities = None
+    if has_activities:
+        other_activities = compare(
+            chosen, activities, robot=robot, tip=tip, more=paper, progress=told(number)
+        )
+    labels = sorted({m.label for m in motions})
+    sets = {label: [m for m in motions if m.label == label] for label in labels if label}
+    return CaseStudy(
+        motions=tuple(chosen),
+        components=tuple(angle_components(chosen)),
+        shares_by_activity={
+            label: variance_shares(angle_components(members))
+            for label, members in sets.items()
+            if len(members) >= FEWEST_OF_ACTIVITY
+        },
+        raising=_raise_arm(chosen, robot, tip),
+        held_out=held_out,
+        other_activities=other_activities,
+    )
+
+
+def variance_shares(components: Sequence[PrincipalComponents]) -> FloatArray:
+    """Shares of the variance of the first four, shape (n_joints, 4); zero where there are fewer."""
+    shares = np.zeros((len(components), N_COMPONENTS))
+    for row, found in zip(shares, components, strict=True):
+        ratio = found.explained_variance_ratio[:N_COMPONENTS]
+        row[: ratio.size] = ratio
+    return shares
+
+
+def _raise_arm(motions: Sequence[Demonstration], robot: Robot, tip: str) -> Raising:
+    """Plan the motion that lifts the hand most by what the others teach."""
+    heights = [robot.frame_positions(m.positions[[0, -1]], [tip])[:, 0, 2] for m in motions]
+    highest = int(np.argmax([end - start for start, end in heights]))
+    motion = motions[highest]
+    others = [*motions[:highest], *motions[highest + 1 :]]
+    primitive = build_primitive(others, "others")
+    paper = paper_method(robot)
+    attempts = {
+        BSPLINES: lambda: plan_like(motion, primitive, robot, "bspline", 0.0),
+        PAPER: lambda: paper(motion, others),
+        planned(0.0): lambda: plan_like(motion, primitive, robot, "pca", 0.0),
+        OURS: lambda: plan_like(motion, primitive, robot, "pca", DEFAULT_RHO),
+    }
+    return Raising(motion, {name: _repeated(attempt) for name, attempt in attempts.items()})
+
+
+def _repeated(attempt: Callable[[], Prediction]) -> Prediction:
+    """One of several equal predictions, with their median time."""
+    found = [attempt() for _ in range(_N_REPEATS)]
+    return found[0]._replace(solve_time=float(np.median([p.solve_time for p in found])))

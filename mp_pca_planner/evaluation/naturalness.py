@@ -1,0 +1,308 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""How near motions that are made from end points and a duration come to what was demonstrated.
+
+Every motion is predicted by what the others teach (all others, or those of other activities), by
+the planner with several naturalness weights ρ and by other methods. Limits are left out, so that
+only the methods count.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from scipy.integrate import trapezoid
+from scipy.interpolate import CubicSpline
+
+from ..arrays import FloatArray
+from ..exceptions import PrimitiveError
+from ..motion.goal import JointGoal, JointState
+from ..planning.plan import PlannerOptions
+from ..planning.planner import Planner
+from ..primitives.boundary import hermite_functions
+from ..primitives.build import PrimitiveOptions, build_primitive
+from ..primitives.cross_validation import expected_motion, minimum_jerk_motion
+from ..primitives.differences import FINE_PHASES, MEASURES, by_way, differences
+from ..primitives.pace import fit_paces
+from ..primitives.primitive import MovementPrimitive
+from ..recordings.demonstration import Demonstration
+from ..robot.limits import JointLimits
+from ..robot.model import Robot
+
+QUANTITIES = (*MEASURES, "tip", "peak", "deviation", "effort", "solve_time")
+"""Of each prediction: RMS differences [rad], see `MEASURES`; RMS distance of the tip in path [m];
+error of the phase of peak speed; RMS of the weights' deviations from the expected ones in standard
+deviations; effort J [N²·m²·s]; time to find it [s], where it is optimised. NaN where there is no
+robot."""
+
+DEFAULT_RHO = PlannerOptions().naturalness
+RHOS = (0.0, 0.01, 0.03, 0.1, 0.3)
+"""Naturalness weights that are tried beside the default."""
+
+MINIMUM_JERK, MEAN_SHAPE, RIDGE = "minimum-jerk", "mean shape", "ridge regression"
+EXPECTED, BSPLINES = "expected (ρ = ∞)", "least-effort B-splines"
+
+# Penalties of the ridge regression, in units of the variance of the requests.
+_PENALTIES = np.logspace(-3.0, 3.0, 25)
+_PHASES = FINE_PHASES[::10]
+_N_RESAMPLES = 2000
+_OPTIONS = PrimitiveOptions()
+
+
+class Prediction(NamedTuple):
+    """What a method makes of the ends and the duration of a motion.
+
+    Attributes
+    ----------
+    positions : array, shape (1001, n_joints)
+        Positions at the fine phases [rad or m].
+    effort : float or None
+        J, where the method knows it.
+    solve_time : float
+        Time to optimise it [s].
+    """
+
+    positions: FloatArray
+    effort: float | None = None
+    solve_time: float = float("nan")
+
+
+Method = Callable[[Demonstration, Sequence[Demonstration]], Prediction]
+"""A motion and its teachers to a prediction."""
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """What came of every method on every motion.
+
+    Attributes
+    ----------
+    motions : tuple of Demonstration
+        The motions, each of which was left out.
+    results : dict of str to array, shape (n_motions, n_quantities)
+        By method: the `QUANTITIES`.
+    reference : str
+        The method that is the planner's default.
+    """
+
+    motions: tuple[Demonstration, ...]
+    results: dict[str, FloatArray]
+    reference: str
+
+    def column(self, method: str, quantity: str) -> FloatArray:
+        """A quantity of each motion, shape (n_motions,)."""
+        return self.results[method][:, QUANTITIES.index(quantity)]
+
+    def rms(self, method: str, quantity: str) -> float:
+        """RMS over the motions."""
+        return float(np.sqrt(np.mean(self.column(method, quantity) ** 2)))
+
+    def interval(self, method: str, quantity: str) -> tuple[float, float]:
+        """95 % bootstrap interval of a method's RMS less that of the reference.
+
+        Above zero: the reference is nearer to the motions.
+        """
+        low, high = np.percentile(self._resampled_differences(method, quantity), (2.5, 97.5))
+        return float(low), float(high)
+
+    def motions_to_tell(self, method: str, quantity: str) -> float:
+        """How many motions like these would tell a method's RMS from that of the reference.
+
+        If the difference stayed as it is, its 95 % interval would end at zero with so many;
+        infinite if there is none.
+        """
+        difference = self.rms(method, quantity) - self.rms(self.reference, quantity)
+        if difference == 0.0:
+            return float("inf")
+        spread = 1.96 * float(self._resampled_differences(method, quantity).std())
+        return len(self.motions) * (spread / difference) ** 2
+
+    def _resampled_differences(self, method: str, quantity: str) -> FloatArray:
+        """A method's RMS less that of the reference in bootstrap samples of the motions."""
+        pair = np.array([self.column(name, quantity) ** 2 for name in (method, self.reference)])
+        n = pair.shape[1]
+        draws = np.random.default_rng(1).integers(n, size=(_N_RESAMPLES, n))
+        other, ours = np.sqrt(pair[:, draws].mean(axis=2))
+        return np.asarray(other - ours)
+
+
+def planned(rho: float) -> str:
+    """Name of the planner's method with a naturalness ρ."""
+    return f"planned, ρ = {rho:g}"
+
+
+def compare(
+    motions: Sequence[Demonstration],
+    groups: Sequence[str] | None = None,
+    *,
+    robot: Robot | None = None,
+    tip: str | None = None,
+    options: PrimitiveOptions = _OPTIONS,
+    rhos: Sequence[float] = RHOS,
+    more: Mapping[str, Method] | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> Comparison:
+    """Leave out and predict each motion.
+
+    Parameters
+    ----------
+    motions :
+        Motions of the same joints, at least three.
+    groups :
+        To which each belongs: those of its group teach nothing of it. By default each is a group.
+    robot :
+        Model of the joints; without it nothing is planned.
+    tip :
+        Frame at the end of the arm.
+    options :
+        How primitives are built.
+    rhos :
+        Naturalness weights to plan with beside the default.
+    more :
+        Further methods by name.
+    progress :
+        Called with motions done and in all.
+
+    Raises
+    ------
+    PrimitiveError
+        If there are too few motions, or no primitive can be built from those that are left.
+    """
+    labels = list(range(len(motions))) if groups is None else list(groups)
+    if len(set(labels)) < 2 or len(motions) < 3:
+        raise PrimitiveError(
+            f"naturalness is measured on at least 3 motions of 2 groups, got {len(motions)} of "
+            f"{len(set(labels))}"
+        )
+    rows: dict[str, list[FloatArray]] = {}
+    for i, motion in enumerate(motions):
+        others = [m for m, label in zip(motions, labels, strict=True) if label != labels[i]]
+        primitive = build_primitive(others, "others", options)
+        predictions = _predictions(motion, others, primitive, robot, rhos, more or {})
+        for name, prediction in predictions.items():
+            row = _quantities(prediction, motion, primitive, robot, tip)
+            rows.setdefault(name, []).append(row)
+        if progress is not None:
+            progress(i + 1, len(motions))
+    reference = EXPECTED if robot is None else planned(DEFAULT_RHO)
+    return Comparison(
+        tuple(motions), {name: np.array(values) for name, values in rows.items()}, reference
+    )
+
+
+def wide_limits(robot: Robot) -> JointLimits:
+    """No limits at all."""
+    return JointLimits(robot.joint_names, {})
+
+
+def _predictions(
+    motion: Demonstration,
+    others: Sequence[Demonstration],
+    primitive: MovementPrimitive,
+    robot: Robot | None,
+    rhos: Sequence[float],
+    more: Mapping[str, Method],
+) -> dict[str, Prediction]:
+    """What every method makes of a motion."""
+    start, goal = motion.positions[[0, -1]]
+    basis = primitive.paced_basis(start, goal, fit_paces(primitive.warps).mean(axis=0))
+    straight, mean = minimum_jerk_motion(motion), np.zeros(primitive.n_components)
+    found = {
+        MINIMUM_JERK: Prediction(straight),
+        MEAN_SHAPE: Prediction(straight + basis.shape(mean, FINE_PHASES)),
+        RIDGE: Prediction(straight + basis.shape(_ridge_weights(primitive, motion), FINE_PHASES)),
+        EXPECTED: Prediction(expected_motion(primitive, motion)),
+        **{name: method(motion, others) for name, method in more.items()},
+    }
+    if robot is not None:
+        for rho in sorted({*rhos, DEFAULT_RHO}):
+            found[planned(rho)] = plan_like(motion, primitive, robot, "pca", rho)
+        found[BSPLINES] = plan_like(motion, primitive, robot, "bspline", 0.0)
+    return found
+
+
+def plan_like(
+    motion: Demonstration, primitive: MovementPrimitive, robot: Robot, basis: str, rho: float
+) -> Prediction:
+    """Plan between the ends of a motion in its time."""
+    options = PlannerOptions(basis=basis, naturalness=rho, max_solve_time=10.0)
+    planner = Planner(robot, [primitive], wide_limits(robot), options)
+    start, goal = (JointState(robot.joint_names, motion.positions[end]) for end in (0, -1))
+    plan = planner.plan(JointGoal(goal, motion.duration), start)
+    positions, _, _ = plan.motion.evaluate(plan.motion.duration * FINE_PHASES)
+    return Prediction(positions, plan.solution.effort_cost, plan.solve_time)
+
+
+def _ridge_weights(primitive: MovementPrimitive, motion: Demonstration) -> FloatArray:
+    """Ridge regression of the weights on the request, penalty chosen by leaving one out."""
+    states = primitive.boundary_states
+    requests = np.column_stack([states[:, 0], states[:, 3], np.log(primitive.durations)])
+    centred = requests - requests.mean(axis=0)
+    request = np.concatenate([*motion.positions[[0, -1]], [np.log(motion.duration)]])
+    penalties = _PENALTIES * float(np.sum(centred.var(axis=0)))
+    errors, predictions = [], []
+    for penalty in penalties:
+        solved = np.linalg.solve(centred.T @ centred + penalty * np.eye(request.size), centred.T)
+        # The residuals of leaving one out, by the diagonal of the hat matrix.
+        hat = centred @ solved + 1.0 / len(requests)
+        residuals = (primitive.weights - hat @ primitive.weights) / (1.0 - np.diag(hat))[:, None]
+        errors.append(np.sum(residuals**2))
+        share = (request - requests.mean(axis=0)) @ solved + 1.0 / len(requests)
+        predictions.append(share @ primitive.weights)
+    return np.asarray(predictions[int(np.argmin(errors))])
+
+
+def _quantities(
+    prediction: Prediction,
+    motion: Demonstration,
+    primitive: MovementPrimitive,
+    robot: Robot | None,
+    tip: str | None,
+) -> FloatArray:
+    """All quantities, in their order."""
+    positions = prediction.positions
+    truth = motion.time_normalised(FINE_PHASES.size)
+    distance = np.nan
+    if robot is not None and tip is not None:
+        there, here = (robot.frame_positions(by_way(x), [tip])[:, 0] for x in (positions, truth))
+        distance = float(np.sqrt(np.mean(np.sum((there - here) ** 2, axis=1))))
+    peak = abs(_peak_phase(positions) - _peak_phase(truth))
+    deviation = _deviation(positions, motion, primitive)
+    effort = prediction.effort
+    if effort is None:
+        effort = _effort(positions, motion, robot)
+    return np.array(
+        [*differences(positions, truth), distance, peak, deviation, effort, prediction.solve_time]
+    )
+
+
+def _peak_phase(positions: FloatArray) -> float:
+    speed = np.linalg.norm(np.gradient(positions, axis=0), axis=1)
+    return float(FINE_PHASES[int(speed.argmax())])
+
+
+def _deviation(positions: FloatArray, motion: Demonstration, primitive: MovementPrimitive) -> float:
+    """How unlikely a path is to the primitive, in standard deviations of a weight."""
+    start, goal = motion.positions[[0, -1]]
+    expected = primitive.model.predict(start, goal, motion.duration)
+    basis = primitive.basis
+    if not basis.n_weights:
+        return float("nan")
+    straight = start + hermite_functions(_PHASES)[:, 3:4] * (goal - start)
+    rest = by_way(positions) - straight - basis.shape(np.zeros(basis.n_weights), _PHASES)
+    functions = basis.functions(_PHASES).reshape(-1, basis.n_weights)
+    weights = np.linalg.lstsq(functions, rest.ravel(), rcond=None)[0] - expected.weights
+    return float(np.sqrt(weights @ expected.precision @ weights / basis.n_weights))
+
+
+def _effort(positions: FloatArray, motion: Demonstration, robot: Robot | None) -> float:
+    """J of a motion given by its positions, differentiated numerically."""
+    if robot is None:
+        return float("nan")
+    times = motion.duration * FINE_PHASES
+    curve = CubicSpline(times, positions)
+    efforts = robot.inverse_dynamics(*(curve(times, order) for order in range(3)))
+    return float(trapezoid(np.sum(efforts**2, axis=1), times) / 2.0)

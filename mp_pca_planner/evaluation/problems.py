@@ -1,0 +1,198 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""What the benchmark is run on: a robot, demonstrations, and problems with fixed seeds."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from ..arrays import FloatArray
+from ..exceptions import RobotError, quote_names
+from ..primitives.primitive import MovementPrimitive
+from ..recordings.demonstration import Demonstration
+from ..recordings.reaches import random_ends, random_reaches
+from ..recordings.synthetic import JOINT_NAMES, generate_motions
+from ..resources import config_file
+from ..robot.limits import JointLimits
+from ..robot.model import Robot
+from .method import import_peer
+
+# Where the package example-robot-data keeps a robot, and which of its joints are the arm's.
+EXAMPLE_ROBOTS = {
+    "panda": (
+        "panda_description/urdf/panda.urdf",
+        tuple(f"panda_joint{i}" for i in range(1, 8)),
+    ),
+    "ur5": (
+        "ur_description/urdf/ur5_robot.urdf",
+        (
+            "shoulder_pan_joint",
+            "shoulder_lift_joint",
+            "elbow_joint",
+            "wrist_1_joint",
+            "wrist_2_joint",
+            "wrist_3_joint",
+        ),
+    ),
+    "kinova": (
+        "kinova_description/robots/kinova.urdf",
+        tuple(f"j2s6s200_joint_{i}" for i in range(1, 7)),
+    ),
+}
+HUMAN_ARM = "human_arm"
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """A motion from rest to rest in a given time.
+
+    Attributes
+    ----------
+    start, goal : array, shape (n_joints,)
+        Configurations [rad or m].
+    duration : float
+        Duration [s].
+    demonstration : Demonstration or None
+        The motion the ends were taken from, if there is one; no primitive has seen it.
+    """
+
+    start: FloatArray
+    goal: FloatArray
+    duration: float
+    demonstration: Demonstration | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """Everything that all methods get.
+
+    Attributes
+    ----------
+    name : str
+        What the robot is called.
+    urdf : Path
+        Its description.
+    robot : Robot
+        The planner's model of it.
+    limits : JointLimits
+        Limits to keep.
+    demonstrations : tuple of Demonstration
+        What primitives and peers learn from.
+    primitive : MovementPrimitive or None
+        A primitive that was given instead of demonstrations to learn from.
+    """
+
+    name: str
+    urdf: Path
+    robot: Robot
+    limits: JointLimits
+    demonstrations: tuple[Demonstration, ...]
+    primitive: MovementPrimitive | None = None
+
+
+def scene_of(name: str, urdf: Path, joints: Sequence[str] | None, n_motions: int) -> Scene:
+    """A robot within the limits of its description, and motions that are drawn for it.
+
+    Parameters
+    ----------
+    name, urdf, joints :
+        The robot, see :func:`robot_file`.
+    n_motions :
+        How many demonstrations. They are drawn with the seed 1: problems want another one.
+    """
+    robot = Robot.from_file(urdf, joints)
+    limits = robot.limits()
+    motions = demonstrations_of(name, robot, limits, n_motions, 1)
+    return Scene(name, urdf, robot, limits, tuple(motions))
+
+
+def robot_file(name: str) -> tuple[str, Path, tuple[str, ...] | None]:
+    """Name, URDF file and joints of a robot, by its name here or the path of a URDF file.
+
+    Raises
+    ------
+    MissingDependencyError
+        If the robot is one of example-robot-data's, which is not installed.
+    """
+    if name == HUMAN_ARM:
+        return name, config_file("human_arm.urdf"), JOINT_NAMES
+    if name in EXAMPLE_ROBOTS:
+        path, joints = EXAMPLE_ROBOTS[name]
+        loader = import_peer("example_robot_data.robots_loader", f"the robot '{name}'")
+        return name, Path(loader.getModelPath(path)) / path, joints
+    if not Path(name).is_file():
+        known = quote_names([HUMAN_ARM, *EXAMPLE_ROBOTS])
+        raise RobotError(f"the robot '{name}' is neither a URDF file nor one of {known}")
+    return Path(name).stem, Path(name), None
+
+
+def held_out_problems(scene: Scene, n_problems: int, seed: int) -> list[Problem]:
+    """Problems from the range of the demonstrations: ends and durations of motions held out.
+
+    With a primitive instead of demonstrations each end is a random mean of the ends of two of
+    its motions, and the duration the one it expects.
+    """
+    if scene.primitive is not None:
+        return [
+            _between(scene.primitive, scene.limits, np.random.default_rng([seed, i]))
+            for i in range(n_problems)
+        ]
+    return [
+        Problem(motion.positions[0], motion.positions[-1], motion.duration, motion)
+        for motion in demonstrations_of(scene.name, scene.robot, scene.limits, n_problems, seed)
+    ]
+
+
+def random_problems(scene: Scene, n_problems: int, seed: int) -> list[Problem]:
+    """Problems between any two postures within the limits."""
+    return [
+        Problem(*random_ends(scene.robot, scene.limits, np.random.default_rng([seed, i])))
+        for i in range(n_problems)
+    ]
+
+
+def demonstrations_of(
+    name: str, robot: Robot, limits: JointLimits, n_motions: int, seed: int
+) -> list[Demonstration]:
+    """Made-up motions of a robot: those of a person for the human-like arm, else reaches."""
+    if name == HUMAN_ARM:
+        return [motion.as_demonstration() for motion in generate_motions(n_motions, seed)]
+    return random_reaches(robot, limits, n_motions, seed)
+
+
+def demonstrations_in(primitive: MovementPrimitive) -> list[Demonstration]:
+    """The motions that a primitive was built from, as it reproduces them."""
+    motions = []
+    for i, duration in enumerate(primitive.durations):
+        times = np.linspace(0.0, duration, max(round(duration * 100.0), 10) + 1)
+        curve = CubicSpline(times, primitive.reproduction(i, times))
+        motions.append(
+            Demonstration(
+                primitive.joint_names,
+                times,
+                *(curve(times, order) for order in range(3)),
+                recording=f"{primitive.name} {i}",
+                start_time=0.0,
+                end_time=float(duration),
+            )
+        )
+    return motions
+
+
+def _between(
+    primitive: MovementPrimitive, limits: JointLimits, rng: np.random.Generator
+) -> Problem:
+    states = primitive.boundary_states
+    one, two = rng.integers(len(states), size=2)
+    ends = []
+    for state in (0, 3):
+        share = rng.uniform()
+        between = share * states[one, state] + (1.0 - share) * states[two, state]
+        ends.append(np.clip(between, limits.lower, limits.upper))
+    expected = primitive.model.predict(ends[0], ends[1])
+    return Problem(ends[0], ends[1], expected.duration)

@@ -1,0 +1,366 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""From a recording of markers to joint states ([P] Section 3), with what the fit leaves over."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from ..arrays import FloatArray
+from ..exceptions import RecordingError, quote_names
+from ..recordings.bags import NS_PER_S
+from ..recordings.joint_states import JointLayout, RawJointStates
+from ..recordings.repair import MAX_RATE
+from ..robot.model import Robot
+from .inverse_kinematics import marker_problem, solve
+from .marker_map import MarkerMap, MarkerPlacement, read_marker_map
+from .markers import MarkerTrajectories, read_markers
+from .origin_fit import FittedModel, check_fits, fit_origins
+from .rigid_fit import MIN_POINTS, fit_poses, fix_a_pose
+
+_AT_LIMIT = 1e-6  # [rad or m]
+_LEAST_LEVER = 1e-9  # [m]
+
+
+@dataclass(frozen=True)
+class MarkerResidual:
+    """How far a marker of the model is from where it was measured.
+
+    Attributes
+    ----------
+    median, percentile_95 : float
+        Of the distances [m].
+    n_frames : int
+        Frames in which it was seen and used.
+    """
+
+    median: float
+    percentile_95: float
+    n_frames: int
+
+
+@dataclass(frozen=True, eq=False)
+class SolvedMarkers:
+    """Joint states found from markers.
+
+    Attributes
+    ----------
+    joint_states : RawJointStates
+        As if they had been recorded; positions are NaN in frames with too few markers. Its notes
+        say what else is worth knowing.
+    residuals : dict
+        Of each marker, by its name.
+    """
+
+    joint_states: RawJointStates
+    residuals: dict[str, MarkerResidual]
+
+
+@dataclass(frozen=True)
+class MarkerSource:
+    """Where markers are recorded, and the model that they sit on; checked against each other.
+
+    Attributes
+    ----------
+    topic : str
+        Topic of the markers, see :func:`.markers.read_markers`.
+    urdf : str
+        The robot description.
+    joint_names : tuple of str
+        Joints to find.
+    on_base, moved : tuple of MarkerPlacement
+        Markers that no joint moves, and those that joints do.
+    marker_map : MarkerMap
+        All of them, and what is fitted.
+    """
+
+    topic: str
+    urdf: str
+    joint_names: tuple[str, ...]
+    on_base: tuple[MarkerPlacement, ...]
+    moved: tuple[MarkerPlacement, ...]
+    marker_map: MarkerMap
+
+
+def marker_source(
+    topic: str, urdf: str | Path, marker_map: str | Path, joints: Sequence[str] | None = None
+) -> MarkerSource:
+    """Read the model and the marker map, and see that they can give joint positions.
+
+    Parameters
+    ----------
+    topic :
+        Topic of the markers.
+    urdf, marker_map :
+        Files.
+    joints :
+        Names of the joints to find; by default all that can move.
+
+    Raises
+    ------
+    RobotError, RecordingError
+        If a file can't be used, a link or joint is unknown, the markers on the base don't fix its
+        pose, or those on the other links leave a joint open.
+    """
+    robot = Robot.from_file(urdf, joints)
+    chosen = read_marker_map(marker_map)
+    text = Path(urdf).read_text(encoding="utf-8")
+    check_fits(text, chosen)
+    on_base, moved = _split(robot, chosen)
+    _refuse_loose_base(chosen, on_base)
+    _refuse_open_joints(robot, chosen, moved)
+    return MarkerSource(topic, text, robot.joint_names, on_base, moved, chosen)
+
+
+def solve_markers(path: Path, source: MarkerSource, *, salvage: bool = False) -> SolvedMarkers:
+    """Find the joint states of a recording of markers; of a damaged one, before the damage.
+
+    Raises
+    ------
+    RecordingError
+        If it can't be read, lacks a marker, or no frame has the markers that are needed.
+    """
+    return solve_trajectories(
+        read_markers(path, source.topic, (*source.on_base, *source.moved), salvage=salvage), source
+    )
+
+
+def solve_trajectories(recorded: MarkerTrajectories, source: MarkerSource) -> SolvedMarkers:
+    """Find the joint states that bring the model's markers to their recorded places.
+
+    Parameters
+    ----------
+    recorded :
+        Trajectories of the markers on the base, then of those that joints move.
+    source :
+        The model.
+
+    Raises
+    ------
+    RecordingError
+        If no frame has the markers that are needed.
+    """
+    n_base = len(source.on_base)
+    measured, base_residuals = _in_base_frame(recorded.positions, source)
+    targets = measured[:, n_base:]
+    model = _fitted_model(source, targets)
+    robot = Robot(model.urdf, source.joint_names)
+    problem = marker_problem(robot, source.moved, targets)
+    determined = problem.determined()
+    if not determined.any():
+        raise RecordingError(_why_undetermined(recorded))
+    q = solve(problem, _period(recorded))
+    frames = np.flatnonzero(determined)
+    residuals = np.hstack([base_residuals[frames], problem.residuals(frames, q[frames])])
+    found = {name: _summary(r) for name, r in zip(recorded.names, residuals.T, strict=True)}
+    notes = (*recorded.notes, _residual_note(found), *model.notes, *_notes(recorded, robot, q))
+    return SolvedMarkers(_joint_states(recorded, source.joint_names, q, notes), found)
+
+
+def place_markers(q: FloatArray, source: MarkerSource) -> tuple[tuple[str, ...], FloatArray]:
+    """Where the markers are in a motion: what :func:`solve_trajectories` undoes.
+
+    Parameters
+    ----------
+    q : array, shape (n_frames, n_joints)
+        Positions of the joints of the source [rad or m].
+    source :
+        The model.
+
+    Returns
+    -------
+    names : tuple of str
+        What the markers are called in recordings, first those on the base.
+    positions : array, shape (n_frames, n_markers, 3)
+        Their positions in the base frame [m].
+    """
+    markers = (*source.on_base, *source.moved)
+    return tuple(m.body for m in markers), _placed(markers, q, source)
+
+
+def _placed(markers: Sequence[MarkerPlacement], q: FloatArray, source: MarkerSource) -> FloatArray:
+    """Positions of markers in the base frame, shape (n_frames, n_markers, 3)."""
+    attached = Robot(source.urdf, source.joint_names).attach_points(
+        [m.link for m in markers], np.array([m.position for m in markers])
+    )
+    return attached.positions_and_jacobians(q)[0]
+
+
+def _split(
+    robot: Robot, chosen: MarkerMap
+) -> tuple[tuple[MarkerPlacement, ...], tuple[MarkerPlacement, ...]]:
+    """Tell the markers on links that no joint moves from the others."""
+    moves: dict[str, bool] = {}
+    for link in {m.link for m in chosen.markers}:
+        # A single point may be on the axis of a joint, but not three.
+        attached = robot.attach_points([link] * 3, np.eye(3))
+        _, jacobians = attached.positions_and_jacobians(np.zeros((1, robot.n_joints)))
+        moves[link] = bool(np.abs(jacobians).max() > _LEAST_LEVER)
+    return (
+        tuple(m for m in chosen.markers if not moves[m.link]),
+        tuple(m for m in chosen.markers if moves[m.link]),
+    )
+
+
+def _refuse_loose_base(chosen: MarkerMap, on_base: Sequence[MarkerPlacement]) -> None:
+    if chosen.base == "identity":
+        return
+    points = np.array([m.position for m in on_base]).reshape(-1, 3)
+    if not fix_a_pose(points, np.ones((1, len(on_base))))[0]:
+        raise RecordingError(
+            f"{chosen.source}: the markers on the base ({quote_names(m.name for m in on_base)}) "
+            f"don't fix its pose: at least {MIN_POINTS} that are not on one line are needed, or "
+            "'base: identity' if markers are recorded in its frame"
+        )
+
+
+def _refuse_open_joints(robot: Robot, chosen: MarkerMap, moved: Sequence[MarkerPlacement]) -> None:
+    loose = robot.joint_names
+    if moved:
+        problem = marker_problem(robot, moved, np.zeros((1, len(moved), 3)))
+        loose = tuple(
+            robot.joint_names[i] for i in problem.open_joints(np.ones(len(moved), dtype=bool))
+        )
+    if loose:
+        raise RecordingError(
+            f"{chosen.source}: the markers leave the joints {quote_names(loose)} open: add markers "
+            "on the links that they move, or choose the joints without them"
+        )
+
+
+def _in_base_frame(positions: FloatArray, source: MarkerSource) -> tuple[FloatArray, FloatArray]:
+    """Express measured positions in the base frame.
+
+    Returns
+    -------
+    measured : array, shape (n_frames, n_markers, 3)
+        NaN where a marker or the pose of the base is missing.
+    residuals : array, shape (n_frames, n_base_markers)
+        Distances of the markers on the base from their places on it [m].
+    """
+    n_base = len(source.on_base)
+    points = _points_on_base(source)
+    measured = positions
+    if source.marker_map.base != "identity":
+        rotations, translations = _base_poses(positions[:, :n_base], points, source)
+        measured = np.einsum("kij,kmi->kmj", rotations, positions - translations[:, None])
+    return measured, np.linalg.norm(measured[:, :n_base] - points, axis=2)
+
+
+def _points_on_base(source: MarkerSource) -> FloatArray:
+    if not source.on_base:
+        return np.empty((0, 3))
+    neutral = np.zeros((1, len(source.joint_names)))
+    return np.asarray(_placed(source.on_base, neutral, source)[0])
+
+
+def _base_poses(
+    measured: FloatArray, points: FloatArray, source: MarkerSource
+) -> tuple[FloatArray, FloatArray]:
+    """Poses of the base in the recording's frame, one for each frame or one for all."""
+    seen = np.asarray(np.isfinite(measured).all(axis=2))
+    weights = seen * np.array([m.weight for m in source.on_base])
+    finite = np.where(seen[..., None], measured, 0.0)
+    if source.marker_map.base == "fixed":
+        # All frames together are one frame with all their markers.
+        finite, weights = finite.reshape(1, -1, 3), weights.reshape(1, -1)
+        points = np.tile(points, (len(measured), 1))
+    return fit_poses(points, finite, weights)
+
+
+def _fitted_model(source: MarkerSource, targets: FloatArray) -> FittedModel:
+    fits = source.marker_map.fit_origins
+    whole = np.isfinite(targets).all(axis=(1, 2))
+    if not fits:
+        return FittedModel(source.urdf, ())
+    if not whole.any():
+        raise RecordingError(
+            "no frame has all markers, so the origins of "
+            f"{quote_names(fits)} can't be fitted to it: take 'fit_origins' out of the marker map"
+        )
+    return fit_origins(source.urdf, source.joint_names, source.moved, fits, targets[whole])
+
+
+def _why_undetermined(recorded: MarkerTrajectories) -> str:
+    missing = ", ".join(
+        f"'{name}' in {count}" for name, count in _missing(recorded).items() if count
+    )
+    return (
+        f"in none of the {len(recorded.positions)} frames are enough markers seen at a time; "
+        f"missing are {missing}"
+    )
+
+
+def _missing(recorded: MarkerTrajectories) -> dict[str, int]:
+    absent = ~np.isfinite(recorded.positions).all(axis=2)
+    return dict(zip(recorded.names, absent.sum(axis=0).tolist(), strict=True))
+
+
+def _period(recorded: MarkerTrajectories) -> float:
+    """Usual time from one frame to the next [s]; not less than joint states may have."""
+    headers = recorded.header_stamps
+    steps = np.diff(headers if headers.all() else recorded.receive_stamps)
+    steps = steps[steps > 0]
+    if not steps.size:
+        raise RecordingError("all frames of markers have the same stamp: there is no usable time")
+    return max(float(np.median(steps)) / NS_PER_S, 1.0 / MAX_RATE)
+
+
+def _joint_states(
+    recorded: MarkerTrajectories,
+    joint_names: tuple[str, ...],
+    q: FloatArray,
+    notes: tuple[str, ...],
+) -> RawJointStates:
+    return RawJointStates(
+        topic=recorded.topic,
+        header_stamps=recorded.header_stamps,
+        receive_stamps=recorded.receive_stamps,
+        layouts=(JointLayout(joint_names, np.arange(len(q), dtype=np.int64), q),),
+        n_malformed=0,
+        notes=notes,
+        computed=True,
+    )
+
+
+def _summary(distances: FloatArray) -> MarkerResidual:
+    seen = distances[np.isfinite(distances)]
+    if not seen.size:
+        return MarkerResidual(float("nan"), float("nan"), 0)
+    return MarkerResidual(float(np.median(seen)), float(np.percentile(seen, 95.0)), int(seen.size))
+
+
+def _residual_note(residuals: dict[str, MarkerResidual]) -> str:
+    figures = ", ".join(
+        f"'{name}' {1000.0 * r.median:.2f} and {1000.0 * r.percentile_95:.2f}"
+        for name, r in residuals.items()
+        if r.n_frames
+    )
+    return f"distances of the markers from the model's, median and 95 % [mm]: {figures}"
+
+
+def _notes(recorded: MarkerTrajectories, robot: Robot, q: FloatArray) -> list[str]:
+    notes = [
+        f"marker '{name}' is missing in {count} of {len(q)} frames"
+        for name, count in _missing(recorded).items()
+        if count
+    ]
+    solved = np.asarray(np.isfinite(q).all(axis=1))
+    if not solved.all():
+        notes.append(
+            f"{np.count_nonzero(~solved)} of {len(q)} frames lack markers that the joints need: "
+            "they count as non_finite"
+        )
+    limits = robot.limits()
+    at_limit = np.asarray((q <= limits.lower + _AT_LIMIT) | (q >= limits.upper - _AT_LIMIT))
+    notes += [
+        f"joint '{name}' is at its limit in {count} of {len(q)} frames: its range may be too "
+        "small, or a marker not where the marker map says"
+        for name, count in zip(robot.joint_names, at_limit.sum(axis=0).tolist(), strict=True)
+        if count
+    ]
+    return notes

@@ -1,0 +1,210 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Fit where joints sit in their parent links to a recording, so that one model serves many people.
+
+The marker positions are linear in the joints' origins o (or in their distances, along the
+directions that the URDF gives): with the rotation R of the parent link, ∂p/∂o = R for every marker
+beyond the joint. Origins and the joint positions of some frames are found together by Gauss-Newton:
+the joint positions are eliminated frame by frame (the errors are projected to what they can't
+make good), which leaves a small system for the origins alone.
+"""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..arrays import FloatArray
+from ..exceptions import RecordingError, unknown_name
+from ..robot.model import Robot
+from .inverse_kinematics import MarkerProblem, marker_problem, solve_each
+from .marker_map import MarkerMap, MarkerPlacement, OriginFit
+
+N_FRAMES = 60
+"""Frames that are used, evenly spread over the recording."""
+
+_MAX_ITERATIONS = 30
+_LAST_CHANGE = 1e-7  # [m]
+_LEAST_EFFECT = 1e-4
+"""Directions that change the errors less than that share of the strongest are left as they are."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Joint:
+    """A joint of a URDF: the links it connects, and its origin in the parent link [m]."""
+
+    parent: str
+    child: str
+    origin: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class FittedModel:
+    """A fitted model.
+
+    Attributes
+    ----------
+    urdf : str
+        The robot description with the fitted origins.
+    notes : tuple of str
+        What was fitted, one sentence for each joint.
+    """
+
+    urdf: str
+    notes: tuple[str, ...]
+
+
+def check_fits(urdf: str, marker_map: MarkerMap) -> None:
+    """Refuse fits that this robot description can't have.
+
+    Raises
+    ------
+    RecordingError
+        If it has no such joint, or one whose distance is to be fitted has no direction.
+    """
+    joints = _joints(ET.fromstring(urdf))
+    for name, kind in marker_map.fit_origins.items():
+        if name not in joints:
+            raise RecordingError(
+                f"{marker_map.source}: fit_origins: {unknown_name('joint', name, joints)}"
+            )
+        if kind == "length" and not joints[name].origin.any():
+            raise RecordingError(
+                f"{marker_map.source}: fit_origins: joint '{name}' is at the origin of its parent "
+                "link, so there is no length to fit; use 'position'"
+            )
+
+
+def fit_origins(
+    urdf: str,
+    joint_names: Sequence[str],
+    markers: Sequence[MarkerPlacement],
+    fits: Mapping[str, OriginFit],
+    targets: FloatArray,
+) -> FittedModel:
+    """Fit the origins of some joints.
+
+    Parameters
+    ----------
+    urdf :
+        The robot description.
+    joint_names :
+        Joints that move.
+    markers :
+        Markers that they move.
+    fits :
+        What is fitted, see :class:`.marker_map.MarkerMap`.
+    targets : array, shape (n_frames, n_markers, 3)
+        Measured positions in the base frame [m]; NaN where missing. The frames must fix all joints.
+    """
+    joints = _joints(ET.fromstring(urdf))
+    columns = [
+        (name, direction)
+        for name, fit in fits.items()
+        for direction in _directions(joints[name], fit)
+    ]
+    chosen = np.unique(np.linspace(0, len(targets) - 1, N_FRAMES).round().astype(int))
+    beyond = _beyond(joints, [name for name, _ in columns], markers)
+    origins = {name: joints[name].origin for name in fits}
+    q: FloatArray | None = None
+    for _ in range(_MAX_ITERATIONS):
+        robot = Robot(_with_origins(urdf, origins), joint_names)
+        problem = marker_problem(robot, markers, targets[chosen])
+        q = solve_each(problem, q)
+        turned = _turned(robot, q, [(joints[name].parent, d) for name, d in columns])
+        change = _best_change(problem, q, np.einsum("mc,kci->kmic", beyond, turned))
+        for (name, direction), amount in zip(columns, change, strict=True):
+            origins[name] = origins[name] + amount * direction
+        if np.abs(change).max() < _LAST_CHANGE:
+            break
+    return FittedModel(_with_origins(urdf, origins), _notes(joints, origins))
+
+
+def _joints(root: ET.Element) -> dict[str, _Joint]:
+    found = {}
+    for joint in root.iter("joint"):
+        parent, child, origin = (joint.find(tag) for tag in ("parent", "child", "origin"))
+        if parent is not None and child is not None:
+            text = "0 0 0" if origin is None else origin.get("xyz", "0 0 0")
+            found[joint.get("name", "")] = _Joint(
+                parent.get("link", ""), child.get("link", ""), np.array(text.split(), dtype=float)
+            )
+    return found
+
+
+def _with_origins(urdf: str, origins: Mapping[str, FloatArray]) -> str:
+    root = ET.fromstring(urdf)
+    for joint in root.iter("joint"):
+        position = origins.get(joint.get("name", ""))
+        if position is not None:
+            origin = joint.find("origin")
+            if origin is None:
+                origin = ET.SubElement(joint, "origin")
+            origin.set("xyz", " ".join(repr(float(x)) for x in position))
+    return ET.tostring(root, encoding="unicode")
+
+
+def _directions(joint: _Joint, fit: OriginFit) -> FloatArray:
+    """Directions in the parent link that the origin may move in, shape (n_directions, 3)."""
+    if fit == "position":
+        return np.eye(3)
+    return joint.origin[None] / np.linalg.norm(joint.origin)
+
+
+def _beyond(
+    joints: Mapping[str, _Joint], names: Sequence[str], markers: Sequence[MarkerPlacement]
+) -> FloatArray:
+    """1 where a marker is beyond a joint, else 0; shape (n_markers, n_names)."""
+    above = {joint.child: (name, joint.parent) for name, joint in joints.items()}
+    result = np.zeros((len(markers), len(names)))
+    for row, marker in zip(result, markers, strict=True):
+        link = marker.link
+        while link in above:
+            passed, link = above[link]
+            row[[name == passed for name in names]] = 1.0
+    return result
+
+
+def _turned(robot: Robot, q: FloatArray, columns: Sequence[tuple[str, FloatArray]]) -> FloatArray:
+    """Directions given in links, in the base frame; shape (n_frames, n_columns, 3)."""
+    links = [link for link, _ in columns]
+    directions = np.array([direction for _, direction in columns])
+    tips, _ = robot.attach_points(links, directions).positions_and_jacobians(q)
+    origins, _ = robot.attach_points(links, 0.0 * directions).positions_and_jacobians(q)
+    return tips - origins
+
+
+def _best_change(problem: MarkerProblem, q: FloatArray, effects: FloatArray) -> FloatArray:
+    """Change of the origins that is best once the joint positions have followed.
+
+    Parameters
+    ----------
+    problem, q :
+        Frames and their joint positions.
+    effects : array, shape (n_frames, n_markers, 3, n_columns)
+        Derivatives of the marker positions by the origins.
+    """
+    frames = np.arange(len(q))
+    errors, jacobians = problem.weighted(frames, q)
+    effects = effects * problem.scale(frames)[..., None, None]
+    effects = effects.reshape(*errors.shape, -1)
+    made_good = jacobians @ np.linalg.pinv(jacobians, rcond=_LEAST_EFFECT)
+    rest = np.eye(errors.shape[1]) - made_good
+    matrix = (rest @ effects).reshape(-1, effects.shape[-1])
+    right = -(rest @ errors[..., None]).reshape(-1)
+    return np.asarray(np.linalg.lstsq(matrix, right, rcond=_LEAST_EFFECT)[0], dtype=np.float64)
+
+
+def _notes(joints: Mapping[str, _Joint], origins: Mapping[str, FloatArray]) -> tuple[str, ...]:
+    return tuple(
+        f"joint '{name}' fits the markers best at ({_millimetres(origin)}) mm in its parent link; "
+        f"the URDF has it at ({_millimetres(joints[name].origin)}) mm"
+        for name, origin in origins.items()
+    )
+
+
+def _millimetres(position: FloatArray) -> str:
+    return ", ".join(f"{1000.0 * x:.1f}" for x in position)

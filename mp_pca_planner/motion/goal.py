@@ -1,0 +1,255 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Value types for what is asked of the planner; no behaviour."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..arrays import FloatArray, frozen_array, unique_names
+from ..exceptions import GoalError
+
+
+@dataclass(frozen=True, eq=False)
+class JointState:
+    """Positions, velocities and accelerations of named joints at one moment.
+
+    Attributes
+    ----------
+    joint_names : tuple of str
+        Names of the joints.
+    positions : array, shape (n_joints,)
+        Joint positions [rad or m].
+    velocities, accelerations : array, shape (n_joints,)
+        Their derivatives [/s, /s²]; zero unless given.
+
+    Raises
+    ------
+    GoalError
+        If names repeat, lengths differ or a number is not finite.
+    """
+
+    joint_names: tuple[str, ...]
+    positions: FloatArray
+    velocities: FloatArray
+    accelerations: FloatArray
+
+    def __init__(
+        self,
+        joint_names: Sequence[str],
+        positions: ArrayLike,
+        velocities: ArrayLike | None = None,
+        accelerations: ArrayLike | None = None,
+    ) -> None:
+        names = unique_names(joint_names, "joints of a state", GoalError)
+        object.__setattr__(self, "joint_names", names)
+        for field, values in (
+            ("positions", positions),
+            ("velocities", velocities),
+            ("accelerations", accelerations),
+        ):
+            numbers = np.zeros(len(names)) if values is None else values
+            object.__setattr__(self, field, frozen_array(numbers, (len(names),), field, GoalError))
+
+
+@dataclass(frozen=True, eq=False)
+class Pose:
+    """Where a frame of the robot shall be.
+
+    Attributes
+    ----------
+    frame : str
+        Name of the frame, a link or joint of the robot.
+    position : array, shape (3,)
+        Its origin in the robot's base frame [m].
+    orientation : array, shape (4,), or None
+        Its orientation as a unit quaternion (x, y, z, w); None leaves it free.
+
+    Raises
+    ------
+    GoalError
+        If a shape is wrong, a number not finite, or the quaternion not of length 1.
+    """
+
+    frame: str
+    position: FloatArray
+    orientation: FloatArray | None
+
+    def __init__(
+        self, frame: str, position: ArrayLike, orientation: ArrayLike | None = None
+    ) -> None:
+        object.__setattr__(self, "frame", frame)
+        position = frozen_array(position, (3,), "position of a pose", GoalError)
+        object.__setattr__(self, "position", position)
+        if orientation is not None:
+            orientation = frozen_array(orientation, (4,), "orientation of a pose", GoalError)
+            length = float(np.linalg.norm(orientation))
+            if not abs(length - 1.0) <= 1e-3:
+                raise GoalError(
+                    "the orientation of a pose must be a quaternion (x, y, z, w) of length 1, "
+                    f"got one of length {length:.6g}"
+                )
+            orientation = frozen_array(orientation / length, (4,), "orientation", GoalError)
+        object.__setattr__(self, "orientation", orientation)
+
+
+@dataclass(frozen=True, eq=False)
+class Via:
+    """Something to pass on the way, at a phase.
+
+    Attributes
+    ----------
+    target : JointState or Pose
+        Positions of some joints (velocities and accelerations don't count), or a pose.
+    phase : float or None
+        When, as a share of the duration, strictly between 0 and 1; None leaves it to the planner.
+
+    Raises
+    ------
+    GoalError
+        If the phase is not between 0 and 1.
+    """
+
+    target: JointState | Pose
+    phase: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.phase is not None and not 0.0 < self.phase < 1.0:
+            raise GoalError(f"the phase of a via must be between 0 and 1, got {self.phase}")
+
+
+@dataclass(frozen=True, eq=False)
+class JointGoal:
+    """A configuration to reach.
+
+    Attributes
+    ----------
+    state : JointState
+        Configuration at the end of the motion, with the velocities and accelerations
+        there. Joints of the robot that it doesn't name keep their present position.
+    duration : float or None
+        Duration of the motion [s]; None leaves it to the planner.
+    primitive : str or None
+        Name of the primitive to use; None leaves it to the planner.
+    vias : tuple of Via
+        What to pass on the way, in this order.
+
+    Raises
+    ------
+    GoalError
+        If the duration is not a positive finite number, or phases of vias don't increase.
+    """
+
+    state: JointState
+    duration: float | None = None
+    primitive: str | None = None
+    vias: tuple[Via, ...] = ()
+
+    def __post_init__(self) -> None:
+        _check_duration(self.duration)
+        _check_order(self.vias)
+
+
+@dataclass(frozen=True, eq=False)
+class PoseGoal:
+    """A pose to reach, at rest; which configuration reaches it is left to the planner.
+
+    Attributes
+    ----------
+    pose : Pose
+        Where a frame of the robot shall be at the end of the motion.
+    duration, primitive, vias
+        As of a `JointGoal`.
+
+    Raises
+    ------
+    GoalError
+        If the duration is not a positive finite number, or phases of vias don't increase.
+    """
+
+    pose: Pose
+    duration: float | None = None
+    primitive: str | None = None
+    vias: tuple[Via, ...] = ()
+
+    def __post_init__(self) -> None:
+        _check_duration(self.duration)
+        _check_order(self.vias)
+
+
+@dataclass(frozen=True, eq=False)
+class SequenceGoal:
+    """Configurations and poses to reach one after the other, at rest only where asked.
+
+    Attributes
+    ----------
+    targets : tuple of JointState or Pose
+        At least one. Joints that a state doesn't name keep the position they had before.
+    times : tuple of (float or None)
+        When to be there, after the start [s], as many as targets; None leaves it to the planner.
+    primitive : str or None
+        Name of the primitive to use; None leaves it to the planner, for each part.
+    stops : tuple of bool
+        Whether to come to rest there, as many as targets; only at the last unless given, where
+        the motion ends at rest in any case.
+
+    Raises
+    ------
+    GoalError
+        If there is no target, the numbers of targets, times and stops differ, or times don't
+        increase.
+    """
+
+    targets: tuple[JointState | Pose, ...]
+    times: tuple[float | None, ...] = ()
+    primitive: str | None = None
+    stops: tuple[bool, ...] = ()
+
+    def __post_init__(self) -> None:
+        if not self.targets:
+            raise GoalError("a sequence needs at least one target, got none")
+        if not self.times:
+            object.__setattr__(self, "times", (None,) * len(self.targets))
+        if len(self.times) != len(self.targets):
+            raise GoalError(
+                f"a sequence needs a time (or None) for each of its {len(self.targets)} targets, "
+                f"got {len(self.times)}"
+            )
+        if not self.stops:
+            object.__setattr__(self, "stops", (False,) * len(self.targets))
+        if len(self.stops) != len(self.targets):
+            raise GoalError(
+                f"a sequence needs to say of each of its {len(self.targets)} targets whether it "
+                f"stops there, got {len(self.stops)}"
+            )
+        last = 0.0
+        for time in self.times:
+            if time is None:
+                continue
+            if not (np.isfinite(time) and time > last):
+                raise GoalError(
+                    f"the times of a sequence must be positive and increase, got {time} after "
+                    f"{last:g}"
+                )
+            last = time
+
+
+Goal = JointGoal | PoseGoal | SequenceGoal
+
+
+def _check_duration(duration: float | None) -> None:
+    if duration is not None and not (np.isfinite(duration) and duration > 0):
+        raise GoalError(
+            f"the duration of a motion must be a positive number of seconds, got {duration}"
+        )
+
+
+def _check_order(vias: Sequence[Via]) -> None:
+    phases = [via.phase for via in vias if via.phase is not None]
+    if any(later <= earlier for earlier, later in pairwise(phases)):
+        raise GoalError(f"the phases of vias must increase, got {phases}")

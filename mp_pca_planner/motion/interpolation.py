@@ -1,0 +1,124 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""What joint_trajectory_controller makes of the points of a trajectory.
+
+Between two points that both have accelerations and velocities it follows the quintic polynomial
+through them, between points with velocities only the cubic one, and else a straight line. All of
+these are quintics, told by their value and first two derivatives at both ends.
+"""
+
+from __future__ import annotations
+
+from math import comb
+
+import numpy as np
+from numpy.polynomial import polynomial
+
+from ..arrays import FloatArray
+
+# Row i: coefficients, by rising power of the phase, of the quintic that is one in
+# boundary value i of (q, q', q'' at 0, q, q', q'' at 1) and zero in the five others.
+_HERMITE = np.array(
+    [
+        [1.0, 0.0, 0.0, -10.0, 15.0, -6.0],
+        [0.0, 1.0, 0.0, -6.0, 8.0, -3.0],
+        [0.0, 0.0, 0.5, -1.5, 1.5, -0.5],
+        [0.0, 0.0, 0.0, 10.0, -15.0, 6.0],
+        [0.0, 0.0, 0.0, -4.0, 7.0, -3.0],
+        [0.0, 0.0, 0.0, 0.5, -1.0, 0.5],
+    ]
+)
+# The same for the derivatives by phase, a column per function.
+_HERMITE_DERIVATIVES = [polynomial.polyder(_HERMITE, d, axis=1).T for d in range(4)]
+
+
+def _to_bezier(degree: int) -> FloatArray:
+    """Takes coefficients by rising power of the phase to Bézier points."""
+    return np.array(
+        [[comb(i, k) / comb(degree, k) for k in range(degree + 1)] for i in range(degree + 1)]
+    )
+
+
+BEZIER_POINTS = tuple(_to_bezier(5 - d) @ _HERMITE_DERIVATIVES[d] for d in range(4))
+"""Take the values at both ends of a quintic, as :func:`hermite_functions` does, to the Bézier
+points of it and of its first three derivatives by phase, shape (6 - derivative, 6). All of the
+curve lies between the lowest and the highest of them."""
+
+
+def hermite_functions(phases: FloatArray, derivative: int = 0) -> FloatArray:
+    """Evaluate the six quintic Hermite functions.
+
+    Parameters
+    ----------
+    phases : array, shape (n_steps,)
+        Phases in [0, 1].
+    derivative : int
+        Which derivative with respect to phase, 0 to 3.
+
+    Returns
+    -------
+    functions : array, shape (n_steps, 6)
+        Their values; multiplied by the values at both ends (q, dq/ds, d²q/ds² at phase 0, then at
+        phase 1) they give the quintic.
+    """
+    coefficients = _HERMITE_DERIVATIVES[derivative]
+    powers = np.power.outer(phases, np.arange(len(coefficients)))
+    return np.asarray(powers @ coefficients)
+
+
+def segment_ends(
+    times: FloatArray, positions: FloatArray, velocities: FloatArray, accelerations: FloatArray
+) -> FloatArray:
+    """Values at both ends of each segment between two points, for :func:`hermite_functions`.
+
+    Parameters
+    ----------
+    times : array, shape (n_points,)
+        Increasing times [s].
+    positions, velocities, accelerations : array, shape (n_points, n_joints)
+        Of the points; NaN in the velocities or accelerations that a point does not have.
+
+    Returns
+    -------
+    ends : array, shape (n_points - 1, 6, n_joints)
+        q, dq/ds and d²q/ds² at the start of each segment, then at its end, s from 0 to 1.
+    """
+    steps = np.diff(times)[:, None]
+    v = [velocities[part] * steps for part in (slice(None, -1), slice(1, None))]
+    a = [accelerations[part] * steps**2 for part in (slice(None, -1), slice(1, None))]
+    straight = ~np.isfinite(v).all(axis=0)
+    lower = straight | ~np.isfinite(a).all(axis=0)
+    if lower.any():
+        way = np.diff(positions, axis=0)
+        v = [np.where(straight, way, own) for own in v]
+        # The second derivatives of the cubic; of a straight line they are zero.
+        cubic = [6.0 * way - 4.0 * v[0] - 2.0 * v[1], -6.0 * way + 2.0 * v[0] + 4.0 * v[1]]
+        a = [np.where(lower, own, given) for own, given in zip(cubic, a, strict=True)]
+    return np.stack([positions[:-1], v[0], a[0], positions[1:], v[1], a[1]], axis=1)
+
+
+def interpolate_at(
+    asked: FloatArray,
+    times: FloatArray,
+    positions: FloatArray,
+    velocities: FloatArray,
+    accelerations: FloatArray,
+) -> FloatArray:
+    """Positions at any times between the first and the last point.
+
+    Parameters
+    ----------
+    asked : array, shape (n_samples,)
+        Times [s].
+    times, positions, velocities, accelerations :
+        The points, see :func:`segment_ends`; at least two.
+
+    Returns
+    -------
+    :
+        Positions [rad or m], shape (n_samples, n_joints).
+    """
+    ends = segment_ends(times, positions, velocities, accelerations)
+    segment = np.clip(np.searchsorted(times, asked, side="right") - 1, 0, len(ends) - 1)
+    phases = (asked - times[segment]) / np.diff(times)[segment]
+    return np.asarray(np.einsum("ki,kij->kj", hermite_functions(phases), ends[segment]))

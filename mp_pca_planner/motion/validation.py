@@ -1,0 +1,358 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""The one validator: what may be sent to a robot.
+
+It judges what joint_trajectory_controller will make of the points, the quintic polynomial
+between neighbours, on a grid of at most 1 ms; so it depends neither on how a trajectory was
+planned nor on how densely it is sampled.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.polynomial import chebyshev
+
+from ..arrays import FloatArray
+from ..exceptions import TrajectoryError
+from ..robot.limits import JointLimits
+from ..robot.model import Robot
+from .goal import JointState
+from .interpolation import BEZIER_POINTS, hermite_functions, segment_ends
+from .trajectory import Trajectory
+
+GRID_PERIOD = 1e-3
+"""Longest step of the grid on which limits are checked [s]."""
+
+LIMIT_TOLERANCE = 1e-6
+"""Relative excess over a limit that counts as rounding."""
+
+LIMIT_NEAR = 2e-5
+"""So near to a limit, relatively, it may be broken between the points of the grid."""
+
+_START_TOLERANCE = 1e-9
+# Parts of the time between two points at least: a quintic from rest to rest shows neither speed nor
+# effort at its ends, however short it is; at a quarter it is near its greatest acceleration.
+_FEWEST_PARTS = 4
+# Five points on each segment, from −1 to 1; Chebyshev coefficients of efforts that are known there;
+# and that polynomial at points as dense as those of the grid usually are. What it leaves out must
+# be no more than this share of the limit.
+_CHEBYSHEV = -np.cos(np.linspace(0.0, np.pi, 5))
+# The last of a segment is the first of the next.
+_AT_CHEBYSHEV = np.array([hermite_functions(0.5 * (_CHEBYSHEV[:-1] + 1.0), d) for d in range(3)])
+_TO_CHEBYSHEV = np.linalg.inv(chebyshev.chebvander(_CHEBYSHEV, 4))
+_FROM_CHEBYSHEV = chebyshev.chebvander(np.linspace(-1.0, 1.0, 11), 4)
+_SMOOTH = 1e-3
+
+
+@dataclass(frozen=True)
+class Violation:
+    """A limit that a trajectory breaks.
+
+    Attributes
+    ----------
+    quantity : str
+        'position', 'velocity', 'acceleration', 'jerk' or 'effort'.
+    joint : str
+        Name of the joint.
+    time : float
+        When it is worst [s].
+    value, limit : float
+        The value then and the limit, in SI units.
+    excess : float
+        Relative excess: |value| / limit − 1, for positions the distance outside divided
+        by the length of the range (or by 1 rad or m if that is infinite).
+    """
+
+    quantity: str
+    joint: str
+    time: float
+    value: float
+    limit: float
+    excess: float
+
+    def __str__(self) -> str:
+        return (
+            f"{self.quantity} of joint '{self.joint}' is {self.value:.4g} at {self.time:.3f} s, "
+            f"limit {self.limit:.4g}"
+        )
+
+
+@dataclass(frozen=True)
+class LimitCheck:
+    """Result of comparing a trajectory with limits.
+
+    Attributes
+    ----------
+    touched : tuple of Violation
+        Every limit that is come as near to as `LIMIT_NEAR`, or broken, the worst first.
+    """
+
+    touched: tuple[Violation, ...]
+
+    @property
+    def violations(self) -> tuple[Violation, ...]:
+        """Every limit broken by more than rounding, the worst first."""
+        return tuple(v for v in self.touched if not v.excess <= LIMIT_TOLERANCE)
+
+    @property
+    def worst_excess(self) -> float:
+        """Largest relative excess, 0 if every limit holds."""
+        return max((v.excess for v in self.touched if not v.excess <= 0.0), default=0.0)
+
+
+@dataclass(frozen=True, eq=False)
+class DenseSamples:
+    """The motion that the controller makes of a trajectory, on a fine grid.
+
+    Attributes
+    ----------
+    times : array, shape (n_samples,)
+        [s].
+    q, v, a, jerk : array, shape (n_samples, n_joints)
+        Positions and their first three derivatives. A jerk jumps at the points.
+    """
+
+    times: FloatArray
+    q: FloatArray
+    v: FloatArray
+    a: FloatArray
+    jerk: FloatArray
+
+
+def interpolate(trajectory: Trajectory, period: float = GRID_PERIOD) -> DenseSamples:
+    """Sample the quintic interpolation of a trajectory.
+
+    Parameters
+    ----------
+    trajectory : Trajectory
+        The points.
+    period : float
+        Longest time between two samples [s]; every point is a sample.
+    """
+    steps = np.diff(trajectory.times)
+    if steps.size == 0:
+        zero = np.zeros_like(trajectory.positions)
+        return DenseSamples(
+            trajectory.times,
+            trajectory.positions,
+            trajectory.velocities,
+            trajectory.accelerations,
+            zero,
+        )
+    n_parts = max(int(np.ceil(steps.max() / period - 1e-6)), _FEWEST_PARTS)
+    fractions = np.linspace(0.0, 1.0, n_parts + 1)
+    tables = np.array([hermite_functions(fractions, d) for d in range(4)])
+    q, v, a, jerk = _derivatives(_segment_ends(trajectory), steps, tables)
+    times = (trajectory.times[:-1, None] + steps[:, None] * fractions).ravel()
+    return DenseSamples(times, q, v, a, jerk)
+
+
+def _segment_ends(trajectory: Trajectory) -> FloatArray:
+    return segment_ends(
+        trajectory.times, trajectory.positions, trajectory.velocities, trajectory.accelerations
+    )
+
+
+def _derivatives(ends: FloatArray, steps: FloatArray, tables: FloatArray) -> FloatArray:
+    """Positions and derivatives by time at some phases of each segment, segment by segment.
+
+    Parameters
+    ----------
+    ends, steps : array, shape (n_segments, 6, n_joints) and (n_segments,)
+        Segments, see :func:`.segment_ends`, and their durations [s].
+    tables : array, shape (n_derivatives, n_phases, 6)
+        :func:`.hermite_functions` and their derivatives there.
+
+    Returns
+    -------
+    :
+        Shape (n_derivatives, n_segments * n_phases, n_joints).
+    """
+    n_derivatives, n_phases, n_values = tables.shape
+    n_segments, _, n_joints = ends.shape
+    # One product of matrices, however many segments there are.
+    columns = ends.transpose(1, 0, 2).reshape(n_values, -1)
+    values = tables.reshape(-1, n_values) @ columns
+    by_segment = values.reshape(n_derivatives, n_phases, n_segments, n_joints).swapaxes(1, 2)
+    rates = steps ** -np.arange(float(n_derivatives))[:, None]
+    return np.asarray((by_segment * rates[:, :, None, None]).reshape(n_derivatives, -1, n_joints))
+
+
+def check_limits(trajectory: Trajectory, robot: Robot, limits: JointLimits) -> LimitCheck:
+    """Compare a trajectory with limits on a grid of at most 1 ms.
+
+    Parameters
+    ----------
+    trajectory : Trajectory
+        Of the joints of the robot, in its order.
+    robot : Robot
+        For the efforts, which are computed here, not taken from the trajectory.
+    limits : JointLimits
+        Limits of the same joints.
+
+    Raises
+    ------
+    RobotError
+        If efforts are limited, and a moving link of the robot has no valid inertia.
+    """
+    require_effort_limits(robot, limits)
+    steps, ends = np.diff(trajectory.times), _segment_ends(trajectory)
+    moves_inside = _stays_inside(ends, steps, limits)
+    efforts_inside = _efforts_stay_clear(trajectory, ends, steps, robot, limits)
+    if moves_inside and efforts_inside:
+        return LimitCheck(())
+    dense = interpolate(trajectory)
+    found, magnitudes = [], []
+    if not moves_inside:
+        found = _outside_range(dense, limits)
+        magnitudes = [
+            ("velocity", dense.v, limits.velocity),
+            ("acceleration", dense.a, limits.acceleration),
+            ("jerk", dense.jerk, limits.jerk),
+        ]
+    if not efforts_inside:
+        tau = robot.inverse_dynamics(dense.q, dense.v, dense.a)
+        magnitudes.append(("effort", tau, limits.effort))
+    for quantity, values, bound in magnitudes:
+        peak = np.abs(values).argmax(axis=0)
+        for j, name in enumerate(limits.joint_names):
+            value = float(values[peak[j], j])
+            excess = abs(value) / float(bound[j]) - 1.0
+            if not excess <= -LIMIT_NEAR:  # a NaN is a violation
+                time = float(dense.times[peak[j]])
+                found.append(Violation(quantity, name, time, value, float(bound[j]), excess))
+    found.sort(key=lambda violation: -violation.excess)
+    return LimitCheck(tuple(found))
+
+
+def require_effort_limits(robot: Robot, limits: JointLimits) -> None:
+    """Refuse a robot whose efforts are limited, but can't be computed.
+
+    Raises
+    ------
+    RobotError
+        If a moving link has no valid inertia.
+    """
+    if np.isfinite(limits.effort).any():
+        robot.require_inertias("limits of efforts", "take those away (max_effort: .inf)")
+
+
+def _stays_inside(ends: FloatArray, steps: FloatArray, limits: JointLimits) -> bool:
+    """Whether all but efforts stay clear of their limits, told from Bézier points.
+
+    The answer may be no where a curve comes near a limit without breaking it.
+    """
+    if steps.size == 0:
+        return False
+    columns = ends.transpose(1, 0, 2).reshape(6, -1)
+
+    def bezier_points(order: int) -> FloatArray:
+        return (BEZIER_POINTS[order] @ columns).reshape(-1, *ends[:, 0].shape)
+
+    room = LIMIT_NEAR * _span(limits)
+    q = bezier_points(0)
+    if not (np.all(q > limits.lower + room) and np.all(q < limits.upper - room)):
+        return False
+    for order, bound in enumerate((limits.velocity, limits.acceleration, limits.jerk), start=1):
+        if np.isfinite(bound).any():
+            highest = np.abs(bezier_points(order)).max(axis=0) / steps[:, None] ** order
+            if not np.all(highest < (1.0 - LIMIT_NEAR) * bound):
+                return False
+    return True
+
+
+def _efforts_stay_clear(
+    trajectory: Trajectory, ends: FloatArray, steps: FloatArray, robot: Robot, limits: JointLimits
+) -> bool:
+    """Whether efforts stay clear of their limits, told from fewer points than the grid has.
+
+    Between two points of a trajectory efforts are smooth. The polynomials through five Chebyshev
+    points there tell them, and how fast its coefficients fall off tells what it leaves out. The
+    answer is no where efforts come near their limits, or the robot moves far in a step.
+    """
+    if not np.isfinite(limits.effort).any():
+        return True
+    if steps.size == 0:
+        return False
+    degree = len(_CHEBYSHEV) - 1
+    states = _derivatives(ends, steps, _AT_CHEBYSHEV)
+    last = (trajectory.positions, trajectory.velocities, trajectory.accelerations)
+    q, v, a = (np.concatenate([x, end[-1:]]) for x, end in zip(states, last, strict=True))
+    tau = robot.inverse_dynamics(q, v, a)
+    nodes = np.arange(len(steps))[:, None] * degree + np.arange(degree + 1)
+    coefficients = _TO_CHEBYSHEV @ tau[nodes]
+    beyond = np.abs(coefficients[:, -1]) + 0.1 * np.abs(coefficients[:, -2])
+    within = np.abs(_FROM_CHEBYSHEV @ coefficients).max(axis=1) + beyond
+    told = np.all(beyond <= _SMOOTH * limits.effort)
+    return bool(told and np.all(within < (1.0 - LIMIT_NEAR) * limits.effort))
+
+
+def _outside_range(dense: DenseSamples, limits: JointLimits) -> list[Violation]:
+    span = _span(limits)
+    found = []
+    for bound, outside in (
+        (limits.lower, (limits.lower - dense.q) / span),
+        (limits.upper, (dense.q - limits.upper) / span),
+    ):
+        peak = outside.argmax(axis=0)
+        for j, name in enumerate(limits.joint_names):
+            excess = float(outside[peak[j], j])
+            if not excess <= -LIMIT_NEAR:
+                time, value = float(dense.times[peak[j]]), float(dense.q[peak[j], j])
+                found.append(Violation("position", name, time, value, float(bound[j]), excess))
+    return found
+
+
+def _span(limits: JointLimits) -> FloatArray:
+    """Lengths of the ranges of positions, 1 rad or m where they are infinite."""
+    span = limits.upper - limits.lower
+    return np.where(np.isfinite(span), span, 1.0)
+
+
+def check_executable(
+    trajectory: Trajectory,
+    check: LimitCheck,
+    start: JointState,
+    *,
+    allow_nonzero_end_velocity: bool = False,
+) -> None:
+    """Refuse a trajectory that must not be sent to joint_trajectory_controller.
+
+    Parameters
+    ----------
+    trajectory : Trajectory
+        What is to be sent. Its constructor has seen to finite numbers, unique joints and
+        increasing times from 0.
+    check : LimitCheck
+        Result of :func:`check_limits` for it.
+    start : JointState
+        Present (or commanded) state of the same joints.
+    allow_nonzero_end_velocity : bool
+        Whether the controller is set to accept a motion that doesn't end at rest.
+
+    Raises
+    ------
+    TrajectoryError
+        If it breaks a limit, doesn't start at the present state, or doesn't end at rest.
+    """
+    if check.violations:
+        raise TrajectoryError(str(check.violations[0]))
+    if trajectory.joint_names != start.joint_names:
+        raise TrajectoryError(
+            f"the trajectory moves {trajectory.joint_names}, the state is of {start.joint_names}"
+        )
+    jump = np.abs(trajectory.positions[0] - start.positions)
+    worst = int(jump.argmax())
+    if not jump[worst] <= _START_TOLERANCE:
+        raise TrajectoryError(
+            f"the trajectory starts {jump[worst]:.3g} rad (or m) from the present position of "
+            f"joint '{trajectory.joint_names[worst]}'"
+        )
+    if not allow_nonzero_end_velocity and np.any(trajectory.velocities[-1] != 0.0):
+        worst = int(np.abs(trajectory.velocities[-1]).argmax())
+        raise TrajectoryError(
+            f"the trajectory ends with a velocity of {trajectory.velocities[-1, worst]:.3g} of "
+            f"joint '{trajectory.joint_names[worst]}', and the controller accepts only exactly 0"
+        )

@@ -1,0 +1,105 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Masses and principal moments of inertia of a robot's links, apart.
+
+Pinocchio keeps one inertia per joint, into which links behind fixed and locked joints are merged.
+The dynamics are linear in the ten inertial parameters of a joint, and so in those of each link.
+"""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from ..arrays import FloatArray
+
+N_PARTS = 4
+"""The mass of a link, and its three principal moments of inertia about its centre of mass."""
+
+
+@dataclass(frozen=True, eq=False)
+class LinkInertias:
+    """What each link adds to the inertia of the joint that carries it.
+
+    Attributes
+    ----------
+    links : tuple of str
+        Names of the n_links links that joints move and that have an inertia.
+    joints : tuple of int
+        Pinocchio's joint that carries each.
+    parts : array, shape (n_links, 4, 10)
+        Inertial parameters in the frame of that joint, in Pinocchio's order, of the mass alone
+        and of each principal moment alone.
+    """
+
+    links: tuple[str, ...]
+    joints: tuple[int, ...]
+    parts: FloatArray
+
+    @classmethod
+    def of(cls, description: str, model: Any) -> LinkInertias:
+        """Read the links of a robot description that a model is built from."""
+        links, joints, parts = [], [], []
+        for link in ET.fromstring(description).findall("link"):
+            name = link.get("name", "")
+            inertial = link.find("inertial")
+            if inertial is None or not model.existFrame(name, pin.FrameType.BODY):
+                continue
+            frame = model.frames[model.getFrameId(name, pin.FrameType.BODY)]
+            joint = frame.parentJoint if hasattr(frame, "parentJoint") else frame.parent
+            if joint == 0:
+                continue
+            placed = [frame.placement.act(part) for part in _parts(inertial)]
+            links.append(name)
+            joints.append(int(joint))
+            parts.append([part.toDynamicParameters() for part in placed])
+        array = np.array(parts, dtype=np.float64).reshape(-1, N_PARTS, 10)
+        return cls(tuple(links), tuple(joints), array)
+
+    def change(self, model: Any, factors: FloatArray) -> None:
+        """Multiply the parts of a model's links.
+
+        Parameters
+        ----------
+        model :
+            Pinocchio's model, changed in place.
+        factors : array, shape (n_links, 4)
+            Of the mass and of each principal moment.
+        """
+        for joint, part, factor in zip(self.joints, self.parts, factors, strict=True):
+            parameters = model.inertias[joint].toDynamicParameters() + (factor - 1.0) @ part
+            model.inertias[joint] = _inertia(parameters)
+
+
+def _inertia(parameters: FloatArray) -> Any:
+    if parameters[0] != 0.0:
+        return pin.Inertia.FromDynamicParameters(parameters)
+    # A body without mass has no centre of mass, which Pinocchio would divide by.
+    xx, xy, yy, xz, yz, zz = parameters[4:]
+    return pin.Inertia(0.0, np.zeros(3), np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]))
+
+
+def _parts(inertial: ET.Element) -> Iterator[Any]:
+    """The mass, then each principal moment, in the frame of the link."""
+    origin, mass, inertia = (inertial.find(tag) for tag in ("origin", "mass", "inertia"))
+    centre, turn = (_numbers(origin, key) for key in ("xyz", "rpy"))
+    rotation = pin.rpy.rpyToMatrix(turn)
+    yield pin.Inertia(_number(mass, "value"), centre, np.zeros((3, 3)))
+    keys = [["i" + "".join(sorted(a + b)) for b in "xyz"] for a in "xyz"]
+    moments, axes = np.linalg.eigh([[_number(inertia, key) for key in row] for row in keys])
+    for moment, axis in zip(moments, (rotation @ axes).T, strict=True):
+        yield pin.Inertia(0.0, centre, moment * np.outer(axis, axis))
+
+
+def _number(element: ET.Element | None, key: str) -> float:
+    return 0.0 if element is None else float(element.get(key, "0"))
+
+
+def _numbers(element: ET.Element | None, key: str) -> FloatArray:
+    text = "0 0 0" if element is None else element.get(key, "0 0 0")
+    return np.array([float(part) for part in text.split()])

@@ -1,0 +1,318 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Robot descriptions (URDF): what is read of them, checked before Pinocchio parses it.
+
+urdfdom, the parser behind Pinocchio, writes to stderr what it does not understand, leaves that out
+and goes on. So Pinocchio gets a copy that holds only links with their inertials and collision
+shapes, and joints, all numbers of which have been parsed here.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+import xml.etree.ElementTree as ET
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from ..exceptions import RobotError, quote_names, unknown_name
+from ..files import MAX_TEXT_BYTES
+
+MAX_LINKS = 2000
+"""Most links of a robot; far longer chains than that overflow the stack of Pinocchio's parser."""
+MAX_MOVABLE_JOINTS = 200
+"""Most joints that move; the memory that Pinocchio takes grows with their cube."""
+MAX_DEPTH = 50
+"""How deeply elements of XML may be nested."""
+
+_ONE_DOF_TYPES = ("revolute", "continuous", "prismatic")
+# Stands for "no limit" where a URDF must have a number: continuous joints are handed to
+# Pinocchio as revolute ones, so that a configuration is one angle per joint.
+_UNBOUNDED = "1e30"
+_PARTS_OF_JOINTS = ("origin", "parent", "child", "axis", "limit")
+_SHAPES = ("box", "sphere", "cylinder", "mesh")
+# Numbers in attributes: how many; those in _OPTIONAL may be left out.
+_NUMBERS = {
+    "origin": {"xyz": 3, "rpy": 3},
+    "axis": {"xyz": 3},
+    "limit": {"lower": 1, "upper": 1, "effort": 1, "velocity": 1},
+    "mass": {"value": 1},
+    "inertia": dict.fromkeys(("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), 1),
+    "box": {"size": 3},
+    "sphere": {"radius": 1},
+    "cylinder": {"radius": 1, "length": 1},
+    "mesh": {"scale": 3},
+}
+_OPTIONAL = ("xyz", "rpy", "lower", "upper", "scale")
+
+
+@dataclass(frozen=True)
+class Description:
+    """What is read of a URDF.
+
+    Attributes
+    ----------
+    name : str
+        What the robot is called; empty if it isn't said.
+    xml : str
+        The part for Pinocchio; continuous joints are revolute ones without bounds in it.
+    types : mapping of str to str
+        'revolute', 'continuous' or 'prismatic' for each movable joint.
+    limits : mapping of str to mapping
+        Their limits by the keys of limits files.
+    mimics : frozenset of str
+        Those of them that mimic others.
+    child_links : mapping of str to str
+        The link that each of them moves.
+    lost_inertials : mapping of str to str
+        Links whose inertial can't be used, and what they have instead of a usable one.
+    lost_shapes : mapping of str to str
+        Links with a collision shape that can't be used, and why.
+    solid_links : frozenset of str
+        Links with a visual or collision shape: bodies, not just frames.
+    """
+
+    name: str
+    xml: str
+    types: Mapping[str, str]
+    limits: Mapping[str, Mapping[str, float]]
+    mimics: frozenset[str]
+    child_links: Mapping[str, str]
+    lost_inertials: Mapping[str, str]
+    lost_shapes: Mapping[str, str]
+    solid_links: frozenset[str]
+
+
+def read_description(urdf: str, source: str) -> Description:
+    """Read and check a URDF.
+
+    Parameters
+    ----------
+    urdf : str
+        XML text.
+    source : str
+        How messages call it.
+
+    Raises
+    ------
+    RobotError
+        If it is no URDF, or a part that matters has wrong numbers or names.
+    """
+    root = _parse(urdf, source)
+    every = {joint.get("name", ""): joint for joint in root.findall("joint")}
+    joints = {name: j for name, j in every.items() if j.get("type") in _ONE_DOF_TYPES}
+    if not joints:
+        raise RobotError(f"{source} has no revolute, continuous or prismatic joint")
+    limits = {name: _limits_of(joint, source) for name, joint in joints.items()}
+    _check_tree(root, source)
+    clean = ET.Element("robot", name=root.get("name") or "robot")
+    lost_inertials, lost_shapes = _copy_links(root, clean)
+    for joint in every.values():
+        _copy_joint(joint, clean, source)
+    return Description(
+        name=root.get("name", ""),
+        xml=ET.tostring(clean, encoding="unicode"),
+        types={name: joint.get("type", "") for name, joint in joints.items()},
+        limits=limits,
+        mimics=frozenset(name for name, j in joints.items() if j.find("mimic") is not None),
+        child_links={name: _end(joint, "child") for name, joint in joints.items()},
+        lost_inertials=lost_inertials,
+        lost_shapes=lost_shapes,
+        solid_links=frozenset(
+            link.get("name", "")
+            for link in root.findall("link")
+            if link.find("visual") is not None or link.find("collision") is not None
+        ),
+    )
+
+
+def parse_xml(text: str, source: str) -> ET.Element:
+    """Parse XML of bounded size and depth: the parsers behind Pinocchio recurse without end.
+
+    Raises
+    ------
+    RobotError
+        If it is something else.
+    """
+    if len(text) > MAX_TEXT_BYTES:
+        raise RobotError(f"{source} has more than {MAX_TEXT_BYTES:,} characters")
+    try:
+        root = ET.fromstring(text)
+    except ET.ParseError as error:
+        raise RobotError(f"{source} is not XML: {error}") from None
+    except ValueError as error:  # for example an encoding declaration that text can't have
+        raise RobotError(f"{source} can't be parsed: {error}") from None
+    level, depth = [root], 0
+    while level:
+        level, depth = [child for element in level for child in element], depth + 1
+        if depth > MAX_DEPTH:
+            raise RobotError(f"{source} has elements within more than {MAX_DEPTH} others")
+    return root
+
+
+def _parse(urdf: str, source: str) -> ET.Element:
+    root = parse_xml(urdf, source)
+    if root.tag != "robot":
+        raise RobotError(f"{source} is no URDF: its root element is <{root.tag}>, not <robot>")
+    if _is_xacro(root):
+        raise RobotError(
+            f"{source} is a xacro file: expand it to a URDF first (`xacro file.xacro`)"
+        )
+    n_links = len(root.findall("link"))
+    n_movable = sum(joint.get("type") in _ONE_DOF_TYPES for joint in root.findall("joint"))
+    if n_links > MAX_LINKS or n_movable > MAX_MOVABLE_JOINTS:
+        raise RobotError(
+            f"{source} has {n_links} links and {n_movable} movable joints, but at most "
+            f"{MAX_LINKS} and {MAX_MOVABLE_JOINTS} are accepted"
+        )
+    return root
+
+
+def _is_xacro(root: ET.Element) -> bool:
+    """Whether this is a xacro file that was not expanded; comments survive expansion."""
+    return any(
+        re.match(r"\{[^}]*xacro\}", element.tag)
+        or any("${" in value for value in element.attrib.values())
+        for element in root.iter()
+    )
+
+
+def _limits_of(joint: ET.Element, source: str) -> dict[str, float]:
+    """Limits that the URDF states for a joint, by the keys of limits files."""
+    limit = joint.find("limit")
+    if limit is None:
+        return {}
+    keys = {"velocity": "max_velocity", "effort": "max_effort"}
+    if joint.get("type") != "continuous":
+        keys |= {"lower": "min_position", "upper": "max_position"}
+    values = {}
+    for attribute, key in keys.items():
+        text = limit.get(attribute, "0" if key.endswith("position") else None)
+        if text is None:
+            continue
+        try:
+            values[key] = float(text)
+        except ValueError:
+            raise RobotError(
+                f"{source}: the limit '{attribute}' of joint '{joint.get('name')}' is "
+                f"'{text}', not a number"
+            ) from None
+    return values
+
+
+def _end(joint: ET.Element, which: str) -> str:
+    element = joint.find(which)
+    return "" if element is None else element.get("link", "")
+
+
+def _check_tree(root: ET.Element, source: str) -> None:
+    """Refuse joints between links that don't exist, and links that form no tree."""
+    links = Counter(link.get("name", "") for link in root.findall("link"))
+    joints = root.findall("joint")
+    for kind, names in (("link", links), ("joint", Counter(j.get("name", "") for j in joints))):
+        twice = _repeated(names)
+        if twice or "" in names:
+            raise RobotError(
+                f"{source}: every {kind} needs a name of its own, but "
+                + (f"several are called {quote_names(twice)}" if twice else "one has none")
+            )
+    for joint in joints:
+        for which in ("parent", "child"):
+            if _end(joint, which) not in links:
+                unknown = unknown_name("link", _end(joint, which), links)
+                raise RobotError(f"{source}: {which} of joint '{joint.get('name')}': {unknown}")
+    children = Counter(_end(joint, "child") for joint in joints)
+    roots = [name for name in links if name not in children]
+    if len(roots) != 1 or _repeated(children):
+        raise RobotError(
+            f"{source}: the links must form one tree, each but one the child of one joint; "
+            f"{quote_names(roots)} are children of none, "
+            f"{quote_names(_repeated(children))} of several"
+        )
+
+
+def _repeated(names: Counter[str]) -> list[str]:
+    return sorted(name for name, count in names.items() if count > 1)
+
+
+def _copy_links(root: ET.Element, clean: ET.Element) -> tuple[dict[str, str], dict[str, str]]:
+    """Add the links; return what is wrong with inertials and shapes that are left out, by link."""
+    inertials: dict[str, str] = {}
+    shapes: dict[str, str] = {}
+    for link in root.findall("link"):
+        name = link.get("name", "")
+        copy = ET.SubElement(clean, "link", name=name)
+        for inertial in link.findall("inertial")[:1]:
+            if problem := _wrong_inertial(inertial):
+                inertials[name] = problem
+            else:
+                copy.append(inertial)
+        for collision in link.findall("collision"):
+            if problem := _wrong_shape(collision):
+                shapes[name] = problem
+            else:
+                copy.append(collision)
+    return inertials, shapes
+
+
+def _wrong_shape(collision: ET.Element) -> str:
+    """Why a collision shape can't be used, empty if it can."""
+    geometry = collision.find("geometry")
+    shapes = [] if geometry is None else list(geometry)
+    if len(shapes) != 1 or shapes[0].tag not in _SHAPES:
+        found = quote_names(shape.tag for shape in shapes)
+        return f"its geometry is {found}, expected one of {', '.join(_SHAPES)}"
+    if shapes[0].tag == "mesh" and not shapes[0].get("filename"):
+        return "its mesh lacks 'filename'"
+    return _wrong_numbers(collision)
+
+
+def _wrong_inertial(inertial: ET.Element) -> str:
+    """What a link has instead of a usable inertial, empty if it is usable."""
+    mass = inertial.find("mass")
+    for tag in ("mass", "inertia"):
+        if inertial.find(tag) is None:
+            return f"an <inertial> without <{tag}>"
+    if problem := _wrong_numbers(inertial):
+        return f"an <inertial> in which {problem}"
+    negative = mass is not None and float(mass.get("value", "")) < 0.0
+    return f"a mass of {mass.get('value')} kg" if mass is not None and negative else ""
+
+
+def _copy_joint(joint: ET.Element, clean: ET.Element, source: str) -> None:
+    """Add a joint to a description, a continuous one as revolute without bounds."""
+    name, kind = joint.get("name", ""), joint.get("type", "")
+    copy = ET.SubElement(clean, "joint", name=name, type=kind)
+    copy.extend(part for part in joint if part.tag in _PARTS_OF_JOINTS)
+    limit = copy.find("limit")
+    if kind == "continuous":
+        if limit is None:
+            limit = ET.SubElement(copy, "limit", velocity=_UNBOUNDED, effort=_UNBOUNDED)
+        limit.attrib.update(lower="-" + _UNBOUNDED, upper=_UNBOUNDED)
+        copy.set("type", "revolute")
+    problem = _wrong_numbers(copy)
+    if limit is None and kind in _ONE_DOF_TYPES:
+        problem = "it has no <limit>, which must state 'effort' and 'velocity'"
+    if problem:
+        raise RobotError(f"{source}: joint '{name}': {problem}")
+
+
+def _wrong_numbers(element: ET.Element) -> str:
+    """What is wrong with the numbers in an element; the right ones are spelled for urdfdom."""
+    for part in element.iter():
+        for attribute, count in _NUMBERS.get(part.tag, {}).items():
+            text = part.get(attribute)
+            if text is None:
+                if attribute in _OPTIONAL:
+                    continue
+                return f"<{part.tag}> lacks '{attribute}'"
+            try:
+                values = [float(word) for word in text.split()]
+            except ValueError:
+                values = []
+            if len(values) != count or not all(map(math.isfinite, values)):
+                expected = "a finite number" if count == 1 else f"{count} finite numbers"
+                return f"'{attribute}' of <{part.tag}> is '{text}', expected {expected}"
+            part.set(attribute, " ".join(map(repr, values)))
+    return ""

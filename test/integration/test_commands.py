@@ -1,0 +1,629 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""The offline commands, run as their users run them."""
+
+import contextlib
+import csv
+import io
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from arm import JOINTS, arm_primitive, arm_robot
+from conftest import EPOCH, S, reaching, stamped, write_bag
+from rosbags.highlevel import AnyReader
+
+from mp_pca_planner.cli.main import main
+from mp_pca_planner.cli.states import status_line
+from mp_pca_planner.motion.goal import JointGoal, JointState
+from mp_pca_planner.planning.plan import PlannerOptions
+from mp_pca_planner.planning.planner import Planner
+from mp_pca_planner.primitives.file import load_primitive, save_primitive
+from mp_pca_planner.recordings.bags import write_joint_states
+from mp_pca_planner.recordings.synthetic import continuous_recording, generate_motions
+from mp_pca_planner.resources import config_file
+
+URDF = str(config_file("human_arm.urdf"))
+START, GOAL = "-0.2,0.1,0.5,-0.4", "shoulder1=-1.2,elbow=-0.9"
+
+
+class Done(NamedTuple):
+    """What a command left behind."""
+
+    returncode: int
+    stdout: str
+    stderr: str
+
+
+def run(*arguments, ok=None):
+    """Run a command as the program does; check its status if told to."""
+    out, err = io.StringIO(), io.StringIO()
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+        try:
+            status = main([str(argument) for argument in arguments])
+        except SystemExit as leaving:
+            status = leaving.code
+    if ok is not None:
+        assert (status == 0) == ok, err.getvalue()
+    return Done(status, out.getvalue(), err.getvalue())
+
+
+def refusal(*arguments):
+    """The one line with which a command refuses its input."""
+    done = run(*arguments)
+    assert done.returncode == 2
+    assert done.stdout == ""
+    (line,) = done.stderr.splitlines()
+    return line
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory):
+    """One long recording of the arm."""
+    path = tmp_path_factory.mktemp("bags") / "session"
+    made = continuous_recording(generate_motions(8, 3), 100.0, (0.8, 1.2), seed=3)
+    stamps = EPOCH + np.round(made.times * S).astype(np.int64)
+    write_joint_states(path, "mcap", made.joint_names, stamps, made.positions)
+    return path, made
+
+
+@pytest.fixture
+def primitive(tmp_path):
+    path = tmp_path / "arm.npz"
+    save_primitive(arm_primitive(), path)
+    return path
+
+
+def test_build_primitives_learns_the_motions_of_a_bag(recording, tmp_path):
+    path, made = recording
+    output = tmp_path / "arm.npz"
+    options = ["--joints", ",".join(JOINTS), "--coupling", "joint", "--components", "4", "--json"]
+    facts = json.loads(run("build_primitives", path, "--output", output, *options, ok=True).stdout)
+    assert facts["n_recordings"] == 1 and facts["refused"] == []
+    assert facts["n_motions"] == len(made.motion_spans) + len(made.return_spans)
+    assert facts["n_components"] == 16
+    assert facts["joint_names"] == list(JOINTS)
+    assert set(facts["explained_variance_ratio"]) == set(JOINTS)
+    assert all(sum(shares) > 0.95 for shares in facts["explained_variance_ratio"].values())
+    assert len(facts["durations"]) == facts["n_motions"]
+    assert facts["repairs"] == {"session": {}} or not any(facts["repairs"]["session"].values())
+    assert load_primitive(output).metadata["demonstrations"][0]["recording"] == "session"
+
+
+def test_build_primitives_shows_the_shares_beside_table_2_of_the_paper(recording, tmp_path):
+    text = run("build_primitives", recording[0], "--output", tmp_path / "a.npz", ok=True).stdout
+    line = next(line for line in text.splitlines() if line.startswith("shoulder1"))
+    assert line.split()[-2:] == ["92.49", "6.39"]
+    assert str(tmp_path / "a.npz") in text
+
+
+def test_build_primitives_says_by_how_much_components_miss_99_percent(recording, tmp_path):
+    done = run(
+        "build_primitives",
+        recording[0],
+        "--output",
+        tmp_path / "a.npz",
+        "--components",
+        "1",
+        ok=True,
+    )
+    assert "1 components explain" in done.stdout and "less than 99 %" in done.stdout
+
+
+def test_build_primitives_cuts_where_a_table_says(recording, tmp_path):
+    path, made = recording
+    table = tmp_path / "cuts.csv"
+    with table.open("w", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(["recording", "start_time_s", "end_time_s", "label"])
+        for start, end in made.motion_spans:
+            writer.writerow(["session", start, end, "raise"])
+    output = tmp_path / "arm.npz"
+    run("build_primitives", path, "--segments", table, "--output", output, ok=True)
+    spans = [
+        (d["start_time_s"], d["end_time_s"], d["label"])
+        for d in load_primitive(output).metadata["demonstrations"]
+    ]
+    assert [label for *_, label in spans] == ["raise"] * 8
+    np.testing.assert_allclose([s[:2] for s in spans], made.motion_spans, atol=0.02)
+
+
+def test_build_primitives_gives_the_same_bytes_again(recording, tmp_path):
+    files = [tmp_path / f"{name}.npz" for name in ("one", "two")]
+    for file in files:
+        run("build_primitives", recording[0], "--output", file, "--name", "arm", ok=True)
+    assert files[0].read_bytes() == files[1].read_bytes()
+
+
+@pytest.mark.parametrize("way", ["linear", "arc_length", "dtw"])
+def test_build_primitives_aligns_as_it_is_told(recording, tmp_path, way):
+    output = tmp_path / "a.npz"
+    run("build_primitives", recording[0], "--output", output, "--align", way, ok=True)
+    built = load_primitive(output)
+    assert built.metadata["options"]["align"] == way
+    evenly = np.allclose(built.warps, np.linspace(0.0, 1.0, built.warps.shape[1]))
+    assert evenly == (way == "linear")
+
+
+def test_build_primitives_uses_the_good_recordings_and_names_the_others(tmp_path):
+    write_bag(tmp_path / "good", "mcap", stamped(reaching([0.0, 1.0, 0.2, 0.9])))
+    write_bag(tmp_path / "other", "sqlite3", stamped(reaching([0.0, 1.0]), names=("c", "d")))
+    (tmp_path / "broken.bag").write_bytes(b"#ROSBAG V2.0\n" + bytes(99))
+    done = run(
+        "build_primitives",
+        tmp_path,
+        "--joints",
+        "a,b",
+        "--output",
+        tmp_path / "p.npz",
+        "--json",
+        ok=True,
+    )
+    facts = json.loads(done.stdout)
+    assert (facts["n_recordings"], facts["n_motions"]) == (1, 3)
+    refused = {entry["recording"]: entry["reason"] for entry in facts["refused"]}
+    assert set(refused) == {"other", "broken"}
+    assert "'c', 'd'" in refused["other"]
+    assert "other" in done.stderr and "broken" in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--output", "p.txt"], "must end in .npz"),
+        (["--output", "p.npz", "--joints", "shoulder1,hand"], "no joint is called 'hand'"),
+        (["--output", "p.npz", "--topic", "/states"], "/states"),
+        (["--output", "p.npz", "--variance", "2"], "variance must be in"),
+        (["--output", "p.npz", "--robot", "nowhere.urdf"], "nowhere.urdf"),
+        (["--output", "p.npz", "--segments", "nowhere.csv"], "nowhere.csv"),
+        (["--output", "p.npz", "--min-rest", "1e308"], "number from 1e-06 to 1e+06 s"),
+        (["--output", "p.npz", "--coupling", "leg"], "invalid choice: 'leg'"),
+        (["--output", "no/such/folder/p.npz"], "no/such/folder"),
+        ([], "--output"),
+    ],
+)
+def test_build_primitives_refuses_in_one_line(recording, tmp_path, monkeypatch, options, message):
+    monkeypatch.chdir(tmp_path)
+    assert message in refusal("build_primitives", recording[0], *options)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_build_primitives_refuses_a_path_that_is_not_there(tmp_path):
+    line = refusal("build_primitives", tmp_path / "nowhere", "--output", tmp_path / "p.npz")
+    assert "nowhere" in line
+
+
+def test_an_existing_output_is_kept_without_force(recording, tmp_path):
+    output = tmp_path / "p.npz"
+    output.write_bytes(b"precious")
+    assert "--force" in refusal("build_primitives", recording[0], "--output", output)
+    assert output.read_bytes() == b"precious"
+    run("build_primitives", recording[0], "--output", output, "--force", ok=True)
+    load_primitive(output)
+
+
+def test_killing_build_primitives_leaves_the_whole_file_or_none(recording, tmp_path):
+    old, new = tmp_path / "old.npz", tmp_path / "new.npz"
+    command = [sys.executable, "-m", "mp_pca_planner", "build_primitives", str(recording[0])]
+    began = time.monotonic()
+    subprocess.run([*command, "--output", old], check=True, capture_output=True)
+    usual, before = time.monotonic() - began, old.read_bytes()
+    for share in (0.4, 0.7, 0.85, 0.95, 1.0):
+        for output, force in ((old, ["--force"]), (new, [])):
+            with subprocess.Popen(
+                [*command, "--output", output, *force], stdout=subprocess.DEVNULL
+            ) as process:
+                time.sleep(share * usual)
+                process.send_signal(signal.SIGKILL)
+            assert old.read_bytes() == before
+            if new.exists():
+                load_primitive(new)
+                new.unlink()
+
+
+def test_inspect_shows_topics_joints_and_rate_of_a_bag(recording):
+    done = run("inspect", recording[0], ok=True)
+    assert "/joint_states  sensor_msgs/msg/JointState" in done.stdout
+    assert "shoulder1, shoulder2, shoulder3, elbow" in done.stdout
+    assert "100.0 Hz" in done.stdout
+
+
+def test_inspect_shows_the_content_of_a_primitive(primitive):
+    (facts,) = json.loads(run("inspect", primitive, "--json", ok=True).stdout)["files"]
+    assert facts["name"] == "arm_arm_4" and facts["n_components"] == 4
+    assert len(facts["metadata"]["demonstrations"]) == 20
+    text = run("inspect", primitive, ok=True).stdout
+    assert "motion_19" in text and "PC4" in text
+
+
+def test_inspect_shows_what_it_can_and_refuses_the_rest(primitive, tmp_path):
+    broken = tmp_path / "broken.npz"
+    broken.write_bytes(primitive.read_bytes()[:-100])
+    done = run("inspect", broken, primitive)
+    assert done.returncode == 2
+    assert "broken.npz' is refused" in done.stderr
+    assert "arm_arm_4" in done.stdout
+
+
+def test_inspect_of_a_damaged_bag_says_what_may_help(recording, tmp_path):
+    (whole,) = recording[0].glob("*.mcap")
+    damaged = tmp_path / "damaged.mcap"
+    damaged.write_bytes(whole.read_bytes()[: whole.stat().st_size // 2])
+    assert "salvaging it takes" in run("inspect", damaged, ok=False).stdout
+    assert "only the" in run("inspect", damaged, "--salvage", ok=True).stdout
+
+
+def test_inspect_fails_if_no_file_is_usable_and_not_if_one_is(recording, tmp_path):
+    write_bag(tmp_path / "short", "mcap", stamped(np.zeros((1, 2))))
+    unusable = run("inspect", tmp_path / "short")
+    assert unusable.returncode == 2 and "can't be used" in unusable.stdout
+    assert run("inspect", tmp_path / "short", recording[0]).returncode == 0
+
+
+@pytest.mark.skipif(not os.path.exists("/proc/self/mem"), reason="there is no /proc")
+@pytest.mark.parametrize("name", ["m.npz", "m.mcap", "m.db3", "m.bag"])
+def test_files_that_may_not_be_read_are_not_called_damaged(tmp_path, name):
+    # Even root can't read this one from its start.
+    (tmp_path / name).symlink_to("/proc/self/mem")
+    done = run("inspect", tmp_path / name)
+    assert done.returncode == 2
+    text = done.stdout + done.stderr
+    assert "can't be read: Input/output error" in text and "damaged" not in text
+
+
+def test_inspect_refuses_what_is_no_recording(tmp_path):
+    (tmp_path / "notes.txt").write_text("none")
+    assert "notes.txt' is no recording" in refusal("inspect", tmp_path / "notes.txt")
+
+
+def test_an_output_in_a_missing_folder_is_refused_before_the_work(tmp_path):
+    # There is no bag either: nothing has been read.
+    line = refusal("build_primitives", tmp_path / "bag", "--output", tmp_path / "no" / "a.npz")
+    assert f"there is no folder '{tmp_path / 'no'}'" in line
+
+
+@pytest.mark.parametrize("command", ["refine", "verify"])
+def test_new_primitives_are_refused_a_file_that_is_none(command, primitive, tmp_path):
+    request = ("--robot", URDF, "--start", START, "--goal", GOAL)
+    line = refusal(command, primitive, *request, "--output", tmp_path / "a.txt")
+    assert "a.txt' must end in .npz" in line
+    assert "from 0 to" in refusal(command, primitive, *request, "--seed", "-1")
+
+
+def test_terminals_without_our_signs_get_others():
+    done = subprocess.run(
+        [sys.executable, "-m", "mp_pca_planner", "refine", "--help"],
+        capture_output=True,
+        env={**os.environ, "PYTHONIOENCODING": "ascii"},
+        check=True,
+    )
+    assert b"in units of ??" in done.stdout
+
+
+def test_ctrl_c_while_a_command_loads_is_told_in_one_line():
+    script = (
+        "import os, signal, sys, mp_pca_planner.cli.main as program\n"
+        # In a shell's background, from where CI may run this, the signal is ignored.
+        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
+        "program.load_command = lambda name: os.kill(os.getpid(), signal.SIGINT)\n"
+        "sys.exit(program.main(['plan']))"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (1, "mp_pca_planner plan: interrupted\n")
+
+
+def test_case_study_refuses_what_it_cannot_use_before_it_reads(tmp_path):
+    (tmp_path / "file").write_text("")
+    bag = ("--recordings", tmp_path / "no_bag")
+    assert "can't be a folder" in refusal("case_study", *bag, "--output", tmp_path / "file")
+    output = ("--output", tmp_path / "study")
+    assert "no link is called 'hand'" in refusal("case_study", *bag, *output, "--arm", "hand")
+    assert "no recording at" in refusal("case_study", *bag, *output)
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="there is no /dev/full")
+def test_output_to_a_full_disk_is_told_in_one_line(primitive):
+    with open("/dev/full", "w") as full:
+        done = subprocess.run(
+            [sys.executable, "-m", "mp_pca_planner", "inspect", primitive],
+            stdout=full,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+    assert done.returncode == 1
+    (line,) = done.stderr.splitlines()
+    assert "can't be written: No space left" in line
+
+
+def test_a_picture_that_is_no_png_is_refused_before_the_work(tmp_path):
+    request = ("--robot", URDF, "--start", START, "--goal", GOAL, "--plot", tmp_path / "a.pdf")
+    for command in ("plan", "sequence"):
+        assert "a.pdf' must end in .png" in refusal(command, tmp_path / "no.npz", *request)
+    assert "must end in .png" in refusal("benchmark", "--plot", tmp_path / "a.pdf")
+
+
+def test_a_goal_is_not_waited_for_without_end():
+    assert "is not a number from" in refusal("send_goal", "a=1", "--timeout", "nan")
+
+
+def test_help_tells_the_defaults_that_are_values():
+    text = " ".join(run("build_primitives", "--help").stdout.split())
+    assert "degree of the polynomials (default: 15)" in text
+    assert "no motion is shorter [s] (default: 0.25)" in text
+    assert "None" not in text and "False" not in text
+
+
+def plan(*options, ok=True):
+    arguments = ("--robot", URDF, "--start", START, "--goal", GOAL, "--json")
+    return json.loads(run("plan", *options, *arguments, ok=ok).stdout)
+
+
+def test_plan_prints_the_public_keys(primitive):
+    facts = plan(primitive)
+    keys = {
+        "status",
+        "joint_names",
+        "duration",
+        "times",
+        "positions",
+        "velocities",
+        "accelerations",
+        "efforts",
+        "effort_cost",
+        "solve_time_s",
+        "iterations",
+        "primitive",
+        "in_span_score",
+        "limit_violation",
+        "start_error",
+        "goal_error",
+    }
+    assert keys <= set(facts)
+    assert facts["status"] == "solved"
+    assert facts["positions"][0] == [-0.2, 0.1, 0.5, -0.4]
+    assert facts["positions"][-1] == [-1.2, 0.1, 0.5, -0.9]
+    assert facts["velocities"][-1] == [0.0, 0.0, 0.0, 0.0]
+    assert facts["times"][-1] == facts["duration"]
+
+
+def test_plan_takes_duration_basis_and_sample_period(primitive):
+    options = ("--duration", 1.5, "--basis", "bspline", "--sample-period", 0.05)
+    facts = plan(primitive, *options, "--naturalness", 0, ok=None)
+    assert facts["duration"] == 1.5 and len(facts["times"]) == 31
+    assert len(facts["weights"]) == 24
+
+
+def test_plan_starts_from_a_moving_state_and_ends_in_one(primitive):
+    facts = plan(primitive, "--start-velocity", "0.1,0,0,0.2", "--goal-velocity", "elbow=-0.3")
+    assert facts["velocities"][0] == [0.1, 0.0, 0.0, 0.2]
+    assert facts["velocities"][-1] == [0.0, 0.0, 0.0, -0.3]
+
+
+def test_plan_keeps_limits_from_a_file(primitive, tmp_path):
+    limits = tmp_path / "joint_limits.yaml"
+    limits.write_text("joint_limits: {shoulder1: {max_velocity: 0.9, max_effort: 60}}")
+    facts = plan(primitive, "--limits", limits)
+    assert max(abs(v[0]) for v in facts["velocities"]) <= 0.9
+    assert facts["limit_violation"] <= 1e-6
+
+
+def test_plan_fails_honestly_when_the_duration_is_too_short(primitive, tmp_path):
+    output = tmp_path / "motion.csv"
+    facts = plan(primitive, "--duration", 0.05, "--output", output, ok=False)
+    assert facts["status"] == "infeasible" and facts["limit_violation"] > 0.0
+    assert not output.exists()
+
+
+@pytest.mark.parametrize("name", ["m.csv", "m.json", "m.npz", "m.mcap", "m.db3", "m.bag", "m"])
+def test_plan_writes_the_motion_in_every_format(primitive, tmp_path, name):
+    output = tmp_path / name
+    facts = plan(primitive, "--output", output)
+    wanted = np.array(facts["positions"])
+    if name == "m.csv":
+        rows = np.genfromtxt(output, delimiter=",", names=True, deletechars="")
+        found = np.column_stack([rows[f"{joint}.positions"] for joint in JOINTS])
+        np.testing.assert_array_equal(rows["time"], facts["times"])
+    elif name == "m.json":
+        # NaN is no JSON: other readers than Python's refuse it.
+        written = json.loads(output.read_text(), parse_constant=pytest.fail)
+        assert written.keys() == facts.keys()
+        found = written["positions"]
+    elif name == "m.npz":
+        with np.load(output) as content:
+            found = content["positions"]
+    else:
+        with AnyReader([output]) as reader:
+            ((connection, _, raw),) = reader.messages()
+            found = [p.positions for p in reader.deserialize(raw, connection.msgtype).points]
+    np.testing.assert_array_equal(found, wanted)
+
+
+def request(command, primitive, *options, ok=True, goal=("--goal", GOAL)):
+    """The lines that a planning command prints."""
+    ends = ("--robot", URDF, "--start", START, *goal)
+    return run(command, primitive, *ends, *options, ok=ok).stdout.splitlines()
+
+
+@pytest.mark.parametrize("command", ["plan", "sequence"])
+def test_planning_says_what_it_wrote(command, primitive, tmp_path):
+    pytest.importorskip("matplotlib", reason="matplotlib (extra 'plot') is not installed")
+    files = [tmp_path / "m.csv", tmp_path / "m.png"]
+    lines = request(command, primitive, "--output", files[0], "--plot", files[1])
+    assert [f"written      {file}" for file in files] == lines[-2:]
+
+
+def test_planning_says_what_it_did_not_write_and_why(primitive, tmp_path):
+    output = tmp_path / "m.csv"
+    lines = request("plan", primitive, "--duration", "0.05", "--output", output, ok=False)
+    assert lines[0].startswith("infeasible (the motion must not be executed): ")
+    assert lines[-1] == f"not written  {output}"
+
+
+def test_refine_says_what_it_wrote(primitive, tmp_path):
+    output, motion = tmp_path / "r.npz", tmp_path / "r.csv"
+    lines = request("refine", primitive, "--output", output, "--trajectory", motion)
+    assert lines[-2:] == [f"primitive    written to {output}", f"written      {motion}"]
+
+
+@pytest.mark.parametrize("command", ["plan", "sequence", "refine"])
+def test_planning_says_what_the_check_for_collisions_found(command, primitive):
+    found = [line for line in request(command, primitive, "--collision") if "collision" in line]
+    assert found == ["collision    none; 10 pairs of links were checked"]
+    assert not any("collision" in line for line in request(command, primitive))
+
+
+def test_plan_prints_the_configuration_beside_the_pose_that_it_reaches(primitive):
+    lines = request("plan", primitive, goal=("--goal-pose", "0.35 -0.1 0.1"))
+    (line,) = (line for line in lines if line.startswith("goal  "))
+    assert line.endswith("(for the pose wrist: 0.35 -0.1 0.1)") and "elbow=-1.9" in line
+
+
+def test_sequence_prints_the_configuration_beside_the_pose_that_it_passes(primitive):
+    lines = request("sequence", primitive, "--via", "wrist: 0.35 -0.1 0.1")
+    found = [line for line in lines if line.startswith(("start", "via", "goal"))]
+    assert ["for the pose wrist: 0.35 -0.1 0.1" in line for line in found] == [False, True, False]
+
+
+def test_a_motion_that_is_not_optimal_is_said_to_be_executable():
+    start = JointState(JOINTS, [-0.2, 0.1, 0.5, -0.4])
+    goal = JointGoal(JointState(JOINTS, [-1.2, 0.1, 0.5, -0.9]))
+    hurried = PlannerOptions(max_solve_time=1e-9)
+    robot = arm_robot()
+    plan = Planner(robot, [arm_primitive()], robot.limits(), hurried).plan(goal, start)
+    line = status_line(plan)
+    assert line.startswith("stopped_early (the motion may be executed, but is not optimal): ")
+
+
+def test_plan_says_that_efforts_are_unknown_without_inertias(primitive, tmp_path):
+    urdf, limits = tmp_path / "bare.urdf", tmp_path / "limits.yaml"
+    text = config_file("human_arm.urdf").read_text()
+    urdf.write_text(re.sub(r"<inertial>.*?</inertial>", "", text, flags=re.DOTALL))
+    free = ", ".join(f"{name}: {{max_effort: .inf}}" for name in JOINTS)
+    limits.write_text(f"joint_limits: {{{free}}}")
+    ends = ("--robot", urdf, "--start", START, "--goal", GOAL, "--limits", limits)
+    text = run("plan", primitive, *ends, "--objective", "jerk=1", ok=True).stdout
+    assert "effort       unknown: the robot description lacks inertias" in text
+    assert "nan" not in text.split()
+
+
+def test_plan_reaches_a_pose_through_a_via_in_the_shortest_time(primitive):
+    options = ["--start", START, "--goal-pose", "0.35 -0.1 0.1", "--frame", "wrist"]
+    options += ["--via", "elbow=-0.8@0.5", "--objective", "effort=1,jerk=1e-5"]
+    usual, short = (
+        json.loads(run("plan", primitive, "--robot", URDF, *options, *more, "--json").stdout)
+        for more in ([], ["--duration", "shortest"])
+    )
+    for plan in (usual, short):
+        assert plan["goal_error"] <= 1e-6 and plan["via_error"] <= 1e-6
+        assert plan["via_phases"] == [0.5] and plan["limit_violation"] <= 1e-6
+    assert short["duration"] == short["shortest_duration"] < usual["duration"]
+    assert usual["shortest_duration"] is None
+
+
+def test_plan_draws_the_motion(primitive, tmp_path):
+    pytest.importorskip("matplotlib", reason="matplotlib (extra 'plot') is not installed")
+    picture = tmp_path / "motion.png"
+    plan(primitive, "--plot", picture)
+    assert picture.read_bytes().startswith(b"\x89PNG") and picture.stat().st_size > 10_000
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--start", "1,2,3", "--goal", GOAL], "3 values, but there are 4 joints"),
+        (["--start", "shoulder1=0", "--goal", GOAL], "--start lacks a position for shoulder2"),
+        (["--start", START, "--goal", "hand=1"], "no joint is called 'hand'"),
+        (["--start", START, "--goal", "elbow=nan"], "only finite numbers"),
+        (["--start", START, "--goal", "elbow=x"], "'x', not a number"),
+        (["--start", START, "--goal", "elbow=-1,elbow=-2"], "given more than once"),
+        (["--start", START, "--goal", "elbow=-1,2"], "must be name=value"),
+        (["--start", START, "--goal", ""], "must be name=value"),
+        (["--start", START, "--goal", "elbow=9"], "outside its limits"),
+        (
+            ["--start", START, "--goal", GOAL, "--duration", "-1"],
+            "number from 0.001 to 600 s",
+        ),
+        (["--start", START, "--goal", GOAL, "--naturalness", "-1"], "naturalness"),
+        (["--start", START, "--goal", GOAL, "--use", "leg"], "no primitive is called 'leg'"),
+        (["--start", START, "--goal", GOAL, "--output", "m.xyz"], "must end in .csv"),
+        (["--start", START], "--goal"),
+        (["--start", START, "--goal", GOAL, "--goal-pose", "1 2 3"], "not allowed with"),
+        (["--start", START, "--goal-pose", "1 2"], "has 2 numbers, but a position has 3"),
+        (["--start", START, "--goal-pose", "0.3 0 x"], "'x', not a number"),
+        (["--start", START, "--goal-pose", "0.3 0 0 1 1 1 1"], "quaternion"),
+        (["--start", START, "--goal-pose", "9 0 0"], "the nearest one found is"),
+        (["--start", START, "--goal-pose", "0.3 0 0", "--frame", "hand"], "called 'hand'"),
+        (["--start", START, "--goal-pose", "0.3 0 0", "--goal-velocity", "elbow=1"], "at rest"),
+        (["--start", START, "--goal", GOAL, "--via", "elbow=-1@1.5"], "between 0 and 1"),
+        (["--start", START, "--goal", GOAL, "--via", "hand: 0.3 0 0"], "called 'hand'"),
+        (["--start", START, "--goal", GOAL, "--duration", "soon"], "'shortest' or 'free'"),
+        (["--start", START, "--goal", GOAL, "--duration", "1e-300"], "number from 0.001 to 600 s"),
+        (["--start", START, "--goal", GOAL, "--naturalness", "1e308"], "number from 0 to 1e+06"),
+        (["--start", START, "--goal", GOAL, "--objective", "effort=1e308"], "to 1e+12"),
+        (["--start", START, "--goal", GOAL, "--starts", "9" * 5000], "whole number from 1 to"),
+        (["--start", START, "--goal", GOAL, "--objective", "speed=1"], "objective is called"),
+        (["--start", START, "--goal", GOAL, "--objective", "jerk=-1"], "expected one from 1e-12"),
+    ],
+)
+def test_plan_refuses_in_one_line(primitive, options, message):
+    assert message in refusal("plan", primitive, "--robot", URDF, *options)
+
+
+def test_plan_refuses_a_robot_without_the_joints(primitive, tmp_path):
+    urdf = tmp_path / "other.urdf"
+    urdf.write_text(config_file("human_arm.urdf").read_text().replace('"elbow"', '"ellbow"'))
+    line = refusal("plan", primitive, "--robot", urdf, "--start", START, "--goal", GOAL)
+    assert "no movable joint is called 'elbow'" in line and "'ellbow'" in line
+
+
+@pytest.mark.parametrize("command", ["build_primitives", "inspect", "plan", "demo"])
+def test_help_is_printed(command):
+    done = subprocess.run(
+        [sys.executable, "-m", "mp_pca_planner", command, "--help"],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert command in done.stdout and done.stderr == ""
+
+
+def test_real_gestures_of_a_robot_become_a_primitive(shared_data, tmp_path):
+    joints = ",".join(f"arm_right_{i}_joint" for i in range(1, 8))
+    output = tmp_path / "reem.npz"
+    options = ("--joints", joints, "--output", output)
+    run("build_primitives", shared_data / "reem_gestures", *options, ok=True)
+    found = {d["recording"] for d in load_primitive(output).metadata["demonstrations"]}
+    assert found == {"wave", "salute", "crowd_salute", "handshake", "question"}
+
+
+def test_real_human_motions_are_explained_by_four_components_a_joint(shared_data, tmp_path):
+    human = shared_data / "human_arm"
+    options = ["--segments", human / "motions.csv", "--coupling", "joint", "--components", "4"]
+    done = run(
+        "build_primitives",
+        human / "joint_states",
+        *options,
+        "--output",
+        tmp_path / "h.npz",
+        "--json",
+        ok=True,
+    )
+    facts = json.loads(done.stdout)
+    assert facts["n_motions"] == 141
+    assert all(sum(shares) > 0.99 for shares in facts["explained_variance_ratio"].values())
+    # Figures of the table in the README of the recordings, from another program.
+    np.testing.assert_allclose(
+        facts["angle_variance_ratio"]["shoulder1"], [0.560, 0.420, 0.017, 0.002], atol=1e-3
+    )
+
+
+def test_real_recordings_without_usable_time_are_refused_with_a_sentence(shared_data, tmp_path):
+    options = ("--output", tmp_path / "u.npz")
+    assert "time" in refusal("build_primitives", shared_data / "unstamped", *options)

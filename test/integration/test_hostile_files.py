@@ -1,0 +1,42 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Spoilt files and killed writers: a short run of the commands that try many of each."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+BENCHMARKS = Path(__file__).resolve().parents[2] / "benchmarks"
+
+
+def run(name, *arguments):
+    command = [sys.executable, str(BENCHMARKS / name), *arguments]
+    return subprocess.run(command, capture_output=True, text=True, check=False)
+
+
+def test_spoilt_files_of_every_format_are_used_or_refused_in_a_sentence():
+    done = run("fuzz.py", "--inputs", "360", "--jobs", "2")
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+def test_fuzz_notices_what_it_looks_for(tmp_path):
+    script = (
+        f"import sys; sys.path.insert(0, {str(BENCHMARKS)!r}); import fuzz\n"
+        "from pathlib import Path\n"
+        "sys.addaudithook(fuzz._audit)\n"
+        "def bad(arguments):\n"
+        "    Path(arguments[0]).write_text('x'); print('\\x1b[31m'); raise ValueError('oh')\n"
+        "fuzz.command = bad\n"
+        f"for problem in fuzz.judged([{str(tmp_path / 'elsewhere')!r}], ()):\n"
+        "    print(ascii(problem))\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, check=True
+    )
+    for word in ("raised", "wrote open", "printed"):
+        assert word in done.stdout
+
+
+def test_killed_writers_leave_every_earlier_file_whole():
+    done = run("kills.py", "--kills", "24", "--node-kills", "0")
+    assert done.returncode == 0, done.stdout + done.stderr

@@ -1,0 +1,358 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""The package as a whole: its metadata, its commands, its rooms, and its installation by pip."""
+
+import ast
+import os
+import re
+import shutil
+import subprocess
+import sys
+import venv
+import xml.etree.ElementTree as ET
+from collections.abc import Iterator
+from graphlib import TopologicalSorter
+from importlib.metadata import PackageNotFoundError, version
+from importlib.util import find_spec
+from pathlib import Path
+
+import pytest
+
+import mp_pca_planner
+from mp_pca_planner.cli.main import COMMANDS, load_command, main
+
+ROOT = Path(__file__).parents[2]
+PACKAGE = "mp_pca_planner"
+SOURCES = sorted((ROOT / PACKAGE).rglob("*.py"))
+
+LAYERS = [
+    {"exceptions", "arrays", "files", "json_content", "resources"},
+    {"robot"},
+    {"motion"},
+    {"recordings", "mocap", "primitives"},
+    {"planning"},
+    {"control", "learning"},
+    {"execution"},
+    {"simulation", "evaluation"},
+    {"plotting"},
+    {"cli", "ros", "__main__"},
+]
+
+# Where rosdep calls a dependency otherwise than Python does.
+ROSDEP_NAMES = {
+    "lz4": "python3-rosbags-pip",  # which brings it
+    "matplotlib": "python3-matplotlib",
+    "numpy": "python3-numpy",
+    "rosbags": "python3-rosbags-pip",
+    "scipy": "python3-scipy",
+    "tqdm": "python3-tqdm",
+    "yaml": "python3-yaml",
+}
+
+# Extras that rosdep has no name for: pip brings them.
+EXTRAS_ONLY = {"filelock", "cmaes", "distributed", "mujoco", "rich"}
+
+
+def imported_modules(source: Path) -> Iterator[str]:
+    """Yield the full name of every module a file imports anywhere in it."""
+    package = source.relative_to(ROOT).parent.parts
+    for node in ast.walk(ast.parse(source.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            base = ".".join(package[: len(package) - node.level + 1]) if node.level else ""
+            module = ".".join(filter(None, [base, node.module]))
+            yield from (f"{module}.{alias.name}" for alias in node.names)
+
+
+def room_of(module: str) -> str | None:
+    """Return the room of a module of this package; None for others and for the package itself."""
+    package, _, inner = module.partition(".")
+    room = inner.partition(".")[0]
+    folder = ROOT / PACKAGE
+    is_room = (folder / room).is_dir() or (folder / f"{room}.py").is_file()
+    return room if package == PACKAGE and room and is_room else None
+
+
+def room_imports() -> dict[str, set[str]]:
+    """Map every room to the other rooms it imports from."""
+    imports: dict[str, set[str]] = {}
+    for source in SOURCES:
+        room = room_of(".".join(source.relative_to(ROOT).with_suffix("").parts))
+        if room is not None and room != "__init__":
+            found = {room_of(name) for name in imported_modules(source)}
+            imports.setdefault(room, set()).update(found - {None, room})  # type: ignore[arg-type]
+    return imports
+
+
+def run(
+    command: list[str | Path], cwd: Path = ROOT, **environment: str
+) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        command,
+        cwd=cwd,
+        env={**os.environ, **environment},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+
+
+def run_python(code: str) -> subprocess.CompletedProcess[str]:
+    return run([sys.executable, "-c", code])
+
+
+# Metadata
+
+
+def test_versions_agree() -> None:
+    manifest = ET.parse(ROOT / "package.xml").findtext("version")
+    setup = re.search(r'version="(.+?)",', (ROOT / "setup.py").read_text(encoding="utf-8"))
+    assert setup is not None
+    assert manifest == setup[1] == mp_pca_planner.__version__
+
+
+def test_newest_changelog_entry_is_for_this_version() -> None:
+    changelog = (ROOT / "CHANGELOG.rst").read_text(encoding="utf-8")
+    newest = re.search(r"^(\d+\.\d+\.\d+) \(.+\)\n-+$", changelog, re.MULTILINE)
+    assert newest is not None
+    assert newest[1] == mp_pca_planner.__version__
+
+
+def test_manifest_names_every_package_that_is_imported() -> None:
+    declared = {e.text for e in ET.parse(ROOT / "package.xml").iter("exec_depend")}
+    imported = {name.partition(".")[0] for source in SOURCES for name in imported_modules(source)}
+    third_party = imported - set(sys.stdlib_module_names) - EXTRAS_ONLY - {PACKAGE}
+    assert {ROSDEP_NAMES.get(name, name) for name in third_party} <= declared
+
+
+def test_ci_runs_the_commands_of_the_readme() -> None:
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    demo, tests = re.findall(r"^    (scripts/in_venv .+)$", readme, re.MULTILINE)[:2]
+    assert demo.endswith("-m mp_pca_planner demo --output demo_output")
+    assert tests in (ROOT / ".ci/run").read_text(encoding="utf-8")
+
+
+# Rooms
+
+
+def test_imports_point_from_later_rooms_to_earlier_ones() -> None:
+    level = {room: i for i, layer in enumerate(LAYERS) for room in layer}
+    imports = room_imports()
+    assert set(imports) <= set(level), "a new room needs its place in LAYERS"
+    upward = {
+        f"{room} imports {other}"
+        for room, others in imports.items()
+        for other in others
+        if level[other] > level[room]
+    }
+    assert not upward
+
+
+def test_rooms_do_not_import_each_other_in_a_circle() -> None:
+    TopologicalSorter(room_imports()).prepare()
+
+
+def test_only_one_module_imports_rosbags() -> None:
+    users = [
+        source.relative_to(ROOT / PACKAGE).as_posix()
+        for source in SOURCES
+        if any(name.partition(".")[0] == "rosbags" for name in imported_modules(source))
+    ]
+    assert users == ["recordings/bags.py"]
+
+
+def test_everything_but_the_node_imports_without_ros() -> None:
+    code = f"""
+import pkgutil, sys
+from importlib import import_module
+import {PACKAGE}
+for module in pkgutil.walk_packages({PACKAGE}.__path__, "{PACKAGE}."):
+    if not module.name.startswith(("{PACKAGE}.ros", "{PACKAGE}.__main__")):
+        import_module(module.name)
+print(*sorted(name for name in sys.modules if name.startswith("rclpy") or "_msgs" in name))
+"""
+    result = run_python(code)
+    assert result.returncode == 0, result.stderr
+    assert result.stdout.strip() == ""
+
+
+def test_node_starts_without_the_slowest_parts_of_scipy() -> None:
+    pytest.importorskip("rclpy", reason="no ROS 2 here")
+    # Each takes as long to import as much of the rest; a goal may need them, the start doesn't.
+    slow = ("interpolate", "optimize", "signal", "spatial", "special", "stats")
+    code = f"""
+import sys
+import {PACKAGE}.ros.node
+print(*[name for name in {slow} if "scipy." + name in sys.modules])
+"""
+    result = run_python(code)
+    assert result.returncode == 0, result.stderr
+    assert result.stdout.strip() == ""
+
+
+# Commands
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_command_is_there(name: str) -> None:
+    if COMMANDS[name].target.startswith(f"{PACKAGE}.ros."):
+        pytest.importorskip("rclpy", reason="no ROS 2 here")
+    assert callable(load_command(name))
+
+
+def test_every_command_has_its_executable_for_ros2_run() -> None:
+    executables = sorted((ROOT / "scripts/ros2_run").iterdir())
+    assert [path.name for path in executables] == sorted(COMMANDS)
+    assert all(os.access(path, os.X_OK) for path in executables)
+
+
+def test_help_lists_every_command_and_loads_none() -> None:
+    code = f"""
+import atexit, runpy, sys
+atexit.register(lambda: print(*sys.modules, file=sys.stderr))
+sys.argv = ["{PACKAGE}", "--help"]
+runpy.run_module("{PACKAGE}", run_name="__main__")
+"""
+    result = run_python(code)
+    assert result.returncode == 0
+    assert all(re.search(rf"^  {name} ", result.stdout, re.MULTILINE) for name in COMMANDS)
+    loaded = set(result.stderr.split())
+    assert loaded.isdisjoint(
+        {"rclpy", "numpy", *(c.target.split(":")[0] for c in COMMANDS.values())}
+    )
+
+
+def test_unknown_command_is_refused_in_one_line_with_the_valid_ones(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert main(["pln", "--json"]) == 2
+    output = capsys.readouterr()
+    assert output.out == ""
+    assert output.err.count("\n") == 1
+    assert "did you mean 'plan'?" in output.err
+    assert all(f"'{name}'" in output.err for name in COMMANDS)
+
+
+def test_without_a_command_the_help_is_printed(capsys: pytest.CaptureFixture[str]) -> None:
+    printed = []
+    for arguments in ([], ["--help"]):
+        with pytest.raises(SystemExit) as exit_info:
+            main(arguments)
+        assert exit_info.value.code == 0
+        printed.append(capsys.readouterr())
+    assert printed[0] == printed[1]
+    assert printed[0].out.startswith("usage: mp_pca_planner") and printed[0].err == ""
+
+
+def test_wrong_option_before_the_command_is_refused_in_one_line(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    with pytest.raises(SystemExit) as exit_info:
+        main(["--jsn", "plan"])
+    assert exit_info.value.code == 2
+    output = capsys.readouterr()
+    assert output.out == "" and output.err.count("\n") == 1
+
+
+def test_commands_print_through_one_module_that_escapes_foreign_text() -> None:
+    printing = {
+        source.name
+        for source in SOURCES
+        if source.parent.name == "cli"
+        for node in ast.walk(ast.parse(source.read_text(encoding="utf-8")))
+        if isinstance(node, ast.Name) and node.id == "print"
+    }
+    assert printing == {"terminal.py"}
+
+
+def test_version_is_printed(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as exit_info:
+        main(["--version"])
+    assert exit_info.value.code == 0
+    assert capsys.readouterr().out == f"{PACKAGE} {mp_pca_planner.__version__}\n"
+
+
+def test_node_without_ros_says_what_to_install() -> None:
+    # An entry of None is how Python itself marks a module that must not be found.
+    code = f"""
+import sys
+sys.modules["rclpy"] = None
+from {PACKAGE}.cli.main import main
+sys.exit(main(["planner_node"]))
+"""
+    result = run_python(code)
+    assert result.returncode == 2
+    assert result.stderr.count("\n") == 1
+    assert "mp_pca_planner[ros]" in result.stderr
+
+
+# Installation by pip
+
+
+def _build_tools_are_here() -> bool:
+    try:
+        setuptools_version = tuple(map(int, version("setuptools").split(".")[:2]))
+    except PackageNotFoundError:
+        return False
+    builds_wheels = setuptools_version >= (70, 1) or find_spec("wheel") is not None
+    return builds_wheels and find_spec("pip") is not None
+
+
+@pytest.fixture(scope="module")
+def prefix(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a virtual environment with the package installed from a copy of the source tree."""
+    if not _build_tools_are_here():
+        pytest.skip("pip and setuptools >= 70.1 are needed to install the package")
+    folder = tmp_path_factory.mktemp("pip")
+    source = folder / "source"
+    source.mkdir()
+    for name in (PACKAGE, "resource", "config", "launch", "scripts"):
+        ignore = shutil.ignore_patterns("__pycache__")
+        shutil.copytree(ROOT / name, source / name, symlinks=True, ignore=ignore)
+    for name in ("setup.py", "setup.cfg", "package.xml", "pyproject.toml"):
+        shutil.copy(ROOT / name, source)
+
+    environment = folder / "venv"
+    venv.create(environment)
+    site_packages = next((environment / "lib").glob("python*/site-packages"))
+    # The dependencies are those of the tests' own environment, found after what is installed here.
+    (site_packages / "dependencies.pth").write_text(
+        "".join(f"import site; site.addsitedir({path!r})\n" for path in filter(None, sys.path)),
+        encoding="utf-8",
+    )
+    options = ["--no-deps", "--no-build-isolation", "--no-index", str(source)]
+    pip: list[str | Path] = [environment / "bin/python3", "-m", "pip"]
+    result = run([*pip, "install", "--quiet", *options], PYTHONPATH="")
+    assert result.returncode == 0, result.stderr
+    return environment
+
+
+def test_pip_registers_the_package_in_the_ament_index(prefix: Path) -> None:
+    assert (prefix / f"share/ament_index/resource_index/packages/{PACKAGE}").is_file()
+    assert (prefix / f"share/{PACKAGE}/package.xml").is_file()
+
+
+def test_pip_installs_the_executables_where_ros2_run_looks(prefix: Path) -> None:
+    executables = sorted((prefix / "lib" / PACKAGE).iterdir())
+    assert [path.name for path in executables] == sorted(COMMANDS)
+    for path in executables:
+        assert path.read_bytes() == (ROOT / "scripts/run_command").read_bytes()
+        assert os.access(path, os.X_OK)
+
+
+def test_installed_executable_runs_the_command_it_is_called_after(
+    prefix: Path, tmp_path: Path
+) -> None:
+    # A module in the working directory must not get in the way.
+    (tmp_path / "numpy.py").write_text("raise SystemExit('shadowed')", encoding="utf-8")
+    result = run([prefix / "lib" / PACKAGE / "inspect", "--help"], cwd=tmp_path, PYTHONPATH="")
+    assert result.returncode == 0, result.stderr
+    assert result.stdout.startswith("usage:")
+    assert "inspect" in result.stdout
+
+
+def test_installed_package_finds_its_own_configuration(prefix: Path, tmp_path: Path) -> None:
+    code = f"from {PACKAGE}.resources import config_file; print(config_file('planner.yaml'))"
+    result = run([prefix / "bin/python3", "-c", code], cwd=tmp_path, PYTHONPATH="")
+    assert result.stdout.strip() == str(prefix / f"share/{PACKAGE}/config/planner.yaml")

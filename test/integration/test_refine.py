@@ -1,0 +1,264 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""The command `refine`, and the cost of recorded executions."""
+
+import json
+import resource
+
+import numpy as np
+import pytest
+from arm import JOINTS, arm_primitive, arm_robot
+from scipy.integrate import trapezoid
+from test_commands import GOAL, START, URDF, refusal, run
+
+from mp_pca_planner.cli.refine import main
+from mp_pca_planner.exceptions import PlannerError, RecordingError
+from mp_pca_planner.learning.executions import measure_execution
+from mp_pca_planner.motion.trajectory import Trajectory
+from mp_pca_planner.primitives.file import load_primitive, save_primitive
+from mp_pca_planner.recordings.bags import write_joint_states
+from mp_pca_planner.recordings.synthetic import generate_motions
+
+
+@pytest.fixture
+def primitive(tmp_path):
+    path = tmp_path / "reach.npz"
+    save_primitive(arm_primitive(), path)
+    return path
+
+
+def refine(primitive, *options, ok=True):
+    request = ("--robot", URDF, "--start", START, "--goal", GOAL, "--json")
+    done = run("refine", primitive, *request, *options, ok=ok)
+    return json.loads(done.stdout)
+
+
+def executed(offset=0.0, efforts=True):
+    """A motion, and a recording of its execution with stillness before and after."""
+    motion = generate_motions(1, 3)[0].as_demonstration()
+    grid = np.linspace(0.0, motion.duration, 201)
+    q = np.column_stack([np.interp(grid, motion.times, c) for c in motion.positions.T])
+    v, a = np.gradient(q, grid, axis=0), np.zeros_like(q)
+    v[[0, -1]] = 0.0
+    trajectory = Trajectory(JOINTS, grid, q, v, a)
+    times = np.arange(-0.5, motion.duration + 0.7, 0.004)
+    held = np.column_stack([np.interp(times, grid, c) for c in q.T]) + offset
+    zero = np.zeros_like(held)
+    tau = arm_robot().inverse_dynamics(held, zero, zero)
+    return trajectory, times, held, tau if efforts else None
+
+
+def write_execution(path, times, held, tau):
+    stamps = (1_700_000_000 * 10**9 + np.round(times * 1e9)).astype(np.int64)
+    write_joint_states(path, "mcap", JOINTS, stamps, held, efforts=tau)
+    return path
+
+
+# Executions
+
+
+def test_execution_is_found_and_measured(tmp_path):
+    trajectory, times, held, tau = executed()
+    found = measure_execution(write_execution(tmp_path / "run", times, held, tau), trajectory)
+    assert found.started == pytest.approx(0.5, abs=0.01)
+    assert found.tracking_error < 1e-3
+    during = (times >= 0.0) & (times <= trajectory.times[-1])
+    wanted = 0.5 * trapezoid(np.sum(tau[during] ** 2, axis=1), times[during])
+    assert found.effort == pytest.approx(wanted, rel=0.01)
+
+
+def test_tracking_error_is_the_distance_from_what_was_wanted(tmp_path):
+    trajectory, times, held, tau = executed(offset=0.01)
+    found = measure_execution(write_execution(tmp_path / "run", times, held, tau), trajectory)
+    # Each of four joints is 0.01 rad away all the time; a little of that passes for lateness.
+    assert found.tracking_error == pytest.approx(0.02, rel=0.1)
+
+
+def test_execution_without_efforts_or_cut_short_is_refused(tmp_path):
+    trajectory, times, held, tau = executed(efforts=False)
+    with pytest.raises(RecordingError, match="lack positions or efforts"):
+        measure_execution(write_execution(tmp_path / "none", times, held, tau), trajectory)
+    trajectory, times, held, tau = executed()
+    n = int(np.searchsorted(times, 0.0))
+    with pytest.raises(RecordingError, match="from its start to its end"):
+        measure_execution(
+            write_execution(tmp_path / "short", times[:n], held[:n], tau[:n]), trajectory
+        )
+    other = Trajectory(
+        ("x", *JOINTS[1:]), trajectory.times, *(3 * [np.zeros_like(trajectory.positions)])
+    )
+    with pytest.raises(RecordingError, match="no joint states of 'x'"):
+        measure_execution(write_execution(tmp_path / "other", times, held, tau), other)
+
+
+# By the model
+
+
+def test_refined_motion_is_written_and_kept_as_a_primitive(primitive, tmp_path):
+    new, motion = tmp_path / "new.npz", tmp_path / "motion.json"
+    facts = refine(primitive, "--output", new, "--trajectory", motion, "--name", "better")
+    assert facts["cost"] < 0.99 * facts["original_cost"]
+    assert facts["kept"] and facts["limit_violation"] == 0.0
+    family = load_primitive(new)
+    assert family.name == "better"
+    assert family.metadata["refined_from"]["name"] == arm_primitive().name
+    assert family.metadata["refined_from"]["cost"] == pytest.approx(facts["cost"])
+    written = json.loads(motion.read_text())
+    assert written["positions"] == facts["positions"]
+    request = ("--robot", URDF, "--start", START, "--goal", GOAL, "--json")
+    before, after = (
+        json.loads(run("plan", path, *request, ok=True).stdout)["effort_cost"]
+        for path in (primitive, new)
+    )
+    assert after < before
+
+
+def test_motion_that_gains_too_little_is_not_kept(primitive, tmp_path):
+    new = tmp_path / "new.npz"
+    facts = refine(primitive, "--output", new, "--min-gain", "0.9", ok=False)
+    assert not facts["kept"]
+    assert not new.exists()
+
+
+def test_text_says_what_was_gained(primitive):
+    request = ("--robot", URDF, "--start", START, "--goal", GOAL)
+    lines = run("refine", primitive, *request, ok=True).stdout.splitlines()
+    (cost,) = (line for line in lines if line.startswith("cost "))
+    assert "% less" in cost
+    assert lines[-1].endswith("not kept (name --output to keep it)")
+
+
+def joint_list(q):
+    return ",".join(map(str, q))
+
+
+def test_sequence_is_refined_and_kept_segment_by_segment(primitive, tmp_path):
+    via = arm_primitive().boundary_states[1][3]
+    new = tmp_path / "new.npz"
+    facts = refine(primitive, "--via", joint_list(via), "--output", new)
+    assert facts["cost"] < 0.99 * facts["original_cost"]
+    assert facts["kept"] and facts["limit_violation"] == 0.0
+    assert len(facts["parameters"]) == 2
+    times, q, v = (np.array(facts[key]) for key in ("times", "positions", "velocities"))
+    # It goes through the via, and not from rest to rest.
+    passed = np.abs(q - via).max(axis=1)
+    moment = int(passed.argmin())
+    speed = np.abs(v[moment]).max()
+    assert passed[moment] <= speed * np.diff(times).max()
+    assert speed > 0.05
+    assert q[-1].tolist() == [-1.2, via[1], via[2], -0.9]
+    families = [load_primitive(tmp_path / f"new_{k}.npz") for k in (1, 2)]
+    assert [family.name for family in families] == [
+        f"{arm_primitive().name}_refined_{k}" for k in (1, 2)
+    ]
+    ends = [family.metadata["refined_from"] for family in families]
+    assert ends[0]["goal"] == ends[1]["start"] == via.tolist()
+    assert not new.exists()
+
+
+def test_pose_on_the_way_is_still_passed_after_refinement(primitive):
+    wrist = arm_robot().frame_positions(arm_primitive().boundary_states[1][3:4], ["wrist"])[0, 0]
+    facts = refine(primitive, "--via", "wrist: {} {} {}".format(*wrist))
+    assert facts["gain"] > 0.0
+    q, v = np.array(facts["positions"]), np.array(facts["velocities"])
+    way = arm_robot().frame_positions(q, ["wrist"])[:, 0]
+    missed = np.linalg.norm(way - wrist, axis=1)
+    # Points are 10 ms apart, and the arm is less than a metre long.
+    assert missed.min() < 0.01 * np.abs(v).sum(axis=1).max()
+
+
+# By trials
+
+
+def test_trials_go_on_from_call_to_call_until_one_is_kept(primitive, tmp_path):
+    pytest.importorskip("cmaes", reason="cmaes (extra 'learn') is not installed")
+    state, motion, new = tmp_path / "t.json", tmp_path / "trial.csv", tmp_path / "new.npz"
+    options = ("--trials", state, "--trajectory", motion, "--force")
+    first = refine(primitive, *options)
+    assert first["n_trials"] == 0 and not state.exists()
+    assert refine(primitive, *options)["positions"] == first["positions"]
+    second = refine(primitive, *options, "--cost", "10.0")
+    assert second["n_trials"] == 1
+    assert second["positions"] != first["positions"]
+    third = refine(primitive, *options, "--cost", "8.0", "--output", new)
+    assert third["n_trials"] == 2
+    assert third["gain"] == pytest.approx(0.2)
+    assert third["kept"] and load_primitive(new).metadata["refined_from"]["cost"] == 8.0
+
+
+def test_cost_is_not_counted_if_the_next_trial_could_not_be_written(primitive, tmp_path):
+    pytest.importorskip("cmaes", reason="cmaes (extra 'learn') is not installed")
+    state, motion = tmp_path / "t.json", tmp_path / "trial.csv"
+    request = ("--robot", URDF, "--start", START, "--goal", GOAL, "--trials", state)
+    options = [str(word) for word in (primitive, *request, "--trajectory", motion, "--force")]
+    assert main(options) == 0
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    limit = 4096  # between the sizes of the trials and of the motion
+    resource.setrlimit(resource.RLIMIT_FSIZE, (limit, hard))
+    try:
+        with pytest.raises(PlannerError, match="can't be written"):
+            main([*options, "--cost", "10"])
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    assert not state.exists()
+    assert main([*options, "--cost", "10"]) == 0
+    assert len(json.loads(state.read_text())["trials"]) == 1
+    assert state.stat().st_size < limit < motion.stat().st_size
+
+
+def test_trials_of_a_sequence_pass_its_vias(primitive, tmp_path):
+    pytest.importorskip("cmaes", reason="cmaes (extra 'learn') is not installed")
+    via = arm_primitive().boundary_states[1][3]
+    options = ("--via", joint_list(via), "--trials", tmp_path / "t.json")
+    for cost in (None, "10.0", "9.0", "8.0"):
+        facts = refine(primitive, *options, *(() if cost is None else ("--cost", cost)))
+        q, v = np.array(facts["positions"]), np.array(facts["velocities"])
+        assert np.abs(q - via).max(axis=1).min() < 0.01 * np.abs(v).max()
+    assert facts["n_trials"] == 3
+
+
+def test_cost_of_a_trial_may_come_from_a_recording(primitive, tmp_path):
+    pytest.importorskip("cmaes", reason="cmaes (extra 'learn') is not installed")
+    state = tmp_path / "t.json"
+    proposal = refine(primitive, "--trials", state)
+    times, q = np.array(proposal["times"]), np.array(proposal["positions"])
+    tau = np.full_like(q, 2.0)
+    bag = write_execution(tmp_path / "run", times, q, tau)
+    facts = refine(primitive, "--trials", state, "--executed", bag)
+    assert facts["cost"] == pytest.approx(0.5 * 4 * 4.0 * times[-1], rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (("--cost", "3"), "name --trials"),
+        (("--min-gain", "2"), "--min-gain: '2' is not a number from 0"),
+        (("--time-price", "-1"), "--time-price: '-1' is not a number from 0"),
+        (("--tracking-price", "nan"), "--tracking-price: 'nan' is not a number from 0"),
+        (("--trajectory", "motion.docx"), "must end in"),
+        (("--trials", "t.json", "--cost", "nan"), "--cost: 'nan' is not a number"),
+        (("--trials", "t.json", "--executed", "gone"), "'gone' can't be read: No such file"),
+        (("--trials", "t.json", "--executed", "gone.mcap"), "can't be read: No such file"),
+        (("--limits", "{tight}"), "no motion to refine"),
+        (("--via", GOAL, "--duration", "3"), "--duration can't be given with --via"),
+        (("--via", f"{GOAL}@0.5"), "times (@) can't be given"),
+    ],
+)
+def test_nonsense_is_refused_in_one_line(primitive, tmp_path, monkeypatch, options, words):
+    if "--executed" in options:
+        pytest.importorskip("cmaes", reason="cmaes (extra 'learn') is not installed")
+    monkeypatch.chdir(tmp_path)
+    tight = tmp_path / "tight.yaml"
+    tight.write_text("joint_limits: {elbow: {max_effort: 1.0e-6}}")
+    options = [option.format(tight=tight) for option in options]
+    line = refusal("refine", primitive, "--robot", URDF, "--start", START, "--goal", GOAL, *options)
+    assert words in line
+    assert not (tmp_path / "t.json").exists()
+
+
+def test_existing_files_are_not_lost(primitive, tmp_path):
+    kept = tmp_path / "new.npz"
+    kept.write_text("precious")
+    request = ("--robot", URDF, "--start", START, "--goal", GOAL)
+    assert "exists already" in refusal("refine", primitive, *request, "--output", kept)
+    assert kept.read_text() == "precious"

@@ -1,0 +1,97 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Where motions start when computing takes time, and when nothing is heard of the robot."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+
+from mp_pca_planner.execution.start_state import Joined, StartStates
+from mp_pca_planner.motion.goal import JointState
+from mp_pca_planner.motion.trajectory import Trajectory
+
+JOINTS = ("a",)
+TOLERANCE = 0.1
+
+
+class Reader:
+    """Messages are positions in digits."""
+
+    def names_all(self, message: bytes, joint_names: Sequence[str]) -> bool:
+        return True
+
+    def read(self, message: bytes, joint_names: Sequence[str]) -> JointState:
+        return JointState(joint_names, [float(message)])
+
+    def stamp(self, message: bytes) -> float:
+        return 0.0
+
+
+class World:
+    """A clock that goes on by `tick` [s] whenever it is read, and a robot that keeps to it."""
+
+    def __init__(self) -> None:
+        self.now, self.tick = 100.0, 0.0
+        self.states = StartStates(Reader(), self.clock, self.clock)
+        self.states.expect(JOINTS)
+
+    def clock(self) -> float:
+        self.now += self.tick
+        return self.now
+
+    def measure(self, q: float) -> None:
+        self.states.measured.receive(f"{q:.17g}".encode())
+
+
+def minimum_jerk(start: float, goal: float, duration: float) -> Trajectory:
+    times = np.linspace(0.0, duration, 201)
+    s, d = times / duration, goal - start
+    q = start + d * (10 * s**3 - 15 * s**4 + 6 * s**5)
+    v = d * (30 * s**2 - 60 * s**3 + 30 * s**4) / duration
+    a = d * (60 * s - 180 * s**2 + 120 * s**3) / duration**2
+    return Trajectory(JOINTS, times, *(x[:, None] for x in (q, v, a)))
+
+
+@pytest.fixture
+def world() -> World:
+    """A robot that rests at 0."""
+    world = World()
+    world.measure(0.0)
+    return world
+
+
+def test_stamp_is_that_of_the_first_point_however_long_computing_takes(world: World) -> None:
+    motion = world.states.command(
+        Joined.after_wait(minimum_jerk(0.0, 1.0, 2.0), world.states.motion_time)
+    )
+    for _ in range(100):
+        world.now += 0.01
+        world.measure(float(motion.state(world.now - motion.began).positions[0]))
+    world.tick = 0.002
+    start = world.states.choose("auto", 0.5, 0.1, TOLERANCE)
+    assert start.is_in_motion
+    rest = minimum_jerk(float(start.state.positions[0]), 2.0, 2.0)
+    joined = world.states.join(rest, start, 0.5, TOLERANCE, may_stamp=True)
+    assert joined.is_timed
+    there = motion.state(joined.time - motion.began).positions
+    np.testing.assert_allclose(joined.trajectory.positions[0], there, atol=2e-6)
+
+
+def test_robot_that_was_last_heard_of_before_its_motion_ended_has_not_arrived(
+    world: World,
+) -> None:
+    motion = world.states.command(
+        Joined.after_wait(minimum_jerk(0.0, 1.0, 2.0), world.states.motion_time)
+    )
+    world.now += 10.0
+    following = world.states.follow(0.0, TOLERANCE)
+    assert following is not None
+    assert not following.at_rest
+    world.measure(float(motion.end[0]))
+    following = world.states.follow(0.0, TOLERANCE)
+    assert following is not None
+    assert following.is_over
+    assert following.at_rest

@@ -1,0 +1,230 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Control laws against closed forms, and their error bounds against simulations."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+import yaml
+from arm import JOINTS, arm_primitive, arm_robot
+
+from mp_pca_planner.cli.main import main
+from mp_pca_planner.control.closed_loop import Sampling, simulate
+from mp_pca_planner.control.errors import ErrorModel
+from mp_pca_planner.control.law import (
+    COMPUTED_TORQUE,
+    FEEDFORWARD_PD,
+    ControlLaw,
+    controller_parameters,
+    pair_law,
+    paired_law,
+)
+from mp_pca_planner.control.stability import analyse
+from mp_pca_planner.control.verification import verify
+from mp_pca_planner.exceptions import ControlError, PrimitiveFileError
+from mp_pca_planner.motion.trajectory import Trajectory
+from mp_pca_planner.primitives.boundary import boundary_values, hermite_functions
+from mp_pca_planner.primitives.file import load_primitive, save_primitive
+from mp_pca_planner.resources import config_file
+from mp_pca_planner.robot.model import Robot
+
+PENDULUM = """<robot name="pendulum">
+  <link name="world"/>
+  <link name="rod"><inertial><origin xyz="0 0 -0.5"/><mass value="2"/>
+    <inertia ixx="0.1" iyy="0.1" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <joint name="hinge" type="revolute"><parent link="world"/><child link="rod"/>
+    <axis xyz="0 1 0"/><limit lower="-3" upper="3" velocity="10" effort="100"/></joint>
+</robot>"""
+
+
+def reach(robot: Robot, start: list[float], goal: list[float], duration: float) -> Trajectory:
+    """Minimum-jerk motion."""
+    zero = np.zeros(robot.n_joints)
+    ends = boundary_values((np.array(start), zero, zero), (np.array(goal), zero, zero), duration)
+    phases = np.linspace(0.0, 1.0, round(duration / 0.01) + 1)
+    q, v, a = (hermite_functions(phases, d) @ ends / duration**d for d in range(3))
+    return Trajectory(robot.joint_names, phases * duration, q, v, a)
+
+
+def arm_reach(duration: float = 0.8) -> Trajectory:
+    """Away from postures in which axes of the shoulder are parallel."""
+    return reach(arm_robot(), [-0.5, -0.9, 0.9, -0.5], [-0.2, -0.4, 0.9, -0.9], duration)
+
+
+def test_forward_dynamics_undo_inverse_dynamics_in_any_joint_order() -> None:
+    rng = np.random.default_rng(1)
+    for names in (JOINTS, JOINTS[::-1]):
+        robot = Robot.from_file(config_file("human_arm.urdf"), names)
+        q, v, a = rng.uniform(-0.5, 0.5, (3, 1, 4))
+        tau = robot.inverse_dynamics(q, v, a)
+        assert np.allclose(robot.forward_dynamics(q[0], v[0], tau[0]), a[0], atol=1e-9)
+
+
+def test_payload_adds_its_weight_and_inertia_at_its_place() -> None:
+    robot = Robot(PENDULUM)
+    loaded = robot.with_inertias(np.array([1.5]), 3.0, "rod")
+    q, a = np.array([[0.4]]), np.array([[2.0]])
+    # The link's own origin is on the axis: the payload there has no effect.
+    tau = 1.5 * robot.inverse_dynamics(q, 0 * q, a)
+    assert np.allclose(loaded.inverse_dynamics(q, 0 * q, a), tau)
+    arm = arm_robot()
+    frame = arm.frame_names[-1]
+    heavy = arm.with_inertias(np.ones(4), 0.5, frame)
+    model = pin.buildModelFromUrdf(str(config_file("human_arm.urdf")))
+    data = model.createData()
+    q = np.array([0.1, -0.3, 0.5, -0.8])
+    jacobian = pin.computeFrameJacobian(
+        model, data, q, model.getFrameId(frame), pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+    )[:3]
+    added = heavy.mass_matrix(q) - arm.mass_matrix(q)
+    assert np.allclose(added, 0.5 * jacobian.T @ jacobian, atol=1e-12)
+    weight = 0.5 * 9.81 * jacobian[2]
+    still = np.zeros((1, 4))
+    both = [r.inverse_dynamics(q[None], still, still)[0] for r in (heavy, arm)]
+    assert np.allclose(both[0] - both[1], weight, atol=1e-9)
+
+
+def test_error_of_computed_torque_decays_as_the_chosen_second_order_system() -> None:
+    robot = Robot(PENDULUM)
+    motion = reach(robot, [0.0], [1.0], 1.0)
+    law = ControlLaw.from_frequency(COMPUTED_TORQUE, robot, motion, 10.0)
+    result = simulate(
+        robot,
+        robot,
+        law,
+        motion,
+        start_error=np.array([0.1]),
+        start_velocity_error=np.zeros(1),
+        effort_limits=np.array([np.inf]),
+        sampling=Sampling(1e-4, 0),
+    )
+    times = np.arange(len(result.errors)) * 1e-4
+    exact = 0.1 * (1.0 + 10.0 * times) * np.exp(-10.0 * times)
+    assert np.abs(result.errors[:, 0] - exact).max() < 2e-4
+
+
+def test_poles_of_computed_torque_are_those_asked_for() -> None:
+    robot = arm_robot()
+    motion = arm_reach()
+    law = ControlLaw.from_frequency(COMPUTED_TORQUE, robot, motion, 20.0, 0.8)
+    known = analyse(robot, law, motion, ErrorModel(), np.full(4, np.inf), Sampling(1e-3, 0))
+    assert known.slowest_pole == pytest.approx(-16.0, rel=0.02)
+    assert known.least_damping == pytest.approx(0.8, rel=0.02)
+    assert known.sampled_radius == pytest.approx(np.exp(-16.0 * 1e-3), abs=1e-3)
+
+
+@pytest.mark.parametrize("kind", [FEEDFORWARD_PD, COMPUTED_TORQUE])
+def test_bound_holds_in_perturbed_simulations_and_is_not_vacuous(kind: str) -> None:
+    robot = arm_robot()
+    motion = arm_reach()
+    law = ControlLaw.from_frequency(kind, robot, motion, 30.0)
+    errors, limits = ErrorModel(), robot.limits().effort
+    known = analyse(robot, law, motion, errors, limits)
+    assert known.holds
+    found = verify(robot, law, motion, errors, known, effort_limits=limits, n_trials=12, seed=3)
+    assert found.bound_held == 12
+    assert found.saturated == 0
+    assert known.error_bound is not None
+    assert np.all(known.error_bound.max(axis=0) < 10.0 * found.errors.max(axis=0))
+
+
+def test_efforts_stay_within_the_bound_that_tells_whether_they_saturate() -> None:
+    robot = arm_robot()
+    motion = arm_reach()
+    law = ControlLaw.from_frequency(FEEDFORWARD_PD, robot, motion, 30.0)
+    errors = ErrorModel()
+    known = analyse(robot, law, motion, errors, robot.limits().effort)
+    assert known.effort_bound is not None
+    rng = np.random.default_rng(0)
+    true, position, velocity = errors.sample(robot, rng, extreme=True)
+    result = simulate(
+        true,
+        robot,
+        law,
+        motion,
+        start_error=position,
+        start_velocity_error=velocity,
+        effort_limits=np.full(4, np.inf),
+    )
+    # Efforts act one sample after the one that they are computed for.
+    assert np.all(np.abs(result.efforts[1:]) <= known.effort_bound[:-1] + 1e-9)
+    tight = known.effort_bound.max(axis=0) * 0.9
+    assert analyse(robot, law, motion, errors, tight).effort_reserve < 0.0
+
+
+def test_loop_that_delay_makes_unstable_has_no_bound() -> None:
+    robot = arm_robot()
+    motion = arm_reach(0.3)
+    law = ControlLaw.from_frequency(FEEDFORWARD_PD, robot, motion, 30.0)
+    known = analyse(robot, law, motion, ErrorModel(), np.full(4, np.inf), Sampling(1e-3, 60))
+    assert known.sampled_radius > 1.0
+    assert not known.holds
+
+
+def test_law_survives_the_primitive_file(tmp_path: Path) -> None:
+    primitive = arm_primitive()
+    law = ControlLaw(FEEDFORWARD_PD, JOINTS, [1.0, 2.0, 3.0, 4.0], [0.1, 0.2, 0.3, 0.4])
+    assert paired_law(primitive) is None
+    save_primitive(pair_law(primitive, law, {"sampled_radius": 0.9}), tmp_path / "p.npz")
+    found = load_primitive(tmp_path / "p.npz")
+    read = paired_law(found)
+    assert read is not None
+    assert read.kind == law.kind
+    assert np.array_equal(read.position_gains, law.position_gains)
+    assert found.metadata["control_law"]["known"] == {"sampled_radius": 0.9}
+    found.metadata["control_law"]["velocity_gains"][0] = -1.0
+    with pytest.raises(PrimitiveFileError, match="must be positive"):
+        paired_law(found)
+
+
+def test_controller_gets_the_gains_by_joint() -> None:
+    law = ControlLaw(FEEDFORWARD_PD, JOINTS, [1.0, 2.0, 3.0, 4.0], [0.1, 0.2, 0.3, 0.4])
+    parameters = yaml.safe_load(controller_parameters(law, "arm_controller"))
+    gains = parameters["arm_controller"]["ros__parameters"]["gains"]
+    assert gains[JOINTS[2]]["p"] == 3.0
+    assert gains[JOINTS[2]]["d"] == 0.3
+    other = ControlLaw(COMPUTED_TORQUE, JOINTS, np.ones(4), np.ones(4))
+    with pytest.raises(ControlError, match="has no law 'computed_torque'"):
+        controller_parameters(other, "arm_controller")
+
+
+@pytest.mark.parametrize(
+    ("build", "reason"),
+    [
+        (lambda: ControlLaw("pid", JOINTS, np.ones(4), np.ones(4)), "one of"),
+        (lambda: ControlLaw(FEEDFORWARD_PD, JOINTS, np.ones(4), -np.ones(4)), "positive"),
+        (lambda: ErrorModel(inertia=1.0), "less than 1"),
+        (lambda: ErrorModel(payload=-1.0), "payload"),
+        (lambda: Sampling(0.0), "control period"),
+        (lambda: Sampling(1e-3, -1), "delay"),
+    ],
+)
+def test_unusable_values_are_refused_in_a_sentence(build: object, reason: str) -> None:
+    with pytest.raises(ControlError, match=reason):
+        build()  # type: ignore[operator]
+
+
+def test_command_verifies_and_writes_law_and_parameters(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    save_primitive(arm_primitive(), tmp_path / "reach.npz")
+    urdf = str(config_file("human_arm.urdf"))
+    request = [str(tmp_path / "reach.npz"), "--robot", urdf, "--start", "-0.5,-0.9,0.9,-0.5"]
+    request += ["--goal", "-0.2,-0.4,0.9,-0.9", "--trials", "2", "--json"]
+    paired, parameters = tmp_path / "paired.npz", tmp_path / "controller.yaml"
+    outputs = ["--output", str(paired), "--controller-parameters", str(parameters)]
+    assert main(["verify", *request, *outputs]) == 0
+    facts = json.loads(capsys.readouterr().out)
+    assert facts["bound_held"] == facts["n_trials"] == 2
+    assert facts["saturated"] == 0
+    law = paired_law(load_primitive(paired))
+    assert law is not None
+    assert law.position_gains.tolist() == facts["position_gains"]
+    assert "gains" in parameters.read_text()
+    assert main(["verify", *request, *outputs]) == 2
+    assert "exists already" in capsys.readouterr().err
+    assert main(["verify", *request, "--position-gains", "1,1,1,1"]) == 2
+    assert "go together" in capsys.readouterr().err

@@ -1,0 +1,65 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""The paper's own method."""
+
+import numpy as np
+from arm import arm_demonstrations, arm_robot
+from scipy.optimize import minimize
+
+from mp_pca_planner.evaluation.paper import (
+    DEGREE,
+    N_COMPONENTS,
+    angle_components,
+    paper_basis,
+    paper_method,
+)
+from mp_pca_planner.primitives.differences import FINE_PHASES
+
+MOTIONS = arm_demonstrations()
+START, GOAL = MOTIONS[0].positions[[0, -1]]
+
+
+def test_every_choice_of_weights_meets_the_end_points():
+    basis = paper_basis(angle_components(MOTIONS[1:]), START, GOAL)
+    assert basis.n_weights == 4 * (N_COMPONENTS - 2)
+    rng = np.random.default_rng(1)
+    for _ in range(5):
+        weights = rng.normal(size=basis.n_weights)
+        found = basis.shape(weights, np.array([0.0, 1.0]))
+        np.testing.assert_allclose(found, [START, GOAL], atol=1e-9)
+
+
+def test_motions_are_polynomials_of_the_fourth_order():
+    basis = paper_basis(angle_components(MOTIONS), START, GOAL)
+    assert basis.mean_coefficients.shape[1] == DEGREE + 1 == 5
+
+
+def test_the_mean_is_the_likeliest_motion_between_the_ends():
+    components = angle_components(MOTIONS)
+    basis = paper_basis(components, START, GOAL)
+    # A start and a goal that the mean motion has need no component at all.
+    mean = np.array([found.mean for found in components]).T
+    own = paper_basis(components, mean[0], mean[-1])
+    deviation = own.shape(np.zeros(own.n_weights), FINE_PHASES[::10]) - mean
+    assert np.abs(deviation).max() < 0.05
+    assert basis.n_weights == own.n_weights
+
+
+def test_the_effort_is_the_least_that_another_optimiser_finds():
+    robot, motion = arm_robot(), MOTIONS[0]
+    found = paper_method(robot)(motion, MOTIONS[1:])
+    basis = paper_basis(angle_components(MOTIONS[1:]), START, GOAL)
+    x, w = np.polynomial.legendre.leggauss(30)
+
+    def effort(weights):
+        q, v, a = (basis.shape(weights, (x + 1) / 2, d) / motion.duration**d for d in range(3))
+        tau = robot.inverse_dynamics(q, v, a)
+        return 0.25 * motion.duration * float(w @ np.sum(tau**2, axis=1))
+
+    least = min(
+        minimize(effort, start, method="BFGS").fun
+        for start in (np.zeros(basis.n_weights), np.full(basis.n_weights, 0.5))
+    )
+    assert found.effort is not None
+    assert found.effort <= least * 1.01
+    assert found.solve_time > 0.0

@@ -1,0 +1,89 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""A published motion as the controller interpolates it, against polynomials of NumPy."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.polynomial import Polynomial
+from scipy.interpolate import BPoly
+
+from mp_pca_planner.execution.commanded import CommandedMotion
+from mp_pca_planner.motion.trajectory import Trajectory
+
+JOINTS = ("a", "b")
+# Two motions of degree 5: the quintic through any of their points is the polynomial itself.
+Q = (Polynomial([0.3, -0.2, 0.5, 0.4, -0.3, 0.05]), Polynomial([-1.0, 0.1, 0.0, -0.2, 0.1, 0.02]))
+TIMES = np.array([0.0, 0.3, 0.7, 0.71, 1.6, 2.0])
+
+
+def columns(times, derivative=0):
+    times = np.asarray(times, float)  # NumPy 1.26 evaluates polynomials at no lists
+    return np.column_stack([(q.deriv(derivative) if derivative else q)(times) for q in Q])
+
+
+def motion(times=TIMES, **options):
+    states = [columns(times, d) for d in range(3)]
+    return CommandedMotion(Trajectory(JOINTS, times - times[0], *states, **options), began=10.0)
+
+
+def test_states_between_points_are_those_of_the_polynomial():
+    places = np.linspace(0.0, 2.0, 501)
+    for d, found in enumerate(motion().sample(places)):
+        np.testing.assert_allclose(found, columns(places, d), atol=1e-10)
+
+
+def test_states_between_points_are_the_quintic_through_both_neighbours():
+    random = np.random.default_rng(0)
+    times = np.array([0.0, 0.4, 1.1])
+    states = random.normal(size=(3, 3, 1))
+    found = CommandedMotion(Trajectory(("a",), times, *states), 0.0).state(0.9)
+    quintic = BPoly.from_derivatives(times, states.transpose(1, 0, 2))
+    expected = [quintic(0.9, d)[0] for d in range(3)]
+    actual = [found.positions[0], found.velocities[0], found.accelerations[0]]
+    np.testing.assert_allclose(actual, expected, rtol=1e-9)
+
+
+@pytest.mark.parametrize(("place", "nearest"), [(-1.0, 0.0), (2.5, 2.0)])
+def test_places_outside_the_motion_count_as_its_nearest_end(place, nearest):
+    np.testing.assert_allclose(motion().state(place).positions, columns([nearest])[0], atol=1e-12)
+
+
+def test_motion_of_one_point_is_there_at_every_place():
+    one = CommandedMotion(Trajectory(JOINTS, [0.0], [[1.0, 2.0]], [[0.0] * 2], [[0.0] * 2]), 0.0)
+    q, v, a = one.sample(np.array([-1.0, 0.0, 3.0]))
+    assert q.tolist() == [[1.0, 2.0]] * 3
+    assert not v.any() and not a.any()
+    assert (one.duration, one.end.tolist()) == (0.0, [1.0, 2.0])
+
+
+@pytest.mark.parametrize(("here", "switch"), [(0.1, 0.9), (0.1, 0.3), (0.302, 0.707), (0.0, 1.999)])
+def test_followed_motion_is_the_old_one_up_to_the_switch_and_then_the_rest(here, switch):
+    rest = Trajectory(JOINTS, [0.0, 1.0], *(columns([switch, switch + 1.0], d) for d in range(3)))
+    joined = CommandedMotion(motion().followed_by(rest, switch, here), 0.0)
+    assert joined.duration == pytest.approx(switch - here + 1.0, abs=1e-6)
+    since = np.linspace(0.0, joined.duration, 400)
+    for d, found in enumerate(joined.sample(since)):
+        np.testing.assert_allclose(found, columns(here + since, d), atol=1e-5)
+
+
+def test_followed_motion_has_no_points_nearer_than_nanoseconds_allow():
+    switch = TIMES[2] + 0.001
+    rest = Trajectory(JOINTS, [0.0, 1.0], *(columns([switch, switch + 1.0], d) for d in range(3)))
+    times = motion().followed_by(rest, switch, TIMES[1] - 0.001).times
+    assert np.diff(times).min() > 4e-3
+
+
+def test_rest_is_left_as_it_is_where_the_switch_is_here():
+    rest = Trajectory(JOINTS, [0.0, 1.0], *(columns([0.5, 1.5], d) for d in range(3)))
+    assert motion().followed_by(rest, 0.5, 0.5 - 5e-5) is rest
+
+
+def test_efforts_of_both_motions_are_kept_and_those_of_one_alone_are_not():
+    efforts = np.column_stack([TIMES, -TIMES])
+    old = motion(efforts=efforts)
+    states = [columns([0.5, 1.5], d) for d in range(3)]
+    joined = old.followed_by(Trajectory(JOINTS, [0, 1], *states, np.full((2, 2), 9.0)), 0.5, 0.2)
+    np.testing.assert_allclose(joined.efforts, [[0.2, -0.2], [0.3, -0.3], [9, 9], [9, 9]])
+    assert old.followed_by(Trajectory(JOINTS, [0, 1], *states), 0.5, 0.2).efforts is None

@@ -1,0 +1,59 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Counts and times of goals."""
+
+import pytest
+
+from mp_pca_planner.execution.goal_statistics import GoalStatistics
+from mp_pca_planner.motion.goal import JointGoal, SequenceGoal
+
+
+def test_nothing_is_known_before_the_first_goal() -> None:
+    statistics = GoalStatistics()
+    assert statistics.expected_latency(JointGoal) > 0.0
+    assert statistics.solve_time_percentiles() == {}
+
+
+def test_served_refused_and_overtaken_goals_are_counted_apart() -> None:
+    statistics = GoalStatistics()
+    statistics.overtaken()
+    statistics.served(JointGoal, 0.1, 0.2)
+    statistics.refused()
+    statistics.refused()
+    counts = (statistics.n_served, statistics.n_refused, statistics.n_overtaken)
+    assert counts == (1, 2, 1)
+
+
+def test_nine_of_ten_latencies_are_shorter_than_expected() -> None:
+    statistics = GoalStatistics()
+    for k in range(100):
+        statistics.served(JointGoal, 0.0, k / 100)
+    assert 0.9 < statistics.expected_latency(JointGoal) < 2.0
+
+
+def test_fast_goals_do_not_make_slow_ones_seem_fast() -> None:
+    statistics = GoalStatistics()
+    statistics.served(SequenceGoal, 1.0, 1.0)
+    for _ in range(200):
+        statistics.served(JointGoal, 0.01, 0.01)
+    assert statistics.expected_latency(SequenceGoal) >= 1.0
+    assert statistics.expected_latency(JointGoal) < 0.1
+
+
+def test_percentiles_are_those_of_the_solve_times() -> None:
+    statistics = GoalStatistics()
+    for k in range(101):
+        statistics.served(JointGoal, k / 100, k / 50)
+    assert statistics.solve_time_percentiles() == {
+        "solve_time_p50_s": pytest.approx(0.5),
+        "solve_time_p90_s": pytest.approx(0.9),
+        "solve_time_p99_s": pytest.approx(0.99),
+    }
+
+
+def test_old_times_are_forgotten_and_counts_are_not() -> None:
+    statistics = GoalStatistics()
+    for solve_time in [9.0] * 1000 + [1.0] * 1000:
+        statistics.served(JointGoal, solve_time, solve_time)
+    assert 1.0 <= statistics.expected_latency(JointGoal) < 9.0
+    assert statistics.n_served == 2000

@@ -1,0 +1,195 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Measured states of the last moments, by clocks that the tests set."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from mp_pca_planner.exceptions import GoalError
+from mp_pca_planner.execution.measured import REST_VELOCITY, MeasuredStates
+from mp_pca_planner.motion.goal import JointState
+
+JOINTS = ("a", "b")
+
+
+class Reader:
+    """Messages are bytes in a notation that tests can write: ``a=1.0,b=2.0,stamp=5.0``."""
+
+    def names_all(self, message, joint_names):
+        return set(joint_names) <= set(self._values(message))
+
+    def read(self, message, joint_names):
+        values = self._values(message)
+        velocities = [values.get(f"v_{name}", 0.0) for name in joint_names]
+        return JointState(joint_names, [values[name] for name in joint_names], velocities)
+
+    def stamp(self, message):
+        return self._values(message).get("stamp", 0.0)
+
+    def _values(self, message):
+        pairs = (pair.split("=") for pair in message.decode().split(","))
+        return {name: float(value) for name, value in pairs}
+
+
+class World:
+    """Two clocks and the object under test."""
+
+    def __init__(self):
+        self.receipt, self.motion = 100.0, 5.0
+        self.states = MeasuredStates(Reader(), lambda: self.receipt, lambda: self.motion)
+        self.states.expect(JOINTS)
+
+    def pass_time(self, seconds):
+        self.receipt += seconds
+        self.motion += seconds
+
+    def receive(self, age=0.0, **values):
+        message = ",".join(f"{name}={value}" for name, value in values.items())
+        self.states.receive(message.encode(), age)
+
+    def move(self, velocity, seconds=0.4, period=0.004, *, noise=0.0, delay=None, **reported):
+        """Joint a moves evenly; its stamps lie behind by the delay, if there is one."""
+        random = np.random.default_rng(0)
+        for _ in range(round(seconds / period)):
+            self.pass_time(period)
+            stamp = {} if delay is None else {"stamp": self.motion - delay}
+            q = velocity * self.motion + noise * random.normal()
+            self.receive(a=q, b=0.0, **stamp, **reported)
+
+
+@pytest.fixture
+def world():
+    return World()
+
+
+def test_newest_message_counts_in_the_order_of_the_joints(world):
+    world.receive(a=1.0, b=2.0)
+    world.receive(b=4.0, a=3.0)
+    assert world.states.newest(0.5).positions.tolist() == [3.0, 4.0]
+
+
+def test_state_is_too_old_after_the_timeout_and_never_if_that_is_zero(world):
+    world.receive(a=1.0, b=2.0)
+    world.pass_time(0.5)
+    assert world.states.age == pytest.approx(0.5)
+    world.states.newest(0.6)
+    world.states.newest(0.0)
+    with pytest.raises(GoalError, match=r"0.5 s old, at most 0.4 s"):
+        world.states.newest(0.4)
+
+
+def test_missing_state_is_refused_with_the_joints_it_should_have(world):
+    world.receive(gripper=1.0)
+    with pytest.raises(GoalError, match=r"'a', 'b' has arrived \(1 without them were ignored\)"):
+        world.states.newest(0.5)
+    assert (world.states.age, world.states.newest_time) == (None, 0.0)
+
+
+def test_message_of_other_joints_does_not_replace_a_good_one(world):
+    world.receive(a=1.0, b=2.0)
+    world.receive(gripper=7.0)
+    assert world.states.newest(0.5).positions.tolist() == [1.0, 2.0]
+    assert world.states.n_incomplete == 1
+
+
+def test_unusable_state_is_counted_each_time_it_is_needed_and_left_out_of_the_history(world):
+    world.receive(a=1.0, b=2.0)
+    world.pass_time(0.01)
+    world.receive(a=1.0, b="nan")
+    for _ in range(2):
+        with pytest.raises(GoalError, match="nan"):
+            world.states.newest(0.5)
+    assert world.states.n_unusable == 2
+    assert len(world.states.history()[0]) == 1
+
+
+def test_state_of_former_joints_is_forgotten(world):
+    world.receive(a=1.0, b=2.0)
+    world.states.expect(("a",))
+    assert world.states.age is None
+    assert world.states.history()[1].shape == (0, 1)
+
+
+def test_message_is_as_old_as_it_was_when_it_was_handed_over(world):
+    world.receive(0.25, a=0.0, b=0.0)
+    assert world.states.age == pytest.approx(0.25)
+    assert world.states.newest_time == pytest.approx(world.motion - 0.25)
+
+
+def test_history_holds_the_last_moments_and_the_newest_state(world):
+    world.move(1.0, seconds=1.0, period=0.002)
+    times, positions = world.states.history()
+    np.testing.assert_allclose(positions[:, 0], times)
+    assert times[-1] == pytest.approx(world.motion)
+    assert 0.25 < times[-1] - times[0] <= 0.3
+    assert np.diff(times)[:-1].min() > 0.0079
+
+
+@pytest.mark.parametrize("reported", [{}, {"v_a": 0.05, "v_b": -0.02}])
+def test_positions_say_how_fast_a_robot_moves(world, reported):
+    world.move(0.05, **reported)
+    v = world.states.velocities(world.states.newest(0.5))
+    assert v == pytest.approx([0.05, 0.0], abs=1e-9)
+
+
+def test_velocity_is_that_of_the_newest_moment_of_a_robot_that_slows_down(world):
+    for _ in range(200):
+        world.pass_time(0.004)
+        world.receive(a=0.9 * world.motion - 0.075 * world.motion**2, b=0.0)
+    v = world.states.velocities(world.states.newest(0.5))
+    assert v == pytest.approx([0.9 - 0.15 * world.motion, 0.0], abs=1e-9)
+
+
+def test_velocities_below_the_noise_of_encoders_count_as_none(world):
+    world.move(0.0, noise=1e-4, v_a=0.9 * REST_VELOCITY, v_b=-5.0 * REST_VELOCITY)
+    assert not world.states.velocities(world.states.newest(0.5)).any()
+    world.move(0.002)
+    assert not world.states.velocities(world.states.newest(0.5)).any()
+
+
+def test_reported_velocity_counts_where_positions_do_not_say_it_yet(world):
+    world.receive(a=0.0, b=0.0, v_a=0.9 * REST_VELOCITY, v_b=1.1 * REST_VELOCITY)
+    v = world.states.velocities(world.states.newest(0.5))
+    assert v.tolist() == [0.0, 1.1 * REST_VELOCITY]
+
+
+def test_clear_velocity_counts_though_the_robot_has_only_begun_to_move(world):
+    world.move(0.0)
+    world.receive(a=0.0, b=0.0, v_b=0.5)
+    assert world.states.velocities(world.states.newest(0.5)).tolist() == [0.0, 0.5]
+
+
+def test_stamps_say_when_a_state_was_measured_if_clocks_agree(world):
+    world.move(1.0, delay=0.003)
+    assert world.states.clocks_agree
+    assert world.states.newest_time == pytest.approx(world.motion - 0.003)
+    np.testing.assert_allclose(world.states.history()[0][-1], world.motion - 0.003)
+
+
+@pytest.mark.parametrize("delay", [-3.0, -0.01, 0.2, 1e9])
+def test_stamps_of_another_clock_are_not_used_and_their_difference_is_known(world, delay):
+    world.move(1.0, delay=delay)
+    assert not world.states.clocks_agree
+    assert world.states.clock_difference == pytest.approx(delay)
+    assert world.states.newest_time == pytest.approx(world.motion)
+
+
+def test_late_messages_do_not_make_clocks_differ(world):
+    for k in range(50):
+        world.pass_time(0.01)
+        world.receive(a=0.0, b=0.0, stamp=world.motion - (0.15 if k % 3 else 0.002))
+    assert world.states.clocks_agree
+
+
+def test_clocks_agree_where_no_message_has_a_stamp(world):
+    world.move(1.0)
+    assert world.states.clocks_agree
+    assert world.states.newest_time == pytest.approx(world.motion)
+
+
+def test_states_that_wait_elsewhere_are_fetched_before_the_newest_is_used():
+    states = MeasuredStates(Reader(), lambda: 0.0, lambda: 0.0, lambda: states.receive(b"a=7"))
+    states.expect(("a",))
+    assert states.newest(0.5).positions.tolist() == [7.0]

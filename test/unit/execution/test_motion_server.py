@@ -1,0 +1,419 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Goals, stops and replacements, judged by what a simulated controller commands after them.
+
+Time is virtual; planning takes as long as the tests say.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from arm import JOINTS, arm_primitive
+from patience import NODE_EVER
+from referee import judge
+from virtual_node import VirtualNode
+
+from mp_pca_planner.exceptions import GoalError
+from mp_pca_planner.execution.assembly import assemble_model
+from mp_pca_planner.execution.goal_statistics import GoalStatistics
+from mp_pca_planner.execution.motion_server import MotionServer
+from mp_pca_planner.execution.newest_goal import CancelledError
+from mp_pca_planner.execution.parameters import Settings
+from mp_pca_planner.motion.goal import JointGoal, JointState, Pose, PoseGoal, SequenceGoal
+from mp_pca_planner.resources import config_file
+
+URDF = config_file("human_arm.urdf").read_text(encoding="utf-8")
+MOTION = arm_primitive().boundary_states[0]
+START, GOAL = MOTION[0], MOTION[3]
+HALF = 0.5 * (START + GOAL)
+LIMITS = {
+    name: {"max_velocity": 3.0, "max_acceleration": 12.0, "max_jerk": 200.0} for name in JOINTS
+}
+WAIT = 0.02  # of motions from rest, in which any message is received [s]
+FINEST = 2e-7  # step that no encoder sees [rad]
+
+
+def model(**settings):
+    options = Settings(limits=LIMITS, max_solve_time=NODE_EVER, **settings)
+    return assemble_model(URDF, [arm_primitive()], options)
+
+
+MODEL = model()
+
+
+class Node(VirtualNode):
+    """A node whose goals are numbered from 1."""
+
+    def __init__(self, model=MODEL, **options):
+        super().__init__(model, START, **{"planning_time": (0.01, 0.01), **options})
+        self.model = model
+        self.n_goals = 0
+        self.run(0.3)
+
+    def ask(self, positions, names=JOINTS, **options):
+        self.n_goals += 1
+        self.goal(JointGoal(JointState(names, positions), **options), self.n_goals)
+        self.run(0.001)
+
+    def ask_sequence(self, *targets, times=()):
+        self.n_goals += 1
+        states = tuple(JointState(JOINTS, q) for q in targets)
+        self.goal(SequenceGoal(states, times), self.n_goals)
+        self.run(0.001)
+
+    @property
+    def statuses(self):
+        return [report.status for report in self.plan_reports]
+
+    @property
+    def outcomes(self):
+        return [report.outcome for _, report in self.execution_reports]
+
+    @property
+    def commanded(self):
+        return self.robot.record.q[-1]
+
+    def assert_smooth(self, cuts=()):
+        """No command is beyond a limit, and none jumps."""
+        assert not self.robot.rejections
+        record, limits = self.robot.record, self.model.limits
+        bounds = {
+            name: getattr(limits, name)
+            for name in ("lower", "upper", "velocity", "acceleration", "jerk")
+        }
+        cuts = [*record.cuts, *cuts]
+        verdict = judge(record.q, record.clock, bounds, time=record.times, cuts=cuts, finest=FINEST)
+        assert verdict.is_clean, verdict
+
+    def assert_rests_at(self, positions):
+        np.testing.assert_allclose(self.commanded, positions, atol=1e-9)
+        assert not self.robot.record.v[-1].any()
+
+
+@pytest.fixture
+def node():
+    return Node()
+
+
+# Goals
+
+
+def test_random_sequences_of_goals_and_stops_are_followed_without_a_jump(request):
+    random = np.random.default_rng(3)
+    low, high = np.minimum(START, GOAL), np.maximum(START, GOAL)
+    n_moving = 0
+    for seed in range(request.config.getoption("--planned-sequences")):
+        node = Node(seed=seed, planning_time=(0.0, 0.1))
+        for _ in range(random.integers(3, 6)):
+            if random.random() < 0.15:
+                node.stop()
+            else:
+                n_moving += bool(np.any(node.robot.record.v[-1]))
+                node.ask(random.uniform(low, high))
+            node.run(random.choice([0.0, random.uniform(0.0, 0.7), 3.0], p=[0.1, 0.7, 0.2]))
+        node.run(5.0)
+        node.ask(GOAL)
+        node.run(5.0)
+        node.assert_smooth()
+        node.assert_rests_at(GOAL)
+        assert set(node.statuses) <= {"served", "overtaken"}
+        assert len(node.plan_reports) == node.n_goals
+        assert len(node.outcomes) == node.statuses.count("served")
+    assert n_moving > seed
+
+
+def test_planned_motions_replace_each_other_without_a_jump(node):
+    for positions in (GOAL, START, HALF, GOAL):
+        node.ask(positions)
+        node.run(0.4)
+    node.run(5.0)
+    assert node.statuses == ["served"] * 4
+    assert node.outcomes == ["replaced"] * 3 + ["arrived"]
+    node.assert_smooth()
+    node.assert_rests_at(GOAL)
+
+
+@pytest.mark.parametrize("planning_time", [0.15, 0.6])
+def test_planning_that_is_slower_than_expected_still_serves_a_moving_robot(node, planning_time):
+    node.ask(GOAL)
+    node.run(0.3)
+    node._planning_time = planning_time, planning_time
+    node.ask(START)
+    node.run(5.0)
+    assert node.statuses == ["served"] * 2
+    node.assert_smooth()
+    node.assert_rests_at(START)
+
+
+def test_robot_may_be_simulated_faster_than_it_is_planned_for():
+    node = Node(planning_time=(0.2, 0.2))
+    node.server = MotionServer(
+        node.states, GoalStatistics(), node._send, lambda: node.now / 20, node._report, node.advance
+    )
+    for positions in (GOAL, START, GOAL):
+        node.ask(positions)
+        node.run(0.4)
+    node.run(5.0)
+    assert node.statuses == ["served"] * 3
+    node.assert_smooth()
+
+
+def test_motion_from_rest_is_stamped_and_waits_until_any_message_is_received(node):
+    node.robot.faults.delay = 0.9 * WAIT
+    node.ask(GOAL)
+    ((time, trajectory, stamp, last_point_only),) = node.sent
+    assert (stamp, last_point_only) == (time, False)
+    q = trajectory.positions[trajectory.times <= WAIT + 1e-9]
+    assert len(q) == 2 and (q == q[0]).all()
+    node.run(5.0)
+    node.assert_smooth()
+
+
+def test_motion_that_continues_another_one_is_stamped_with_the_moment_it_was_joined_for(node):
+    node.ask(GOAL)
+    node.run(0.4)
+    node.robot.faults.delay = 0.5 * WAIT
+    node.ask(START)
+    time, trajectory, stamp, _ = node.sent[-1]
+    assert stamp == time
+    tick = int(np.argmin(np.abs(node.robot.record.times - time)))
+    np.testing.assert_allclose(trajectory.positions[0], node.robot.record.q[tick - 1], atol=5e-5)
+    node.run(5.0)
+    node.assert_smooth()
+
+
+def test_no_motion_is_stamped_where_that_is_not_wanted():
+    node = Node(model(stamp_trajectories=False))
+    node.ask(GOAL)
+    node.run(0.4)
+    node.ask(START)
+    assert [stamp for _, _, stamp, _ in node.sent] == [None, None]
+
+
+def test_measured_serves_a_resting_robot_and_refuses_one_that_moves():
+    node = Node(model(start_from="measured"))
+    node.ask(GOAL)
+    node.run(0.4)
+    node.ask(START)
+    assert node.statuses == ["served", "refused"]
+    assert "start_from" in node.plan_reports[-1].message
+    node.run(5.0)
+    node.ask(START)
+    node.run(5.0)
+    assert node.statuses[-1] == "served"
+    np.testing.assert_allclose(node.commanded, START, atol=1e-9)
+
+
+def test_goal_that_repeats_is_under_way_and_then_there_and_publishes_nothing(node):
+    node.ask(GOAL)
+    node.run(0.3)
+    node.ask(GOAL)
+    assert node.statuses == ["served", "under_way"]
+    assert "arrives in" in node.plan_reports[-1].message
+    node.run(3.0)
+    node.ask(GOAL)
+    node.ask(GOAL[:2], JOINTS[:2])
+    assert node.statuses == ["served"] + ["under_way"] * 3
+    assert len(node.sent) == 1
+    assert node.outcomes == ["arrived"]
+
+
+def test_goal_is_served_again_after_a_stop(node):
+    node.ask(GOAL)
+    node.run(0.3)
+    node.stop()
+    node.run(2.0)
+    node.ask(GOAL)
+    node.run(4.0)
+    assert node.statuses == ["served", "served"]
+    assert node.outcomes == ["stopped", "arrived"]
+    node.assert_rests_at(GOAL)
+
+
+def test_pose_leads_a_moving_robot_to_a_configuration_that_reaches_it(node):
+    hand = MODEL.end_effector
+    there = MODEL.robot.frame_positions(HALF[None], [hand])[0, 0]
+    node.ask(GOAL)
+    node.run(0.3)
+    node.goal(PoseGoal(Pose(hand, there)), 2)
+    node.run(5.0)
+    assert node.statuses == ["served"] * 2
+    reached = MODEL.robot.frame_positions(node.commanded[None], [hand])[0, 0]
+    np.testing.assert_allclose(reached, there, atol=1e-3)
+    node.assert_smooth()
+
+
+def test_joints_that_goals_leave_out_keep_their_commanded_position_under_a_load(node):
+    node.ask(HALF)
+    node.run(4.0)
+    node.robot.faults.payload = 1.0
+    node.run(1.0)
+    assert np.abs(node.robot.measured_state()[0] - HALF).max() > 1e-3
+    for k in range(6):
+        node.ask([HALF[0] + 0.1 * (-1) ** k], JOINTS[:1])
+        node.run(3.0)
+    assert node.statuses == ["served"] * 7
+    np.testing.assert_array_equal(node.commanded[1:], HALF[1:])
+    node.assert_smooth()
+
+
+def test_second_goal_waits_until_it_is_seen_that_the_first_was_taken(node):
+    node.ask(GOAL)
+    node.run(0.3)
+    node.ask(START)
+    node.ask(HALF)
+    second, third = (time for time, *_ in node.sent[1:])
+    assert third - second > 0.05
+    node.run(5.0)
+    node.assert_smooth()
+    node.assert_rests_at(HALF)
+
+
+def test_motion_whose_message_is_lost_is_reported_and_the_next_goal_served(node):
+    node.ask(GOAL)
+    node.run(0.3)
+    node.robot.faults.drop = 1.0
+    node.ask(START)
+    node.robot.faults.drop = 0.0
+    node.run(5.0)
+    assert node.outcomes[:2] == ["replaced", "never_started"]
+    node.ask(START)
+    node.run(5.0)
+    assert node.outcomes[2:] == ["arrived"]
+    np.testing.assert_allclose(node.commanded, START, atol=1e-9)
+
+
+def test_cancelled_goal_publishes_nothing(node):
+    goal = JointGoal(JointState(JOINTS, GOAL))
+    with pytest.raises(CancelledError):
+        node.server.serve(JointGoal, lambda _: goal, MODEL, lambda: True)
+    assert not node.sent
+
+
+@pytest.mark.parametrize(
+    "goal",
+    [
+        JointGoal(JointState(JOINTS, GOAL)),
+        SequenceGoal((JointState(JOINTS, GOAL), JointState(JOINTS, START))),
+    ],
+)
+def test_goal_that_is_cancelled_during_the_solve_ends_it(node, goal):
+    asked = iter([False] * 5)
+    with pytest.raises(CancelledError):
+        node.server.serve(type(goal), lambda _: goal, MODEL, lambda: next(asked, True))
+    assert next(asked, None) is None
+    assert not node.sent
+
+
+def test_refused_goal_leaves_the_running_motion_alone(node):
+    node.ask(GOAL)
+    node.run(0.2)
+    node.ask(GOAL + 100.0)
+    assert node.statuses == ["served", "refused"]
+    assert "outside its limits" in node.plan_reports[-1].message
+    node.run(5.0)
+    node.assert_rests_at(GOAL)
+    assert node.outcomes == ["arrived"]
+
+
+# Sequences
+
+
+def test_sequence_passes_its_vias_without_a_stop_or_a_jump(node):
+    via = START + 0.6 * (GOAL - START)
+    node.ask_sequence(via, GOAL, START, times=(None, 2.0, None))
+    began = node.sent[0][0] + WAIT
+    node.run(10.0)
+    node.assert_smooth()
+    record = node.robot.record
+    passed = int(np.abs(record.q - via).max(axis=1).argmin())
+    # As near as commands are to each other.
+    assert np.abs(record.q[passed] - via).max() < 3e-3
+    assert np.abs(record.v[passed]).max() > 0.1
+    near = np.abs(record.times - began - 2.0) < 3.5e-3
+    assert np.abs(record.q[near] - GOAL).max(axis=1).min() < 3e-3
+    node.assert_rests_at(START)
+
+
+def test_sequence_takes_a_moving_robot_over_though_single_goals_were_faster(node):
+    node.ask(GOAL)
+    node.run(0.3)
+    node._planning_time = 0.3, 0.3
+    node.ask_sequence(HALF, START)
+    node.run(8.0)
+    assert node.statuses == ["served", "served"]
+    node.assert_smooth()
+    node.assert_rests_at(START)
+
+
+def test_sequence_that_breaks_limits_is_not_published(node):
+    node.ask_sequence(GOAL, START, times=(0.05, 0.1))
+    assert node.statuses == ["refused"]
+    assert "no motion within the limits was found" in node.plan_reports[0].message
+    assert not node.sent
+
+
+# Stops
+
+
+def test_stop_follows_the_path_and_ends_at_rest_within_the_limits(node):
+    node.ask(GOAL)
+    node.run(0.4)
+    path = node.sent[0][1].positions
+    assert "comes to rest on its path" in node.stop()
+    node.run(3.0)
+    node.assert_smooth()
+    assert not node.robot.record.v[-1].any()
+    for q in node.robot.record.q[-3000::20]:
+        assert np.abs(path - q).max(axis=1).min() < 0.02
+    assert np.abs(node.commanded - GOAL).max() > 0.05
+    assert node.outcomes == ["stopped"]
+
+
+@pytest.mark.parametrize("after", [0.0, 3.0])
+def test_stop_of_a_robot_at_rest_stays_where_it_is(node, after):
+    if after:
+        node.ask(START)
+        node.run(after)
+    assert "at rest" in node.stop()
+    _, trajectory, stamp, last_point_only = node.sent[-1]
+    assert (stamp, last_point_only, trajectory.positions.tolist()) == (None, True, [START.tolist()])
+
+
+def test_motion_is_ended_where_no_stop_keeps_the_limits(node):
+    node.ask(GOAL)
+    node.run(0.4)
+    tight = MODEL.robot.limits({name: {"max_acceleration": 1e-6} for name in JOINTS})
+    node.server.stop(replace(MODEL, limits=tight))
+    node.run(3.0)
+    node.assert_smooth()
+    node.assert_rests_at(GOAL)
+
+
+@pytest.mark.parametrize("silence", [0.6, 1.0])
+def test_stop_of_a_robot_that_is_not_heard_of_keeps_the_limits_and_says_what_is_not_known(silence):
+    node = Node()
+    node.ask(GOAL, duration=3.0)
+    node.run(0.4)
+    node.robot.faults.silent = True
+    node.run(silence)
+    said = node.stop()
+    assert "not known whether the robot stops" in said and "old" in said
+    assert node.sent[-1][-1]
+    node.run(4.0)
+    # The controller leads to a single point from the measured state.
+    node.assert_smooth([tick for tick, n_points in node.robot.taken if n_points == 1])
+    assert not node.robot.record.v[-1].any()
+    assert np.abs(node.commanded - GOAL).max() > 0.05
+
+
+def test_stop_of_a_robot_that_was_never_heard_of_is_refused(node):
+    node.robot.faults.silent = True
+    node.restart()
+    assert node.stop().startswith("nothing was published: the present state is not known")
+    with pytest.raises(GoalError, match="joint_states"):
+        node.server.stop(MODEL)
+    assert not node.sent

@@ -1,0 +1,155 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Stops, against limits, paths and polynomials that the tests compute for themselves."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+from arm import JOINTS, arm_robot
+from dense import assert_keeps, minimum_jerk_motion, spline
+from hypothesis import given
+from hypothesis import strategies as st
+
+from mp_pca_planner.execution.commanded import CommandedMotion
+from mp_pca_planner.execution.stopping import (
+    braking_ends,
+    ends_at,
+    ends_on_path,
+    hold,
+    stop_at_point,
+    stop_on_path,
+)
+from mp_pca_planner.motion.goal import JointState
+from mp_pca_planner.motion.trajectory import Trajectory
+
+ROBOT = arm_robot()
+LIMITS = ROBOT.limits(
+    {name: {"max_velocity": 2.0, "max_acceleration": 8.0, "max_jerk": 120.0} for name in JOINTS}
+)
+START, SHIFT = np.array([-1.0, 0.2, 0.0, -1.6]), np.array([0.6, -0.4, 0.5, 0.7])
+DURATION, PERIOD = 1.5, 0.01
+
+
+@cache
+def curved():
+    """A minimum-jerk motion with a detour, so that its path is no straight line."""
+    straight = minimum_jerk_motion(JOINTS, START, START + SHIFT, DURATION)
+    s = straight.times / DURATION
+    bump = np.polynomial.Polynomial([0, 0, 0, 1]) * np.polynomial.Polynomial([1, -1]) ** 3
+    side = 4.0 * np.array([1.0, 0.0, -1.0, 0.5])
+    columns = (straight.positions, straight.velocities, straight.accelerations)
+    q, v, a = (
+        x + np.outer((bump.deriv(d) if d else bump)(s), side) / DURATION**d
+        for d, x in enumerate(columns)
+    )
+    return CommandedMotion(Trajectory(JOINTS, straight.times, q, v, a), 0.0)
+
+
+@pytest.mark.parametrize("place", np.linspace(0.02, 0.98, 13) * DURATION)
+def test_stop_on_path_continues_the_motion_keeps_its_path_and_the_limits_and_ends_at_rest(place):
+    motion = curved()
+    stop = stop_on_path(motion, place, ROBOT, LIMITS, PERIOD)
+    path, curve = spline(motion.trajectory), spline(stop)
+    for order in range(3):
+        np.testing.assert_allclose(curve(0.0, order), path(place, order), atol=1e-9)
+    assert_keeps(curve, LIMITS)
+    assert not stop.velocities[-1].any() and not stop.accelerations[-1].any()
+    on_path = path(np.linspace(place, DURATION, 10001))
+    for q in curve(np.linspace(0.0, stop.duration, 150)):
+        assert np.abs(on_path - q).max(axis=1).min() < 2e-4
+
+
+def test_stop_on_path_is_as_short_as_the_limits_allow():
+    stop = stop_on_path(curved(), 0.5 * DURATION, ROBOT, LIMITS, PERIOD)
+    fastest = np.abs(curved().state(0.5 * DURATION).velocities / LIMITS.acceleration).max()
+    # The rate falls at most 1.5 times as fast as evenly, and each time tried is 1.2 times the last.
+    assert fastest < stop.duration < 0.5 * DURATION
+    quicker = ROBOT.limits({name: {"max_velocity": 2.0} for name in JOINTS})
+    assert stop_on_path(curved(), 0.5 * DURATION, ROBOT, quicker, PERIOD).duration < stop.duration
+
+
+def test_stop_on_path_is_the_rest_of_the_motion_where_no_stop_keeps_the_limits():
+    tight = ROBOT.limits({name: {"max_acceleration": 1e-3} for name in JOINTS})
+    place = 0.6 * DURATION
+    rest = stop_on_path(curved(), place, ROBOT, tight, PERIOD)
+    path, curve = spline(curved().trajectory), spline(rest)
+    assert rest.duration == pytest.approx(DURATION - place, abs=1e-6)
+    times = np.linspace(0.0, rest.duration, 300)
+    np.testing.assert_allclose(curve(times), path(place + times), atol=1e-5)
+
+
+def test_stop_of_a_motion_that_is_over_holds_its_end():
+    stop = stop_on_path(curved(), DURATION, ROBOT, LIMITS, PERIOD)
+    assert stop.n_steps == 1
+    np.testing.assert_allclose(stop.positions[0], curved().end)
+
+
+def assert_is_allowed_from(states, stop, limits):
+    """A controller may lead to the last point from each state, with or without accelerations."""
+    for state in states:
+        zero = np.zeros(4)
+        way = Trajectory(
+            JOINTS,
+            [0.0, stop.duration],
+            [state.positions, stop.positions[-1]],
+            [state.velocities, zero],
+            [state.accelerations, zero],
+        )
+        for n_derivatives in (2, 3):
+            assert_keeps(spline(way, n_derivatives), limits)
+
+
+@pytest.mark.parametrize("shares", [(0.1, 0.3), (0.3, 0.7), (0.5, 0.55), (0.8, 0.95)])
+def test_stop_at_a_point_is_allowed_from_everywhere_the_robot_may_be(shares):
+    motion = curved()
+    places = np.linspace(*shares, 5) * DURATION
+    moving = [motion.state(place) for place in places]
+    resting = [JointState(JOINTS, state.positions) for state in moving]
+    stop = stop_at_point([*moving, *resting], ends_on_path(motion, places[-1]), ROBOT, LIMITS)
+    assert stop is not None
+    assert_is_allowed_from([*moving, *resting], stop, LIMITS)
+    on_path = spline(motion.trajectory)(np.linspace(places[-1], DURATION, 10001))
+    assert np.abs(on_path - stop.positions[-1]).max(axis=1).min() < 2e-4
+    np.testing.assert_array_equal(stop.positions[0], moving[0].positions)
+
+
+NUMBERS = st.lists(st.floats(-1.0, 1.0), min_size=4, max_size=4).map(np.array)
+
+
+@given(where=NUMBERS, v=NUMBERS, a=NUMBERS)
+def test_robot_that_moves_anyhow_is_braked_within_its_limits(where, v, a):
+    middle, half = 0.5 * (LIMITS.upper + LIMITS.lower), 0.5 * (LIMITS.upper - LIMITS.lower)
+    # So far from its limits that it can stop before them.
+    q, v, a = middle + 0.6 * where * half, 0.5 * v * LIMITS.velocity, 0.2 * a * LIMITS.acceleration
+    state = JointState(JOINTS, q, v, a)
+    stop = stop_at_point([state], braking_ends(state), ROBOT, LIMITS)
+    assert stop is not None
+    assert_is_allowed_from([state], stop, LIMITS)
+
+
+def test_braking_has_a_constant_jerk_as_a_quintic_and_brakes_evenly_as_a_cubic():
+    state = JointState(JOINTS, START, [1.0, -0.5, 0.2, 0.0])
+    stop = stop_at_point([state], braking_ends(state), ROBOT, LIMITS)
+    np.testing.assert_allclose(
+        stop.positions[-1] - START, 0.5 * stop.duration * state.velocities, atol=1e-12
+    )
+    accelerations = spline(stop, 2)(np.linspace(0.0, stop.duration, 9), 2)
+    np.testing.assert_allclose(accelerations, np.tile(-state.velocities / stop.duration, (9, 1)))
+    assert np.abs(spline(stop)(0.5 * stop.duration, 5)).max() < 1e-6  # a quartic
+
+
+def test_stop_at_a_point_does_not_exist_where_none_keeps_the_limits():
+    state = JointState(JOINTS, LIMITS.upper - 1e-3, np.full(4, 1.5))
+    assert stop_at_point([state], braking_ends(state), ROBOT, LIMITS) is None
+
+
+def test_resting_robot_stays_where_it_is():
+    state = JointState(JOINTS, START)
+    stop = stop_at_point([state], ends_at(START), ROBOT, LIMITS)
+    np.testing.assert_array_equal(stop.positions, [START, START])
+    one = hold(JOINTS, START)
+    assert (one.n_steps, one.positions[0].tolist()) == (1, START.tolist())
+    assert not one.velocities.any() and not one.accelerations.any()

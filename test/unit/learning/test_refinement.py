@@ -1,0 +1,245 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Motions are scaled and warped to less cost, within the limits, their ends untouched."""
+
+import numpy as np
+import pytest
+from arm import JOINTS, arm_primitive, arm_robot
+from patience import PATIENT
+from scipy.integrate import trapezoid
+
+from mp_pca_planner.exceptions import GoalError, PlannerError, TrajectoryError
+from mp_pca_planner.learning.family import family_around
+from mp_pca_planner.learning.refined_motion import (
+    AMPLITUDE,
+    LOG_DURATION,
+    N_PARAMETERS,
+    RefinedMotion,
+    segment_states,
+)
+from mp_pca_planner.learning.refinement import RefinementCost, RefinementOptions, refine
+from mp_pca_planner.motion.goal import JointGoal, JointState
+from mp_pca_planner.motion.validation import check_limits
+from mp_pca_planner.planning.motion import Motion
+from mp_pca_planner.planning.planner import Planner
+
+ROBOT = arm_robot()
+LIMITS = ROBOT.limits()
+
+
+def joined_motions(seed=0):
+    """Two motions that are joined in a moving state."""
+    rng = np.random.default_rng(seed)
+    basis = arm_primitive().basis
+    states = arm_primitive().boundary_states
+    first, last = (JointState(JOINTS, states[i, j]) for i, j in ((0, 0), (1, 3)))
+    middle = JointState(JOINTS, states[0, 3], 0.4 * rng.normal(size=4), rng.normal(size=4))
+    weights = [0.5 * basis.scales * rng.normal(size=basis.n_weights) for _ in range(2)]
+    return (
+        Motion(first, middle, 1.1, basis, weights[0]),
+        Motion(middle, last, 0.8, basis, weights[1]),
+    )
+
+
+def some_parameters(n_segments, seed=0, size=0.4):
+    return size * np.random.default_rng(seed).uniform(-1, 1, (n_segments, N_PARAMETERS))
+
+
+def planned(i=0, j=3):
+    states = arm_primitive().boundary_states
+    goal = JointGoal(JointState(JOINTS, states[j, 3]))
+    plan = Planner(ROBOT, [arm_primitive()], LIMITS, PATIENT).plan(
+        goal, JointState(JOINTS, states[i, 0])
+    )
+    assert plan.is_executable
+    return plan
+
+
+def test_no_parameters_leave_a_motion_as_it_is():
+    segments = joined_motions()
+    times = np.linspace(0.0, segments[0].duration, 50)
+    for mine, its in zip(
+        RefinedMotion(segments).evaluate(times), segments[0].evaluate(times), strict=True
+    ):
+        np.testing.assert_allclose(mine, its, atol=1e-9)
+
+
+@pytest.mark.parametrize("n_segments", [2, 3, 9, 17])
+def test_ends_are_kept_to_the_last_bit_whatever_the_durations(n_segments):
+    there, back = joined_motions()
+    segments = [(there, back)[i % 2] for i in range(n_segments)]
+    for seed in range(40):
+        motion = RefinedMotion(segments, some_parameters(n_segments, seed, 1.0))
+        q, v, a = motion.evaluate(np.linspace(0.0, motion.duration, 7))
+        for k, state in ((0, segments[0].start), (-1, segments[-1].goal)):
+            np.testing.assert_array_equal(q[k], state.positions)
+            np.testing.assert_array_equal(v[k], state.velocities)
+            np.testing.assert_array_equal(a[k], state.accelerations)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_segments_stay_joined_to_the_acceleration(seed):
+    motion = RefinedMotion(joined_motions(seed), some_parameters(2, seed, 1.0))
+    join, step = motion.durations[0], 1e-7
+    before, at, after = (
+        np.array(motion.evaluate(np.array([join + x])))[:, 0] for x in (-step, 0.0, step)
+    )
+    middle = motion.segments[1].start
+    # The time of the join is rounded.
+    wanted = [middle.positions, middle.velocities, middle.accelerations]
+    np.testing.assert_allclose(at, wanted, atol=1e-9)
+    rate = np.abs(np.array(motion.evaluate(np.linspace(0, motion.duration, 500)))).max()
+    assert np.abs(before - at).max() < 1e3 * rate * step
+    assert np.abs(after - at).max() < 1e3 * rate * step
+
+
+def test_velocities_and_accelerations_are_derivatives_of_the_positions():
+    motion = RefinedMotion(joined_motions(), some_parameters(2))
+    times, step = np.linspace(0.1, 0.9, 9) * motion.duration, 1e-5
+    _, v, a = motion.evaluate(times)
+    ahead, behind = motion.evaluate(times + step), motion.evaluate(times - step)
+    np.testing.assert_allclose((ahead[0] - behind[0]) / (2 * step), v, rtol=1e-6, atol=1e-7)
+    np.testing.assert_allclose((ahead[1] - behind[1]) / (2 * step), a, rtol=1e-6, atol=1e-6)
+
+
+def test_derivatives_by_parameter_are_those_of_differences():
+    segment, x = joined_motions()[1], some_parameters(1, 3)[0]
+    phases = np.linspace(0.0, 1.0, 11)
+    found = segment_states(segment, x, phases).by_parameter
+    for k, e in enumerate(1e-6 * np.eye(N_PARAMETERS)):
+        ahead, behind = (segment_states(segment, x + s * e, phases).values for s in (1, -1))
+        np.testing.assert_allclose(
+            (ahead - behind) / 2e-6, found[..., k], rtol=1e-5, atol=1e-5 * np.abs(found).max()
+        )
+
+
+@pytest.mark.parametrize("price", [None, 30.0])
+def test_gradient_of_the_cost_is_that_of_differences(price):
+    cost = RefinementCost(joined_motions(), ROBOT, price)
+    x = some_parameters(2, 1).ravel()
+    value, gradient = cost.value_and_gradient(x)
+    assert value == pytest.approx(cost.effort_and_cost(x)[1], rel=1e-12)
+    slopes = [
+        (cost.effort_and_cost(x + e)[1] - cost.effort_and_cost(x - e)[1]) / 2e-6
+        for e in 1e-6 * np.eye(x.size)
+    ]
+    np.testing.assert_allclose(gradient, slopes, rtol=1e-6, atol=1e-6 * np.abs(gradient).max())
+
+
+def test_cost_is_the_integral_of_the_efforts():
+    motion = RefinedMotion(joined_motions(), some_parameters(2))
+    trajectory = motion.sample(ROBOT, 1e-3)
+    effort, total = RefinementCost(motion.segments, ROBOT, 5.0).effort_and_cost(motion.parameters)
+    by_points = 0.5 * trapezoid(np.sum(trajectory.efforts**2, axis=1), trajectory.times)
+    assert effort == pytest.approx(by_points, rel=1e-4)
+    assert total == pytest.approx(effort + 5.0 * motion.duration, rel=1e-12)
+
+
+def test_refining_lowers_the_cost_in_the_same_time_and_keeps_ends_and_limits():
+    plan = planned()
+    found = refine([plan.motion], ROBOT, LIMITS)
+    assert found.cost < 0.95 * found.original_cost
+    assert found.original_cost == pytest.approx(plan.solution.effort_cost, rel=1e-3)
+    assert found.motion.duration == pytest.approx(plan.motion.duration, rel=1e-12)
+    assert not check_limits(found.trajectory, ROBOT, LIMITS).violations
+    np.testing.assert_array_equal(found.trajectory.positions[0], plan.motion.start.positions)
+    np.testing.assert_array_equal(found.trajectory.positions[-1], plan.motion.goal.positions)
+    assert np.all(found.trajectory.velocities[-1] == 0.0)
+
+
+def test_limits_hold_that_the_free_optimum_breaks():
+    plan = planned()
+    free = refine([plan.motion], ROBOT, LIMITS)
+    peak = np.abs(plan.trajectory.accelerations).max(axis=0)
+    tight = ROBOT.limits(
+        {name: {"max_acceleration": 1.02 * x} for name, x in zip(JOINTS, peak, strict=True)}
+    )
+    assert check_limits(free.trajectory, ROBOT, tight).violations
+    found = refine([plan.motion], ROBOT, tight)
+    assert not check_limits(found.trajectory, ROBOT, tight).violations
+    assert found.original_cost > found.cost > free.cost
+
+
+def test_joined_segments_trade_time_within_the_whole():
+    first, second = joined_motions()
+    rest = JointState(JOINTS, first.goal.positions)
+    slow = Motion(first.start, rest, 1.8, first.basis, first.weights)
+    fast = Motion(rest, second.goal, 0.8, second.basis, second.weights)
+    found = refine([slow, fast], ROBOT, LIMITS)
+    assert found.cost < found.original_cost
+    assert found.motion.duration == pytest.approx(2.6, rel=1e-6)
+    assert abs(found.motion.durations[0] - 1.8) > 1e-3
+
+
+def test_time_that_costs_is_spared():
+    plan = planned()
+    cheap, dear = (
+        refine([plan.motion], ROBOT, LIMITS, RefinementOptions(time_price=x)) for x in (10.0, 300.0)
+    )
+    assert dear.motion.duration < cheap.motion.duration
+    assert dear.cost <= dear.original_cost
+    # At an optimum inside of the bounds a longer duration gains as much as it costs.
+    if abs(cheap.motion.parameters[0, LOG_DURATION]) < 1.0 and not cheap.check.worst_excess:
+        cost = RefinementCost([plan.motion], ROBOT, 10.0)
+        _, gradient = cost.value_and_gradient(cheap.motion.parameters)
+        assert abs(gradient[LOG_DURATION]) < 0.02 * cheap.cost
+
+
+def test_what_is_not_executable_is_refused():
+    plan = planned()
+    tight = ROBOT.limits({JOINTS[0]: {"max_velocity": 1e-3}})
+    with pytest.raises(TrajectoryError, match="velocity of joint"):
+        refine([plan.motion], ROBOT, tight)
+    with pytest.raises(GoalError, match="time_price"):
+        RefinementOptions(time_price=-1.0)
+    with pytest.raises(PlannerError, match="at least one segment"):
+        RefinedMotion([])
+    with pytest.raises(PlannerError, match="finite"):
+        RefinedMotion([plan.motion], np.full(N_PARAMETERS, np.nan))
+
+
+def test_family_expects_the_refined_motion_for_the_same_request():
+    plan = planned()
+    refined = RefinedMotion([plan.motion], [[0.3, 0.2, 0.4, -0.3, 0.2]])
+    family = family_around(arm_primitive(), refined, "refined", {"why": "test"})
+    expected = family.model.predict(
+        plan.motion.start.positions, plan.motion.goal.positions, refined.duration
+    )
+    basis = family.paced_basis(
+        plan.motion.start.positions, plan.motion.goal.positions, expected.pace
+    )
+    expects = Motion(plan.motion.start, plan.motion.goal, refined.duration, basis, expected.weights)
+    times = np.linspace(0.0, refined.duration, 101)
+    np.testing.assert_allclose(expects.evaluate(times)[0], refined.evaluate(times)[0], atol=2e-3)
+    assert family.metadata["refined_from"] == {"name": arm_primitive().name, "why": "test"}
+
+
+def test_family_plans_goals_around_the_motion_more_cheaply():
+    rng = np.random.default_rng(0)
+    plan = planned()
+    refined = refine([plan.motion], ROBOT, LIMITS).motion
+    family = family_around(arm_primitive(), refined, "refined", {})
+    old, new = (Planner(ROBOT, [p], LIMITS, PATIENT) for p in (arm_primitive(), family))
+    for _ in range(5):
+        start = JointState(JOINTS, plan.motion.start.positions + 0.05 * rng.normal(size=4))
+        goal = JointState(JOINTS, plan.motion.goal.positions + 0.05 * rng.normal(size=4))
+        request = JointGoal(goal, duration=plan.motion.duration)
+        before, after = (p.plan(request, start) for p in (old, new))
+        assert before.is_executable and after.is_executable
+        assert after.solution.effort_cost <= before.solution.effort_cost
+
+
+def test_amplitude_of_minus_one_is_the_motion_of_least_jerk():
+    first = joined_motions()[0]
+    straight = Motion(
+        first.start, first.goal, first.duration, first.basis, np.zeros(first.basis.n_weights)
+    )
+    parameters = np.zeros(N_PARAMETERS)
+    parameters[AMPLITUDE] = -1.0
+    times = np.linspace(0.0, first.duration, 21)
+    mean = first.basis.shape(straight.weights, times / first.duration)
+    np.testing.assert_allclose(
+        RefinedMotion([first], parameters).evaluate(times)[0],
+        straight.evaluate(times)[0] - mean,
+        atol=1e-12,
+    )

@@ -1,0 +1,176 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Learning by trials: safe, repeatable, and unharmed by crashes."""
+
+import json
+import os
+import subprocess
+import sys
+from functools import cache
+
+import numpy as np
+import pytest
+from arm import JOINTS, arm_primitive, arm_robot
+from patience import PATIENT
+
+from mp_pca_planner.exceptions import LearningError
+from mp_pca_planner.learning.refined_motion import RefinedMotion
+from mp_pca_planner.learning.refinement import BOUNDS, RefinementCost
+from mp_pca_planner.learning.trials import TrialLearner
+from mp_pca_planner.motion.goal import JointGoal, JointState
+from mp_pca_planner.motion.validation import check_limits
+from mp_pca_planner.planning.planner import Planner
+
+pytest.importorskip("cmaes", reason="cmaes (extra 'learn') is not installed")
+
+ROBOT = arm_robot()
+
+
+@cache
+def motion():
+    states = arm_primitive().boundary_states
+    goal = JointGoal(JointState(JOINTS, states[3, 3]))
+    planner = Planner(ROBOT, [arm_primitive()], ROBOT.limits(), PATIENT)
+    return planner.plan(goal, JointState(JOINTS, states[0, 0])).motion
+
+
+@cache
+def tight_limits():
+    """Limits that the motion only just keeps."""
+    trajectory = RefinedMotion([motion()]).sample(ROBOT, 0.01)
+    return ROBOT.limits(
+        {
+            name: {"max_velocity": 1.01 * v, "max_acceleration": 1.01 * a, "max_effort": 1.01 * tau}
+            for name, v, a, tau in zip(
+                JOINTS,
+                np.abs(trajectory.velocities).max(axis=0),
+                np.abs(trajectory.accelerations).max(axis=0),
+                np.abs(trajectory.efforts).max(axis=0),
+                strict=True,
+            )
+        }
+    )
+
+
+def effort(proposal):
+    return RefinementCost([motion()], ROBOT).effort_and_cost(proposal.motion.parameters)[0]
+
+
+def learn(learner, n_trials):
+    for _ in range(n_trials):
+        learner.tell(effort(learner.propose()))
+    return learner
+
+
+def test_trials_lower_the_cost_and_start_with_the_motion_itself():
+    learner = learn(TrialLearner([motion()], ROBOT, ROBOT.limits()), 40)
+    assert not np.any(learner.trials[0].parameters)
+    assert learner.best.cost < 0.95 * learner.trials[0].cost
+    assert effort(learner.best_motion()) == learner.best.cost
+
+
+def test_trials_go_on_from_a_refinement_that_ended_at_a_bound():
+    start = np.zeros((1, BOUNDS.size))
+    start[0, 0] = BOUNDS[0] * (1.0 + 1e-12)
+    learner = TrialLearner([motion()], ROBOT, ROBOT.limits(), start=start)
+    assert len(learn(learner, 4).trials) == 4
+
+
+def test_every_trial_is_within_the_limits():
+    limits = tight_limits()
+    learner = TrialLearner([motion()], ROBOT, limits)
+    for _ in range(30):
+        proposal = learner.propose()
+        assert not check_limits(proposal.trajectory, ROBOT, limits).violations
+        assert proposal.motion.duration == pytest.approx(motion().duration, rel=1e-12)
+        learner.tell(effort(proposal))
+    assert learner.best.cost < learner.trials[0].cost
+
+
+def test_proposal_stays_until_its_cost_is_told():
+    learner = TrialLearner([motion()], ROBOT, ROBOT.limits())
+    assert learner.propose() is learner.propose()
+
+
+def test_same_seed_and_costs_give_the_same_trials():
+    one, two, other = (TrialLearner([motion()], ROBOT, ROBOT.limits(), seed=s) for s in (1, 1, 2))
+    assert learn(one, 12).trials == learn(two, 12).trials
+    assert learn(other, 12).trials != one.trials
+
+
+@pytest.mark.parametrize("crash_after", [0, 1, 5, 9])
+def test_learning_goes_on_after_a_crash_as_if_there_had_been_none(tmp_path, crash_after):
+    whole = learn(TrialLearner([motion()], ROBOT, ROBOT.limits()), 20)
+    file = tmp_path / "trials.json"
+    learn(TrialLearner([motion()], ROBOT, ROBOT.limits(), state=file), crash_after)
+    resumed = TrialLearner([motion()], ROBOT, ROBOT.limits(), state=file)
+    assert resumed.trials == whole.trials[:crash_after]
+    assert learn(resumed, 20 - crash_after).trials == whole.trials
+
+
+def test_killed_learner_leaves_a_file_that_can_be_read(tmp_path):
+    file = tmp_path / "trials.json"
+    code = (
+        "from pathlib import Path\n"
+        "from test_trials import *\n"
+        f"learner = TrialLearner([motion()], ROBOT, ROBOT.limits(), state=Path({str(file)!r}))\n"
+        "print('ready', flush=True)\n"
+        "learn(learner, 100_000)\n"
+    )
+    with subprocess.Popen(
+        [sys.executable, "-c", code],
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
+        stdout=subprocess.PIPE,
+        text=True,
+    ) as process:
+        assert process.stdout.readline() == "ready\n"
+        while not file.exists() or len(json.loads(file.read_text())["trials"]) < 5:
+            assert process.poll() is None
+        process.kill()
+    resumed = TrialLearner([motion()], ROBOT, ROBOT.limits(), state=file)
+    n = len(resumed.trials)
+    assert n >= 5
+    whole = learn(TrialLearner([motion()], ROBOT, ROBOT.limits()), n + 2)
+    assert learn(resumed, 2).trials == whole.trials
+
+
+@pytest.mark.parametrize("cost", [np.nan, np.inf])
+def test_cost_that_is_no_number_is_refused_and_nothing_is_learned(cost):
+    learner = TrialLearner([motion()], ROBOT, ROBOT.limits())
+    with pytest.raises(LearningError, match="finite"):
+        learner.tell(cost)
+    assert learner.trials == ()
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        ("", "can't be read"),
+        ("{}", "can't be read"),
+        ('{"format": "x", "version": 1}', "no file of trials"),
+        (
+            '{"format": "mp_pca_planner/trials", "version": 1, "motion": "x", "trials": []}',
+            "of another motion",
+        ),
+        (
+            '{"format": "mp_pca_planner/trials", "version": 1, "motion": "x", "trials": [5]}',
+            r"trials\[0\] is 5, expected an object",
+        ),
+        ("[" * 100_000, "nested too deeply"),
+        ("5", "expected an object"),
+        ('{"format": []}', "expected text"),
+    ],
+)
+def test_file_of_something_else_is_refused_and_left_alone(tmp_path, content, words):
+    file = tmp_path / "trials.json"
+    file.write_text(content)
+    with pytest.raises(LearningError, match=words):
+        TrialLearner([motion()], ROBOT, ROBOT.limits(), state=file)
+    assert file.read_text() == content
+
+
+def test_trials_of_another_seed_are_refused(tmp_path):
+    file = tmp_path / "trials.json"
+    learn(TrialLearner([motion()], ROBOT, ROBOT.limits(), state=file), 2)
+    with pytest.raises(LearningError, match="other options"):
+        TrialLearner([motion()], ROBOT, ROBOT.limits(), state=file, seed=1)

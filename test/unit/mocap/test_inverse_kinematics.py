@@ -1,0 +1,173 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Inverse kinematics of whole trajectories against the joint angles that made the markers."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+from arm import JOINTS, arm_robot
+from scipy.optimize import least_squares
+
+from mp_pca_planner.mocap.inverse_kinematics import marker_problem, solve, solve_each
+from mp_pca_planner.mocap.marker_map import MarkerPlacement
+from mp_pca_planner.robot.model import Robot
+
+PERIOD = 0.01
+ARM = (
+    MarkerPlacement("elbow", "lower_arm", (0.0, 0.0, 0.0)),
+    MarkerPlacement("upper", "upper_arm", (0.05, 0.0, -0.1)),
+    MarkerPlacement("wrist", "wrist", (0.0, 0.0, 0.0)),
+)
+
+
+def motion(n_steps: int = 120) -> np.ndarray:
+    t = np.linspace(0.0, 1.0, n_steps)[:, None]
+    start, swing = np.array([-0.6, 0.2, 0.4, -1.2]), np.array([0.9, -0.5, 0.7, 0.8])
+    return start + swing * np.sin(np.pi * t * np.array([1.0, 2.0, 1.5, 1.0])) * 0.8
+
+
+@cache
+def targets() -> np.ndarray:
+    return places(arm_robot(), motion())
+
+
+def places(robot: Robot, q: np.ndarray, markers: tuple[MarkerPlacement, ...] = ARM) -> np.ndarray:
+    offsets = np.array([m.position for m in markers])
+    return robot.attach_points([m.link for m in markers], offsets).positions_and_jacobians(q)[0]
+
+
+def test_the_joint_angles_that_made_the_markers_are_found() -> None:
+    q = solve(marker_problem(arm_robot(), ARM, targets()), PERIOD, smoothness=0.0)
+    np.testing.assert_allclose(q, motion(), atol=1e-7)
+
+
+def test_light_smoothing_changes_a_smooth_motion_by_little() -> None:
+    problem = marker_problem(arm_robot(), ARM, targets())
+    q = solve(problem, PERIOD)
+    np.testing.assert_allclose(q, motion(), atol=1e-3)
+    assert np.nanmax(problem.residuals(np.arange(len(q)), q)) < 1e-4
+
+
+def test_joints_in_any_order_get_the_same_angles() -> None:
+    robot = Robot(_urdf(), JOINTS[::-1])
+    q = solve(marker_problem(robot, ARM, targets()), PERIOD, smoothness=0.0)
+    np.testing.assert_allclose(q[:, ::-1], motion(), atol=1e-7)
+
+
+def _urdf() -> str:
+    from mp_pca_planner.resources import config_file
+
+    return config_file("human_arm.urdf").read_text(encoding="utf-8")
+
+
+def test_noisy_markers_give_the_least_squares_of_scipy() -> None:
+    robot = arm_robot()
+    noisy = targets()[:12] + 0.01 * np.random.default_rng(0).normal(size=(12, 3, 3))
+    limits = robot.limits()
+    q = solve(marker_problem(robot, ARM, noisy), PERIOD, smoothness=0.0)
+    for q_k, noisy_k, start in zip(q, noisy, motion(), strict=False):
+        oracle = least_squares(
+            lambda x, there=noisy_k: (places(robot, x[None])[0] - there).ravel(),
+            start,
+            bounds=(limits.lower, limits.upper),
+            xtol=1e-12,
+            ftol=1e-12,
+        )
+        np.testing.assert_allclose(q_k, oracle.x, atol=1e-5)
+
+
+def test_smoothing_minimises_the_stated_sum() -> None:
+    robot, smoothness = arm_robot(), 1e-4
+    noisy = targets()[:8] + 0.01 * np.random.default_rng(0).normal(size=(8, 3, 3))
+    q = solve(marker_problem(robot, ARM, noisy), PERIOD, smoothness=smoothness)
+
+    def stated(x: np.ndarray) -> np.ndarray:
+        x = x.reshape(8, 4)
+        errors = places(robot, x) - noisy
+        accelerations = np.diff(x, n=2, axis=0) / PERIOD**2
+        return np.concatenate([errors.ravel(), smoothness * accelerations.ravel()])
+
+    oracle = least_squares(stated, motion()[:8].ravel(), xtol=1e-12, ftol=1e-12)
+    np.testing.assert_allclose(q.ravel(), oracle.x, atol=1e-4)
+    assert np.sum(stated(q.ravel()) ** 2) == pytest.approx(2.0 * oracle.cost, rel=1e-6)
+
+
+def test_weights_say_which_marker_to_believe() -> None:
+    wrong = targets().copy()
+    wrong[:, 2, 2] += 0.03
+    residuals = []
+    for weight in (1.0, 1e-4):
+        markers = (*ARM[:2], MarkerPlacement("wrist", "wrist", (0, 0, 0), weight=weight))
+        problem = marker_problem(arm_robot(), markers, wrong)
+        q = solve(problem, PERIOD)
+        residuals.append(np.median(problem.residuals(np.arange(len(q)), q), axis=0))
+    assert residuals[1][0] < 0.1 * residuals[0][0]
+    assert residuals[1][2] > residuals[0][2]
+
+
+def test_joint_limits_are_kept_where_markers_ask_for_more() -> None:
+    robot = arm_robot()
+    q_asked = motion()
+    q_asked[40:80, 3] = 0.3  # an elbow bent the wrong way
+    q = solve(marker_problem(robot, ARM, places(robot, q_asked)), PERIOD)
+    limits = robot.limits()
+    assert np.all(q >= limits.lower)
+    assert np.all(q <= limits.upper)
+    np.testing.assert_allclose(q[45:75, 3], limits.upper[3], atol=1e-6)
+    np.testing.assert_allclose(q[:35], motion()[:35], atol=1e-2)
+
+
+def test_a_marker_that_comes_and_goes_is_tolerated() -> None:
+    seen = targets().copy()
+    seen[10:30, 1] = np.nan  # elbow and wrist fix the arm while it is bent
+    seen[50:60, 0] = np.nan
+    q = solve(marker_problem(arm_robot(), ARM, seen), PERIOD, smoothness=0.0)
+    np.testing.assert_allclose(q, motion(), atol=1e-6)
+
+
+def test_frames_with_too_few_markers_are_gaps() -> None:
+    seen = targets().copy()
+    seen[20:25, 2] = np.nan  # nothing is left beyond the elbow
+    seen[60] = np.nan
+    q = solve(marker_problem(arm_robot(), ARM, seen), PERIOD, smoothness=0.0)
+    gaps = np.flatnonzero(np.isnan(q).any(axis=1))
+    assert gaps.tolist() == [20, 21, 22, 23, 24, 60]
+    np.testing.assert_allclose(
+        np.delete(q, gaps, axis=0), np.delete(motion(), gaps, axis=0), atol=1e-7
+    )
+
+
+def test_joints_that_no_marker_shows_are_told() -> None:
+    problem = marker_problem(arm_robot(), ARM, targets()[:1])
+    assert problem.open_joints(np.array([True, True, True])) == ()
+    assert problem.open_joints(np.array([True, True, False])) == (3,)
+    # An elbow alone does not show how the upper arm is turned about itself.
+    assert problem.open_joints(np.array([True, False, False])) == (2, 3)
+    assert problem.open_joints(np.array([False, False, False])) == (0, 1, 2, 3)
+
+
+def test_turn_of_a_straight_arm_is_bridged_smoothly() -> None:
+    # While the elbow is straight, elbow and wrist don't show shoulder3.
+    q_true = np.tile([-0.6, 0.2, 0.0, 0.0], (60, 1))
+    q_true[:, 2] = np.linspace(0.2, 0.8, 60)
+    q_true[:20, 3] = q_true[40:, 3] = -0.8
+    q_true[20:40, 3] = -1e-9
+    robot, markers = arm_robot(), (ARM[0], ARM[2])
+    q = solve(marker_problem(robot, markers, places(robot, q_true, markers)), PERIOD)
+    np.testing.assert_allclose(q[:, 2], q_true[:, 2], atol=0.05)
+
+
+def test_frames_far_apart_are_found_from_their_own_starts() -> None:
+    chosen = np.array([0, 60, 119])
+    problem = marker_problem(arm_robot(), ARM, targets()[chosen])
+    np.testing.assert_allclose(solve_each(problem), motion()[chosen], atol=1e-5)
+    np.testing.assert_allclose(
+        solve_each(problem, motion()[chosen] + 0.1), motion()[chosen], atol=1e-5
+    )
+
+
+def test_a_single_frame_and_two_are_solved() -> None:
+    for n in (1, 2):
+        q = solve(marker_problem(arm_robot(), ARM, targets()[:n]), PERIOD)
+        np.testing.assert_allclose(q, motion()[:n], atol=1e-6)

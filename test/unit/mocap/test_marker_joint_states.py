@@ -1,0 +1,305 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""The way from bags of markers to joint states, for people of other lengths who move about."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from arm import JOINTS
+from marker_bags import write_marker_arrays
+from scipy.spatial.transform import Rotation
+
+from mp_pca_planner.cli.main import main
+from mp_pca_planner.exceptions import PlannerError, RecordingError, RobotError
+from mp_pca_planner.mocap.marker_joint_states import (
+    MarkerSource,
+    SolvedMarkers,
+    marker_source,
+    place_markers,
+    solve_markers,
+)
+from mp_pca_planner.recordings.bags import read_joint_states, write_markers
+from mp_pca_planner.recordings.load import load_recordings
+from mp_pca_planner.resources import config_file
+from mp_pca_planner.robot.model import Robot
+
+URDF, MAP = config_file("human_arm.urdf"), config_file("human_arm_markers.yaml")
+CHEST = {"chest_origin": (0, 0, 0), "chest_up": (0, 0, 0.1), "chest_right": (0, -0.1, 0)}
+ARM = {"right_shoulder": "upper_arm", "right_elbow": "lower_arm", "right_wrist": "wrist"}
+SMALL = {"-0.0154 -0.1667 0.0788": "-0.02 -0.19 0.04", "-0.3447": "-0.28", "-0.3074": "-0.26"}
+N = 150
+
+
+def motion() -> np.ndarray:
+    t = np.linspace(0.0, 1.0, N)[:, None]
+    rises = 10 * t**3 - 15 * t**4 + 6 * t**5
+    return np.array([-0.2, 0.3, -0.3, -0.5]) + rises * np.array([-1.0, -0.5, 0.9, -0.7])
+
+
+def markers(*, small: bool = False, base: str = "moving") -> dict[str, np.ndarray]:
+    """Markers of an arm that makes the motion, on a chest that moves, rests or is the world."""
+    text = URDF.read_text(encoding="utf-8")
+    if small:
+        for ours, theirs in SMALL.items():
+            text = text.replace(f'xyz="{ours}"', f'xyz="{theirs}"')
+            text = text.replace(f'xyz="0 0 {ours}"', f'xyz="0 0 {theirs}"')
+    robot = Robot(text)
+    points = robot.frame_positions(motion(), list(ARM.values())).transpose(1, 0, 2)
+    places = dict(zip(ARM, points, strict=True))
+    places |= {name: np.tile(np.array(p, dtype=float), (N, 1)) for name, p in CHEST.items()}
+    if base == "identity":
+        return places
+    t = np.linspace(0.0, 3.0, N) if base == "moving" else np.full(N, 1.0)
+    turns = Rotation.from_euler("zyx", np.column_stack([0.5 * t, 0.2 * np.sin(t), 0.1 * t]))
+    shift = np.column_stack([0.3 * t, np.sin(t), 1.4 + 0.05 * np.cos(t)])
+    return {name: turns.apply(p) + shift for name, p in places.items()}
+
+
+def solved(path: Path, source: MarkerSource) -> tuple[np.ndarray, SolvedMarkers]:
+    found = solve_markers(path, source)
+    (layout,) = found.joint_states.layouts
+    assert layout.joint_names == source.joint_names
+    return layout.positions, found
+
+
+def changed_map(tmp_path: Path, *changes: tuple[str, str]) -> Path:
+    text = MAP.read_text(encoding="utf-8")
+    for before, after in changes:
+        assert before in text
+        text = text.replace(before, after)
+    path = tmp_path / "map.yaml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def test_angles_of_a_moving_person_are_found_whatever_the_lengths(tmp_path: Path) -> None:
+    path = write_marker_arrays(tmp_path / "bag", markers(small=True))
+    q, found = solved(path, marker_source("/markers", URDF, MAP))
+    np.testing.assert_allclose(q, motion(), atol=2e-3)
+    assert list(found.residuals) == [*CHEST, *ARM]
+    assert all(r.median < 1e-4 and r.n_frames == N for r in found.residuals.values())
+    residuals, *fitted = found.joint_states.notes
+    assert residuals.startswith("distances of the markers from the model's, median and 95 % [mm]: ")
+    assert "'right_shoulder' 0.00 and 0.00" in residuals
+    assert fitted == [
+        "joint 'shoulder1' fits the markers best at (-20.0, -190.0, 40.0) mm in its parent link; "
+        "the URDF has it at (-15.4, -166.7, 78.8) mm",
+        "joint 'elbow' fits the markers best at (0.0, 0.0, -280.0) mm in its parent link; "
+        "the URDF has it at (0.0, 0.0, -344.7) mm",
+        "joint 'wrist_joint' fits the markers best at (0.0, 0.0, -260.0) mm in its parent link; "
+        "the URDF has it at (0.0, 0.0, -307.4) mm",
+    ]
+
+
+def test_placed_markers_are_those_of_the_arm_and_give_its_motion_back(tmp_path: Path) -> None:
+    source = marker_source("/markers", URDF, MAP)
+    names, positions = place_markers(motion(), source)
+    expected = markers(base="identity")
+    assert set(names) == set(expected)
+    for name, places in zip(names, positions.transpose(1, 0, 2), strict=True):
+        np.testing.assert_allclose(places, expected[name], atol=1e-12)
+    stamps = 10_000_000 * np.arange(N)
+    write_markers(tmp_path / "x", names, stamps, positions)
+    np.testing.assert_allclose(solved(tmp_path / "x", source)[0], motion(), atol=1e-4)
+
+
+def test_without_the_fit_wrong_lengths_show_in_the_residuals(tmp_path: Path) -> None:
+    path = write_marker_arrays(tmp_path / "bag", markers(small=True))
+    text = MAP.read_text(encoding="utf-8")
+    fits = text[text.index("fit_origins:") : text.index("\n# link and position")]
+    _, found = solved(path, marker_source("/markers", URDF, changed_map(tmp_path, (fits, ""))))
+    assert found.residuals["right_elbow"].median > 0.01
+    assert found.residuals["chest_up"].median < 1e-9
+
+
+@pytest.mark.parametrize("base", ["fixed", "identity"])
+def test_a_base_that_stands_still_is_fitted_once_or_not_at_all(tmp_path: Path, base: str) -> None:
+    places = markers(base=base)
+    places["chest_up"][30:] = np.nan
+    path = write_marker_arrays(tmp_path / "bag", places)
+    source = marker_source(
+        "/markers", URDF, changed_map(tmp_path, ("base: moving", f"base: {base}"))
+    )
+    q, _ = solved(path, source)
+    np.testing.assert_allclose(q, motion(), atol=2e-3)
+
+
+def test_frames_without_enough_markers_are_nan_and_told(tmp_path: Path) -> None:
+    places = markers()
+    places["right_wrist"][40:45] = np.nan
+    places["chest_up"][60:70] = np.nan
+    places["right_shoulder"][80:90] = np.nan
+    path = write_marker_arrays(tmp_path / "bag", places)
+    q, found = solved(path, marker_source("/markers", URDF, MAP))
+    gaps = np.flatnonzero(np.isnan(q).any(axis=1))
+    assert gaps.tolist() == [*range(40, 45), *range(60, 70)]
+    np.testing.assert_allclose(np.delete(q, gaps, 0), np.delete(motion(), gaps, 0), atol=2e-3)
+    notes = "\n".join(found.joint_states.notes)
+    assert "marker 'right_shoulder' is missing in 10 of 150 frames" in notes
+    assert "15 of 150 frames lack markers that the joints need" in notes
+    assert found.residuals["right_shoulder"].n_frames == N - 15 - 10
+
+
+def test_stamps_that_no_mocap_system_made_are_refused_in_the_end(tmp_path: Path) -> None:
+    path = write_marker_arrays(tmp_path / "bag", markers(), rate=1e8)
+    found = load_recordings([path], markers=marker_source("/markers", URDF, MAP))
+    assert not found.demonstrations
+    assert "there is no usable time" in found.refused[0].reason
+
+
+def test_a_joint_that_stays_at_its_limit_is_told(tmp_path: Path) -> None:
+    places = markers()
+    path = write_marker_arrays(tmp_path / "bag", places)
+    narrow = tmp_path / "narrow.urdf"
+    text = URDF.read_text(encoding="utf-8").replace(
+        'lower="-2.7925" upper="0"', 'lower="-0.8" upper="0"'
+    )
+    narrow.write_text(text, encoding="utf-8")
+    q, found = solved(path, marker_source("/markers", narrow, MAP))
+    assert q[:, 3].min() == pytest.approx(-0.8)
+    assert any("joint 'elbow' is at its limit in" in note for note in found.joint_states.notes)
+
+
+def test_chosen_joints_come_in_the_chosen_order(tmp_path: Path) -> None:
+    path = write_marker_arrays(tmp_path / "bag", markers())
+    q, _ = solved(path, marker_source("/markers", URDF, MAP, JOINTS[::-1]))
+    np.testing.assert_allclose(q[:, ::-1], motion(), atol=2e-3)
+
+
+def test_a_recording_in_which_nothing_can_be_solved_is_refused(tmp_path: Path) -> None:
+    places = markers()
+    places["right_wrist"][75:] = np.nan
+    places["right_elbow"][:75] = np.nan
+    places["right_shoulder"][:75] = np.nan
+    path = write_marker_arrays(tmp_path / "bag", places)
+    source = marker_source("/markers", URDF, changed_map(tmp_path, ("elbow: length", "")))
+    with pytest.raises(RecordingError, match="no frame has all markers, so the origins of"):
+        solve_markers(path, source)
+    text = MAP.read_text(encoding="utf-8")
+    fits = text[text.index("fit_origins:") : text.index("\n# link and position")]
+    source = marker_source("/markers", URDF, changed_map(tmp_path, (fits, "")))
+    with pytest.raises(RecordingError, match="in none of the 150 frames.*'right_wrist' in 75"):
+        solve_markers(path, source)
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "error", "message"),
+    [
+        ("link: wrist", "link: wrists", RobotError, "'wrists' .did you mean 'wrist'"),
+        ("elbow: length", "elbows: length", RecordingError, "'elbows' .did you mean 'elbow'"),
+        ("shoulder1: position", "shoulder2: length", RecordingError, "no length to fit"),
+        ("link: chest, position: [0, 0, 0.1]", "link: upper_arm, position: [0, 0, 0.1]",
+         RecordingError, "'chest_origin', 'chest_right'. don't fix its pose: at least 3"),
+        ("[0, 0, 0.1]", "[0, 0.2, 0]", RecordingError, "not on one line"),
+        ("link: wrist", "link: upper_arm", RecordingError, "leave the joints 'shoulder3', 'elbow'"),
+    ],
+)  # fmt: skip
+def test_maps_that_do_not_fit_the_robot_are_refused_by_name(
+    tmp_path: Path, before: str, after: str, error: type[PlannerError], message: str
+) -> None:
+    with pytest.raises(error, match=message):
+        marker_source("/markers", URDF, changed_map(tmp_path, (before, after)))
+
+
+@pytest.mark.parametrize("recording", ["02_05", "13_30"])
+def test_people_are_measured_as_another_method_did(shared_data: Path, recording: str) -> None:
+    folder = shared_data / "human_arm"
+    q, found = solved(folder / "markers" / recording, marker_source("/markers", URDF, MAP))
+    theirs = read_joint_states(folder / "joint_states" / recording, "/joint_states")
+    (layout,) = theirs.layouts
+    assert layout.joint_names == JOINTS
+    np.testing.assert_array_equal(found.joint_states.header_stamps, theirs.header_stamps)
+    rms = np.rad2deg(np.sqrt(np.mean((q - layout.positions) ** 2, axis=0)))
+    assert np.all(rms < 0.1)
+    assert max(r.median for r in found.residuals.values()) < 2e-5
+
+
+def build(capsys: pytest.CaptureFixture[str], *options: object) -> tuple[int, str, str]:
+    status = main(["build_primitives", *map(str, options)])
+    captured = capsys.readouterr()
+    return status, captured.out, captured.err
+
+
+def test_marker_recordings_become_a_primitive(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    places = {name: np.concatenate([p, p[::-1], p, p[::-1]]) for name, p in markers().items()}
+    bag = write_marker_arrays(tmp_path / "session", places)
+    bare = tmp_path / "empty"
+    write_marker_arrays(bare, {"chest_origin": places["chest_origin"]})
+    output = tmp_path / "reach.npz"
+    options = ("--markers", "/markers", "--robot", URDF, "--marker-map", MAP, "--output", output)
+    status, out, err = build(capsys, bag, bare, *options, "--json")
+    assert status == 0, err
+    facts = json.loads(out)
+    assert facts["joint_names"] == list(JOINTS)
+    assert facts["n_motions"] == 4
+    assert facts["refused"][0]["recording"] == "empty"
+    assert "no recorded marker is called 'chest_up'" in facts["refused"][0]["reason"]
+    assert list(facts["marker_residuals"]) == ["session"]
+    residuals = facts["marker_residuals"]["session"]
+    assert list(residuals) == [*CHEST, *ARM]
+    assert residuals["right_wrist"]["n_frames"] == 4 * N
+    assert 0.0 <= residuals["right_wrist"]["median"] <= residuals["right_wrist"]["percentile_95"]
+    status, out, _ = build(capsys, bag, *options, "--force")
+    assert status == 0
+    assert "markers     the worst, '" in out
+
+
+def test_markers_before_the_damage_are_taken_on_request(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    places = {name: np.concatenate([p, p[::-1]] * 4) for name, p in markers().items()}
+    folder = write_marker_arrays(tmp_path / "session", places)
+    (file,) = (file for file in folder.iterdir() if file.suffix != ".yaml")
+    file.write_bytes(file.read_bytes()[: int(0.6 * file.stat().st_size)])
+    options = ("--markers", "/markers", "--robot", URDF, "--marker-map", MAP)
+    output = tmp_path / "x.npz"
+    status, _, err = build(capsys, file, *options, "--output", output)
+    assert status == 2 and "; salvaging it takes what is before the damage" in err
+    status, out, err = build(capsys, file, *options, "--output", output, "--salvage", "--json")
+    assert status == 0, err
+    assert 2 <= json.loads(out)["n_motions"] < 8
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        ("--markers", "/markers"),
+        ("--markers", "/markers", "--robot", URDF),
+        ("--markers", "/markers", "--marker-map", MAP),
+        ("--marker-map", MAP),
+        ("--markers", "/markers", "--robot", URDF, "--marker-map", MAP, "--field", "a"),
+        ("--markers", "/markers", "--robot", URDF, "--marker-map", MAP, "--topic", "/joint_states"),
+    ],
+)
+def test_options_for_markers_come_together(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], options: tuple[object, ...]
+) -> None:
+    bag = write_marker_arrays(tmp_path / "bag", markers())
+    status, _, err = build(capsys, bag, *options, "--output", tmp_path / "x.npz")
+    assert status == 2
+    assert "--markers" in err
+    assert not (tmp_path / "x.npz").exists()
+
+
+def test_reports_hold_residuals_whatever_the_number_of_processes(tmp_path: Path) -> None:
+    places = {name: np.concatenate([p, p[::-1]]) for name, p in markers().items()}
+    for name in ("a", "b"):
+        write_marker_arrays(tmp_path / "bags" / name, places)
+    source = marker_source("/markers", URDF, MAP)
+    alone, together = (
+        load_recordings([tmp_path / "bags"], markers=source, jobs=jobs) for jobs in (1, 2)
+    )
+    assert not alone.refused
+    assert [r.marker_residuals for r in alone.reports] == [
+        r.marker_residuals for r in together.reports
+    ]
+    for ours, theirs in zip(alone.demonstrations, together.demonstrations, strict=True):
+        np.testing.assert_array_equal(ours.positions, theirs.positions)
+    notes = alone.reports[0].notes
+    assert len(set(notes)) == len(notes)
+    assert sum("fits the markers best at" in note for note in notes) == 3
+    assert not any("velocities" in note for note in notes)

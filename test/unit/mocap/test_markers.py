@@ -1,0 +1,301 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Marker recordings in every way in which mocap systems send them."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import EPOCH, S
+from marker_bags import (
+    MARKER_ARRAY,
+    OLD_TF,
+    POINT,
+    POSE,
+    TF,
+    Messages,
+    write_marker_arrays,
+    write_messages,
+)
+from scipy.spatial.transform import Rotation
+
+from mp_pca_planner.exceptions import RecordingError
+from mp_pca_planner.mocap.marker_map import MarkerPlacement
+from mp_pca_planner.mocap.markers import read_markers
+from mp_pca_planner.recordings.bags import write_markers
+from mp_pca_planner.recordings.load import inspect_recording
+
+STEP = S // 100
+N = 20
+PATHS = np.random.default_rng(1).normal(size=(3, N, 3))
+
+
+def placed(*names: str, **options: object) -> list[MarkerPlacement]:
+    return [MarkerPlacement(name, "link", (0.0, 0.0, 0.0), **options) for name in names]
+
+
+def test_marker_arrays_are_read_by_namespace(tmp_path: Path, bag_format: str) -> None:
+    path = write_marker_arrays(
+        tmp_path / "bag", {"elbow": PATHS[0], "wrist": PATHS[1]}, bag_format=bag_format
+    )
+    found = read_markers(path, "/markers", placed("wrist", "elbow"))
+    assert found.names == ("wrist", "elbow")
+    np.testing.assert_array_equal(found.positions, PATHS[[1, 0]].transpose(1, 0, 2))
+    expected = EPOCH + STEP * np.arange(N)
+    np.testing.assert_array_equal(found.header_stamps, expected)
+    np.testing.assert_array_equal(found.receive_stamps, expected)
+
+
+def test_written_markers_are_read_back(tmp_path: Path) -> None:
+    written = PATHS[:2].transpose(1, 0, 2).copy()
+    written[3, 1, 0] = np.nan
+    stamps = EPOCH + STEP * np.arange(N)
+    write_markers(tmp_path / "bag", ("elbow", "wrist"), stamps, written)
+    found = read_markers(tmp_path / "bag", "/markers", placed("elbow", "wrist"))
+    written[3, 1] = np.nan
+    np.testing.assert_array_equal(found.positions, written)
+    np.testing.assert_array_equal(found.header_stamps, stamps)
+
+
+def test_markers_to_write_must_have_places(tmp_path: Path) -> None:
+    with pytest.raises(RecordingError, match=r"shape \(20, 1, 3\), got \(20, 2, 3\)"):
+        write_markers(tmp_path / "bag", ["elbow"], np.arange(N), PATHS[:2].transpose(1, 0, 2))
+
+
+def test_markers_of_one_namespace_are_told_apart_by_id(tmp_path: Path) -> None:
+    messages = Messages()
+    entries = []
+    for k in range(N):
+        stamp = EPOCH + k * STEP
+        array = messages.marker_array(
+            messages.marker("arm", 1, PATHS[0, k], stamp),
+            messages.marker("arm", 7, PATHS[1, k], stamp),
+            messages.marker("", 3, PATHS[2, k], stamp),
+        )
+        entries.append(("/markers", MARKER_ARRAY, stamp, array))
+    path = write_messages(tmp_path / "bag", messages, entries)
+    found = read_markers(path, "/markers", placed("arm/7", "3", "arm/1"))
+    np.testing.assert_array_equal(found.positions, PATHS[[1, 2, 0]].transpose(1, 0, 2))
+
+
+def test_a_namespace_with_a_new_id_in_each_message_is_one_marker(tmp_path: Path) -> None:
+    messages = Messages()
+    entries = [
+        (
+            "/markers",
+            MARKER_ARRAY,
+            EPOCH + k * STEP,
+            messages.marker_array(messages.marker("hand", k, PATHS[0, k], EPOCH + k * STEP)),
+        )
+        for k in range(N)
+    ]
+    path = write_messages(tmp_path / "bag", messages, entries)
+    found = read_markers(path, "/markers", placed("hand"))
+    np.testing.assert_array_equal(found.positions[:, 0], PATHS[0])
+
+
+def test_markers_that_are_deleted_or_drawn_as_lines_are_no_places(tmp_path: Path) -> None:
+    messages = Messages()
+    array = messages.marker_array(
+        messages.marker("good", 0, (1, 2, 3), EPOCH),
+        messages.marker("gone", 1, (0, 0, 0), EPOCH, action=2),
+        messages.marker("line", 2, (0, 0, 0), EPOCH, type=4),
+    )
+    path = write_messages(tmp_path / "bag", messages, [("/markers", MARKER_ARRAY, EPOCH, array)])
+    with pytest.raises(RecordingError, match="no recorded marker is called 'gone'.*names: 'good'$"):
+        read_markers(path, "/markers", placed("gone"))
+
+
+def test_a_marker_that_is_absent_nan_or_absurdly_far_is_missing(tmp_path: Path) -> None:
+    absent = PATHS[0].copy()
+    absent[4:7] = np.nan
+    messages = Messages()
+    entries = []
+    for k in range(N):
+        stamp = EPOCH + k * STEP
+        bad = {9: (0, np.nan, 0), 11: (0, 0, 1e300), 12: (np.inf, 0, 0)}
+        markers = [messages.marker("b", 1, bad.get(k, PATHS[1, k]), stamp)]
+        if np.isfinite(absent[k, 0]):
+            markers.append(messages.marker("a", 0, absent[k], stamp))
+        entries.append(("/markers", MARKER_ARRAY, stamp, messages.marker_array(*markers)))
+    path = write_messages(tmp_path / "bag", messages, entries)
+    found = read_markers(path, "/markers", placed("a", "b"))
+    np.testing.assert_array_equal(found.positions[:, 0], absent)
+    assert np.flatnonzero(np.isnan(found.positions[:, 1]).any(axis=1)).tolist() == [9, 11, 12]
+    assert np.isnan(found.positions[9, 1]).all()
+
+
+@pytest.mark.parametrize(("pattern", "suffix"), [("/mocap", ""), ("/mocap/*/point", "/point")])
+def test_points_on_a_topic_for_each_marker_are_frames(
+    tmp_path: Path, bag_format: str, pattern: str, suffix: str
+) -> None:
+    messages = Messages(bag_format)
+    entries = []
+    for k in range(N):
+        stamp = EPOCH + k * STEP
+        for name, places in (("elbow", PATHS[0]), ("wrist", PATHS[1])):
+            topic = f"/mocap/{name}{suffix}"
+            entries.append((topic, POINT, stamp + 1000, messages.point(places[k], stamp)))
+    path = write_messages(tmp_path / "bag", messages, entries)
+    found = read_markers(path, pattern, placed("elbow", "wrist"))
+    np.testing.assert_array_equal(found.positions, PATHS[:2].transpose(1, 0, 2))
+    np.testing.assert_array_equal(found.header_stamps, EPOCH + STEP * np.arange(N))
+
+
+def test_markers_with_stamps_of_their_own_are_interpolated_over_small_steps(
+    tmp_path: Path,
+) -> None:
+    messages = Messages()
+    entries = []
+    for k in range(40):
+        stamp = EPOCH + k * STEP
+        entries.append(("/m/fast", POINT, stamp, messages.point((k, 0, 0), stamp)))
+    for k in range(20):
+        stamp = EPOCH + 2 * k * STEP + STEP // 2
+        if not 8 <= k < 12:
+            place = (0.0, 2 * k + 0.5, 0.0)
+            entries.append(("/m/slow", POINT, stamp, messages.point(place, stamp)))
+    path = write_messages(tmp_path / "bag", messages, sorted(entries, key=lambda e: e[2]))
+    found = read_markers(path, "/m", placed("fast", "slow"))
+    frames = np.arange(40.0)
+    known = ((frames > 0.5) & (frames < 14.5)) | ((frames > 24.5) & (frames < 38.5))
+    np.testing.assert_allclose(found.positions[known, 1, 1], frames[known], atol=1e-6)
+    assert np.isnan(found.positions[~known, 1]).all()
+
+
+def test_a_body_with_an_orientation_gives_points_on_it(tmp_path: Path) -> None:
+    turns = Rotation.random(N, random_state=2)
+    messages = Messages()
+    entries = []
+    for k in range(N):
+        stamp = EPOCH + k * STEP
+        message = messages.pose_stamped(PATHS[0, k], turns[k].as_quat(), stamp)
+        entries.append(("/vicon/hand", POSE, stamp, message))
+    path = write_messages(tmp_path / "bag", messages, entries)
+    tip = MarkerPlacement("tip", "link", (0, 0, 0), body="hand", offset=(0.1, 0.0, -0.2))
+    found = read_markers(path, "/vicon", [tip, *placed("hand")])
+    expected = PATHS[0] + turns.apply([0.1, 0.0, -0.2])
+    np.testing.assert_allclose(found.positions[:, 0], expected, atol=1e-12)
+    np.testing.assert_array_equal(found.positions[:, 1], PATHS[0])
+
+
+def tf_bag(path: Path, hand_parent: str = "room", bag_format: str = "mcap", kind: str = TF) -> Path:
+    """A hand below a body that moves below a static room below the world."""
+    messages = Messages(bag_format)
+    quarter = Rotation.from_euler("z", 90, degrees=True).as_quat()
+    room = messages.transform("world", "room", (1, 0, 0), EPOCH, quarter)
+    entries = [("/tf_static", kind, EPOCH, messages.make(kind, [room]))]
+    for k in range(N):
+        stamp = EPOCH + k * STEP
+        parent = "room" if k < N // 2 else hand_parent
+        frames = [
+            messages.transform("room", "body", PATHS[0, k], stamp, quarter),
+            messages.transform("body", "marker", PATHS[1, k], stamp),
+            messages.transform(parent, "hand", PATHS[2, k], stamp),
+        ]
+        entries.append(("/tf", kind, stamp, messages.make(kind, frames)))
+    return write_messages(path, messages, entries)
+
+
+@pytest.mark.parametrize(
+    ("bag_format", "kind"),
+    [("rosbag1", TF), ("rosbag1", OLD_TF), ("sqlite3", TF), ("mcap", TF)],
+)
+def test_frames_are_resolved_to_the_root_of_their_tree(
+    tmp_path: Path, bag_format: str, kind: str
+) -> None:
+    path = tf_bag(tmp_path / "bag", bag_format=bag_format, kind=kind)
+    found = read_markers(path, "/tf", placed("marker", "hand"))
+    quarter = Rotation.from_euler("z", 90, degrees=True)
+    in_room = np.stack([PATHS[0] + quarter.apply(PATHS[1]), PATHS[2]], axis=1)
+    expected = quarter.apply(in_room.reshape(-1, 3)) + np.eye(3)[0]
+    np.testing.assert_allclose(found.positions.reshape(-1, 3), expected, atol=1e-12)
+
+
+def test_markers_before_the_damage_are_salvaged(tmp_path: Path, bag_format: str) -> None:
+    long = np.random.default_rng(2).normal(size=(2000, 3))
+    path = write_marker_arrays(tmp_path / "bag", {"elbow": long}, bag_format=bag_format)
+    file = path if path.is_file() else next(f for f in path.iterdir() if f.suffix != ".yaml")
+    content = file.read_bytes()
+    file.write_bytes(content[: int(0.7 * len(content))])
+    with pytest.raises(RecordingError, match="damaged"):
+        read_markers(file, "/markers", placed("elbow"))
+    found = read_markers(file, "/markers", placed("elbow"), salvage=True)
+    n_frames = len(found.positions)
+    assert 1000 < n_frames < 2000
+    np.testing.assert_array_equal(found.positions[:, 0], long[:n_frames])
+    assert f"only the {n_frames} messages" in found.notes[0]
+
+
+def test_a_frame_with_two_parents_is_refused_by_name(tmp_path: Path) -> None:
+    path = tf_bag(tmp_path / "bag", hand_parent="elsewhere")
+    with pytest.raises(RecordingError, match="frame 'hand' has two parents in '/tf', 'room' and"):
+        read_markers(path, "/tf", placed("hand"))
+
+
+def test_markers_in_different_frames_are_refused_by_name(tmp_path: Path) -> None:
+    messages = Messages()
+    entries = [
+        ("/m/a", POINT, EPOCH, messages.point((0, 0, 0), EPOCH, "world")),
+        ("/m/b", POINT, EPOCH, messages.point((0, 0, 0), EPOCH, "camera")),
+    ]
+    path = write_messages(tmp_path / "bag", messages, entries)
+    with pytest.raises(RecordingError, match=r"different frames \('world': 'a'; 'camera': 'b'\)"):
+        read_markers(path, "/m", placed("a", "b"))
+
+
+def test_a_topic_without_markers_is_refused_with_those_that_would_do(tmp_path: Path) -> None:
+    path = write_marker_arrays(tmp_path / "bag", {"a": PATHS[0]}, topic="/mocap/all")
+    expected = f"no markers on '/joint_states'.*'/mocap/all' \\({MARKER_ARRAY}\\)"
+    with pytest.raises(RecordingError, match=expected):
+        read_markers(path, "/joint_states", placed("a"))
+
+
+def test_a_marker_that_is_not_recorded_is_refused_with_those_that_are(tmp_path: Path) -> None:
+    path = write_marker_arrays(tmp_path / "bag", {"elbow": PATHS[0], "wrist": PATHS[1]})
+    with pytest.raises(RecordingError, match="'wrists' .did you mean 'wrist'.*'elbow', 'wrist'"):
+        read_markers(path, "/markers", placed("elbow", "wrists"))
+
+
+def test_a_marker_without_any_finite_position_is_refused_by_name(tmp_path: Path) -> None:
+    messages = Messages()
+    marker = messages.marker("a", 0, (np.nan, 0, 0), EPOCH)
+    entries = [("/markers", MARKER_ARRAY, EPOCH, messages.marker_array(marker))]
+    path = write_messages(tmp_path / "bag", messages, entries)
+    with pytest.raises(RecordingError, match="marker 'a' has no finite position"):
+        read_markers(path, "/markers", placed("a"))
+
+
+def test_inspection_looks_into_markers(tmp_path: Path, bag_format: str) -> None:
+    wrist = np.array(PATHS[1])
+    wrist[8:12] = np.nan
+    path = write_marker_arrays(
+        tmp_path / "bag", {"elbow": PATHS[0], "wrist": wrist}, bag_format=bag_format
+    )
+    found = inspect_recording(path)
+    assert [(m.topic, m.name, m.n_samples, m.n_gaps) for m in found.markers] == [
+        ("/markers", "elbow", N, 0),
+        ("/markers", "wrist", N - 4, 1),
+    ]
+    assert [m.missing_share for m in found.markers] == pytest.approx([0.0, 4 / N])
+    assert [m.rate for m in found.markers] == pytest.approx([100.0, 100.0])
+    assert "no topic holds joint states" in str(found.refusal)
+
+
+def test_inspection_looks_into_frames(tmp_path: Path) -> None:
+    found = {m.name: m for m in inspect_recording(tf_bag(tmp_path / "bag")).markers}
+    assert {name: m.n_samples for name, m in found.items()} == {
+        "room": 1,
+        "body": N,
+        "marker": N,
+        "hand": N,
+    }
+    assert found["room"].rate is None
+    assert found["hand"].rate == pytest.approx(100.0)
+
+
+def test_frames_that_can_not_be_used_do_not_hide_the_rest(tmp_path: Path) -> None:
+    found = inspect_recording(tf_bag(tmp_path / "bag", hand_parent="elsewhere"))
+    assert found.markers == ()
+    assert "frame 'hand' has two parents" in found.notes[0]
+    assert "no topic holds joint states" in str(found.refusal)

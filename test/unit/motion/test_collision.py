@@ -1,0 +1,506 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from arm import JOINTS, arm_demonstrations, arm_primitive, arm_robot
+from patience import EVER, PATIENT
+
+from mp_pca_planner.cli.main import main
+from mp_pca_planner.exceptions import RobotError
+from mp_pca_planner.learning.refinement import refine
+from mp_pca_planner.learning.trials import TrialLearner
+from mp_pca_planner.motion.collision import Collision, CollisionModel, package_folders
+from mp_pca_planner.motion.goal import JointGoal, JointState, Pose, PoseGoal, SequenceGoal
+from mp_pca_planner.motion.trajectory import Trajectory
+from mp_pca_planner.motion.validation import interpolate
+from mp_pca_planner.planning.motion import Motion
+from mp_pca_planner.planning.plan import INFEASIBLE, SOLVED, PlannerOptions
+from mp_pca_planner.planning.planner import Planner
+from mp_pca_planner.planning.sequence import OPTIMAL, REAL_TIME, SequencePlan, SequencePlanner
+from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
+from mp_pca_planner.primitives.file import save_primitive
+from mp_pca_planner.primitives.primitive import MovementPrimitive
+from mp_pca_planner.recordings.demonstration import Demonstration
+from mp_pca_planner.resources import config_file
+from mp_pca_planner.robot.model import Robot
+
+NAMES = ("one", "two", "three")
+WATCHED = [("base", "b"), ("base", "c"), ("a", "c")]
+RADIUS, LENGTH = 0.04, 0.4
+
+
+def link(name: str, geometry: str = f'<sphere radius="{RADIUS}"/>') -> str:
+    return f"""
+  <link name="{name}">
+    <inertial><origin xyz="{LENGTH / 2} 0 0"/><mass value="1"/>
+      <inertia ixx="0.01" ixy="0" ixz="0" iyy="0.01" iyz="0" izz="0.01"/></inertial>
+    <collision><origin xyz="{LENGTH} 0 0"/><geometry>{geometry}</geometry></collision>
+  </link>"""
+
+
+def joint(name: str, parent: str, child: str, x: float) -> str:
+    return f"""
+  <joint name="{name}" type="revolute">
+    <origin xyz="{x} 0 0"/><parent link="{parent}"/><child link="{child}"/><axis xyz="0 0 1"/>
+    <limit lower="-3.1" upper="3.1" velocity="20" effort="1000"/>
+  </joint>"""
+
+
+# Three links in a plane, with a sphere at the end of each and one at the base.
+CHAIN = (
+    '<robot name="chain"><link name="base"><collision><geometry><box size="0.1 0.1 0.1"/>'
+    "</geometry></collision></link>"
+    + link("a")
+    + link("b", '<cylinder radius="0.04" length="0.05"/>')
+    + link("c")
+    + joint("one", "base", "a", 0.0)
+    + joint("two", "a", "b", LENGTH)
+    + joint("three", "b", "c", LENGTH)
+    + "</robot>"
+)
+
+
+def chain(**changes: str) -> Robot:
+    text = CHAIN
+    for old, new in changes.items():
+        text = text.replace(old, new)
+    return Robot(text, NAMES)
+
+
+def motion(start: np.ndarray, goal: np.ndarray, duration: float = 1.0) -> Trajectory:
+    s = np.linspace(0.0, 1.0, 21)[:, None]
+    way = np.subtract(goal, start)
+    return Trajectory(
+        NAMES,
+        s[:, 0] * duration,
+        start + way * (10 * s**3 - 15 * s**4 + 6 * s**5),
+        way * (30 * s**2 - 60 * s**3 + 30 * s**4) / duration,
+        way * (60 * s - 180 * s**2 + 120 * s**3) / duration**2,
+    )
+
+
+def worst(model: CollisionModel, trajectory: Trajectory) -> Collision | None:
+    return next(iter(model.collisions(trajectory)), None)
+
+
+@pytest.fixture(scope="module")
+def model() -> CollisionModel:
+    return CollisionModel(chain())
+
+
+# The model
+
+
+def test_neighbours_are_not_watched_and_all_others_are(model):
+    assert set(model.pairs) == set(WATCHED)
+
+
+def test_what_touches_at_neutral_is_not_watched():
+    wide = chain(**{'<box size="0.1 0.1 0.1"/>': '<box size="1.55 0.1 0.1"/>'})
+    assert set(CollisionModel(wide).pairs) == {("base", "c"), ("a", "c")}
+
+
+def test_srdf_says_which_pairs_need_no_look(tmp_path):
+    srdf = tmp_path / "chain.srdf"
+    srdf.write_text(
+        '<robot name="chain"><disable_collisions link1="base" link2="a" reason="Adjacent"/>'
+        '<disable_collisions link1="c" link2="a" reason="Never"/></robot>',
+        encoding="utf-8",
+    )
+    pairs = CollisionModel(chain(), srdf=srdf).pairs
+    assert set(pairs) == {("a", "b"), ("b", "c"), ("base", "b"), ("base", "c")}
+
+
+def test_spheres_meet_where_geometry_says(model):
+    # The third joint alone folds the ends of `a` and `c` onto each other.
+    three = np.linspace(0.0, 3.0, 100_001)
+    apart = LENGTH * np.sqrt(2.0 * (1.0 + np.cos(three))) - 2.0 * RADIUS
+    meeting = three[np.flatnonzero(apart <= 0.0)[0]]
+    way = motion([0.0, 0.9, 0.0], [0.0, 0.9, 3.0])
+    found = worst(model, way)
+    assert found is not None and found.links == ("a", "c")
+    dense = interpolate(way)
+    first = dense.times[np.flatnonzero(dense.q[:, 2] >= meeting)[0]]
+    assert found.first_time == pytest.approx(first, abs=1.1e-3)
+    assert found.time == found.last_time == 1.0
+    assert found.penetration == pytest.approx(-apart[-1], abs=1e-5)
+    assert worst(model, motion([0.0, 0.9, 0.0], [0.0, 0.9, meeting - 0.01])) is None
+
+
+def test_looking_again_only_when_due_finds_what_looking_always_finds(model):
+    rng = np.random.default_rng(4)
+    distances = always_looking()
+    outcomes = []
+    for _ in range(12):
+        ends = rng.uniform([-1.0, 1.5, 1.5], 3.0, (2, 3))
+        way = motion(*ends, rng.uniform(0.2, 0.6))
+        found = worst(model, way)
+        dense = interpolate(way)
+        clearance = np.array([distances(q) for q in dense.q])
+        outcomes.append(found is not None)
+        assert (found is not None) == (clearance.min() < 1e-6)
+        if found is not None:
+            assert found.penetration == pytest.approx(-clearance.min(), abs=1e-5)
+            pair = clearance[:, WATCHED.index(found.links)]
+            assert pair.min() == pytest.approx(clearance.min(), abs=1e-5)
+            touching = dense.times[pair < 1e-6]
+            assert found.first_time == pytest.approx(touching[0], abs=1e-9)
+            assert found.last_time == pytest.approx(touching[-1], abs=1e-9)
+    assert 2 < sum(outcomes) < 10
+
+
+def always_looking() -> Callable[[np.ndarray], list[float]]:
+    """Distances of the watched pairs by Pinocchio on a model of its own."""
+    model = pin.buildModelFromXML(CHAIN)
+    geometry = pin.buildGeomFromUrdfString(model, CHAIN, pin.GeometryType.COLLISION)
+    for links in WATCHED:
+        first, second = (["base", "a", "b", "c"].index(name) for name in links)
+        geometry.addCollisionPair(pin.CollisionPair(first, second))
+    model_data, data = model.createData(), geometry.createData()
+
+    def distances(q: np.ndarray) -> list[float]:
+        pin.updateGeometryPlacements(model, model_data, geometry, data, q)
+        return [pin.computeDistance(geometry, data, k).min_distance for k in range(len(WATCHED))]
+
+    return distances
+
+
+def test_joints_may_be_in_any_order_and_others_locked():
+    other = CollisionModel(Robot(CHAIN, ("three", "one"), locked={"two": 0.9}))
+    s = motion([0.0, 0.9, 0.0], [0.0, 0.9, 3.0])
+    swapped = [x[:, [2, 0]] for x in (s.positions, s.velocities, s.accelerations)]
+    found = worst(other, Trajectory(("three", "one"), s.times, *swapped))
+    assert found is not None and found.links == ("a", "c")
+
+
+def test_sliding_joints_reach_as_far_as_they_slide():
+    slide = chain(**{'<joint name="two" type="revolute">': '<joint name="two" type="prismatic">'})
+    model = CollisionModel(slide)
+    # Along z: away from the base and back into the way of its box.
+    found = worst(model, motion([0.0, 0.4, 3.0], [0.0, 0.0, 3.0]))
+    assert found is not None and "c" in found.links
+
+
+def test_missing_mesh_is_refused_with_where_it_was_looked_for(tmp_path):
+    mesh = chain(**{'<box size="0.1 0.1 0.1"/>': '<mesh filename="package://nobody/x.stl"/>'})
+    with pytest.raises(RobotError, match=r"nobody/x\.stl.*looked for in '.*here' .package_dirs"):
+        CollisionModel(mesh, package_dirs=[tmp_path / "here"])
+
+
+def test_mesh_of_a_package_is_found(tmp_path):
+    (tmp_path / "somebody").mkdir()
+    triangle = "facet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\n"
+    stl = tmp_path / "somebody/x.stl"
+    stl.write_text(f"solid x\n{triangle}endloop\nendfacet\nendsolid x\n", encoding="utf-8")
+    mesh = chain(**{'<box size="0.1 0.1 0.1"/>': '<mesh filename="package://somebody/x.stl"/>'})
+    assert CollisionModel(mesh, package_dirs=[tmp_path]).has_geometry
+
+
+def test_unreadable_srdf_is_refused(tmp_path):
+    with pytest.raises(RobotError, match="SRDF file"):
+        CollisionModel(chain(), srdf=tmp_path / "none.srdf")
+    (tmp_path / "bad.srdf").write_text("<robot", encoding="utf-8")
+    with pytest.raises(RobotError, match="SRDF file"):
+        CollisionModel(chain(), srdf=tmp_path / "bad.srdf")
+    (tmp_path / "deep.srdf").write_text("<a>" * 100_000 + "</a>" * 100_000, encoding="utf-8")
+    with pytest.raises(RobotError, match="within more than 50 others"):
+        CollisionModel(chain(), srdf=tmp_path / "deep.srdf")
+
+
+def test_packages_are_looked_for_where_ros_and_the_urdf_are(monkeypatch, tmp_path):
+    monkeypatch.setenv("ROS_PACKAGE_PATH", "/one:/two")
+    monkeypatch.setenv("AMENT_PREFIX_PATH", "/opt/ros")
+    folders = package_folders([Path("/given")], tmp_path / "robot.urdf")
+    known = [Path("/given"), Path("/one"), Path("/two"), Path("/opt/ros/share")]
+    assert folders[:5] == [*known, tmp_path.resolve()]
+    assert package_folders([Path("/given")]) == known
+
+
+@pytest.mark.parametrize("which", ["chain", "arm"])
+def test_derivatives_of_distances_are_those_of_differences(which):
+    robot = chain() if which == "chain" else arm_robot()
+    model, limits = CollisionModel(robot), robot.limits()
+    pairs, rng, step = np.arange(len(model.pairs)), np.random.default_rng(1), 1e-4
+    apart = 0
+    for _ in range(30):
+        q = rng.uniform(limits.lower, limits.upper)
+        distances, rows = model.distances(q, pairs)
+        both = [
+            [model.distances(q + sign * e, pairs)[0] for e in step * np.eye(q.size)]
+            for sign in (1.0, -1.0)
+        ]
+        differences = (np.array(both[0]) - both[1]).T / (2.0 * step)
+        # In each other they depend on the version of the library.
+        clear = distances > 2e-3
+        apart += np.count_nonzero(clear)
+        np.testing.assert_allclose(rows[clear], differences[clear], atol=3e-3)
+    assert apart > 50
+
+
+def two_cubes(path: Path) -> None:
+    """A mesh of cubes of 0.1 m whose centres are 0.3 m before and behind the origin."""
+    corners = 0.05 * np.array([[(i >> k & 1) * 2 - 1 for k in range(3)] for i in range(8)])
+    sides = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    lines = ["solid x"]
+    for centre in (-0.3, 0.3):
+        for a, b, c, d in sides:
+            for triangle in ((a, b, c), (a, c, d)):
+                lines += ["facet normal 0 0 0", "outer loop"]
+                lines += [f"vertex {x + centre} {y} {z}" for x, y, z in corners[list(triangle)]]
+                lines += ["endloop", "endfacet"]
+    path.write_text("\n".join([*lines, "endsolid x"]), encoding="utf-8")
+
+
+def test_links_may_be_where_only_the_convex_hull_of_a_mesh_is(tmp_path):
+    two_cubes(tmp_path / "x.stl")
+    mesh = f'<mesh filename="file://{tmp_path}/x.stl"/>'
+    model = CollisionModel(chain(**{'<box size="0.1 0.1 0.1"/>': mesh}))
+    pair = np.array([model.pairs.index(("base", "c"))])
+
+    # An equilateral triangle: the last sphere is between the cubes.
+    folded = np.array([0.0, 2.0 * np.pi / 3.0, 2.0 * np.pi / 3.0])
+    distances, _ = model.distances(folded, pair)
+    assert distances[0] == pytest.approx(0.25 - RADIUS, abs=1e-6)
+    assert worst(model, motion([0.0, 2.0, 2.1], folded)) is None
+    # Here it is at x = 0.22, half in a cube, and whole in the hull of both.
+    into = np.array([0.0, 1.79773936, 2.68770658])
+    distances, _ = model.distances(into, pair)
+    assert distances[0] < -0.05
+    found = worst(model, motion(folded, into))
+    assert found is not None and found.links == ("base", "c")
+
+
+# The planner
+
+ACROSS_BASE = JointState(NAMES, [0.0, 1.5, 2.09]), JointState(NAMES, [0.0, 2.7, 2.09])
+
+
+def chain_planner(model: CollisionModel | None, **options: float) -> Planner:
+    robot = chain()
+    options = PlannerOptions(**{"max_solve_time": EVER, **options})
+    return Planner(robot, [fold()], robot.limits(), options, model)
+
+
+def fold() -> MovementPrimitive:
+    """A primitive whose only component bends hardly anything."""
+    demonstrations = [
+        Demonstration(
+            NAMES, m.times, m.positions, m.velocities, m.accelerations,
+            recording=f"{k}", start_time=0.0, end_time=1.0,
+        )
+        for k in range(6)
+        for m in [motion([0.0, 0.5, 0.1 * k], [0.1 * k, 0.9, 1.0 + 0.1 * k**2])]
+    ]  # fmt: skip
+    return build_primitive(demonstrations, "fold", PrimitiveOptions(n_components=1))
+
+
+def test_motion_of_least_effort_goes_around_the_body():
+    robot = arm_robot()
+    limits, primitive = robot.limits(), arm_primitive()
+    model, options = CollisionModel(robot), replace(PATIENT, naturalness=0.0)
+    n_through = 0
+    for shown in arm_demonstrations(12, 7):
+        start, goal = (JointState(JOINTS, shown.positions[end]) for end in (0, -1))
+        request = JointGoal(goal, shown.duration), start
+        bare = Planner(robot, [primitive], limits, options).plan(*request)
+        plan = Planner(robot, [primitive], limits, options, model).plan(*request)
+        assert plan.status == SOLVED
+        assert plan.start_error == 0.0 and plan.goal_error == 0.0 and not plan.limit_check.touched
+        through = deepest_in_chest(bare.trajectory) < -0.01
+        n_through += through
+        assert deepest_in_chest(plan.trajectory) > 0.0
+        assert ("kept apart" in plan.message) == bool(model.collisions(bare.trajectory))
+        # Not the cheapest motion any more, but not a dear one.
+        assert bare.solution.effort_cost * (1.0 - 1e-4) <= plan.solution.effort_cost
+        assert plan.solution.effort_cost < 1.4 * bare.solution.effort_cost
+    assert n_through >= 2
+
+
+def deepest_in_chest(trajectory: Trajectory) -> float:
+    """Least distance of the lower arm from the trunk, on a model of its own."""
+    urdf = str(config_file("human_arm.urdf"))
+    model = pin.buildModelFromUrdf(urdf)
+    geometry = pin.buildGeomFromUrdf(model, urdf, pin.GeometryType.COLLISION)
+    for i, first in enumerate(geometry.geometryObjects):
+        for j, second in enumerate(geometry.geometryObjects):
+            if first.name.startswith("chest") and second.name.startswith("lower_arm"):
+                geometry.addCollisionPair(pin.CollisionPair(i, j))
+    model_data, data = model.createData(), geometry.createData()
+    order = [trajectory.joint_names.index(name) for name in list(model.names)[1:]]
+    least = np.inf
+    for q in interpolate(trajectory).q[:, order]:
+        pin.computeDistances(model, model_data, geometry, data, q)
+        least = min(least, *(result.min_distance for result in data.distanceResults))
+    return float(least)
+
+
+@pytest.mark.parametrize("naturalness", [0.0, 1.0])
+def test_what_components_cannot_avoid_splines_do(model, naturalness):
+    start, goal = ACROSS_BASE
+    through = chain_planner(None, naturalness=naturalness).plan(JointGoal(goal, 1.5), start)
+    assert {one.links for one in model.collisions(through.trajectory)} == {("base", "c")}
+    plan = chain_planner(model, naturalness=naturalness).plan(JointGoal(goal, 1.5), start)
+    assert plan.is_executable
+    assert plan.correction > 0.0 or plan.n_components_used == 0
+    look = always_looking()
+    assert min(min(look(q)) for q in interpolate(plan.trajectory).q) > 0.0
+
+
+def test_configuration_for_a_pose_is_one_without_collision():
+    # The robot reaches a point before its base with the second link over it only from one side.
+    robot = chain()
+    planner = chain_planner(CollisionModel(robot))
+    start = JointState(NAMES, [0.0, 1.5, 1.6])
+    point = robot.frame_positions(np.array([[0.3, 1.9, 2.3]]), ["c"])[0, 0]
+    plan = planner.plan(PoseGoal(Pose("c", point)), start)
+    assert plan.is_executable
+    look = always_looking()
+    assert min(min(look(q)) for q in interpolate(plan.trajectory).q) > 0.0
+
+
+def test_collision_at_an_end_is_infeasible_at_once_and_says_where(model):
+    free = JointState(NAMES, [0.0, 0.9, 0.0])
+    folded = JointState(NAMES, [0.0, 0.9, 3.0])
+    for start, goal in ((free, folded), (folded, free)):
+        plan = chain_planner(model).plan(JointGoal(goal, 1.0), start)
+        assert plan.status == INFEASIBLE and not plan.is_executable
+        assert "no motion without self-collision was found: 'a' and 'c' collide" in plan.message
+        assert "another duration" not in plan.message
+
+
+def test_robot_without_collision_geometry_is_said_so():
+    robot = Robot(CHAIN.replace("collision>", "visual>"), NAMES)
+    model = CollisionModel(robot)
+    assert not model.has_geometry and model.pairs == ()
+    start, goal = ACROSS_BASE
+    plan = chain_planner(model).plan(JointGoal(goal, 1.5), start)
+    assert plan.status == SOLVED
+    assert "self-collisions were not checked" in plan.message
+
+
+def sequence_of_chain(
+    model: CollisionModel, *targets: list[float], mode: str = OPTIMAL
+) -> SequencePlan:
+    robot = chain()
+    planner = SequencePlanner(robot, [fold()], robot.limits(), collision=model)
+    start, *states = (JointState(NAMES, q) for q in targets)
+    return planner.plan(SequenceGoal(tuple(states)), start, mode)
+
+
+def test_sequence_that_collides_is_infeasible(model):
+    across = [[0.0, 1.5, 2.09], [0.0, 2.1, 2.09], [0.0, 2.7, 2.09]]
+    for mode in (OPTIMAL, REAL_TIME):
+        plan = sequence_of_chain(model, *across, mode=mode)
+        assert plan.status == INFEASIBLE
+        assert "no motion without self-collision was found: 'base' and 'c'" in plan.message
+    free = sequence_of_chain(model, [0.0, 0.5, 0.0], [0.1, 0.7, 0.5], [0.2, 0.9, 1.0])
+    assert (free.status, free.mode) == (SOLVED, OPTIMAL)
+    blind = CollisionModel(Robot(CHAIN.replace("collision>", "visual>"), NAMES))
+    plan = sequence_of_chain(blind, *across)
+    assert plan.is_executable and "self-collisions were not checked" in plan.message
+
+
+def test_optimal_sequence_that_collides_gives_way_to_the_one_joined_in_real_time():
+    robot, model = arm_robot(), CollisionModel(arm_robot())
+    start, *targets = (JointState(JOINTS, d.positions[-1]) for d in arm_demonstrations()[:3])
+    goal = SequenceGoal(tuple(targets))
+    bold = SequencePlanner(robot, [arm_primitive()], robot.limits(), naturalness=0.0)
+    careful = SequencePlanner(
+        robot, [arm_primitive()], robot.limits(), naturalness=0.0, collision=model
+    )
+    assert model.collisions(bold.plan(goal, start).trajectory)
+    plan = careful.plan(goal, start)
+    assert plan.mode == REAL_TIME and plan.is_executable
+    assert "in the optimal one 'chest'" in plan.message
+
+
+# Learning
+
+
+@pytest.fixture(scope="module")
+def around_base() -> Motion:
+    """A motion that goes around the base, for no other reason than what is there."""
+    start, goal = ACROSS_BASE
+    planner = chain_planner(CollisionModel(chain()))
+    plan = planner.plan(JointGoal(goal, 1.5), start)
+    assert plan.is_executable
+    return plan.motion
+
+
+def test_refinement_does_not_lead_through_the_body(model, around_base):
+    robot = chain()
+    blind = refine([around_base], robot, robot.limits())
+    assert model.collisions(blind.trajectory)
+    found = refine([around_base], robot, robot.limits(), collision=model)
+    assert not model.collisions(found.trajectory)
+    assert blind.cost < found.cost <= found.original_cost
+
+
+def test_no_trial_leads_through_the_body(model, around_base):
+    pytest.importorskip("cmaes", reason="cmaes (extra 'learn') is not installed")
+    robot = chain()
+
+    def n_through(collision: CollisionModel | None) -> int:
+        learner = TrialLearner([around_base], robot, robot.limits(), collision=collision)
+        n = 0
+        for _ in range(15):
+            n += bool(model.collisions(learner.propose().trajectory))
+            learner.tell(0.0)
+        return n
+
+    assert n_through(model) == 0 < n_through(None)
+
+
+# The command
+
+
+@pytest.fixture
+def files(tmp_path) -> list[str]:
+    save_primitive(fold(), tmp_path / "fold.npz")
+    (tmp_path / "chain.urdf").write_text(CHAIN, encoding="utf-8")
+    return [str(tmp_path / "fold.npz"), "--robot", str(tmp_path / "chain.urdf")]
+
+
+def test_plan_refuses_a_motion_that_ends_in_itself(files, capsys):
+    ends = ["--start", "0,0.9,0", "--goal", "0,0.9,3.0", "--duration", "1", "--json"]
+    assert main(["plan", *files, *ends]) == 0
+    capsys.readouterr()
+    assert main(["plan", *files, *ends, "--collision"]) == 1
+    facts = json.loads(capsys.readouterr().out)
+    assert facts["status"] == "infeasible"
+    assert "'a' and 'c' collide" in facts["message"]
+
+
+def test_plan_goes_where_nothing_is_in_the_way(files, capsys):
+    ends = ["--start", "0,0.5,0", "--goal", "0.2,0.9,1.1", "--duration", "1"]
+    assert main(["plan", *files, *ends, "--collision"]) == 0
+    assert "not checked" not in capsys.readouterr().out
+
+
+def test_plan_refuses_an_srdf_without_collision(files, capsys):
+    ends = ["--start", "0,0.5,0", "--goal", "0.2,0.9,1.1", "--srdf", "x.srdf"]
+    assert main(["plan", *files, *ends]) == 2
+    assert "are for --collision" in capsys.readouterr().err
+
+
+def test_sequence_refuses_to_end_in_itself_too(files, capsys):
+    ends = ["--start", "0,0.9,0", "--via", "0.1,0.9,0.5", "--goal", "0,0.9,3.0", "--json"]
+    assert main(["sequence", *files, *ends]) == 0
+    capsys.readouterr()
+    assert main(["sequence", *files, *ends, "--collision"]) == 1
+    assert "'a' and 'c' collide" in json.loads(capsys.readouterr().out)["message"]
+
+
+@pytest.mark.parametrize("via", [[], ["--via", "0.1,0.9,0.5"]])
+def test_what_ends_in_itself_is_not_refined(files, capsys, via):
+    ends = ["--start", "0,0.9,0", "--goal", "0,0.9,3.0"]
+    assert main(["refine", *files, *ends, *via]) == 0
+    assert main(["refine", *files, *ends, *via, "--collision"]) == 2
+    assert "'a' and 'c' collide" in capsys.readouterr().err

@@ -1,0 +1,156 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Which pairs of links are checked, against sets that are computed from the URDF on its own."""
+
+import xml.etree.ElementTree as ET
+from collections import Counter
+from itertools import combinations
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from arm import JOINTS
+
+from mp_pca_planner.evaluation.problems import EXAMPLE_ROBOTS
+from mp_pca_planner.motion.collision import CollisionModel, package_folders
+from mp_pca_planner.resources import config_file
+from mp_pca_planner.robot.model import Robot
+
+loader = pytest.importorskip(
+    "example_robot_data.robots_loader",
+    reason="example-robot-data is not installed (extra 'peers')",
+)
+FOLDER = Path(loader.getModelPath(EXAMPLE_ROBOTS["panda"][0]))
+ARMS = """
+    TwoDofs anymal-kinova b1-z1 baxter bluevolta_bravo7_gripper bluevolta_bravo7_no_ee
+    borinot_flying_arm_2 bravo7_gripper bravo7_no_ee double_pendulum double_pendulum_continuous
+    double_pendulum_simple falcon_bravo7_gripper falcon_bravo7_no_ee finger_edu
+    hextilt_flying_arm_5 kinova panda panda_collision pr2 so100 so101 talos_left_arm tiago
+    tiago_no_hand ur10_joint_limited_robot ur10_robot ur3_gripper ur3_joint_limited_robot ur3_robot
+    ur5_gripper ur5_joint_limited_robot ur5_robot xarm7 z1
+"""  # every file of example-robot-data with an arm, but for those of humanoids
+MOVABLE = ("revolute", "continuous", "prismatic")
+TOUCHING = 1e-6
+
+
+class Tree:
+    """Links and joints of a URDF by name, read without the package."""
+
+    def __init__(self, path):
+        root = ET.parse(path).getroot()
+        self.joints, self.ranges = {}, {}
+        for joint in root.findall("joint"):
+            ends = (joint.find(end).get("link") for end in ("parent", "child"))
+            self.joints[joint.get("name")] = (*ends, joint.get("type") in MOVABLE)
+            limit = joint.find("limit")
+            ends = (-np.inf, np.inf)
+            if limit is not None and joint.get("type") != "continuous":
+                ends = tuple(float(limit.get(end, "0")) for end in ("lower", "upper"))
+            self.ranges[joint.get("name")] = ends
+        self.above = {child: name for name, (_, child, _) in self.joints.items()}
+
+    def carrier(self, link, moving):
+        """The first of the moving joints on the way from a link to the root, None without one."""
+        while link in self.above:
+            name = self.above[link]
+            if name in moving:
+                return name
+            link = self.joints[name][0]
+        return None
+
+
+def shapes_and_distances(path, folders, reference):
+    """Links of the collision shapes, and the distance [m] of any two, by a model of its own."""
+    model = pin.buildModelFromUrdf(str(path))
+    kind = pin.GeometryType.COLLISION
+    geometry = pin.buildGeomFromUrdf(model, str(path), kind, package_dirs=folders)
+    links = [model.frames[shape.parentFrame].name for shape in geometry.geometryObjects]
+    pairs = list(combinations(range(len(links)), 2))
+    for first, second in pairs:
+        geometry.addCollisionPair(pin.CollisionPair(first, second))
+    data, q = geometry.createData(), pin.neutral(model)
+    for name, position in reference.items():
+        joint = model.joints[model.getJointId(name)]
+        if joint.nq == 1:  # continuous joints have 2, and 0 is their neutral angle
+            q[joint.idx_q] = position
+    pin.updateGeometryPlacements(model, model.createData(), geometry, data, q)
+    return {
+        (k, links[first], links[second]): pin.computeDistance(geometry, data, k).min_distance
+        for k, (first, second) in enumerate(pairs)
+    }
+
+
+def expected_pairs(path, joint_names, folders):
+    """How often two links are to be checked: once for each two shapes of them."""
+    tree = Tree(path)
+    every_moving = {name for name, (_, _, moves) in tree.joints.items() if moves}
+    reference = {name: np.clip(0.0, *tree.ranges[name]) for name in every_moving}
+    expected = Counter()
+    for (_, a, b), distance in shapes_and_distances(path, folders, reference).items():
+        i, j = (tree.carrier(link, every_moving) for link in (a, b))
+        before = [tree.carrier(tree.joints[k][0], every_moving) if k else None for k in (i, j)]
+        neighbours = i == j or (j is not None and i == before[1]) or (i and j == before[0])
+        fixed = len({tree.carrier(link, set(joint_names)) for link in (a, b)}) == 1
+        if not neighbours and not fixed and distance >= TOUCHING:
+            expected[frozenset((a, b))] += 1
+    return expected
+
+
+def assert_pairs_are_expected(path, joint_names=None):
+    folders = package_folders([], path)
+    robot = Robot.from_file(path, joint_names)
+    actual = Counter(map(frozenset, CollisionModel(robot, package_dirs=folders).pairs))
+    assert actual == expected_pairs(path, robot.joint_names, [str(x) for x in folders])
+    return actual
+
+
+def test_pairs_of_the_human_arm_are_the_expected_ones():
+    assert assert_pairs_are_expected(config_file("human_arm.urdf"), JOINTS)
+
+
+@pytest.mark.parametrize("name", EXAMPLE_ROBOTS)
+def test_pairs_of_arms_with_their_grippers_locked_are_the_expected_ones(name):
+    path, joints = EXAMPLE_ROBOTS[name]
+    assert assert_pairs_are_expected(FOLDER / path, joints)
+
+
+@pytest.mark.parametrize("arm", ARMS.split())
+def test_pairs_of_every_arm_are_the_expected_ones(arm):
+    (path,) = FOLDER.glob(f"**/{arm}.urdf")
+    assert_pairs_are_expected(path)
+
+
+def test_pairs_that_were_lost_on_panda_and_kinova_are_checked():
+    path, _ = EXAMPLE_ROBOTS["panda"]
+    pairs = assert_pairs_are_expected(FOLDER / path)
+    assert frozenset(("panda_link5", "panda_leftfinger")) in pairs
+    path, joints = EXAMPLE_ROBOTS["kinova"]
+    pairs = assert_pairs_are_expected(FOLDER / path, joints)
+    for links in (("link_3", "link_finger_1"), ("link_4", "link_finger_tip_1")):
+        assert frozenset(f"j2s6s200_{name}" for name in links) in pairs
+
+
+@pytest.mark.parametrize(
+    ("arm", "srdf"),
+    [
+        ("panda", "panda"),
+        ("xarm7", "xarm7"),
+        ("ur5_robot", "ur5"),
+        ("bravo7_no_ee", "bravo7_no_ee"),
+    ],
+)
+def test_an_srdf_disables_the_pairs_it_names_and_no_others(arm, srdf):
+    (path,), (file,) = FOLDER.glob(f"**/{arm}.urdf"), FOLDER.glob(f"**/{srdf}.srdf")
+    pairs = ET.parse(file).getroot().iter("disable_collisions")
+    disabled = {frozenset((pair.get("link1"), pair.get("link2"))) for pair in pairs}
+    robot, tree, folders = Robot.from_file(path), Tree(path), package_folders([], path)
+    shapes = shapes_and_distances(path, [str(x) for x in folders], {})
+    moving = set(robot.joint_names)
+    expected = Counter(
+        frozenset((a, b))
+        for _, a, b in shapes
+        if frozenset((a, b)) not in disabled and tree.carrier(a, moving) != tree.carrier(b, moving)
+    )
+    model = CollisionModel(robot, srdf=file, package_dirs=folders)
+    assert disabled and Counter(map(frozenset, model.pairs)) == expected

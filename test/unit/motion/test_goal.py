@@ -1,0 +1,59 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""What is asked of the planner is complete and finite, or refused by name."""
+
+import re
+from typing import Any
+
+import numpy as np
+import pytest
+
+from mp_pca_planner.exceptions import GoalError
+from mp_pca_planner.motion.goal import JointGoal, JointState, Pose, PoseGoal, SequenceGoal, Via
+
+HERE = JointState(("a", "b"), [0.0, 1.0])
+
+
+def test_state_has_zero_derivatives_unless_given() -> None:
+    assert not HERE.velocities.any() and not HERE.accelerations.any()
+
+
+def test_quaternion_is_made_of_length_one() -> None:
+    pose = Pose("hand", [0, 0, 1], [0, 0, 0, 1.0005])
+    assert pose.orientation is not None
+    assert np.linalg.norm(pose.orientation) == pytest.approx(1.0, abs=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda: JointState(("a", "a"), [0, 0]), "'a'"),
+        (lambda: JointState(("a",), [np.nan]), "positions"),
+        (lambda: JointState(("a",), [1.0, 2.0]), "positions"),
+        (lambda: JointGoal(HERE, duration=-1.0), "-1"),
+        (lambda: PoseGoal(Pose("hand", [0, 0, 0]), duration=np.nan), "nan"),
+        (lambda: Pose("hand", [0, 0, np.inf]), "position of a pose"),
+        (lambda: Pose("hand", [0, 0, 0], [0, 0, 0, 2]), "length 2"),
+        (lambda: Pose("hand", [0, 0, 0], [0, 0, 0, 0]), "length 0"),
+        (lambda: Via(HERE, 1.0), "between 0 and 1, got 1.0"),
+        (lambda: JointGoal(HERE, vias=(Via(HERE, 0.6), Via(HERE), Via(HERE, 0.5))), "increase"),
+        (lambda: SequenceGoal(()), "at least one target"),
+        (lambda: SequenceGoal((HERE, HERE), (1.0,)), "2 targets, got 1"),
+        (lambda: SequenceGoal((HERE, HERE), (2.0, 1.0)), "1.0 after 2"),
+        (lambda: SequenceGoal((HERE,), (np.inf,)), "inf"),
+    ],
+)
+def test_nonsense_is_refused(make: Any, words: str) -> None:
+    with pytest.raises(GoalError, match=re.escape(words)):
+        make()
+
+
+def test_times_of_a_sequence_are_the_planners_unless_given() -> None:
+    assert SequenceGoal((HERE, HERE)).times == (None, None)
+
+
+def test_sequence_says_of_each_target_whether_it_stops_there() -> None:
+    state = JointState(["a"], [0.0])
+    assert SequenceGoal((state, state)).stops == (False, False)
+    with pytest.raises(GoalError, match="each of its 2 targets whether it stops there, got 1"):
+        SequenceGoal((state, state), stops=(True,))

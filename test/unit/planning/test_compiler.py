@@ -1,0 +1,107 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""The motion program: its integral and its gradient."""
+
+import numpy as np
+import pytest
+from arm import JOINTS, arm_primitive, arm_robot
+from scipy.integrate import quad_vec
+
+from mp_pca_planner.motion.goal import JointState
+from mp_pca_planner.planning.compiler import DEFAULT_NODES, MotionProgram, QuadratureTables
+from mp_pca_planner.planning.motion import Motion
+from mp_pca_planner.primitives.basis import BSplineBasis
+from mp_pca_planner.recordings.synthetic import generate_motions
+
+BASES = {
+    "arm": arm_primitive("arm").basis,
+    "joint": arm_primitive("joint").basis,
+    "bspline": BSplineBasis(4),
+}
+
+
+def compile_motion(basis, seed=0, n_nodes=DEFAULT_NODES):
+    """A program between the ends of a made-up motion, from a moving start, and its motion."""
+    rng = np.random.default_rng(seed)
+    ends = generate_motions(seed + 1, 77)[seed].positions
+    start = JointState(JOINTS, ends[0], 0.5 * rng.normal(size=4), 2.0 * rng.normal(size=4))
+    goal = JointState(JOINTS, ends[-1])
+    weights = basis.scales * rng.normal(size=basis.n_weights) * 0.3
+    motion = Motion(start, goal, 0.9, basis, weights)
+    program = MotionProgram(
+        arm_robot(), QuadratureTables(basis, n_nodes), motion.boundary, 0.9, 0.5 * weights
+    )
+    return program, motion
+
+
+@pytest.mark.parametrize("name", BASES)
+def test_the_chosen_nodes_integrate_the_effort_as_adaptive_quadrature_does(name):
+    robot = arm_robot()
+    for seed in range(5):
+        program, motion = compile_motion(BASES[name], seed)
+
+        def power(t, motion=motion):
+            tau = robot.inverse_dynamics(*motion.evaluate(np.array([t])))
+            return 0.5 * np.sum(tau**2)
+
+        exact, _ = quad_vec(power, 0.0, 0.9, epsrel=1e-9, points=motion.basis.breakpoints * 0.9)
+        found = program.effort_costs(motion.weights[None] / program.scales)[0]
+        assert found == pytest.approx(exact, rel=1e-3)
+
+
+@pytest.mark.parametrize("name", BASES)
+def test_the_chosen_nodes_agree_with_200(name):
+    for seed in range(10):
+        few, motion = compile_motion(BASES[name], seed)
+        many, _ = compile_motion(BASES[name], seed, n_nodes=200)
+        z = motion.weights[None] / few.scales
+        assert few.effort_costs(z)[0] == pytest.approx(many.effort_costs(z)[0], rel=1e-3)
+
+
+@pytest.mark.parametrize("name", BASES)
+def test_the_gradient_equals_central_differences_to_1e_6(name):
+    program, motion = compile_motion(BASES[name])
+    rng = np.random.default_rng(9)
+    root = rng.normal(size=(program.expected.size, program.expected.size))
+    program.precision = root @ root.T
+    z = motion.weights / program.scales
+
+    def cost(z):
+        return program.effort_costs(z[None])[0] + program.naturalness(z)
+
+    here = program.linearise(z)
+    gradient = here.jacobian.T @ here.residual + program.precision @ (z - program.expected)
+    step = 1e-4
+    difference = np.array(
+        [(cost(z + step * e) - cost(z - step * e)) / (2.0 * step) for e in np.eye(z.size)]
+    )
+    assert np.linalg.norm(gradient - difference) <= 1e-6 * np.linalg.norm(gradient)
+
+
+def test_the_residual_of_a_linearisation_is_that_of_the_effort():
+    program, motion = compile_motion(BASES["joint"])
+    z = motion.weights / program.scales
+    residual = program.linearise(z).residual
+    assert 0.5 * residual @ residual == pytest.approx(program.effort_costs(z[None])[0], rel=1e-12)
+
+
+def test_costs_of_several_candidates_are_those_of_each():
+    program, _ = compile_motion(BASES["arm"])
+    candidates = np.random.default_rng(1).normal(size=(5, 4))
+    together = program.effort_costs(candidates)
+    alone = [program.effort_costs(c[None])[0] for c in candidates]
+    np.testing.assert_allclose(together, alone, rtol=1e-13)
+
+
+def test_naturalness_is_zero_at_the_expected_weights():
+    program, _ = compile_motion(BASES["arm"])
+    program.precision = np.eye(4)
+    assert program.naturalness(program.expected) == 0.0
+    assert program.naturalness(program.expected + 2.0) == pytest.approx(8.0)
+
+
+@pytest.mark.parametrize("name", BASES)
+def test_quadrature_weights_add_up_to_the_whole_motion(name):
+    tables = QuadratureTables(BASES[name])
+    assert tables.quadrature.sum() == pytest.approx(1.0, rel=1e-13)
+    assert 16 <= tables.n_nodes <= 42

@@ -1,0 +1,144 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Limits as constraints of a motion program."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from arm import JOINTS, arm_robot
+from scipy.optimize import minimize
+from test_compiler import BASES, compile_motion
+
+from mp_pca_planner.motion.validation import Violation
+from mp_pca_planner.planning.compiler import QuadratureTables
+from mp_pca_planner.planning.constraints import (
+    MARGIN,
+    N_LIMIT_POINTS,
+    QUANTITIES,
+    LimitedProgram,
+    LimitTables,
+)
+from mp_pca_planner.planning.solver import solve
+
+FAR_FROM_LIMITS = np.zeros((2, 4, 4))
+FAR_FROM_LIMITS[:, 0, 3] = -1.0
+
+
+def constrained(name, overrides, seed=0, rho=0.0):
+    """A limited program, a motion of it, and the limits."""
+    program, motion = compile_motion(BASES[name], seed)
+    program.precision = rho * np.eye(program.expected.size)
+    limits = arm_robot().limits(overrides)
+    tables = LimitTables(QuadratureTables(BASES[name]))
+    return LimitedProgram(program, tables, limits, FAR_FROM_LIMITS), motion, limits
+
+
+def weights_of(program, motion):
+    return motion.weights / program.program.scales
+
+
+@pytest.mark.parametrize("name", BASES)
+def test_values_are_the_quantities_as_shares_of_their_limits(name):
+    bounds = {"elbow": {"max_acceleration": 7.0, "max_jerk": 70.0}}
+    program, motion, limits = constrained(name, bounds)
+    values = program.evaluate(weights_of(program, motion)).inequalities
+    times = (np.arange(N_LIMIT_POINTS) + 0.5) / N_LIMIT_POINTS * motion.duration
+    q, v, a = motion.evaluate(times)
+    step = 1e-5
+    jerk = (motion.evaluate(times + step)[2] - motion.evaluate(times - step)[2]) / (2.0 * step)
+    tau = arm_robot().inverse_dynamics(q, v, a)
+    half = (limits.upper - limits.lower) / 2.0
+    # Only the elbow has limits of acceleration and jerk here.
+    for group in np.unique(program.groups):
+        quantity, joint = divmod(int(group), 4)
+        expected = (q / half, v / limits.velocity, a / 7.0, jerk / 70.0, tau / limits.effort)
+        found = values[program.groups == group]
+        # Between the nodes of a spline's piece efforts are those of a polynomial through them.
+        tolerance = {"jerk": 1e-4, "effort": 5e-4}.get(QUANTITIES[quantity], 1e-9)
+        np.testing.assert_allclose(found, expected[quantity][:, joint], atol=tolerance)
+    assert np.unique(program.groups).size == 4 + 4 + 1 + 1 + 4
+
+
+@pytest.mark.parametrize("name", BASES)
+def test_gradient_and_rows_are_the_derivatives(name):
+    bounds = {"elbow": {"max_acceleration": 7.0, "max_jerk": 70.0}}
+    program, motion, _ = constrained(name, bounds, rho=0.1)
+    x, step = weights_of(program, motion), 1e-6
+    at = program.evaluate(x)
+    rows = at.inequality_rows(np.arange(len(program.upper)))
+    for k in range(0, x.size, 3):
+        ends = [program.evaluate(x + sign * step * np.eye(x.size)[k]) for sign in (1.0, -1.0)]
+        difference = (ends[0].inequalities - ends[1].inequalities) / (2.0 * step)
+        np.testing.assert_allclose(rows[:, k], difference, atol=1e-6 * (1 + np.abs(rows).max()))
+        slope = (ends[0].cost - ends[1].cost) / (2.0 * step)
+        assert at.gradient[k] == pytest.approx(slope, rel=1e-5, abs=1e-6 * at.cost)
+
+
+def test_the_prediction_is_the_linear_one():
+    program, motion, _ = constrained("arm", {})
+    at, step = program.evaluate(weights_of(program, motion)), np.array([0.1, -0.2, 0.05, 0.3])
+    rows = at.inequality_rows(np.arange(len(program.upper)))
+    np.testing.assert_allclose(
+        at.inequalities_after(step), at.inequalities + rows @ step, atol=1e-12
+    )
+
+
+def test_an_end_near_a_limit_leaves_room_for_itself():
+    _, _, limits = constrained("arm", {})
+    motion_program, _ = compile_motion(BASES["arm"])
+    ends = FAR_FROM_LIMITS.copy()
+    half = (limits.upper[0] - limits.lower[0]) / 2.0
+    for slack in (0.0, 0.4 * MARGIN, 1.0):
+        ends[0, 0, 0] = limits.upper[0] - slack * half
+        tables = LimitTables(QuadratureTables(BASES["arm"]))
+        program = LimitedProgram(motion_program, tables, limits, ends)
+        room = limits.upper[0] / half - program.upper[0]
+        assert room == pytest.approx(min(0.5 * slack, MARGIN), abs=1e-12)
+        broken = Violation("position", limits.joint_names[0], 0.5, 0.0, 1.0, excess=1e-3)
+        tighter = limits.upper[0] / half - program.tightened([broken]).upper[0]
+        assert room <= tighter <= max(slack, 1e-12)
+        assert (tighter > room) == (slack > 0.0)
+
+
+@pytest.mark.parametrize("name", ["arm", "joint"])
+@pytest.mark.parametrize("seed", range(3))
+def test_the_constrained_optimum_is_kept_and_scipy_finds_nothing_better(name, seed):
+    free, motion, _ = constrained(name, {}, seed, rho=1e-3)
+    start = 0.0 * motion.weights
+    # Limits that the free optimum breaks, though the start does not.
+    fastest = []
+    for x in (solve(free, start).unknowns, start):
+        weights = x * free.program.scales
+        _, v, _ = replace(motion, weights=weights).evaluate(np.linspace(0.0, motion.duration, 500))
+        fastest.append(np.abs(v).max(axis=0))
+    tight = {
+        joint: {"max_velocity": max(0.9 * optimal, 1.05 * before)}
+        for joint, optimal, before in zip(JOINTS, *fastest, strict=True)
+    }
+    program, _, _ = constrained(name, tight, seed, rho=1e-3)
+    solution = solve(program, start)
+    assert solution.converged and solution.infeasibility <= 1e-7
+
+    def objective(x):
+        at = program.evaluate(x)
+        return at.cost, at.gradient
+
+    def room(x):
+        values = program.evaluate(x).inequalities
+        return np.concatenate([program.upper - values, values - program.lower])
+
+    def room_rows(x):
+        rows = program.evaluate(x).inequality_rows(np.arange(len(program.upper)))
+        return np.concatenate([-rows, rows])
+
+    better = minimize(
+        objective,
+        solution.unknowns,
+        jac=True,
+        method="SLSQP",
+        constraints={"type": "ineq", "fun": room, "jac": room_rows},
+        options={"ftol": 1e-9},
+    )
+    if room(better.x).min() > -1e-7:
+        assert solution.cost <= better.fun * 1.001

@@ -1,0 +1,376 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""What the planner can be asked: poses, vias, durations, objectives, and more than the span."""
+
+import runpy
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from arm import JOINTS, arm_primitive, arm_robot
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from patience import EVER
+from scipy.optimize import linprog
+from test_planner import REQUESTS, planner, request
+
+from mp_pca_planner.exceptions import GoalError, RobotError
+from mp_pca_planner.motion.goal import JointGoal, JointState, Pose, PoseGoal, Via
+from mp_pca_planner.motion.validation import check_limits
+from mp_pca_planner.planning.objectives import Effort, Jerk, Straightness, Time
+from mp_pca_planner.planning.plan import INFEASIBLE, SOLVED, STOPPED_EARLY, PlannerOptions
+from mp_pca_planner.planning.pose_search import configurations_at
+from mp_pca_planner.primitives.basis import BSplineBasis
+from mp_pca_planner.resources import config_file
+
+HAND = "wrist"
+EXAMPLE = Path(__file__).resolve().parents[3] / "examples/own_objective.py"
+
+
+@cache
+def model():
+    """The arm as Pinocchio itself reads it."""
+    return pin.buildModelFromUrdf(str(config_file("human_arm.urdf")))
+
+
+def placement(q):
+    """Position and quaternion of the hand."""
+    data = model().createData()
+    pin.framesForwardKinematics(model(), data, np.asarray(q))
+    frame = data.oMf[model().getFrameId(HAND)]
+    return frame.translation.copy(), pin.Quaternion(frame.rotation).coeffs()
+
+
+def pose_at(q, *, full):
+    position, orientation = placement(q)
+    return Pose(HAND, position, orientation if full else None)
+
+
+def kept(plan):
+    return not check_limits(plan.trajectory, arm_robot(), arm_robot().limits()).violations
+
+
+@pytest.mark.parametrize("full", [True, False])
+def test_a_pose_is_reached_to_1e_6_within_the_limits(full):
+    subject = planner()
+    for i in range(8):
+        goal, start = request(i)
+        pose = pose_at(goal.state.positions, full=full)
+        plan = subject.plan(PoseGoal(pose), start)
+        assert plan.is_executable, plan.message
+        position, orientation = placement(plan.trajectory.positions[-1])
+        assert np.abs(position - pose.position).max() <= 1e-6
+        if full:
+            assert abs(orientation @ pose.orientation) >= 1.0 - 1e-12
+        assert plan.goal_error <= 1e-6
+        assert np.all(plan.trajectory.velocities[-1] == 0.0)
+        assert kept(plan)
+
+
+def test_a_free_elbow_is_placed_for_less_cost_than_inverse_kinematics_alone_gives():
+    subject = planner(naturalness=0.003)
+    gains, score = [], arm_primitive().model.predict
+    for i in range(4):
+        goal, start = request(i)
+        pose = pose_at(goal.state.positions, full=False)
+        plan = subject.plan(PoseGoal(pose, duration=0.9), start)
+        ends, robot = arm_primitive().boundary_states[:, 3], arm_robot()
+        found = configurations_at(robot, robot.limits(), pose, ends)
+        scores = [score(start.positions, q, 0.9).in_span_score for q in found]
+        found = [found[k] for k in np.argsort(scores)]
+        fixed = [subject.plan(JointGoal(JointState(JOINTS, q), 0.9), start) for q in found[:2]]
+        costs = [p.solution.cost for p in fixed if p.is_executable]
+        gains.append(plan.solution.cost / min(costs))
+    assert max(gains) <= 1.001 and np.mean(gains) < 0.99
+
+
+def test_a_pose_out_of_reach_is_refused_with_how_near_it_comes():
+    _, start = request()
+    with pytest.raises(
+        GoalError, match="brings 'wrist' to the pose; the nearest one found is .* m"
+    ):
+        planner().plan(PoseGoal(Pose(HAND, [5.0, 0.0, 0.0])), start)
+
+
+def test_an_unknown_frame_is_refused_with_the_valid_names():
+    _, start = request()
+    with pytest.raises(RobotError, match="no link is called 'hand'.*'wrist'"):
+        planner().plan(PoseGoal(Pose("hand", [0.3, 0.0, 0.0])), start)
+
+
+def test_vias_at_fixed_and_free_phases_are_passed():
+    subject = planner()
+    for i in range(4):
+        goal, start = request(i)
+        usual = subject.plan(goal, start).motion
+        q, _, _ = usual.evaluate(usual.duration * np.array([0.3, 0.6]))
+        vias = (
+            Via(JointState(["elbow"], [q[0, 3] + 0.05]), 0.3),
+            Via(pose_at(q[1] + 0.02, full=False)),
+        )
+        plan = subject.plan(JointGoal(goal.state, vias=vias), start)
+        assert plan.is_executable, plan.message
+        assert plan.via_phases[0] == 0.3 < plan.via_phases[1] < 1.0
+        passed, _, _ = plan.motion.evaluate(plan.motion.duration * np.array(plan.via_phases))
+        assert passed[0, 3] == pytest.approx(q[0, 3] + 0.05, abs=1e-6)
+        assert np.abs(placement(passed[1])[0] - vias[1].target.position).max() <= 1e-6
+        assert plan.via_error <= 1e-6
+        assert kept(plan)
+
+
+def test_vias_that_components_cannot_pass_are_passed_with_splines_and_it_says_so():
+    goal, start = request(2)
+    usual = planner().plan(goal, start).motion
+    q, _, _ = usual.evaluate(usual.duration * np.array([0.3, 0.7]))
+    vias = tuple(
+        Via(JointState(JOINTS, x), phase)
+        for x, phase in zip(q + np.array([0.05, -0.05, 0.05, -0.05]), (0.3, 0.7), strict=True)
+    )
+    plan = planner().plan(JointGoal(goal.state, vias=vias), start)
+    assert plan.is_executable and "B-splines" in plan.message
+    assert plan.n_components_used == 4 and 0.0 < plan.correction < 0.1
+    assert plan.summary()["correction_used"] and plan.via_error <= 1e-6
+
+
+def test_a_via_of_an_unknown_joint_or_frame_is_refused():
+    goal, start = request()
+    for target, error in (
+        (JointState(["wrist_roll"], [0.0]), GoalError),
+        (Pose("hand", [0.3, 0.0, 0.0]), RobotError),
+        (JointState(["elbow"], [3.0]), GoalError),
+    ):
+        with pytest.raises(error, match="wrist_roll|hand|via position of joint 'elbow'"):
+            planner().plan(JointGoal(goal.state, vias=(Via(target, 0.5),)), start)
+
+
+def test_the_shortest_duration_is_feasible_and_clearly_shorter_ones_are_not():
+    for i in range(2):
+        goal, start = request(i)
+        plan = planner(timing="shortest").plan(goal, start)
+        assert plan.status == SOLVED and kept(plan)
+        shortest = plan.shortest_duration
+        assert shortest == plan.motion.duration
+        patient = planner(naturalness=0.01)
+        assert patient.plan(request(i, duration=1.05 * shortest)[0], start).is_executable
+        assert not patient.plan(request(i, duration=0.6 * shortest)[0], start).is_executable
+
+
+def test_a_duration_that_is_too_short_is_told_the_shortest_feasible_one():
+    goal, start = request(1, duration=0.1)
+    plan = planner().plan(goal, start)
+    assert plan.status == INFEASIBLE
+    assert f"the shortest duration that the limits allow is {plan.shortest_duration:.4g} s" in (
+        plan.message
+    )
+    patient = planner(naturalness=0.01)
+    assert patient.plan(request(1, duration=1.05 * plan.shortest_duration)[0], start).is_executable
+
+
+def test_a_duration_is_not_called_the_shortest_when_there_was_no_time_to_find_that():
+    goal, start = request(1, duration=0.1)
+    # Practically none: the first duration that is tried is long enough already.
+    plan = planner(max_solve_time=1e-9).plan(goal, start)
+    assert plan.status == INFEASIBLE
+    assert f"; a feasible duration is {plan.shortest_duration:.4g} s" in plan.message
+    assert "shortest" not in plan.message
+    timed = planner(timing="shortest", max_solve_time=1e-9).plan(request(1)[0], start)
+    assert timed.status == STOPPED_EARLY
+
+
+def test_a_duration_that_is_too_short_is_told_a_feasible_one_even_without_time():
+    # With hardly any jerk, a motion takes far longer than demonstrated, where the search begins.
+    limits = {"elbow": {"max_jerk": 0.5}}
+    goal, start = request(1, duration=1.0)
+    plan = planner(overrides=limits, max_solve_time=1e-9).plan(goal, start)
+    assert plan.status == INFEASIBLE
+    assert plan.message.startswith("time ran out (max_solve_time = 1e-09 s) before a motion")
+    assert f"; a feasible duration is {plan.shortest_duration:.4g} s" in plan.message
+    again = replace(goal, duration=plan.shortest_duration)
+    for max_solve_time in (1e-9, EVER):
+        served = planner(overrides=limits, max_solve_time=max_solve_time).plan(again, start)
+        assert served.is_executable, served.message
+        assert served.motion.duration == again.duration
+
+
+def test_a_duration_below_what_the_velocities_allow_is_called_impossible():
+    goal, start = request(1, duration=0.01)
+    plan = planner(max_solve_time=1e-9).plan(goal, start)
+    assert plan.status == INFEASIBLE
+    assert plan.message.startswith("no motion within the limits takes 0.01 s: at its limit of vel")
+    assert "ran out" not in plan.message and "; a feasible duration is" in plan.message
+
+
+def test_a_free_duration_is_where_the_cost_is_least():
+    goal, start = request(3)
+    free = planner(timing="free").plan(goal, start)
+    assert free.status == SOLVED
+    for factor in (0.97, 1.03):
+        nearby = planner().plan(request(3, duration=factor * free.motion.duration)[0], start)
+        assert free.solution.effort_cost <= nearby.solution.effort_cost * (1.0 + 1e-3)
+
+
+def test_time_that_costs_makes_motions_shorter():
+    goal, start = request(3)
+    durations = [
+        planner(timing="free", objectives=((1.0, Effort()), (weight, Time())))
+        .plan(goal, start)
+        .motion.duration
+        for weight in (1e-3, 20.0, 200.0)
+    ]
+    assert durations == sorted(durations, reverse=True)
+    assert durations[-1] < 0.8 * durations[0]
+
+
+def test_each_objective_is_lowered_by_asking_for_it():
+    goal, start = request(5)
+
+    def hand_off_line(plan):
+        points = np.array([placement(q)[0] for q in plan.trajectory.positions])
+        line = (points[-1] - points[0]) / np.linalg.norm(points[-1] - points[0])
+        way = points - points[0]
+        return float(np.sqrt(np.mean((way - np.outer(way @ line, line)) ** 2)))
+
+    def jerk(plan):
+        a = plan.trajectory.accelerations
+        return float(np.mean(np.gradient(a, plan.trajectory.times, axis=0) ** 2))
+
+    effort = planner(naturalness=1e-3).plan(goal, start)
+    smooth = planner(naturalness=1e-3, objectives=((1.0, Jerk()),)).plan(goal, start)
+    straight = planner(naturalness=1e-3, objectives=((1.0, Straightness(HAND)),)).plan(goal, start)
+    assert jerk(smooth) < jerk(effort)
+    assert hand_off_line(straight) < 0.5 * hand_off_line(effort)
+    assert effort.solution.effort_cost < min(
+        smooth.solution.effort_cost, straight.solution.effort_cost
+    )
+
+
+def test_the_example_of_an_own_objective_does_what_it_says(capsys):
+    runpy.run_path(str(EXAMPLE), run_name="__main__")
+    away = [
+        float(line.split("elbow ")[1].split()[0]) for line in capsys.readouterr().out.splitlines()
+    ]
+    assert len(away) == 3 and away == sorted(away, reverse=True) and away[-1] < 0.9 * away[0]
+
+
+@pytest.mark.parametrize(
+    "options",
+    [{"timing": "quick"}, {"objectives": ()}, {"objectives": ((-1.0, Effort()),)}],
+)
+def test_options_that_make_no_sense_are_refused(options):
+    with pytest.raises(GoalError):
+        PlannerOptions(**options)
+
+
+def test_what_b_splines_can_do_components_with_a_correction_can_do_too():
+    n_splines = 0
+    for i in range(3):
+        goal, start = request(i, duration=0.27)
+        splines, components = (
+            planner(basis=basis).plan(goal, start) for basis in ("bspline", "pca")
+        )
+        n_splines += splines.is_executable
+        assert components.is_executable >= splines.is_executable
+    assert n_splines > 0
+
+
+@settings(max_examples=25)
+@given(
+    i=st.integers(0, 19),
+    shares=st.lists(st.floats(0.8, 1.5), min_size=8, max_size=8),
+    naturalness=st.sampled_from([0.0, 1.0]),
+    coupling=st.sampled_from(["arm", "joint"]),
+)
+def test_whatever_splines_can_do_is_done(i, shares, naturalness, coupling):
+    goal, start = request(i)
+    goal = replace(goal, duration=arm_primitive().durations[i])
+    way = np.abs(goal.state.positions - start.positions) / goal.duration
+    peaks = np.concatenate([1.875 * way, 5.7735 * way / goal.duration])
+    limits = np.maximum(np.multiply(shares, peaks), 0.05).reshape(2, -1)
+    overrides = {
+        name: {"max_velocity": v, "max_acceleration": a, "max_effort": np.inf}
+        for name, v, a in zip(JOINTS, *limits.tolist(), strict=True)
+    }
+    least = least_share_with_splines(start.positions, goal, limits)
+    # The planner leaves a margin of 5e-4.
+    if least <= 0.999:
+        plan = planner(
+            overrides=overrides,
+            coupling=coupling,
+            naturalness=naturalness,
+        ).plan(goal, start)
+        assert plan.is_executable, (least, plan.message)
+
+
+def least_share_with_splines(start: np.ndarray, goal: JointGoal, limits: np.ndarray) -> float:
+    """Least share of limits of velocity and acceleration that a motion of splines takes.
+
+    What these are is linear in the weights, so linear programs, one for each joint, tell it.
+    """
+    basis, t = BSplineBasis(1), np.linspace(0.0, 1.0, 401)
+    functions = [basis.functions(t, order)[:, 0] / goal.duration**order for order in (1, 2)]
+    least = 0.0
+    for j, way in enumerate(goal.state.positions - start):
+        minimum_jerk = [
+            way / goal.duration**order * values
+            for order, values in (
+                (1, 30 * t**2 - 60 * t**3 + 30 * t**4),
+                (2, 60 * t - 180 * t**2 + 120 * t**3),
+            )
+        ]
+        rows = np.vstack(
+            [sign * f / limits[k, j] for k, f in enumerate(functions) for sign in (1, -1)]
+        )
+        bounds = np.concatenate(
+            [-sign * f / limits[k, j] for k, f in enumerate(minimum_jerk) for sign in (1, -1)]
+        )
+        found = linprog(
+            np.append(np.zeros(basis.n_weights), 1.0),
+            A_ub=np.hstack([rows, -np.ones((len(rows), 1))]),
+            b_ub=bounds,
+            bounds=(None, None),
+        )
+        least = max(least, found.fun)
+    return least
+
+
+@settings(max_examples=6)
+@given(st.lists(st.floats(-1.5, 1.5), min_size=3, max_size=3), st.integers(0, 20))
+def test_any_position_is_reached_or_refused_in_a_sentence(position, i):
+    start = JointState(JOINTS, REQUESTS[i][0])
+    try:
+        plan = planner(max_solve_time=0.5).plan(PoseGoal(Pose(HAND, position)), start)
+    except GoalError:
+        return
+    assert not plan.is_executable or (kept(plan) and plan.goal_error <= 1e-6)
+
+
+def refusal(serve, *arguments):
+    try:
+        serve(*arguments)
+    except GoalError as error:
+        return str(error)
+    return None
+
+
+@settings(max_examples=100, deadline=None)
+@given(
+    st.lists(st.sampled_from([*JOINTS, "nose"]), min_size=1, max_size=4, unique=True),
+    st.lists(st.sampled_from([0.0, -1.0, 1.5, 100.0, 1e9]), min_size=4, max_size=4),
+    st.sampled_from([0.0, 0.0, 0.5, 1e3]),
+    st.sampled_from([None, None, 1.0, 1e-9, -1.0, 1e9]),
+    st.sampled_from([None, None, "arm", "leg"]),
+)
+def test_what_can_be_served_from_nowhere_is_refused_without_planning(
+    names, positions, velocity, duration, primitive
+):
+    subject = planner(max_solve_time=1e-3)
+    state = JointState(names, positions[: len(names)], np.full(len(names), velocity))
+    try:
+        goal = JointGoal(state, duration, primitive)
+    except GoalError:  # the goal itself sees to it
+        return
+    _, start = request()
+    assert refusal(subject.check, goal) == refusal(subject.plan, goal, start)

@@ -1,0 +1,487 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""The planner: goals in, executable motions of little effort out."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from arm import JOINTS, arm_demonstrations, arm_primitive, arm_robot
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from patience import EVER, PATIENT
+from scipy.integrate import trapezoid
+
+from mp_pca_planner.exceptions import GoalError, PlannerError, PrimitiveError
+from mp_pca_planner.motion.goal import JointGoal, JointState, Pose, PoseGoal, Via
+from mp_pca_planner.motion.validation import check_limits
+from mp_pca_planner.planning import attempt
+from mp_pca_planner.planning.constraints import LimitedProgram
+from mp_pca_planner.planning.plan import INFEASIBLE, SOLVED, PlannerOptions
+from mp_pca_planner.planning.planner import Planner
+from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
+from mp_pca_planner.recordings.demonstration import Demonstration
+from mp_pca_planner.recordings.synthetic import generate_motions
+from mp_pca_planner.robot.limits import JointLimits
+from mp_pca_planner.robot.model import Robot
+
+REQUESTS = [(m.positions[0], m.positions[-1]) for m in generate_motions(200, 123)]
+
+
+def planner(coupling="arm", overrides=None, **options):
+    robot = arm_robot()
+    options = PlannerOptions(**{"max_solve_time": EVER, **options})
+    return Planner(robot, [arm_primitive(coupling)], robot.limits(overrides or {}), options)
+
+
+def request(i=0, **goal):
+    start, end = REQUESTS[i]
+    return JointGoal(JointState(JOINTS, end), **goal), JointState(JOINTS, start)
+
+
+@pytest.mark.parametrize("coupling", ["arm", "joint"])
+def test_random_goals_inside_the_demonstrations_are_met_exactly_with_less_effort(coupling):
+    subject = planner(coupling)
+    for i in range(len(REQUESTS)):
+        goal, start = request(i)
+        plan = subject.plan(goal, start)
+        assert plan.status == SOLVED, plan.message
+        assert plan.goal_error <= 1e-12 and plan.start_error <= 1e-12
+        np.testing.assert_allclose(
+            plan.trajectory.positions[[0, -1]], REQUESTS[i], rtol=0.0, atol=1e-12
+        )
+        assert np.all(plan.trajectory.velocities[-1] == 0.0)
+        assert plan.solution.effort_cost <= plan.solution.start_cost
+        assert plan.limit_check.worst_excess == 0.0
+
+
+def test_the_effort_stated_is_that_of_the_trajectory():
+    plan = planner(sample_period=1e-3).plan(*request())
+    tau = np.sum(plan.trajectory.efforts**2, axis=1)
+    integral = trapezoid(tau, plan.trajectory.times)
+    assert plan.solution.effort_cost == pytest.approx(0.5 * integral, rel=1e-4)
+
+
+def test_of_several_optima_the_best_is_taken():
+    # Slowly there are several ways to hang: one start finds a dear one here.
+    goal = JointGoal(JointState(JOINTS, REQUESTS[19][1]), 2.0)
+    start = JointState(JOINTS, REQUESTS[19][0])
+    one, several, again = (
+        planner(naturalness=0.0, n_starts=n).plan(goal, start) for n in (1, 5, 5)
+    )
+    assert one.status == several.status == SOLVED
+    assert several.solution.effort_cost < 0.9 * one.solution.effort_cost
+    assert several.solution.iterations > one.solution.iterations
+    np.testing.assert_array_equal(several.trajectory.positions, again.trajectory.positions)
+
+
+def test_starts_that_there_is_no_time_for_are_left_out():
+    goal, start = request(3)
+    plan = planner(naturalness=0.0, n_starts=5, max_solve_time=1e-6).plan(goal, start)
+    assert plan.solution.iterations == 1
+
+
+@pytest.mark.parametrize("coupling", ["arm", "joint"])
+def test_practice_leads_to_the_same_optima_in_fewer_passes(coupling):
+    plain, practised, again = (planner(coupling, naturalness=0.0) for _ in range(3))
+    practised.practise()
+    again.practise()
+    ratios, passes = [], np.zeros(2)
+    for i in range(30):
+        plans = [subject.plan(*request(i)) for subject in (plain, practised, again)]
+        assert all(plan.status == SOLVED for plan in plans)
+        ratios.append(plans[1].solution.effort_cost / plans[0].solution.effort_cost)
+        np.testing.assert_array_equal(*(plan.trajectory.positions for plan in plans[1:]))
+        passes += [plan.solution.iterations for plan in plans[:2]]
+    assert np.median(ratios) == pytest.approx(1.0, abs=1e-4)
+    assert np.mean(ratios) < 1.001  # of several optima it finds no dearer ones
+    assert passes[1] < 0.75 * passes[0]
+
+
+@pytest.mark.parametrize(
+    "options", [{"naturalness": 1.0}, {"naturalness": 0.0, "basis": "bspline"}]
+)
+def test_practice_where_it_is_of_no_use_changes_nothing(options):
+    plain, practised = planner(**options), planner(**options)
+    practised.practise()
+    before, after = (subject.plan(*request(4)) for subject in (plain, practised))
+    np.testing.assert_array_equal(before.trajectory.positions, after.trajectory.positions)
+    assert before.solution.iterations == after.solution.iterations
+
+
+def test_practice_leaves_out_what_the_limits_forbid_and_helps_poses_and_vias_too():
+    # None of the demonstrations lies within these limits.
+    narrow = {name: {"min_position": 0.3, "max_position": 0.31} for name in JOINTS}
+    subject = planner(overrides=narrow, naturalness=0.0)
+    subject.practise()
+    inside = JointState(JOINTS, np.full(4, 0.305))
+    assert subject.plan(JointGoal(inside, 1.0), inside).status == SOLVED
+    subject = planner(naturalness=0.0)
+    subject.practise(max_time=0.0)  # no time for any
+    subject.practise()
+    goal, start = request(2)
+    via = Via(JointState(JOINTS, 0.5 * (start.positions + goal.state.positions)))
+    frame = subject.robot.frame_names[-1]
+    place = subject.robot.frame_positions(goal.state.positions[None], [frame])[0, 0]
+    for wanted in (replace(goal, vias=(via,)), PoseGoal(Pose(frame, place))):
+        plan = subject.plan(wanted, start)
+        assert plan.status == SOLVED, plan.message
+
+
+@pytest.mark.parametrize("n_starts", [0, 6])
+def test_a_number_of_starts_that_there_are_not_is_refused(n_starts):
+    with pytest.raises(GoalError, match="n_starts must be 1 to 5"):
+        PlannerOptions(n_starts=n_starts)
+
+
+def test_planning_again_gives_the_same_motion():
+    plans = [planner().plan(*request(3)) for _ in range(2)]
+    np.testing.assert_array_equal(plans[0].trajectory.positions, plans[1].trajectory.positions)
+
+
+def test_a_motion_starts_from_a_moving_state():
+    goal, start = request(4)
+    moving = JointState(JOINTS, start.positions, [0.3, -0.2, 0.1, 0.4], [1.0, 0.0, -1.0, 0.5])
+    plan = planner().plan(goal, moving)
+    assert plan.status == SOLVED
+    np.testing.assert_array_equal(plan.trajectory.velocities[0], moving.velocities)
+    np.testing.assert_array_equal(plan.trajectory.accelerations[0], moving.accelerations)
+
+
+def test_a_duration_that_is_given_is_kept_and_otherwise_like_the_demonstrations():
+    assert planner().plan(*request(duration=1.234)).motion.duration == 1.234
+    durations = arm_primitive().durations
+    free = planner().plan(*request()).motion.duration
+    assert durations.min() * 0.8 < free < durations.max() * 1.2
+
+
+def test_more_naturalness_gives_motions_nearer_to_the_expected_one_at_more_effort():
+    costs, distances = [], []
+    for rho in (0.003, 0.03, 0.3, 30.0):
+        subject = planner(naturalness=rho)
+        plans = [subject.plan(*request(i)) for i in range(20)]
+        costs.append(np.mean([p.solution.effort_cost / p.solution.start_cost for p in plans]))
+        expected = [
+            arm_primitive().model.predict(*REQUESTS[i], p.motion.duration).weights
+            for i, p in enumerate(plans)
+        ]
+        off = [p.solution.weights - w for p, w in zip(plans, expected, strict=True)]
+        distances.append(np.mean(np.linalg.norm(off, axis=1)))
+    assert costs == sorted(costs) and costs[-1] > 0.99
+    assert distances == sorted(distances, reverse=True) and distances[-1] < 0.05 * distances[0]
+
+
+def test_b_splines_need_less_effort_than_components():
+    better = 0
+    for i in range(10):
+        pca = planner(naturalness=0.0).plan(*request(i, duration=0.9))
+        spline = planner(basis="bspline").plan(*request(i, duration=0.9))
+        assert len(spline.solution.weights) == 24
+        assert spline.goal_error <= 1e-12
+        better += spline.solution.effort_cost < pca.solution.effort_cost
+    assert better >= 9
+
+
+def test_joints_that_the_goal_leaves_out_stay_where_they_are():
+    start = REQUESTS[0][0]
+    plan = planner().plan(
+        JointGoal(JointState(["elbow"], [start[3] - 0.2])), JointState(JOINTS, start)
+    )
+    np.testing.assert_array_equal(plan.trajectory.positions[-1, :3], start[:3])
+    assert plan.trajectory.positions[-1, 3] == start[3] - 0.2
+
+
+def test_the_state_may_have_more_joints_in_any_order():
+    goal, start = request()
+    wider = JointState(["gripper", *JOINTS[::-1]], [9.0, *start.positions[::-1]])
+    np.testing.assert_array_equal(
+        planner().plan(goal, wider).trajectory.positions,
+        planner().plan(goal, start).trajectory.positions,
+    )
+
+
+def test_a_free_duration_is_lengthened_to_keep_velocity_limits():
+    subject = planner(overrides={"shoulder1": {"max_velocity": 0.8}})
+    plan = subject.plan(*request())
+    assert plan.status == SOLVED
+    assert "duration was lengthened" in plan.message
+    assert np.abs(plan.trajectory.velocities[:, 0]).max() <= 0.8
+
+
+def test_a_fixed_duration_that_is_too_short_is_infeasible_and_says_which_limit_breaks():
+    plan = planner().plan(*request(duration=0.05))
+    assert plan.status == INFEASIBLE and not plan.is_executable
+    assert "limit" in plan.message and "joint" in plan.message
+    assert plan.limit_check.worst_excess > 0.1
+    assert plan.motion.duration == 0.05
+
+
+@pytest.mark.parametrize("coupling", ["arm", "joint"])
+def test_least_effort_alone_keeps_the_limits_too(coupling):
+    # Without naturalness the cheapest motions of this arm swing beyond its limits.
+    subject, natural = planner(coupling, naturalness=0.0), planner(coupling)
+    for i in range(20):
+        plan = subject.plan(*request(i))
+        assert plan.status == SOLVED, plan.message
+        assert plan.naturalness == 0.0
+        assert plan.limit_check.worst_excess <= 1e-6
+        usual = natural.plan(*request(i))
+        assert plan.solution.effort_cost <= usual.solution.effort_cost * 1.001
+
+
+def test_b_splines_keep_the_limits_too():
+    subject = planner(basis="bspline")
+    plans = [subject.plan(*request(i)) for i in range(20)]
+    assert sum(plan.is_executable for plan in plans) >= 18
+    for plan in plans:
+        assert plan.is_executable == (plan.limit_check.worst_excess <= 1e-6)
+
+
+UNLIMITED = {
+    "min_position": -np.inf,
+    "max_position": np.inf,
+    "max_velocity": np.inf,
+    "max_effort": np.inf,
+}
+
+
+def unlimited(program, tables, _, ends):
+    """A program that knows of no limits."""
+    return LimitedProgram(
+        program, tables, JointLimits(JOINTS, dict.fromkeys(JOINTS, UNLIMITED)), ends
+    )
+
+
+def test_naturalness_is_raised_where_nothing_else_keeps_the_limits(monkeypatch):
+    # As if the solver could not keep limits at all.
+    monkeypatch.setattr(attempt, "LimitedProgram", unlimited)
+    subject = planner("joint", naturalness=0.0)
+    plans = [subject.plan(*request(i)) for i in range(10)]
+    assert any(plan.naturalness > 0.0 for plan in plans)
+    for plan in plans:
+        assert plan.is_executable
+        assert ("naturalness was raised" in plan.message) == (plan.naturalness > 0.0)
+
+
+def test_an_executable_plan_breaks_no_limit_on_a_finer_grid():
+    robot = arm_robot()
+    for i in range(20):
+        plan = planner(sample_period=0.02).plan(*request(i))
+        fine = plan.motion.evaluate(np.linspace(0.0, plan.motion.duration, 5000))
+        limits = robot.limits()
+        assert np.all((fine[0] >= limits.lower) & (fine[0] <= limits.upper))
+        assert np.all(np.abs(fine[1]) <= limits.velocity)
+        assert np.all(np.abs(robot.inverse_dynamics(*fine)) <= limits.effort)
+
+
+def test_time_that_runs_out_leaves_an_honest_status():
+    plan = planner(max_solve_time=1e-9, naturalness=0.3).plan(*request())
+    assert plan.status == "stopped_early" and plan.is_executable
+    assert plan.solution.effort_cost <= plan.solution.start_cost
+
+
+def test_the_summary_holds_the_public_keys():
+    summary = planner().plan(*request()).summary()
+    keys = {
+        "status",
+        "duration",
+        "effort_cost",
+        "solve_time_s",
+        "iterations",
+        "primitive",
+        "in_span_score",
+        "limit_violation",
+        "start_error",
+        "goal_error",
+    }
+    assert keys <= set(summary)
+    assert all(isinstance(value, str | int | float) for value in summary.values())
+
+
+@pytest.mark.parametrize(
+    ("names", "values", "message"),
+    [
+        (["elbow", "wrist"], [0.0, 0.0], "no joint is called 'wrist'.*'shoulder1'"),
+        (["shoulder1"], [1e300], r"goal position of joint 'shoulder1' is 1e\+300"),
+        (["elbow"], [5.0], r"goal position of joint 'elbow' is 5, outside its limits \["),
+    ],
+)
+def test_a_goal_that_cannot_be_served_is_refused_by_joint(names, values, message):
+    _, start = request()
+    with pytest.raises(GoalError, match=message):
+        planner().plan(JointGoal(JointState(names, values)), start)
+
+
+def test_a_state_outside_the_limits_or_without_a_joint_is_refused():
+    goal, start = request()
+    with pytest.raises(GoalError, match="present position of joint 'elbow' is 1"):
+        planner().plan(goal, JointState(JOINTS, [*start.positions[:3], 1.0]))
+    with pytest.raises(GoalError, match="present state lacks 'elbow'"):
+        planner().plan(goal, JointState(JOINTS[:3], start.positions[:3]))
+
+
+def test_a_start_faster_than_the_limits_is_refused():
+    goal, start = request()
+    moving = JointState(JOINTS, start.positions, [0.0, 0.0, 0.0, 99.0])
+    with pytest.raises(GoalError, match="present velocity of joint 'elbow' is 99, outside"):
+        planner().plan(goal, moving)
+
+
+def test_a_goal_velocity_needs_permission():
+    _, start = request()
+    goal = JointGoal(JointState(JOINTS, REQUESTS[0][1], [0.0, 0.0, 0.0, -0.2]))
+    with pytest.raises(GoalError, match="goal velocity of joint 'elbow' is not 0"):
+        planner().plan(goal, start)
+    plan = planner(allow_nonzero_end_velocity=True).plan(goal, start)
+    assert plan.is_executable
+    assert plan.trajectory.velocities[-1, 3] == -0.2
+
+
+extremes = st.one_of(
+    st.floats(-1.0, 0.0), st.floats(allow_nan=False, allow_infinity=False), st.just(0.0)
+)
+
+
+@settings(max_examples=150, deadline=None)
+@given(
+    st.lists(extremes, min_size=20, max_size=20),
+    st.one_of(st.none(), st.floats(1e-300, 1e300), st.floats(0.2, 3.0)),
+)
+def test_absurd_requests_are_refused_or_come_to_an_honest_plan(numbers, duration):
+    q0, v0, a0, q, v = np.reshape(numbers, (5, 4))
+    subject = planner(allow_nonzero_end_velocity=True)
+    try:
+        plan = subject.plan(
+            JointGoal(JointState(JOINTS, q, v), duration), JointState(JOINTS, q0, v0, a0)
+        )
+    except PlannerError:
+        return
+    if plan.is_executable:
+        assert not check_limits(plan.trajectory, arm_robot(), arm_robot().limits()).violations
+        np.testing.assert_array_equal(plan.trajectory.positions[0], q0)
+        np.testing.assert_array_equal(plan.trajectory.velocities[-1], v)
+    else:
+        assert plan.limit_check.worst_excess > 0.0
+
+
+def test_a_duration_that_would_exhaust_the_memory_is_refused():
+    with pytest.raises(GoalError, match="1e\\+09 s is too long.*at most 600 s"):
+        planner().plan(*request(duration=1e9))
+    with pytest.raises(GoalError, match="at most 10 s"):
+        planner(sample_period=1e-4).plan(*request(duration=11.0))
+
+
+def test_an_unknown_primitive_is_refused_with_the_valid_names():
+    with pytest.raises(GoalError, match="no primitive is called 'arm_am'.*'arm_arm_4'"):
+        planner().plan(*request(primitive="arm_am"))
+
+
+def test_the_primitive_with_the_nearest_demonstrations_is_used():
+    far = [
+        Demonstration(
+            JOINTS,
+            d.times,
+            d.positions[::-1],
+            -d.velocities[::-1],
+            d.accelerations[::-1],
+            recording=d.recording,
+            start_time=0.0,
+            end_time=d.duration,
+        )
+        for d in arm_demonstrations()
+    ]
+    lowering = build_primitive(far, "lowering", PrimitiveOptions(n_components=4))
+    robot = arm_robot()
+    subject = Planner(robot, [lowering, arm_primitive()], robot.limits(), PATIENT)
+    low, high = REQUESTS[0]
+    for start, end, name in ((low, high, "arm_arm_4"), (high, low, "lowering")):
+        goal = JointGoal(JointState(JOINTS, end))
+        assert subject.plan(goal, JointState(JOINTS, start)).primitive == name
+    goal = JointGoal(JointState(JOINTS, high), primitive="lowering")
+    assert subject.plan(goal, JointState(JOINTS, low)).primitive == "lowering"
+
+
+@pytest.mark.parametrize("primitives", [[], [arm_primitive(), arm_primitive()]])
+def test_no_primitive_or_one_name_twice_is_refused(primitives):
+    robot = arm_robot()
+    with pytest.raises(PrimitiveError):
+        Planner(robot, primitives, robot.limits())
+
+
+def test_a_primitive_of_other_joints_is_refused():
+    robot = arm_robot()
+    other = build_primitive(
+        [
+            Demonstration(
+                JOINTS[:3],
+                d.times,
+                d.positions[:, :3],
+                d.velocities[:, :3],
+                d.accelerations[:, :3],
+                recording="x",
+                start_time=0.0,
+                end_time=1.0,
+            )
+            for d in arm_demonstrations()
+        ],
+        "other",
+    )
+    with pytest.raises(PrimitiveError, match="'other' moves"):
+        Planner(robot, [other], robot.limits())
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"basis": "fourier"},
+        {"naturalness": -1.0},
+        {"naturalness": np.nan},
+        {"sample_period": 0.0},
+        {"max_solve_time": 0.0},
+        {"n_nodes": 1},
+    ],
+)
+def test_options_out_of_range_are_refused(options):
+    with pytest.raises(GoalError):
+        PlannerOptions(**options)
+
+
+def test_a_joint_that_turns_without_end_goes_the_shorter_way():
+    urdf = """<robot name="wheel"><link name="base"/><link name="rim"><inertial>
+    <origin xyz="0 0 0.1"/><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0"
+    iyz="0"/></inertial></link><joint name="turn" type="continuous"><parent link="base"/>
+    <child link="rim"/><axis xyz="0 1 0"/></joint></robot>"""
+    robot = Robot(urdf)
+    times = np.linspace(0.0, 1.0, 101)
+    smooth = (10 * times**3 - 15 * times**4 + 6 * times**5)[:, None]
+    turns = [
+        Demonstration(
+            ("turn",),
+            times,
+            start + size * smooth,
+            np.gradient(size * smooth[:, 0], times)[:, None],
+            np.zeros((101, 1)),
+            recording="x",
+            start_time=0.0,
+            end_time=1.0,
+        )
+        for start, size in ((0.0, 1.0), (0.1, 1.2), (-0.1, 0.8), (0.2, 1.1))
+    ]
+    primitive = build_primitive(turns, "turn", PrimitiveOptions(n_components=1))
+    subject = Planner(robot, [primitive], robot.limits(), PATIENT)
+    plan = subject.plan(
+        JointGoal(JointState(["turn"], [-3.0])), JointState(["turn"], [3.0 + 4.0 * np.pi])
+    )
+    assert plan.is_executable
+    travelled = plan.trajectory.positions[-1, 0] - plan.trajectory.positions[0, 0]
+    assert travelled == pytest.approx(2.0 * np.pi - 6.0)
+    assert plan.in_span_score < 100.0
+    assert not check_limits(plan.trajectory, robot, robot.limits()).violations
+    # Which turn a goal means depends on the start, and so does whether it is inside limits.
+    bounded = robot.limits({"turn": {"min_position": 5.0, "max_position": 25.0}})
+    careful, goal = (
+        Planner(robot, [primitive], bounded, PATIENT),
+        JointGoal(JointState(["turn"], [-3.0])),
+    )
+    careful.check(goal)
+    assert careful.plan(goal, JointState(["turn"], [3.0 + 4.0 * np.pi])).is_executable

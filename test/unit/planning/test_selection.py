@@ -1,0 +1,157 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Selection against scores computed one by one, and against what primitives were made from."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from arm import arm_demonstrations, arm_primitive, arm_robot
+from patience import PATIENT
+
+from mp_pca_planner.motion.goal import JointGoal, JointState, Pose, PoseGoal
+from mp_pca_planner.planning.motion import Motion
+from mp_pca_planner.planning.planner import Planner
+from mp_pca_planner.planning.selection import Considered, Selection, Selector, effort_of
+from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
+from mp_pca_planner.primitives.primitive import MovementPrimitive
+
+
+def library() -> list[MovementPrimitive]:
+    """Upward and downward motions apart, and a mixture."""
+    motions = arm_demonstrations(24)
+    rises = [m.positions[-1, 1] > m.positions[0, 1] for m in motions]
+    parts = {
+        "up": [m for m, up in zip(motions, rises, strict=True) if up],
+        "down": [m for m, up in zip(motions, rises, strict=True) if not up],
+        "mixed": list(motions),
+    }
+    options = PrimitiveOptions(n_components=3)
+    return [build_primitive(part, name, options) for name, part in parts.items()]
+
+
+def test_scores_of_all_at_once_are_those_of_each() -> None:
+    primitives = library()
+    selector = Selector(arm_robot(), primitives)
+    for motion in arm_demonstrations(6, 9):
+        start, goal = motion.positions[0], motion.positions[-1]
+        single = [p.model.predict(start, goal).in_span_score for p in primitives]
+        assert np.allclose(selector.scores(start, goal), single, rtol=1e-9)
+
+
+def test_primitives_whose_demonstrations_are_far_away_are_not_compiled() -> None:
+    selector = Selector(arm_robot(), library())
+    for motion in arm_demonstrations(10, 9):
+        start, goal = motion.positions[0], motion.positions[-1]
+        scores = selector.scores(start, goal)
+        selection = selector.choose(start, goal)
+        limit = max(1.25 * scores.min(), 1.0)
+        assert len(selection.considered) == np.count_nonzero(scores <= limit)
+        assert all(c.in_span_score <= limit for c in selection.considered)
+
+
+def test_those_considered_are_in_the_order_of_their_expected_effort() -> None:
+    robot = arm_robot()
+    selector = Selector(robot, library())
+    n_several = 0
+    for motion in arm_demonstrations(10, 9):
+        start, goal = motion.positions[[0, -1]]
+        found = selector.choose(start, goal).considered
+        if len(found) == 1:
+            continue
+        n_several += 1
+        ends = JointState(robot.joint_names, start), JointState(robot.joint_names, goal)
+        efforts = [
+            effort_of(robot, Motion(*ends, e.duration, c.primitive.basis, e.weights))
+            for c, e in ((c, c.expected) for c in found)
+        ]
+        assert efforts == sorted(efforts)
+        assert [c.cost for c in found] == pytest.approx(efforts, rel=1e-9)
+    assert n_several
+
+
+def test_contenders_are_those_whose_expected_costs_are_near_the_least() -> None:
+    selection = Selection(tuple(considered(c) for c in (100.0, 101.0, 104.0, 106.0)), 9)
+    assert [c.cost for c in selection.contenders] == [100.0, 101.0, 104.0]
+
+
+def considered(cost: float) -> Considered:
+    """One of a primitive that doesn't matter."""
+    primitive = arm_primitive()
+    ends = arm_demonstrations(1)[0].positions[[0, -1]]
+    return Considered(primitive, primitive.model.predict(*ends), 1.0, cost)
+
+
+def test_a_duration_that_is_asked_for_counts_in_the_scores() -> None:
+    primitives = library()
+    motion = arm_demonstrations(6, 9)[0]
+    start, goal = motion.positions[0], motion.positions[-1]
+    scores = Selector(arm_robot(), primitives).scores(start, goal, 0.4)
+    single = [p.model.predict(start, goal, 0.4).in_span_score for p in primitives]
+    assert np.allclose(scores, single, rtol=1e-9)
+
+
+def test_the_plan_is_the_cheapest_of_those_with_each_contender_and_says_so() -> None:
+    robot, primitives = arm_robot(), library()
+    planner = Planner(robot, primitives, robot.limits(), PATIENT)
+    n_contested = 0
+    for motion in arm_demonstrations(6, 9):
+        start, goal = (JointState(robot.joint_names, q) for q in motion.positions[[0, -1]])
+        selection = Selector(robot, primitives).choose(start.positions, goal.positions)
+        plan = planner.plan(JointGoal(goal), start)
+        names = [c.name for c in selection.contenders]
+        named = [planner.plan(JointGoal(goal, primitive=name), start) for name in names]
+        cheapest = min(named, key=lambda one: one.solution.cost)
+        assert plan.primitive == cheapest.primitive
+        assert plan.solution.cost == pytest.approx(cheapest.solution.cost, rel=1e-6)
+        assert plan.considered == len(selection.considered)
+        assert all(f"'{name}'" in plan.selection for name in names)
+        assert cheapest.selection == f"the goal names '{plan.primitive}'"
+        if len(names) > 1:
+            n_contested += 1
+            assert f"'{plan.primitive}' won of the {len(names)} planned" in plan.selection
+    assert n_contested
+
+
+def test_a_motion_outside_of_the_limits_is_told_in_the_reason() -> None:
+    selection = Selection((considered(100.0), considered(101.0)), 2)
+    assert "'b' won of the 2 planned: 'a' outside of the limits, 'b' 12.5" in selection.reason(
+        "b", {"a": None, "b": 12.5}
+    )
+
+
+def test_a_pose_and_the_shortest_duration_are_planned_with_the_first_alone() -> None:
+    robot, primitives = arm_robot(), library()
+    start, goal = arm_demonstrations(6, 9)[4].positions[[0, -1]]
+    here = JointState(robot.joint_names, start)
+    pose = Pose("wrist", robot.frame_positions(goal[None], ["wrist"])[0, 0])
+    shortest = replace(PATIENT, timing="shortest")
+    for request, options in (
+        (PoseGoal(pose), PATIENT),
+        (JointGoal(JointState(robot.joint_names, goal)), shortest),
+    ):
+        plan = Planner(robot, primitives, robot.limits(), options).plan(request, here)
+        assert plan.is_executable
+        assert f"'{plan.primitive}'" in plan.selection and "planned" not in plan.selection
+
+
+def test_the_only_primitive_is_not_compiled_to_be_chosen() -> None:
+    robot = arm_robot()
+    motion = arm_demonstrations(6, 9)[0]
+    start, goal = (JointState(robot.joint_names, q) for q in motion.positions[[0, -1]])
+    plan = Planner(robot, [arm_primitive()], robot.limits(), PATIENT).plan(JointGoal(goal), start)
+    assert plan.summary()["selection"] == f"'{plan.primitive}' is the only primitive"
+    assert plan.summary()["considered"] == 1
+    selection = Selector(robot, [arm_primitive()]).choose(start.positions, goal.positions)
+    assert np.isnan(selection.first.cost)
+
+
+def test_score_does_not_depend_on_whole_turns_of_a_joint_that_turns_without_end() -> None:
+    robot = arm_robot()
+    robot.continuous = np.array([True, False, False, False])
+    selector = Selector(robot, library())
+    motion = arm_demonstrations(6, 9)[0]
+    turn = np.array([2.0 * np.pi, 0.0, 0.0, 0.0])
+    here = selector.scores(motion.positions[0], motion.positions[-1])
+    there = selector.scores(motion.positions[0] + turn, motion.positions[-1] + turn)
+    assert there == pytest.approx(here, rel=1e-9)

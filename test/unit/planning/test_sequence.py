@@ -1,0 +1,363 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Sequences: joints, derivatives by finite differences, limits, and the command."""
+
+import json
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+from arm import JOINTS, arm_demonstrations, arm_primitive, arm_robot
+from scipy.integrate import trapezoid
+from scipy.spatial.transform import Rotation
+
+from mp_pca_planner.cli.main import main
+from mp_pca_planner.exceptions import GoalError, RobotError
+from mp_pca_planner.motion.goal import JointState, Pose, SequenceGoal
+from mp_pca_planner.motion.validation import check_limits
+from mp_pca_planner.planning.sequence import MODES, OPTIMAL, REAL_TIME, SequencePlan
+from mp_pca_planner.planning.sequence import SequencePlanner as Planner
+from mp_pca_planner.planning.sequence_program import SequenceProgram
+from mp_pca_planner.primitives.file import save_primitive
+from mp_pca_planner.resources import config_file
+
+
+def planner(max_solve_time: float = np.inf, **overrides: float) -> Planner:
+    robot = arm_robot()
+    limits = robot.limits(dict.fromkeys(JOINTS, overrides) if overrides else {})
+    return Planner(robot, [arm_primitive()], limits, max_solve_time=max_solve_time)
+
+
+def configurations(n: int, seed: int = 0) -> list[np.ndarray]:
+    """Ends of demonstrations, in any order."""
+    ends = np.array([d.positions[k] for d in arm_demonstrations() for k in (0, -1)])
+    return list(ends[np.random.default_rng(seed).choice(len(ends), n, replace=False)])
+
+
+def request(n: int, times: tuple[float | None, ...] = ()) -> tuple[SequenceGoal, JointState]:
+    """Through n configurations, from another one."""
+    start, *targets = configurations(n + 1)
+    return SequenceGoal(tuple(JointState(JOINTS, q) for q in targets), times), JointState(
+        JOINTS, start
+    )
+
+
+def joints(plan: SequencePlan) -> float:
+    """Largest jump of position, velocity or acceleration between segments, from both sides."""
+    jumps = []
+    for before, after in pairwise(plan.motions):
+        # Just inside of the ends, where polynomials are evaluated.
+        tiny = 1e-13
+        left = before.evaluate(np.array([before.duration * (1.0 - tiny)]))
+        right = after.evaluate(np.array([after.duration * tiny]))
+        jumps += [np.abs(x - y).max() for x, y in zip(left, right, strict=True)]
+    return float(max(jumps))
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_motion_is_smooth_passes_the_vias_and_keeps_limits(mode: str) -> None:
+    goal, start = request(5)
+    plan = planner().plan(goal, start, mode)
+    assert plan.is_executable
+    assert plan.mode == mode
+    assert joints(plan) < 1e-9
+    assert not plan.limit_check.violations
+    times = np.cumsum([motion.duration for motion in plan.motions])
+    for target, moment in zip(goal.targets, times, strict=True):
+        assert isinstance(target, JointState)
+        row = int(np.abs(plan.trajectory.times - moment).argmin())
+        assert np.array_equal(plan.trajectory.positions[row], target.positions)
+    passing = plan.motions[1].start
+    assert np.abs(passing.velocities).max() > 0.01
+    assert np.all(plan.trajectory.velocities[-1] == 0.0)
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_motion_stops_where_asked_and_nowhere_else(mode: str) -> None:
+    goal, start = request(4)
+    goal = replace(goal, stops=(False, True, False, False))
+    plan = planner().plan(goal, start, mode)
+    assert plan.is_executable
+    assert plan.mode == mode
+    assert joints(plan) < 1e-9
+    for number, motion in enumerate(plan.motions, start=1):
+        rests = not np.any(motion.goal.velocities) and not np.any(motion.goal.accelerations)
+        assert rests == (number in (2, 4))
+    # After a stop, the past doesn't matter to what is joined without optimisation.
+    half = SequenceGoal(goal.targets[2:])
+    rest = planner().plan(half, JointState(JOINTS, goal.targets[1].positions), mode)
+    if mode == REAL_TIME:
+        for one, other in zip(plan.motions[2:], rest.motions, strict=True):
+            np.testing.assert_allclose(one.goal.velocities, other.goal.velocities, atol=1e-9)
+    passing = planner().plan(replace(goal, stops=()), start, mode)
+    assert np.any(passing.motions[1].goal.velocities)
+
+
+def test_optimal_takes_less_effort_in_the_same_time() -> None:
+    goal, start = request(4)
+    quick = planner().plan(goal, start, REAL_TIME)
+    best = planner().plan(goal, start, OPTIMAL)
+    assert best.trajectory.duration == pytest.approx(quick.trajectory.duration, rel=1e-9)
+    assert best.effort_cost < quick.effort_cost
+    efforts = best.trajectory.efforts
+    assert efforts is not None
+    integral = 0.5 * trapezoid(np.sum(efforts**2, axis=1), best.trajectory.times)
+    assert best.effort_cost == pytest.approx(integral, rel=5e-3)
+
+
+@pytest.mark.parametrize("posed", [False, True])
+def test_gradient_and_hessian_agree_with_finite_differences(posed: bool) -> None:
+    goal, start = with_poses() if posed else request(3)
+    tight = planner(max_velocity=1.0, max_acceleration=4.0, max_jerk=20.0)
+    wanted = tight._complete(goal, start)
+    program = SequenceProgram(
+        tight.robot, tight.limits, wanted, wanted.concatenate(), tight._naturalness
+    )
+    rng = np.random.default_rng(0)
+    x = program.start + 0.05 * rng.standard_normal(program.size)
+    assert np.isfinite(tight.limits.jerk).all()
+    for penalty in (0.0, 30.0):
+        _, gradient, _ = program._assemble(x, penalty, 0.02)
+        for _ in range(5):
+            step = rng.standard_normal(program.size)
+            h = 1e-6
+            ahead, behind = (
+                program._assemble(x + sign * h * program._scales * step, penalty, 0.02)[0]
+                for sign in (1.0, -1.0)
+            )
+            assert (ahead - behind) / (2.0 * h) == pytest.approx(gradient @ step, rel=1e-4)
+
+
+def test_optimum_is_one_within_the_fixed_sum_of_durations() -> None:
+    goal, start = request(3)
+    plenty = planner(max_velocity=50.0, max_acceleration=1e4, max_effort=1e4)
+    wanted = plenty._complete(goal, start)
+    program = SequenceProgram(
+        plenty.robot, plenty.limits, wanted, wanted.concatenate(), plenty._naturalness
+    )
+    x, _, converged = program.minimise(program.start, 0.0, 0.0)
+    assert converged
+    cost = program._assemble(x, 0.0, 0.0)[0]
+    rng = np.random.default_rng(1)
+    for _ in range(20):
+        other = program._shifted(x, 0.02 * rng.standard_normal(program.size))
+        assert program._assemble(other, 0.0, 0.0)[0] > cost * (1.0 - 1e-3)
+
+
+def test_fixed_times_are_kept() -> None:
+    goal, start = request(3, (None, 2.5, 4.0))
+    for mode in MODES:
+        plan = planner().plan(goal, start, mode)
+        durations = [motion.duration for motion in plan.motions]
+        assert sum(durations[:2]) == pytest.approx(2.5, abs=1e-9)
+        assert sum(durations) == pytest.approx(4.0, abs=1e-9)
+
+
+def test_tight_limits_are_kept_by_taking_more_time() -> None:
+    goal, start = request(3)
+    plan = planner(max_velocity=0.6, max_acceleration=3.0).plan(goal, start)
+    assert plan.is_executable
+    assert np.abs(plan.trajectory.velocities).max() <= 0.6 * (1.0 + 1e-6)
+    assert "lengthened" in plan.message
+
+
+def test_jerk_limits_are_kept_by_optimal_sequences() -> None:
+    limits = {"max_velocity": 1.5, "max_acceleration": 8.0, "max_jerk": 80.0}
+    for seed in range(4):
+        start, *targets = (JointState(JOINTS, q) for q in configurations(4, seed))
+        plan = planner(**limits).plan(SequenceGoal(tuple(targets)), start)
+        assert (plan.status, plan.mode) == ("solved", OPTIMAL)
+        assert not check_limits(plan.trajectory, arm_robot(), planner(**limits).limits).violations
+
+
+def test_fixed_times_that_limits_forbid_are_infeasible_and_said_so() -> None:
+    goal, start = request(2, (0.2, 0.4))
+    plan = planner(max_velocity=0.5).plan(goal, start)
+    assert not plan.is_executable
+    assert "no motion within the limits was found: velocity" in plan.message
+
+
+def test_best_motion_so_far_is_returned_when_time_runs_out() -> None:
+    goal, start = request(4)
+    quick = planner().plan(goal, start, REAL_TIME)
+    stopped = planner(1e-9).plan(goal, start)
+    assert stopped.is_executable
+    assert stopped.status == "stopped_early"
+    assert stopped.iterations == 1
+    assert "time or iterations ran out" in stopped.message
+    assert stopped.effort_cost == pytest.approx(quick.effort_cost)
+    assert not stopped.limit_check.violations
+
+
+def test_optimal_motion_does_not_swing_further_than_the_joined_one_by_much() -> None:
+    furthest = {}
+    for mode in MODES:
+        found = []
+        for seed in range(4):
+            start, *targets = (JointState(JOINTS, q) for q in configurations(5, seed))
+            for motion in planner().plan(SequenceGoal(tuple(targets)), start, mode).motions:
+                q = motion.evaluate(motion.sample_times(0.01))[0]
+                low, high = np.minimum(q[0], q[-1]), np.maximum(q[0], q[-1])
+                found.append(np.maximum(low - q, q - high).max())
+        furthest[mode] = np.mean(found)
+    # Without naturalness of passing velocities it is 1.3 rad.
+    assert furthest[OPTIMAL] < furthest[REAL_TIME] + 0.2
+
+
+def test_targets_where_the_robot_is_already_are_passed() -> None:
+    goal, start = request(2)
+    expected = planner().plan(goal, start)
+    near = JointState(JOINTS, start.positions + 0.005)
+    part = JointState(["elbow"], [start.positions[3]])
+    here = wrist_pose(start.positions)
+    plan = planner().plan(SequenceGoal((near, part, here, *goal.targets)), start)
+    assert np.array_equal(plan.trajectory.positions, expected.trajectory.positions)
+    with pytest.raises(GoalError, match="target 2 of the sequence is where the robot is"):
+        planner().plan(SequenceGoal((near, near, *goal.targets), (None, 1.0, 2.0, 3.0)), start)
+    there = goal.targets[0]
+    with pytest.raises(GoalError, match="targets 2 and 3 of the sequence are the same"):
+        planner().plan(SequenceGoal((near, there, there, goal.targets[1])), start)
+    with pytest.raises(GoalError, match="target 2 position of joint 'elbow'"):
+        planner().plan(SequenceGoal((near, JointState(["elbow"], [9.0]))), start)
+    # A single one is a goal like any other.
+    assert len(planner().plan(SequenceGoal((near,)), start).motions) == 1
+
+
+def test_moving_start_is_taken_up() -> None:
+    goal, start = request(2)
+    moving = JointState(JOINTS, start.positions, np.full(4, 0.1), np.full(4, -0.2))
+    plan = planner().plan(goal, moving)
+    assert np.array_equal(plan.trajectory.velocities[0], moving.velocities)
+    assert np.array_equal(plan.trajectory.accelerations[0], moving.accelerations)
+
+
+def wrist_pose(q: np.ndarray, *, turned: bool = False) -> Pose:
+    """Where a configuration has the wrist."""
+    points = arm_robot().attach_points(["wrist"] * 4, np.vstack([np.zeros(3), np.eye(3)]))
+    (corners,), _ = points.positions_and_jacobians(q[None])
+    axes = Rotation.from_matrix((corners[1:] - corners[0]).T)
+    return Pose("wrist", corners[0], axes.as_quat() if turned else None)
+
+
+def with_poses(*, turned: bool = False) -> tuple[SequenceGoal, JointState]:
+    """Pose, configuration, pose, pose."""
+    start, *ends = configurations(5, seed=3)
+    first, last, final = (wrist_pose(ends[k], turned=turned) for k in (0, 2, 3))
+    targets = (first, JointState(JOINTS, ends[1]), last, final)
+    return SequenceGoal(targets, (None, 2.0, None, None)), JointState(JOINTS, start)
+
+
+@pytest.mark.parametrize("mode", MODES)
+@pytest.mark.parametrize("turned", [False, True])
+def test_poses_are_reached_on_the_way_and_at_the_end(mode: str, turned: bool) -> None:
+    goal, start = with_poses(turned=turned)
+    plan = planner().plan(goal, start, mode)
+    assert plan.is_executable, plan.message
+    assert plan.mode == mode
+    assert joints(plan) < 1e-9
+    assert max(plan.via_error, plan.goal_error) < 1e-6
+    times = np.cumsum([motion.duration for motion in plan.motions])
+    assert times[1] == pytest.approx(2.0, abs=1e-9)
+    for target, moment in zip(goal.targets, times, strict=True):
+        row = int(np.abs(plan.trajectory.times - moment).argmin())
+        q = plan.trajectory.positions[row]
+        if isinstance(target, Pose):
+            reached = wrist_pose(q, turned=turned)
+            np.testing.assert_allclose(reached.position, target.position, atol=1e-6)
+            if turned:
+                ways = Rotation.from_quat([reached.orientation, target.orientation])
+                assert (ways[0].inv() * ways[1]).magnitude() < 1e-6
+        else:
+            assert np.array_equal(q, target.positions)
+
+
+def test_optimiser_moves_configurations_along_their_poses() -> None:
+    goal, start = with_poses()
+    free = planner().plan(goal, start)
+    joined = planner().plan(goal, start, REAL_TIME)
+    there = tuple(JointState(JOINTS, motion.goal.positions) for motion in joined.motions)
+    fixed = planner().plan(SequenceGoal(there, goal.times), start)
+    moved = [a.goal.positions - b.positions for a, b in zip(free.motions, there, strict=True)]
+    assert max(np.abs(moved[k]).max() for k in (0, 2, 3)) > 0.01
+    assert not moved[1].any()
+    assert free.effort_cost < 0.999 * fixed.effort_cost
+
+
+def test_most_demonstrated_of_several_configurations_is_chosen() -> None:
+    ends = configurations(6, seed=1)
+    for start, middle, end in zip(ends[:2], ends[2:4], ends[4:], strict=True):
+        goal = SequenceGoal((wrist_pose(middle), JointState(JOINTS, end)))
+        plan = planner().plan(goal, JointState(JOINTS, start), REAL_TIME)
+        # The demonstrations hold one, so that a worse one would be a mistake.
+        known = SequenceGoal((JointState(JOINTS, middle), goal.targets[1]))
+        usual = planner().plan(known, JointState(JOINTS, start), REAL_TIME)
+        assert plan.in_span_score < 1.5 * usual.in_span_score + 0.5
+
+
+def test_joints_that_targets_leave_out_keep_their_position() -> None:
+    start = configurations(1)[0]
+    goal = SequenceGoal((JointState(["elbow"], [-0.5]), JointState(["shoulder1"], [-0.3])))
+    plan = planner().plan(goal, JointState(JOINTS, start), REAL_TIME)
+    end = plan.trajectory.positions[-1]
+    assert end[3] == -0.5
+    assert end[1] == start[1]
+
+
+def test_unusable_requests_are_refused() -> None:
+    goal, start = request(1)
+    with pytest.raises(RobotError, match="no link is called 'hand'"):
+        planner().plan(SequenceGoal((Pose("hand", [0, 0, 0]),)), start)
+    with pytest.raises(GoalError, match="target 2: no configuration within the joint limits"):
+        planner().plan(SequenceGoal((goal.targets[0], Pose("wrist", [9, 9, 9]))), start)
+    with pytest.raises(GoalError, match=r"target 1 .* no joint is called 'elbo'"):
+        planner().plan(SequenceGoal((JointState(["elbo"], [0.0]),)), start)
+    with pytest.raises(GoalError, match="outside its limits"):
+        planner().plan(SequenceGoal((JointState(["elbow"], [9.0]),)), start)
+    there = goal.targets[0]
+    with pytest.raises(GoalError, match="201 targets, at most 200"):
+        planner().plan(SequenceGoal((there,) * 201), start)
+    with pytest.raises(GoalError, match=r"time of 1e\+09 s, at most 600 s"):
+        planner().plan(SequenceGoal((there,), (1e9,)), start)
+    with pytest.raises(GoalError, match="sequence would take"):
+        planner().plan(SequenceGoal((there, start) * 100, (599.9, *[None] * 199)), start)
+    with pytest.raises(GoalError, match="mode of a sequence"):
+        planner().plan(goal, start, "fast")
+
+
+def test_command_plans_through_vias(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    save_primitive(arm_primitive(), tmp_path / "reach.npz")
+    start, via, end = (",".join(map(str, q)) for q in configurations(3))
+    arguments = [str(tmp_path / "reach.npz"), "--robot", str(config_file("human_arm.urdf"))]
+    arguments += ["--start", start, "--via", f"{via}@1.5", "--goal", end]
+    output = tmp_path / "motion.csv"
+    assert main(["sequence", *arguments, "--json", "--output", str(output)]) == 0
+    facts = json.loads(capsys.readouterr().out)
+    assert facts["n_segments"] == 2
+    assert facts["durations"][0] == pytest.approx(1.5)
+    assert len(output.read_text().splitlines()) == len(facts["times"]) + 1
+    pose = wrist_pose(configurations(4)[3]).position
+    x, y, z = pose
+    arguments[-1] = f"wrist: {x} {y} {z}"
+    assert main(["sequence", *arguments, "--via", f"wrist: {x} {y} {z + 0.05} @2", "--json"]) == 0
+    facts = json.loads(capsys.readouterr().out)
+    assert facts["n_segments"] == 3
+    assert facts["via_error"] < 1e-6
+    reached = wrist_pose(np.array(facts["positions"][-1])).position
+    np.testing.assert_allclose(reached, pose, atol=1e-6)
+    poses = [f"wrist: {x} {y} {z + dz}" for dz in (0.05, 0.1, 0.15)]
+    options = [
+        part for one in zip(("--stop", "--via", "--stop"), poses, strict=True) for part in one
+    ]
+    at = arguments.index("--via")
+    assert main(["sequence", *arguments[:at], *arguments[at + 2 :], *options, "--json"]) == 0
+    facts = json.loads(capsys.readouterr().out)
+    ends = np.cumsum(facts["durations"])
+    speeds = np.abs(facts["velocities"]).max(axis=1)
+    rows = [int(np.abs(np.array(facts["times"]) - end).argmin()) for end in ends]
+    assert [bool(speeds[row] == 0.0) for row in rows] == [True, False, True, True]
+    assert main(["sequence", *arguments, "--via", "wrist: 1 2"]) == 2
+    assert "2 numbers" in capsys.readouterr().err
+    assert main(["sequence", *arguments, "--via", f"{via}@soon"]) == 2
+    assert "after @, 'soon' is not a number" in capsys.readouterr().err

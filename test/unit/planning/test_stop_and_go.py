@@ -1,0 +1,251 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Motions without optimisation: time scaling by closed forms, brakes, and rests between."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from arm import JOINTS, arm_robot
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.interpolate import BPoly
+
+from mp_pca_planner.exceptions import TrajectoryError
+from mp_pca_planner.motion.goal import JointState
+from mp_pca_planner.motion.trajectory import Trajectory
+from mp_pca_planner.motion.validation import LimitCheck, Violation, check_limits
+from mp_pca_planner.planning.stop_and_go import (
+    FixedShape,
+    StopAndGo,
+    least_duration,
+    slowdown,
+    stop_and_go,
+)
+from mp_pca_planner.robot.limits import JointLimits
+
+STEP = 0.01
+INSIDE = arm_robot().limits()
+shares = st.lists(st.floats(0.1, 0.9), min_size=4, max_size=4).map(np.array)
+signed = st.lists(st.floats(-1.0, 1.0), min_size=4, max_size=4).map(np.array)
+
+
+def limits_of(**values: float) -> JointLimits:
+    """The limits of the arm's positions, and these of every joint."""
+    free = {"max_velocity": np.inf, "max_effort": np.inf}
+    return arm_robot().limits(dict.fromkeys(JOINTS, free | values))
+
+
+def configuration(share: np.ndarray) -> np.ndarray:
+    return INSIDE.lower + share * (INSIDE.upper - INSIDE.lower)
+
+
+def minimum_jerk(start, goal, duration: float, n: int = 401) -> Trajectory:
+    s = np.linspace(0.0, 1.0, n)[:, None]
+    way = goal - start
+    return Trajectory(
+        JOINTS,
+        s[:, 0] * duration,
+        start + way * (10 * s**3 - 15 * s**4 + 6 * s**5),
+        way * (30 * s**2 - 60 * s**3 + 30 * s**4) / duration,
+        way * (60 * s - 180 * s**2 + 120 * s**3) / duration**2,
+    )
+
+
+def jerks_of(knots: np.ndarray) -> np.ndarray:
+    return np.diff(knots[2], axis=0) / STEP
+
+
+@given(shares, shares, st.sampled_from(["max_velocity", "max_acceleration", "max_jerk"]))
+def test_least_duration_takes_the_whole_of_a_kinematic_limit_and_no_more(first, second, quantity):
+    start, goal = configuration(first), configuration(second)
+    limits = limits_of(**{quantity: 0.7})
+    duration = least_duration(arm_robot(), limits, start, goal)
+    if duration < 1e-3:
+        return
+    exact = check_limits(minimum_jerk(start, goal, duration), arm_robot(), limits)
+    assert exact.worst_excess < 1e-5  # rounding of jerks
+    hasty = check_limits(minimum_jerk(start, goal, 0.99 * duration), arm_robot(), limits)
+    order = ("max_velocity", "max_acceleration", "max_jerk").index(quantity) + 1
+    assert hasty.worst_excess == pytest.approx(0.99**-order - 1.0, abs=1e-3)
+
+
+@given(shares, shares, st.floats(1.02, 3.0))
+def test_least_duration_takes_the_whole_of_a_limit_of_effort_and_no_more(first, second, room):
+    robot, start, goal = arm_robot(), configuration(first), configuration(second)
+    slow = minimum_jerk(start, goal, 1e4)
+    gravity = np.abs(robot.inverse_dynamics(slow.positions, slow.velocities, slow.accelerations))
+    bounds = dict(zip(JOINTS, (room * gravity.max(axis=0)).tolist(), strict=True))
+    limits = robot.limits(
+        {name: {"max_velocity": np.inf, "max_effort": bound} for name, bound in bounds.items()}
+    )
+    duration = least_duration(robot, limits, start, goal)
+    if duration < 1e-3:
+        return
+
+    def share_taken(t: float) -> float:
+        motion = minimum_jerk(start, goal, t)
+        tau = robot.inverse_dynamics(motion.positions, motion.velocities, motion.accelerations)
+        return float(np.max(np.abs(tau) / limits.effort))
+
+    # Between the phases that are compared efforts may be a little larger.
+    assert share_taken(duration) == pytest.approx(1.0, abs=2e-2)
+    assert share_taken(0.9 * duration) > share_taken(duration) > share_taken(2.0 * duration)
+
+
+def test_gravity_beyond_a_limit_of_effort_is_said_with_joint_and_value():
+    robot = arm_robot()
+    start, goal = np.zeros(4), np.array([1.0, 0.0, 0.0, 0.0])
+    start, goal = (np.clip(q, INSIDE.lower, INSIDE.upper) for q in (start, goal))
+    rest = np.zeros((1, 4))
+    most = max(
+        abs(robot.inverse_dynamics(q[None], rest, rest)).max()
+        for q in minimum_jerk(start, goal, 1.0).positions
+    )
+    limits = limits_of(max_effort=0.5 * float(most))
+    with pytest.raises(TrajectoryError, match=r"gravity alone takes an effort of .* of joint '"):
+        least_duration(robot, limits, start, goal)
+
+
+@given(shares, signed, signed)
+def test_brake_ends_at_rest_within_limits_of_acceleration_and_jerk(share, v, a):
+    bounds = {"max_velocity": 2.0, "max_acceleration": 4.0, "max_jerk": 80.0}
+    limits = replace_positions(limits_of(**bounds))
+    # As fast as the limit of velocity allows a joint that accelerates.
+    a = 4.0 * a
+    v = np.clip(2.0 * v, -2.0 + a**2 / 140.0, 2.0 - a**2 / 140.0)
+    start = JointState(JOINTS, configuration(share), v, a)
+    motion = stop_and_go(arm_robot(), limits, [start, JointState(JOINTS, np.zeros(4))], STEP)
+    q, speed, acceleration = motion.brake
+    np.testing.assert_array_equal([speed[0], acceleration[0]], [v, a])
+    assert not speed[-1].any() and not acceleration[-1].any()
+    tolerance = 1.0 + 1e-6
+    assert np.abs(jerks_of(motion.brake)).max(initial=0.0) <= 80.0 * tolerance
+    assert np.abs(acceleration).max() <= 4.0 * tolerance
+    assert np.abs(speed).max() <= 2.0 * tolerance
+    # Constant jerks: sums of Taylor's series give the velocities and positions.
+    jerk = jerks_of(motion.brake)
+    rises = STEP * acceleration[:-1] + STEP**2 / 2.0 * jerk
+    np.testing.assert_allclose(np.diff(speed, axis=0), rises, atol=1e-9)
+    ways = STEP * speed[:-1] + STEP**2 / 2.0 * acceleration[:-1] + STEP**3 / 6.0 * jerk
+    np.testing.assert_allclose(np.diff(q, axis=0), ways, atol=1e-9)
+
+
+def replace_positions(limits: JointLimits) -> JointLimits:
+    """The same without limits of position."""
+    values = {
+        name: {
+            "max_velocity": float(limits.velocity[j]),
+            "max_acceleration": float(limits.acceleration[j]),
+            "max_jerk": float(limits.jerk[j]),
+        }
+        for j, name in enumerate(JOINTS)
+    }
+    return JointLimits(JOINTS, values)
+
+
+def test_brake_is_as_fast_as_the_closed_form_says_but_for_whole_steps():
+    bounds = {"max_velocity": 2.0, "max_acceleration": 4.0, "max_jerk": 80.0}
+    limits = replace_positions(limits_of(**bounds))
+    start = JointState(JOINTS, np.zeros(4), [1.5, -0.3, 0.0, 0.0], [0.0, 0.0, 0.0, 2.0])
+    motion = stop_and_go(arm_robot(), limits, [start, JointState(JOINTS, np.ones(4))], STEP)
+    # A trapezoid of acceleration, a triangle, nothing, and a triangle after the first ramp.
+    ends = [1.5 / 4.0 + 4.0 / 80.0, 2.0 * np.sqrt(0.3 / 80.0), 0.0, (2 + 2**1.5) / 80.0]
+    for j, end in enumerate(ends):
+        moving = np.flatnonzero(motion.brake[1:, :, j].any(axis=0))
+        steps = moving[-1] + 1 if moving.size else 0
+        assert end / STEP - 1e-9 <= steps <= end / STEP + 3.0
+
+
+def test_start_that_no_brake_stops_within_the_limits_is_refused():
+    limits = limits_of(max_acceleration=1.0)
+    start = JointState(JOINTS, INSIDE.upper - 1e-3, [0.0, 0.0, 0.0, 1.0])
+    with pytest.raises(TrajectoryError, match="no brake within the limits was found: position of"):
+        stop_and_go(arm_robot(), limits, [start, start], STEP)
+
+
+def through(*, moving: bool) -> StopAndGo:
+    limits = limits_of(max_velocity=2.0, max_acceleration=4.0, max_jerk=80.0)
+    places = [configuration(np.full(4, share)) for share in (0.3, 0.5, 0.4, 0.7)]
+    rate = np.full(4, 0.2) if moving else np.zeros(4)
+    states = [
+        JointState(JOINTS, places[0], rate, -rate),
+        *(JointState(JOINTS, q) for q in places[1:-1]),
+        JointState(JOINTS, places[-1], rate, rate),
+    ]
+    return stop_and_go(arm_robot(), limits, states, STEP)
+
+
+@pytest.mark.parametrize("moving", [False, True])
+def test_motion_rests_at_each_place_and_its_segments_are_the_same(moving):
+    route = through(moving=moving)
+    durations = tuple(1.1 * route.durations)
+    whole, segments = route.motion(durations), route.segments(durations)
+    ends = np.cumsum(durations)
+    q, v, a = whole.evaluate(ends[:-1])
+    np.testing.assert_allclose(q, route.places[1:-1], atol=1e-9)
+    assert max(np.abs(v).max(), np.abs(a).max()) < 1e-9
+    for end, segment in zip(ends, segments, strict=True):
+        times = np.linspace(0.0, segment.duration, 50)
+        for x, y in zip(
+            whole.evaluate(end - segment.duration + times), segment.evaluate(times), strict=True
+        ):
+            np.testing.assert_allclose(x, y, atol=1e-8)
+    for moment, state in ((0.0, route.start), (whole.duration, route.goal)):
+        values = [x[0] for x in whole.evaluate(np.array([moment]))]
+        expected = (state.positions, state.velocities, state.accelerations)
+        np.testing.assert_array_equal(values, expected)
+
+
+def test_launch_is_a_brake_backwards_in_time():
+    route = through(moving=True)
+    state = route.goal
+    mirrored = JointState(JOINTS, state.positions, -state.velocities, state.accelerations)
+    limits = limits_of(max_velocity=2.0, max_acceleration=4.0, max_jerk=80.0)
+    other = stop_and_go(arm_robot(), limits, [mirrored, route.start], STEP)
+    np.testing.assert_array_equal(other.brake[0], route.launch[0, ::-1])
+    np.testing.assert_array_equal(other.brake[1], -route.launch[1, ::-1])
+
+
+def test_shape_is_that_of_the_quintics_through_the_knots():
+    route = through(moving=True)
+    motion = route.motion(tuple(route.durations))
+    random = np.random.default_rng(0)
+    times = np.array([0.0, 0.2, 0.5, 1.3])
+    states = random.standard_normal((3, 4, 4))
+    basis = FixedShape(times, states)
+    pieces = BPoly.from_derivatives(times, states.transpose(1, 0, 2))
+    ends = BPoly.from_derivatives(times[[0, -1]], states[:, [0, -1]].transpose(1, 0, 2))
+    t = np.linspace(0.0, 1.3, 57)
+    for order, shape in enumerate(basis.shapes(np.zeros(0), t / 1.3, 3)):
+        expected = pieces.derivative(order)(t)
+        expected -= ends.derivative(order)(t)
+        np.testing.assert_allclose(shape / 1.3**order, expected, rtol=1e-7, atol=1e-6)
+    assert motion.basis.tables(t, 2).shape == (3, 57, 4, 1)
+    assert motion.basis.functions(t).shape == (57, 4, 0)
+
+
+@pytest.mark.parametrize(
+    ("quantity", "factor"),
+    [("velocity", 1.2), ("acceleration", 1.2**0.5), ("jerk", 1.2 ** (1 / 3)), ("position", None)],
+)
+def test_slowdown_follows_the_law_of_time_scaling(quantity, factor):
+    check = LimitCheck((Violation(quantity, "elbow", 0.0, 1.2, 1.0, 0.2),))
+    assert slowdown(check) == pytest.approx(1.0 if factor is None else 1.02 * factor)
+
+
+def test_motion_whose_points_break_a_limit_is_slowed_until_they_do_not():
+    route = through(moving=False)
+    hasty = replace(route, legs=0.7 * route.legs)
+    limits = limits_of(max_velocity=2.0, max_acceleration=4.0, max_jerk=80.0)
+
+    def sampled(durations):
+        motion = hasty.motion(durations)
+        times = motion.sample_times(STEP)
+        return Trajectory(JOINTS, times, *motion.evaluate(times))
+
+    durations, trajectory, check = hasty.slowed(
+        arm_robot(), limits, lambda slower: tuple(slower.durations), sampled
+    )
+    assert not check.violations and not check_limits(trajectory, arm_robot(), limits).violations
+    assert sum(durations) > sum(hasty.durations)

@@ -1,0 +1,382 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+from __future__ import annotations
+
+import hashlib
+import random
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from conftest import EPOCH, FORMATS, Message, S, reaching, stamped, write_bag
+from embedded_bags import write_embedded_bag
+from rosbags.highlevel import AnyReader
+
+from mp_pca_planner.exceptions import PlannerError, RecordingError
+from mp_pca_planner.motion.trajectory import Trajectory
+from mp_pca_planner.recordings.bags import (
+    checksum,
+    choose_topic,
+    find_recordings,
+    list_topics,
+    read_joint_states,
+    recording_names,
+    write_joint_states,
+    write_joint_trajectory,
+)
+
+
+def storage_file(path: Path) -> Path:
+    if path.is_file():
+        return path
+    return next(file for file in path.iterdir() if file.suffix in (".db3", ".mcap"))
+
+
+def own_bag(path: Path, bag_format: str, **options: object) -> Path:
+    path = path.with_suffix(".bag") if bag_format == "rosbag1" else path
+    stamps = EPOCH + np.arange(50) * 10_000_000
+    positions = np.random.default_rng(1).normal(size=(50, 2))
+    write_joint_states(path, bag_format, ("a", "b"), stamps, positions, **options)
+    return path
+
+
+def test_joint_states_come_back_exactly(tmp_path: Path, bag_format: str) -> None:
+    stamps = EPOCH + np.arange(30) * 7_654_321
+    positions = np.random.default_rng(0).normal(size=(30, 3))
+    path = tmp_path / ("x.bag" if bag_format == "rosbag1" else "x")
+    write_joint_states(
+        path, bag_format, ("a", "b", "c"), stamps, positions, receive_stamps_ns=stamps + 123
+    )
+    raw = read_joint_states(path, "/joint_states")
+    (layout,) = raw.layouts
+    assert layout.joint_names == ("a", "b", "c")
+    np.testing.assert_array_equal(layout.positions, positions)
+    np.testing.assert_array_equal(layout.messages, np.arange(30))
+    np.testing.assert_array_equal(raw.header_stamps, stamps)
+    np.testing.assert_array_equal(raw.receive_stamps, stamps + 123)
+
+
+def test_velocities_and_efforts_are_written_where_given(tmp_path: Path, bag_format: str) -> None:
+    velocities, efforts = np.full((50, 2), 2.0), np.full((50, 2), 3.0)
+    path = own_bag(tmp_path / "x", bag_format, velocities=velocities, efforts=efforts)
+    with AnyReader([path]) as reader:
+        connection, _, data = next(reader.messages())
+        message = reader.deserialize(data, connection.msgtype)
+    np.testing.assert_array_equal(message.velocity, [2.0, 2.0])
+    np.testing.assert_array_equal(message.effort, [3.0, 3.0])
+
+
+@pytest.mark.parametrize(("bag_format", "suffix"), [("sqlite3", ".db3"), ("mcap", ".mcap")])
+def test_bare_storage_file_is_a_recording(tmp_path: Path, bag_format: str, suffix: str) -> None:
+    path = own_bag(tmp_path / f"bare{suffix}", bag_format)
+    assert path.is_file()
+    assert find_recordings([path]) == (path,)
+    assert read_joint_states(path, "/joint_states").n_messages == 50
+
+
+def test_folders_and_patterns_expand_to_single_recordings(tmp_path: Path) -> None:
+    (tmp_path / "deep").mkdir()
+    paths = [own_bag(tmp_path / "deep" / name, name) for name in FORMATS]
+    (tmp_path / "deep" / "notes.txt").write_text("not a bag")
+    assert set(find_recordings([tmp_path])) == set(paths)
+    assert set(find_recordings([tmp_path / "deep" / "*.bag"])) == {paths[0]}
+    assert len(find_recordings([tmp_path, paths[0], str(tmp_path / "de*")])) == len(paths)
+
+
+@pytest.mark.parametrize("name", ["what?", "a#b", "50%41", "x y"])
+def test_path_may_hold_any_letters(tmp_path: Path, bag_format: str, name: str) -> None:
+    path = own_bag(tmp_path / "plain", bag_format)
+    moved = path.rename(tmp_path / f"{name}{path.suffix}")
+    if moved.is_dir():
+        file = storage_file(moved)
+        renamed = file.rename(file.with_name(f"{name}_0{file.suffix}"))
+        metadata = moved / "metadata.yaml"
+        metadata.write_text(metadata.read_text().replace(file.name, f"{renamed.name}"))
+        assert read_joint_states(renamed, "/joint_states").n_messages == 50
+    assert read_joint_states(moved, "/joint_states").n_messages == 50
+
+
+def test_sqlite_bag_is_not_written_where_its_writer_would_miss_the_path(tmp_path: Path) -> None:
+    with pytest.raises(RecordingError, match="without '\\?'"):
+        own_bag(tmp_path / "what?", "sqlite3")
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("bag_format", ["sqlite3", "mcap"])
+def test_wrong_count_in_metadata_is_noted_and_all_messages_are_read(
+    tmp_path: Path, bag_format: str
+) -> None:
+    path = own_bag(tmp_path / "x", bag_format)
+    metadata = path / "metadata.yaml"
+    metadata.write_text(metadata.read_text().replace("message_count: 50", "message_count: 7"))
+    raw = read_joint_states(path, "/joint_states")
+    assert raw.n_messages == 50
+    (note,) = raw.notes
+    assert "7 messages" in note
+    assert "50 are stored" in note
+
+
+def test_fewer_messages_than_the_index_says_are_refused(tmp_path: Path) -> None:
+    path = storage_file(own_bag(tmp_path / "x", "mcap"))
+    content = path.read_bytes()
+    # The statistics in the summary: of 50 messages on channel 1.
+    told = (1).to_bytes(2, "little") + (50).to_bytes(8, "little")
+    assert content.count(told) == 1
+    path.write_bytes(content.replace(told, told[:2] + (60).to_bytes(8, "little")))
+    with pytest.raises(RecordingError, match="60 messages on the topic, 50 can be read"):
+        read_joint_states(path, "/joint_states")
+
+
+@pytest.fixture
+def multi(tmp_path: Path, bag_format: str) -> Path:
+    """Joint states inside of messages that only the bag defines."""
+    states = [Message(("a", "b"), (i, -i), 5 * S + i, EPOCH + i) for i in range(400)]
+    return write_embedded_bag(tmp_path / "x", bag_format, states)
+
+
+def test_joint_states_inside_of_other_messages_are_read(multi: Path) -> None:
+    raw = read_joint_states(multi, "/multi", field="arm.jointStates")
+    (layout,) = raw.layouts
+    assert layout.joint_names == ("a", "b")
+    np.testing.assert_array_equal(layout.positions, np.outer(np.arange(400), [1, -1]))
+    np.testing.assert_array_equal(raw.header_stamps, 5 * S + np.arange(400))
+    np.testing.assert_array_equal(raw.receive_stamps, EPOCH + np.arange(400))
+
+
+@pytest.mark.parametrize(
+    ("topic", "field", "sentence"),
+    [
+        ("/multi", "arm.states", "valid names: 'label', 'jointStates'"),
+        ("/multi", "arm", "is a my_msgs/msg/Arm: wanted is a sensor_msgs/msg/JointState"),
+        ("/multi", "arm.label.x", "valid names: none"),
+        ("/other", "arm", "topics: '/multi'"),
+    ],
+)
+def test_field_without_joint_states_is_refused_by_name(
+    multi: Path, topic: str, field: str, sentence: str
+) -> None:
+    with pytest.raises(RecordingError, match=sentence):
+        read_joint_states(multi, topic, field=field)
+
+
+def test_joint_states_inside_of_messages_are_salvaged(multi: Path) -> None:
+    file = storage_file(multi)
+    content = file.read_bytes()
+    file.write_bytes(content[: int(0.8 * len(content))])
+    with pytest.raises(RecordingError, match=file.name):
+        read_joint_states(file, "/multi", field="arm.jointStates")
+    raw = read_joint_states(file, "/multi", field="arm.jointStates", salvage=True)
+    assert 100 < raw.n_messages <= 400
+    expected = np.outer(np.arange(raw.n_messages), [1, -1])
+    np.testing.assert_array_equal(raw.layouts[0].positions, expected)
+    assert "damaged" in raw.notes[0]
+
+
+@pytest.mark.parametrize(("bag_format", "suffix"), [("sqlite3", ".db3"), ("mcap", ".mcap")])
+@pytest.mark.parametrize("told", [True, False])
+def test_split_bags_are_one_recording_with_or_without_metadata(
+    tmp_path: Path, bag_format: str, suffix: str, told: bool
+) -> None:
+    folder = tmp_path / "run"
+    folder.mkdir()
+    parts = [own_bag(tmp_path / f"part{number}", bag_format) for number in range(11)]
+    names = [f"run_{number}{suffix}" for number in range(11)]
+    for number, (part, name) in enumerate(zip(parts, names, strict=True)):
+        stamps = EPOCH + number * S + np.arange(50) * 10_000_000
+        positions = np.full((50, 2), float(number))
+        write_joint_states(part, bag_format, ("a", "b"), stamps, positions, overwrite=True)
+        storage_file(part).rename(folder / name)
+    if told:
+        metadata = yaml.safe_load((parts[0] / "metadata.yaml").read_text())
+        about = metadata["rosbag2_bagfile_information"]
+        about["relative_file_paths"] = names
+        about["topics_with_message_count"][0]["message_count"] = 550
+        (folder / "metadata.yaml").write_text(yaml.safe_dump(metadata))
+    for part in parts:
+        shutil.rmtree(part)
+    assert find_recordings([tmp_path]) == (folder,)
+    raw = read_joint_states(folder, "/joint_states")
+    (layout,) = raw.layouts
+    np.testing.assert_array_equal(layout.positions[:, 0], np.repeat(np.arange(11.0), 50))
+    assert raw.notes == (
+        ()
+        if told
+        else ("metadata.yaml is missing: the files are read in the order of their numbers",)
+    )
+
+
+def test_links_do_not_multiply_recordings(tmp_path: Path) -> None:
+    path = own_bag(tmp_path / "x", "mcap")
+    (tmp_path / "round").symlink_to(tmp_path)
+    (found,) = find_recordings([tmp_path, path])
+    assert found.resolve() == path.resolve()
+
+
+@pytest.mark.parametrize("name", ["missing.bag", "*.bag", "empty"])
+def test_path_without_recording_is_named(tmp_path: Path, name: str) -> None:
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(RecordingError, match="no recording at"):
+        find_recordings([tmp_path / name])
+
+
+def test_one_path_may_stand_alone(tmp_path: Path) -> None:
+    write_bag(tmp_path / "one", "mcap", stamped(reaching([0.0, 1.0])))
+    for path in (tmp_path, str(tmp_path)):
+        assert find_recordings(path) == (tmp_path / "one",)
+
+
+def test_recordings_of_the_same_name_are_told_apart_by_their_folder(tmp_path: Path) -> None:
+    paths = [tmp_path / "left" / "x.bag", tmp_path / "right" / "x.bag", tmp_path / "y.bag"]
+    assert recording_names(paths) == ("left/x", "right/x", "y")
+
+
+def test_unknown_types_on_other_topics_do_not_matter(tmp_path: Path, bag_format: str) -> None:
+    path = write_bag(tmp_path / "x", bag_format, stamped(np.ones((20, 2))), unknown_type=True)
+    topics = list_topics(path)
+    assert [(t.name, t.count) for t in topics] == [("/joint_states", 20), ("/strange", 1)]
+    assert read_joint_states(path, choose_topic(topics).name).n_messages == 20
+
+
+def test_topic_must_be_chosen_among_several(tmp_path: Path, bag_format: str) -> None:
+    messages = [Message(["a"], [0.0], EPOCH, topic=topic) for topic in ("/left", "/right")]
+    topics = list_topics(write_bag(tmp_path / "x", bag_format, messages))
+    assert choose_topic(topics, "/right").name == "/right"
+    with pytest.raises(RecordingError, match="'/left', '/right'"):
+        choose_topic(topics)
+    with pytest.raises(RecordingError, match="'/left', '/right'"):
+        choose_topic(topics, "/wrong")
+
+
+def test_bag_without_joint_states_lists_what_it_has(tmp_path: Path, bag_format: str) -> None:
+    path = write_bag(tmp_path / "x", bag_format, [], unknown_type=True)
+    with pytest.raises(RecordingError, match=r"'/strange' \(nobody_msgs/msg/Strange\)"):
+        choose_topic(list_topics(path))
+
+
+@pytest.mark.parametrize("share", [0.0, 0.001, 0.1, 0.5, 0.9, 0.999])
+def test_cut_off_file_is_refused_by_name(tmp_path: Path, bag_format: str, share: float) -> None:
+    file = storage_file(write_bag(tmp_path / "x", bag_format, stamped(reaching([0, 1]))))
+    content = file.read_bytes()
+    file.write_bytes(content[: int(share * len(content))])
+    with pytest.raises(RecordingError, match=file.name):
+        read_joint_states(file, "/joint_states")
+
+
+def test_damage_anywhere_raises_nothing_but_the_package_error(
+    tmp_path: Path, bag_format: str
+) -> None:
+    file = storage_file(write_bag(tmp_path / "x", bag_format, stamped(np.ones((40, 2)))))
+    content = file.read_bytes()
+    generator = random.Random(3)
+    reasons = []
+    for _ in range(150):
+        damaged = bytearray(content)
+        for _ in range(8):
+            damaged[generator.randrange(len(damaged))] = generator.randrange(256)
+        file.write_bytes(damaged)
+        try:
+            list_topics(file)
+            read_joint_states(file, "/joint_states")
+        except RecordingError as error:
+            reasons.append(str(error))
+    assert reasons
+    assert all(file.name in reason for reason in reasons)
+
+
+@pytest.mark.parametrize("suffix", [".bag", ".db3", ".mcap", ".txt"])
+def test_file_that_is_no_bag_is_refused_by_name(tmp_path: Path, suffix: str) -> None:
+    path = tmp_path / f"letter{suffix}"
+    path.write_text("Dear reader, " * 100)
+    with pytest.raises(RecordingError, match="letter"):
+        list_topics(path)
+
+
+@pytest.mark.parametrize("content", ["", "[", "rosbag2_bagfile_information: 3", "{}"])
+def test_folder_with_broken_metadata_is_refused_by_name(tmp_path: Path, content: str) -> None:
+    path = own_bag(tmp_path / "broken", "mcap")
+    (path / "metadata.yaml").write_text(content)
+    with pytest.raises(RecordingError, match="broken"):
+        list_topics(path)
+
+
+def test_folder_without_its_storage_is_refused_by_name(tmp_path: Path) -> None:
+    path = own_bag(tmp_path / "hollow", "mcap")
+    storage_file(path).unlink()
+    with pytest.raises(RecordingError, match="hollow"):
+        list_topics(path)
+
+
+def test_checksum_is_that_of_the_stored_bytes(tmp_path: Path, bag_format: str) -> None:
+    path = own_bag(tmp_path / "x", bag_format)
+    assert checksum(path) == hashlib.sha256(storage_file(path).read_bytes()).hexdigest()
+
+
+def test_existing_file_is_replaced_only_on_request(tmp_path: Path, bag_format: str) -> None:
+    path = own_bag(tmp_path / "x", bag_format)
+    before = checksum(path)
+    with pytest.raises(PlannerError, match="exists already"):
+        own_bag(tmp_path / "x", bag_format)
+    assert checksum(path) == before
+    own_bag(tmp_path / "x", bag_format, topic="/other", overwrite=True)
+    assert read_joint_states(path, "/other").n_messages == 50
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_folder_of_other_things_is_never_replaced(tmp_path: Path) -> None:
+    (tmp_path / "thesis").mkdir()
+    own_bag(tmp_path / "thesis" / "bag", "mcap")
+    with pytest.raises(RecordingError, match="thesis' is a folder, but no recording"):
+        own_bag(tmp_path / "thesis", "mcap", overwrite=True)
+    assert (tmp_path / "thesis" / "bag" / "metadata.yaml").exists()
+
+
+def test_failed_writing_leaves_nothing(tmp_path: Path, bag_format: str) -> None:
+    with pytest.raises(RecordingError):
+        write_joint_states(tmp_path / "x", bag_format, ("a",), [1, 2], [[0.0], [np.nan]])
+    with pytest.raises(PlannerError, match="can't be written"):
+        write_joint_states(tmp_path / "no" / "x", bag_format, ("a",), [1], [[0.0]])
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("name", ["t.bag", "t", "t.mcap", "t.db3"])
+def test_trajectory_comes_back_as_one_message(tmp_path: Path, name: str) -> None:
+    times = np.linspace(0.0, 1.5, 16)
+    values = np.random.default_rng(2).normal(size=(4, 16, 2))
+    trajectory = Trajectory(("a", "b"), times, *values)
+    path = tmp_path / name
+    write_joint_trajectory(path, trajectory, "/plan")
+    with AnyReader([path]) as reader:
+        ((connection, _, data),) = reader.messages()
+        message = reader.deserialize(data, connection.msgtype)
+    assert connection.topic == "/plan"
+    assert message.joint_names == ["a", "b"]
+    assert message.header.stamp.sec == message.header.stamp.nanosec == 0
+    for field, expected in zip(
+        ("positions", "velocities", "accelerations", "effort"), values, strict=True
+    ):
+        np.testing.assert_array_equal([getattr(p, field) for p in message.points], expected)
+    stamps = [p.time_from_start.sec * S + p.time_from_start.nanosec for p in message.points]
+    np.testing.assert_allclose(stamps, times * S, atol=1)
+    with pytest.raises(PlannerError, match="exists already"):
+        write_joint_trajectory(path, trajectory)
+
+
+def test_only_one_module_imports_rosbags() -> None:
+    package = Path(__file__).parents[3] / "mp_pca_planner"
+    users = [file.name for file in package.rglob("*.py") if "rosbags." in file.read_text()]
+    assert users == ["bags.py"]
+
+
+def test_reading_needs_no_ros(tmp_path: Path) -> None:
+    path = own_bag(tmp_path / "x", "mcap")
+    code = (
+        "import sys; from mp_pca_planner.recordings.load import inspect_recording; "
+        f"inspect_recording({str(path)!r}); "
+        "sys.exit(any(m == 'rclpy' or m.endswith('_msgs') for m in sys.modules))"
+    )
+    root = Path(__file__).parents[3]
+    assert subprocess.run([sys.executable, "-c", code], cwd=root, check=False).returncode == 0

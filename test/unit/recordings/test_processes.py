@@ -1,0 +1,112 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Work in several processes: nothing is lost, whoever dies."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from patience import HANG
+
+from mp_pca_planner.recordings.processes import Outcome, map_in_processes
+
+
+def square(number: int) -> int:
+    return number * number
+
+
+def die_of_three(number: int) -> int:
+    if number == 3:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return number
+
+
+def die_once(marker: Path) -> int:
+    if not marker.exists():
+        marker.touch()
+        os.kill(os.getpid(), signal.SIGKILL)
+    return os.getpid()
+
+
+def fail(number: int) -> int:
+    raise ArithmeticError(f"no {number}")
+
+
+def test_every_item_is_done_once_by_other_processes() -> None:
+    outcomes = sorted(map_in_processes(square, range(20), 2), key=lambda outcome: outcome.index)
+    assert outcomes == [Outcome(i, i * i) for i in range(20)]
+
+
+def test_bundles_leave_nothing_out() -> None:
+    # So many and so quick that they are handed out in bundles, of which one kills its process.
+    numbers = [*range(10, 300), 3, *range(300, 500)]
+    outcomes = {o.index: o for o in map_in_processes(die_of_three, numbers, 2)}
+    assert len(outcomes) == len(numbers)
+    killer = numbers.index(3)
+    assert outcomes.pop(killer) == Outcome(killer, None, repeated=True)
+    assert all(outcome.result == numbers[index] for index, outcome in outcomes.items())
+    assert sum(outcome.repeated for outcome in outcomes.values()) > 1
+
+
+def test_item_that_kills_its_process_has_no_result_and_the_others_have() -> None:
+    outcomes = {o.index: o for o in map_in_processes(die_of_three, range(12), 2)}
+    assert outcomes[3] == Outcome(3, None, repeated=True)
+    assert [outcomes[i].result for i in range(12) if i != 3] == [i for i in range(12) if i != 3]
+
+
+def test_item_of_a_process_that_was_killed_is_done_again(tmp_path: Path) -> None:
+    (outcome,) = map_in_processes(die_once, [tmp_path / "marker"], 2)
+    assert outcome.repeated
+    assert outcome.result not in (None, os.getpid())
+
+
+def test_error_of_the_function_comes_through() -> None:
+    with pytest.raises(ArithmeticError, match="no 1"):
+        list(map_in_processes(fail, [1], 2))
+
+
+@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGKILL])
+def test_no_process_outlives_its_parent(how: signal.Signals) -> None:
+    code = (
+        "import signal, time\n"
+        "from mp_pca_planner.recordings.processes import map_in_processes\n"
+        "import os\n"
+        # Whatever started the tests may have had it ignored.
+        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
+        "def slow(_):\n"
+        # One write, which a pipe doesn't mix with another's: print may need two.
+        "    os.write(1, f'{os.getpid()}\\n'.encode())\n"
+        "    time.sleep(60)\n"
+        "    return 1\n"
+        "list(map_in_processes(slow, range(4), 2))\n"
+    )
+    with subprocess.Popen(
+        [sys.executable, "-c", code],
+        cwd=Path(__file__).parents[3],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        text=True,
+    ) as parent:
+        assert parent.stdout is not None
+        workers = [int(parent.stdout.readline()) for _ in range(2)]
+        parent.send_signal(how)
+        parent.wait(timeout=HANG)
+        deadline = time.monotonic() + HANG
+        while any(is_alive(worker) for worker in workers):
+            assert time.monotonic() < deadline, "a process is left"
+            time.sleep(0.05)
+
+
+def is_alive(process: int) -> bool:
+    try:
+        # Those that nobody has waited for yet are dead, too.
+        state = (
+            Path(f"/proc/{process}/stat").read_text(encoding="utf-8").rpartition(")")[2].split()[0]
+        )
+    except OSError:
+        return False
+    return state not in "ZX"

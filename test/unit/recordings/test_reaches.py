@@ -1,0 +1,76 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+
+import numpy as np
+import pytest
+from arm import JOINTS, arm_robot
+
+from mp_pca_planner.exceptions import RecordingError
+from mp_pca_planner.motion.trajectory import Trajectory
+from mp_pca_planner.motion.validation import check_limits
+from mp_pca_planner.recordings.reaches import random_ends, random_reaches
+from mp_pca_planner.robot.limits import JointLimits
+from mp_pca_planner.robot.model import Robot
+
+
+@pytest.fixture(scope="module")
+def robot() -> Robot:
+    return arm_robot()
+
+
+@pytest.fixture(scope="module")
+def limits(robot) -> JointLimits:
+    slower = {name: {"max_velocity": 2.0, "max_acceleration": 30.0} for name in JOINTS}
+    return robot.limits(slower)
+
+
+def test_reaches_keep_the_limits_and_go_from_rest_to_rest(robot, limits):
+    for reach in random_reaches(robot, limits, 10, 3):
+        motion = Trajectory(
+            reach.joint_names, reach.times, reach.positions, reach.velocities, reach.accelerations
+        )
+        assert check_limits(motion, robot, limits).worst_excess <= 1e-6
+        assert np.abs(reach.velocities[[0, -1]]).max() < 1e-9
+        assert np.abs(reach.positions[-1] - reach.positions[0]).max() > 0.1
+
+
+def test_reaches_of_one_task_are_alike_and_those_of_another_are_not(robot, limits):
+    def goals(seed: int, task: int) -> np.ndarray:
+        reaches = random_reaches(robot, limits, 8, seed, task=task)
+        return np.array([reach.positions[-1] for reach in reaches])
+
+    one, two, other = goals(1, 0), goals(2, 0), goals(1, 1)
+    spread = one.std(axis=0).max()
+    assert np.linalg.norm(one.mean(axis=0) - two.mean(axis=0)) < 2.0 * spread
+    assert np.linalg.norm(one.mean(axis=0) - other.mean(axis=0)) > 2.0 * spread
+
+
+def test_first_reaches_do_not_depend_on_how_many_there_are(robot, limits):
+    few, many = (random_reaches(robot, limits, n, 7) for n in (1, 3))
+    np.testing.assert_array_equal(few[0].positions, many[0].positions)
+
+
+def test_no_reach_is_refused(robot, limits):
+    with pytest.raises(RecordingError, match="at least 1, got 0"):
+        random_reaches(robot, limits, 0, 1)
+
+
+def test_arm_that_can_hold_nothing_is_refused_in_a_sentence(robot):
+    weak = robot.limits({name: {"max_effort": 1e-3} for name in JOINTS})
+    with pytest.raises(RecordingError, match=r"that the 4 joints .* fewer joints"):
+        random_reaches(robot, weak, 1, 1)
+
+
+def test_random_ends_are_joined_by_a_minimum_jerk_motion_within_the_limits(robot, limits):
+    s = np.linspace(0.0, 1.0, 201)[:, None]
+    for seed in range(5):
+        start, goal, duration = random_ends(robot, limits, np.random.default_rng(seed))
+        way = goal - start
+        motion = Trajectory(
+            JOINTS,
+            s[:, 0] * duration,
+            start + way * (10 * s**3 - 15 * s**4 + 6 * s**5),
+            way * (30 * s**2 - 60 * s**3 + 30 * s**4) / duration,
+            way * (60 * s - 180 * s**2 + 120 * s**3) / duration**2,
+        )
+        assert check_limits(motion, robot, limits).worst_excess <= 1e-6

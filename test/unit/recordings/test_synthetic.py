@@ -1,0 +1,236 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""The made-up motions against the arm's limits and against what is known of people's motions."""
+
+from itertools import product
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from mp_pca_planner.exceptions import RecordingError
+from mp_pca_planner.recordings.synthetic import (
+    JOINT_NAMES,
+    SyntheticMotion,
+    continuous_recording,
+    generate_motions,
+)
+from mp_pca_planner.resources import config_file
+from mp_pca_planner.robot.model import Robot
+
+ROBOT = Robot.from_file(config_file("human_arm.urdf"))
+LIMITS = ROBOT.limits()
+MANY = generate_motions(200, seed=1)
+
+
+def derivatives(motion: SyntheticMotion) -> tuple[np.ndarray, np.ndarray]:
+    v = np.gradient(motion.positions, motion.times, axis=0, edge_order=2)
+    return v, np.gradient(v, motion.times, axis=0, edge_order=2)
+
+
+def variance_shares(samples: np.ndarray) -> np.ndarray:
+    """Shares of the principal components of rows."""
+    variances = np.linalg.svd(samples - samples.mean(axis=0), compute_uv=False) ** 2
+    return variances / variances.sum()
+
+
+def normalised(motion: SyntheticMotion) -> np.ndarray:
+    phases = np.linspace(0, motion.duration, 101)
+    return np.column_stack([np.interp(phases, motion.times, q) for q in motion.positions.T])
+
+
+def test_joints_are_those_of_the_arm() -> None:
+    assert ROBOT.joint_names == JOINT_NAMES
+
+
+def test_same_seed_gives_the_same_motions_and_another_seed_gives_others() -> None:
+    first, again, other = (generate_motions(3, seed)[2].positions for seed in (4, 4, 5))
+    np.testing.assert_array_equal(first, again)
+    assert first.shape != other.shape or not np.allclose(first, other)
+
+
+def test_first_motions_do_not_depend_on_how_many_there_are() -> None:
+    few, more = generate_motions(2, 9), generate_motions(6, 9)
+    for motion, same in zip(few, more, strict=False):
+        np.testing.assert_array_equal(motion.positions, same.positions)
+
+
+@settings(deadline=None, max_examples=60)
+@given(st.integers(0, 2**32))
+def test_motions_stay_within_all_limits_of_the_arm(seed: int) -> None:
+    motion = generate_motions(1, seed)[0]
+    v, a = derivatives(motion)
+    tau = ROBOT.inverse_dynamics(motion.positions, v, a)
+    assert np.all(motion.positions > LIMITS.lower)
+    assert np.all(motion.positions < LIMITS.upper)
+    assert np.all(np.abs(v) < LIMITS.velocity)
+    assert np.all(np.abs(tau) < LIMITS.effort)
+
+
+def test_motions_start_and_end_at_rest() -> None:
+    for motion in MANY:
+        steps = np.abs(np.diff(motion.positions, axis=0)) / motion.times[1]
+        assert steps[[0, -1]].max() < 0.05
+        assert steps.max() > 0.5
+
+
+def test_arm_is_raised() -> None:
+    for motion in MANY:
+        start, end = ROBOT.frame_positions(motion.positions[[0, -1]], ["wrist"])[:, 0]
+        assert end[2] > start[2]
+
+
+def test_arm_stays_clear_of_the_chest_and_the_head_there_and_back() -> None:
+    urdf = str(config_file("human_arm.urdf"))
+    model = pin.buildModelFromUrdf(urdf)
+    bodies = pin.buildGeomFromUrdf(model, urdf, pin.GeometryType.COLLISION)
+    # The ball of the shoulder sits in the chest.
+    of_chest, of_arm = ("chest_0", "chest_1"), ("upper_arm_1", "lower_arm_1", "lower_arm_2")
+    for pair in product(of_chest, of_arm):
+        bodies.addCollisionPair(pin.CollisionPair(*map(bodies.getGeometryId, pair)))
+    data, bodies_data = model.createData(), bodies.createData()
+    recording = continuous_recording(MANY, rate=20, rest=(0.0, 0.0), seed=2)
+    for q in recording.positions:
+        assert not pin.computeCollisions(model, data, bodies, bodies_data, q, True), q
+
+
+def test_goals_are_in_front_and_to_the_side() -> None:
+    ends = np.array([motion.positions[-1] for motion in MANY])
+    elbow = ROBOT.frame_positions(ends, ["upper_arm", "lower_arm"])
+    forward, left = (elbow[:, 1] - elbow[:, 0])[:, :2].T
+    azimuth = np.rad2deg(np.arctan2(left, forward))
+    assert (azimuth > -20).mean() > 0.15
+    assert (azimuth < -60).mean() > 0.15
+
+
+def test_durations_are_half_a_second_to_one_and_a_half_and_grow_with_the_distance() -> None:
+    durations = np.array([motion.duration for motion in MANY])
+    ways = np.array([np.linalg.norm(np.ptp(m.positions[[0, -1]], axis=0)) for m in MANY])
+    assert durations.min() >= 0.5
+    assert durations.max() <= 1.5
+    assert np.ptp(durations) > 0.5
+    assert np.corrcoef(durations, ways)[0, 1] > 0.6
+
+
+def test_speed_is_a_bell_with_its_peak_before_the_middle_more_often_than_after() -> None:
+    peaks = []
+    for motion in MANY:
+        wrist = ROBOT.frame_positions(motion.positions, ["wrist"])[:, 0]
+        smooth = np.convolve(
+            np.linalg.norm(np.diff(wrist, axis=0), axis=1), np.ones(9) / 9, mode="same"
+        )
+        peaks.append(np.argmax(smooth) / smooth.size)
+    assert np.quantile(peaks, 0.05) > 0.32
+    assert np.quantile(peaks, 0.95) < 0.58
+    assert np.median(peaks) < 0.5
+
+
+def test_joints_do_not_move_in_step() -> None:
+    # In step, the normalised motions of all joints would be the same function of time.
+    spread = []
+    for motion in MANY:
+        way = motion.positions[-1] - motion.positions[0]
+        moving = np.abs(way) > 0.5
+        progress = (motion.positions - motion.positions[0])[:, moving] / way[moving]
+        spread.append(np.ptp(progress, axis=1).max())
+    assert np.median(spread) > 0.05
+
+
+def test_two_components_hold_over_90_percent_of_the_variance_of_every_joint() -> None:
+    samples = np.array([normalised(motion) for motion in MANY])
+    for joint in range(len(JOINT_NAMES)):
+        assert variance_shares(samples[:, :, joint])[:2].sum() > 0.9
+
+
+def test_shape_of_the_motions_has_few_components_too() -> None:
+    samples = np.array([normalised(motion) for motion in MANY])
+    s = np.linspace(0, 1, 101)[:, None]
+    minimum_jerk = s**3 * (10 - 15 * s + 6 * s**2)
+    starts, ends = samples[:, :1], samples[:, -1:]
+    shapes = (samples - starts - (ends - starts) * minimum_jerk).reshape(len(MANY), -1)
+    shares = variance_shares(shapes)
+    assert shares[:8].sum() > 0.95
+    assert shares[0] < 0.9
+
+
+def test_recording_holds_every_motion_where_it_says() -> None:
+    motions = MANY[:6]
+    recording = continuous_recording(motions, seed=3)
+    assert recording.motion_spans.shape == (6, 2)
+    assert recording.return_spans.shape == (5, 2)
+    for motion, (start, end) in zip(motions, recording.motion_spans, strict=True):
+        assert end - start == pytest.approx(motion.duration)
+        inside = (recording.times >= start) & (recording.times <= end)
+        for measured, true in zip(recording.positions.T, motion.positions.T, strict=True):
+            expected = np.interp(recording.times[inside] - start, motion.times, true)
+            # Five standard deviations of the sensor's noise, and a little tremor.
+            np.testing.assert_allclose(measured[inside], expected, atol=6e-3)
+
+
+def test_recording_rests_between_the_spans_for_as_long_as_asked() -> None:
+    recording = continuous_recording(MANY[:6], rate=200, rest=(0.4, 0.6), seed=3)
+    spans = np.sort(np.concatenate([recording.motion_spans, recording.return_spans]), axis=0)
+    edges = np.concatenate([[0.0], spans.ravel(), [recording.times[-1]]]).reshape(-1, 2)
+    rests = np.diff(edges, axis=1)
+    assert rests.min() > 0.4 - 1 / 200
+    assert rests.max() < 0.6 + 1 / 200
+    for start, end in edges:
+        still = recording.positions[(recording.times > start) & (recording.times < end)]
+        assert 5e-4 < still.std(axis=0).max() < 2e-3
+
+
+def test_recording_without_rests_still_has_increasing_knots() -> None:
+    recording = continuous_recording(MANY[:3], rest=(0.0, 0.0), seed=3)
+    assert recording.motion_spans[0, 0] == 0.0
+    assert recording.return_spans[0, 0] == recording.motion_spans[0, 1]
+
+
+def test_recording_stays_within_the_position_and_velocity_limits() -> None:
+    recording = continuous_recording(MANY[:40], seed=3)
+    assert np.all(recording.positions > LIMITS.lower)
+    assert np.all(recording.positions < LIMITS.upper)
+    assert np.all(np.abs(np.diff(recording.positions, axis=0)) * 100 < LIMITS.velocity)
+
+
+def test_recording_is_the_same_for_the_same_seed() -> None:
+    first, again = (continuous_recording(MANY[:2], seed=7) for _ in range(2))
+    np.testing.assert_array_equal(first.positions, again.positions)
+
+
+def test_values_can_not_be_changed() -> None:
+    recording = continuous_recording(MANY[:1], seed=7)
+    for array in (recording.positions, recording.motion_spans, MANY[0].positions):
+        with pytest.raises(ValueError, match="read-only"):
+            array[0] = 0.0
+
+
+@pytest.mark.parametrize("n_motions", [0, -1])
+def test_no_motions_are_refused(n_motions: int) -> None:
+    with pytest.raises(RecordingError, match=f"at least 1, got {n_motions}"):
+        generate_motions(n_motions, 0)
+    with pytest.raises(RecordingError, match="at least one motion"):
+        continuous_recording([], seed=0)
+
+
+@pytest.mark.parametrize("rate", [0.0, -100.0, float("nan"), float("inf")])
+def test_rates_that_show_no_motion_are_refused(rate: float) -> None:
+    with pytest.raises(RecordingError, match="at least 20 Hz"):
+        generate_motions(1, 0, rate=rate)
+    with pytest.raises(RecordingError, match="at least 20 Hz"):
+        continuous_recording(MANY[:1], rate, seed=0)
+
+
+@pytest.mark.parametrize("rest", [(-0.1, 0.2), (0.5, 0.2), (0.1, float("nan"))])
+def test_rests_that_are_no_range_are_refused(rest: tuple[float, float]) -> None:
+    with pytest.raises(RecordingError, match="rests must be a range"):
+        continuous_recording(MANY[:1], rest=rest, seed=0)
+
+
+@pytest.mark.parametrize(
+    ("times", "n_joints"), [([0.0, 0.1, 0.1], 4), ([0.1, 0.2, 0.3], 4), ([0.0, 0.1, 0.2], 3)]
+)
+def test_malformed_motions_are_refused(times: list[float], n_joints: int) -> None:
+    with pytest.raises(RecordingError):
+        SyntheticMotion(times, np.zeros((3, n_joints)))

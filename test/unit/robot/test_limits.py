@@ -1,0 +1,90 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Joint limits from URDFs, files and parameters."""
+
+import numpy as np
+import pytest
+
+from mp_pca_planner.exceptions import LimitsError
+from mp_pca_planner.robot.limits import JointLimits, merge_limits, read_limits_file
+
+NAMES = ("a", "b")
+
+
+def write(path, text):
+    path.write_text(text)
+    return path
+
+
+def test_what_is_not_said_is_not_limited():
+    limits = JointLimits(NAMES, {"a": {"max_velocity": 2.0}})
+    assert limits.velocity.tolist() == [2.0, np.inf]
+    assert np.isinf([limits.lower, limits.upper, limits.jerk, limits.effort]).all()
+
+
+def test_later_layers_win_key_by_key():
+    urdf = {"a": {"max_velocity": 1.0, "max_effort": 5.0}}
+    merged = merge_limits(urdf, {"a": {"max_velocity": 0.5}}, {"b": {"max_jerk": 9.0}})
+    assert merged == {"a": {"max_velocity": 0.5, "max_effort": 5.0}, "b": {"max_jerk": 9.0}}
+    assert urdf == {"a": {"max_velocity": 1.0, "max_effort": 5.0}}
+
+
+@pytest.mark.parametrize("value", [0.0, -1.0, np.nan])
+def test_a_magnitude_that_is_not_positive_is_refused_by_joint(value):
+    with pytest.raises(LimitsError, match="max_effort of joint 'b'.*positive"):
+        JointLimits(NAMES, {"b": {"max_effort": value}})
+
+
+def test_an_empty_range_is_refused():
+    with pytest.raises(LimitsError, match="'a' range from 1 to 1"):
+        JointLimits(NAMES, {"a": {"min_position": 1.0, "max_position": 1.0}})
+
+
+def test_a_moveit_file_is_read_with_its_switches(tmp_path):
+    path = write(
+        tmp_path / "joint_limits.yaml",
+        "joint_limits:\n"
+        "  a: {has_velocity_limits: true, max_velocity: 2, has_acceleration_limits: false,\n"
+        "      max_acceleration: 3.0, max_effort: 40.5}\n"
+        "  b: {has_position_limits: false}\n",
+    )
+    limits = JointLimits(
+        NAMES, merge_limits({"b": {"min_position": 0.0}}, read_limits_file(path, NAMES))
+    )
+    assert limits.velocity.tolist() == [2.0, np.inf]
+    assert limits.acceleration.tolist() == [np.inf, np.inf]
+    assert limits.effort.tolist() == [40.5, np.inf]
+    assert limits.lower.tolist() == [-np.inf, -np.inf]
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "mapping 'joint_limits'"),
+        ("joint_limits: [1]", "mapping 'joint_limits'"),
+        ("joint_limits: {c: {max_velocity: 1}}", "no joint is called 'c'.*'a', 'b'"),
+        ("joint_limits: {a: 3}", "joint 'a' must be a mapping"),
+        ("joint_limits: {a: {max_velocty: 1}}", "did you mean 'max_velocity'"),
+        ("joint_limits: {a: {max_velocity: fast}}", "'fast', not a number"),
+        ("joint_limits: {a: {max_velocity: true}}", "not a number"),
+        ("joint_limits: {a: {max_velocity: -1}}", "must be a positive number"),
+        ("joint_limits: {a: {max_velocity: .nan}}", "must be a positive number"),
+        ("joint_limits: {a: {has_velocity_limits: 1}}", "true or false"),
+        ("joint_limits: {a: [", "can't be read"),
+        ("joint_limits: {a: {max_velocity: 2001-02-30}}", "'2001-02-30', not a number"),
+        ("joint_limits: {a: {max_velocity: !!timestamp 2001-02-30}}", "can't be read"),
+        ("joint_limits: {a: {max_velocity: " + "9" * 400 + "}}", "can't be read"),
+        ("joint_limits: " + "[" * 100_000, "levels deep"),
+        ("joint_limits: {a: &x {max_velocity: 1}, b: *x}", "aliases of YAML"),
+        ("joint_limits: !!python/object/apply:os.getcwd []", "can't be read"),
+    ],
+)
+def test_a_faulty_file_is_refused_with_its_name_and_the_reason(tmp_path, text, message):
+    path = write(tmp_path / "limits.yaml", text)
+    with pytest.raises(LimitsError, match=rf"limits\.yaml.*{message}"):
+        read_limits_file(path, NAMES)
+
+
+def test_a_missing_file_is_named(tmp_path):
+    with pytest.raises(LimitsError, match=r"nowhere\.yaml.*No such file"):
+        read_limits_file(tmp_path / "nowhere.yaml", NAMES)

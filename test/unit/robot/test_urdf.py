@@ -1,0 +1,194 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""What is wrong with a description is said in a sentence, and never by urdfdom on stderr."""
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from mp_pca_planner.evaluation.problems import EXAMPLE_ROBOTS
+from mp_pca_planner.exceptions import RobotError
+from mp_pca_planner.motion.collision import CollisionModel
+from mp_pca_planner.resources import config_file
+from mp_pca_planner.robot.model import Robot
+from mp_pca_planner.robot.urdf import read_description
+
+ARM = """<robot name="arm"><link name="base"/>
+<joint name="one" type="revolute"><origin xyz="0 0 1" rpy="0 0 0"/><parent link="base"/>
+  <child link="rod"/><axis xyz="0 1 0"/>
+  <limit lower="-1" upper="1" velocity="2" effort="30"/></joint>
+<link name="rod"><collision><geometry><box size="1 1 1"/></geometry></collision></link></robot>"""
+
+
+def changed(old: str, new: str) -> str:
+    assert old in ARM
+    return ARM.replace(old, new)
+
+
+@pytest.mark.parametrize(
+    ("urdf", "message"),
+    [
+        (changed('parent link="base"', 'parent link="bas"'), "parent of joint 'one': no link is "),
+        (changed('<child link="rod"/>', ""), "child of joint 'one': no link is called ''"),
+        (changed('<link name="base"/>', '<link name="base"/><link name="x"/>'), "'base', 'x' are"),
+        (changed('<link name="base"/>', '<link name="base"/>' * 2), "several are called 'base'"),
+        (changed('<link name="base"/>', '<link name="base"/><link/>'), "one has none"),
+        (
+            changed('xyz="0 0 1"', 'xyz="0 1"'),
+            "'one': 'xyz' of <origin> is '0 1', expected 3",
+        ),
+        (changed('xyz="0 1 0"', 'xyz="0 y 0"'), "'xyz' of <axis> is '0 y 0', expected 3 finite"),
+        (changed('upper="1"', 'upper="inf"'), "'upper' of <limit> is 'inf', expected a finite"),
+        (changed('effort="30"', ""), "joint 'one': <limit> lacks 'effort'"),
+        (changed("<limit ", "<bounds "), "joint 'one': it has no <limit>, which must state"),
+    ],
+)
+def test_joints_that_can_not_be_used_are_refused_by_name_and_in_silence(urdf, message, capfd):
+    with pytest.raises(RobotError, match=message):
+        Robot(urdf)
+    assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize(
+    ("shape", "message"),
+    [
+        ('<box size="1 1"/>', "'size' of <box> is '1 1', expected 3 finite numbers"),
+        ("<sphere/>", "<sphere> lacks 'radius'"),
+        ('<cylinder radius="1" length="nan"/>', "'length' of <cylinder> is 'nan'"),
+        ("<mesh/>", "its mesh lacks 'filename'"),
+        ("<torus/>", "its geometry is 'torus', expected one of box, sphere, cylinder, mesh"),
+        ("", "its geometry is none, expected one of"),
+    ],
+)
+def test_shapes_that_can_not_be_used_are_refused_when_collisions_matter(shape, message, capfd):
+    robot = Robot(changed('<box size="1 1 1"/>', shape))
+    assert robot.frame_names == ("base", "rod")
+    with pytest.raises(RobotError, match=f"<collision> of link 'rod': {message}"):
+        CollisionModel(robot)
+    assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize(
+    "extra",
+    [
+        '<visual><geometry><box size="a"/></geometry></visual>',
+        '<visual><geometry/><material name="nobody"/></visual>',
+    ],
+)
+def test_what_is_not_needed_may_be_wrong(extra, capfd):
+    urdf = changed('<link name="rod">', f'<link name="rod">{extra}')
+    urdf = urdf.replace("</joint>", '<dynamics/><safety_controller k_velocity="x"/></joint>')
+    urdf = urdf.replace("</robot>", '<material name="a"/><material name="a"/></robot>')
+    assert Robot(urdf.replace(' name="arm"', "")).joint_names == ("one",)
+    assert capfd.readouterr() == ("", "")
+
+
+def test_numbers_are_read_as_written():
+    limit = changed('lower="-1"', 'lower=" -1.25e0 "').replace('xyz="0 0 1"', 'xyz=" 1e-9  +2 3."')
+    robot = Robot(limit)
+    assert robot.limits().lower.tolist() == [-1.25]
+    place = robot.frame_positions(np.zeros((1, 1)), ["rod"])[0, 0]
+    assert place.tolist() == [1e-9, 2.0, 3.0]
+
+
+def example_files() -> list[Path]:
+    loader = pytest.importorskip(
+        "example_robot_data.robots_loader",
+        reason="example-robot-data is not installed (extra 'peers')",
+    )
+    folder = Path(loader.getModelPath(EXAMPLE_ROBOTS["panda"][0]))
+    return sorted(folder.glob("**/*.urdf"))
+
+
+def test_the_part_that_is_read_of_real_descriptions_makes_the_model_of_the_whole(capfd):
+    n_models = 0
+    for path in [config_file("human_arm.urdf"), *example_files()]:
+        if path.stem in NOTHING_MOVES:
+            continue
+        text = path.read_text(encoding="utf-8")
+        found = read_description(text, path.name)
+        if "continuous" in found.types.values():
+            continue  # one angle here, a cosine and a sine in Pinocchio
+        part, whole = pin.buildModelFromXML(found.xml), pin.buildModelFromXML(text)
+        assert list(part.names) == list(whole.names)
+        assert [f.name for f in part.frames] == [f.name for f in whole.frames]
+        for kind in ("inertias", "jointPlacements"):
+            pairs = zip(getattr(part, kind), getattr(whole, kind), strict=True)
+            assert all(one.isApprox(other, 1e-12) for one, other in pairs), path.name
+        np.testing.assert_array_equal(part.effortLimit, whole.effortLimit)
+        np.testing.assert_array_equal(part.lowerPositionLimit, whole.lowerPositionLimit)
+        assert not found.lost_inertials and not found.lost_shapes
+        n_models += 1
+    assert n_models > 30
+    assert capfd.readouterr() == ("", "")
+
+
+NOTHING_MOVES = {"bluevolta", "falcon", "iris_simple", "quadrotor_base", "ur3"}
+WITHOUT_INERTIAS = {  # fingers without mass; inertia tensors that no body has
+    "bluevolta_bravo7_gripper",
+    "bravo7_gripper",
+    "falcon_bravo7_gripper",
+    "icub",
+    "icub_reduced",
+    "romeo",
+    "romeo_laas_small",
+    "romeo_small",
+}
+
+
+def test_inertias_of_real_robots_are_valid_but_for_known_ones():
+    refused = set()
+    for path in example_files():
+        if path.stem in NOTHING_MOVES:
+            continue
+        robot = Robot.from_file(path)
+        try:
+            robot.require_inertias("tests")
+        except RobotError:
+            refused.add(path.stem)
+    assert refused == WITHOUT_INERTIAS
+
+
+def many(kind: str, n: int, parent: str = "l{i}") -> str:
+    links = "".join(f'<link name="l{i}"/>' for i in range(n + 1))
+    limit = '<limit lower="-1" upper="1" effort="1" velocity="1"/>'
+    joints = "".join(
+        f'<joint name="j{i}" type="{kind if i else "revolute"}"><parent link="'
+        f'{parent.format(i=i)}"/><child link="l{i + 1}"/>{limit}</joint>'
+        for i in range(n)
+    )
+    return f'<robot name="many">{links}{joints}</robot>'
+
+
+@pytest.mark.parametrize(
+    ("urdf", "message"),
+    [
+        (
+            many("revolute", 20_000),
+            "20001 links and 20000 movable joints, but at most 2000 and 200",
+        ),
+        (many("fixed", 20_000), "20001 links and 1 movable"),
+        (many("fixed", 20_000, "l0"), "20001 links and 1 movable"),
+        (many("revolute", 201), "201 movable joints"),
+        ("<robot>" * 100_000 + "</robot>" * 100_000, "within more than 50 others"),
+        ("<robot>" + " " * (16 << 20) + "</robot>", "more than 16,777,216 characters"),
+    ],
+    ids=["chain", "fixed chain", "fixed", "movable", "deep", "long"],
+)
+def test_description_of_unbounded_size_is_refused(urdf: str, message: str) -> None:
+    with pytest.raises(RobotError, match=message):
+        Robot(urdf)
+
+
+def test_largest_descriptions_are_read() -> None:
+    assert Robot(many("fixed", 1_999)).n_joints == 1
+    assert Robot(many("revolute", 200)).n_joints == 200
+
+
+def test_urdf_file_that_is_a_pipe_is_refused(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "robot.urdf")
+    with pytest.raises(RobotError, match="no regular file"):
+        Robot.from_file(tmp_path / "robot.urdf")

@@ -1,0 +1,171 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""The simulated arm and its drives, against statics and energy computed by Pinocchio itself."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from arm import JOINTS, arm_robot
+
+from mp_pca_planner.exceptions import MissingDependencyError, SimulationError
+from mp_pca_planner.resources import config_file
+from mp_pca_planner.robot.model import Robot
+from mp_pca_planner.simulation.mujoco_plant import MujocoPlant
+from mp_pca_planner.simulation.plant import PERIOD, Drives, PinocchioPlant
+
+URDF = config_file("human_arm.urdf").read_text(encoding="utf-8")
+START = np.array([0.3, 0.4, -0.2, 0.9])
+SIGNS = np.array([1.0, 1.0, 1.0, -1.0])
+
+
+@pytest.fixture(params=["pinocchio", "mujoco"])
+def kind(request):
+    """Each physics engine."""
+    if request.param == "pinocchio":
+        return PinocchioPlant
+    pytest.importorskip("mujoco", reason="MuJoCo (extra 'sim') is not installed")
+    return MujocoPlant
+
+
+def limited(effort: float) -> Robot:
+    """The arm with other effort limits."""
+    root = ET.fromstring(URDF)
+    for limit in root.iter("limit"):
+        limit.set("effort", str(effort))
+    return Robot(ET.tostring(root, encoding="unicode"), JOINTS)
+
+
+def gravity_with(mass: float, q: np.ndarray) -> np.ndarray:
+    """Efforts of gravity on the arm with a point mass at its last link, by its potential energy."""
+    model = pin.buildModelFromXML(URDF)
+    data, h = model.createData(), 1e-6
+    frame = model.getFrameId(arm_robot().frame_names[-1])
+
+    def energy(q):
+        pin.framesForwardKinematics(model, data, q)
+        return (
+            pin.computePotentialEnergy(model, data, q)
+            + mass * 9.81 * (data.oMf[frame].translation[2])
+        )
+
+    return np.array([(energy(q + h * e) - energy(q - h * e)) / (2 * h) for e in np.eye(len(q))])
+
+
+def test_arm_at_rest_stays_where_it_is(kind):
+    plant = kind(arm_robot(), START)
+    for _ in range(500):
+        plant.step(START)
+    np.testing.assert_allclose(plant.q, START, atol=1e-10)
+    np.testing.assert_allclose(plant.v, 0.0, atol=1e-9)
+
+
+@pytest.mark.parametrize("mass", [1.0, 3.0])
+def test_payload_makes_the_arm_sag_by_its_statics(kind, mass):
+    plant = kind(arm_robot(), START)
+    plant.set_payload(mass)
+    for _ in range(3000):
+        plant.step(START)
+    missing = gravity_with(mass, plant.q) - gravity_with(0.0, plant.q)
+    np.testing.assert_allclose(plant.drives.kp * (START - plant.q), missing, atol=1e-3)
+    assert np.abs(plant.q - START).max() > 1e-4
+
+
+def test_energy_of_a_disturbed_arm_only_falls():
+    """Kinetic energy and that of the drives' springs; gravity is compensated."""
+    plant = PinocchioPlant(arm_robot(), START)
+    plant.q, plant.v = START + 0.05 * SIGNS, np.array([0.5, -1.0, 1.0, 0.4])
+    model = pin.buildModelFromXML(URDF)
+    data, drives = model.createData(), plant.drives
+
+    def energy():
+        M = np.triu(pin.crba(model, data, plant.q))
+        M = M + np.triu(M, 1).T + np.diag(drives.inertia)
+        e = plant.q - START
+        return 0.5 * plant.v @ M @ plant.v + 0.5 * e @ (drives.kp * e)
+
+    energies = []
+    for _ in range(500):
+        energies.append(energy())
+        plant.step(START)
+    # While it is more than rounding.
+    assert np.all(np.diff(energies) < 1e-9 * energies[0])
+    assert energies[-1] < 1e-9 * energies[0]
+
+
+def test_steady_motion_is_followed_with_the_lag_of_the_drives(kind):
+    plant = kind(arm_robot(), START)
+    rate = np.array([0.5, -0.3, 0.4, 0.6])
+    for k in range(400):
+        command = START + rate * PERIOD * k
+        before = plant.q
+        plant.step(command)
+    lag = (command - before) / rate
+    np.testing.assert_allclose(lag, plant.drives.lag, atol=1e-3)
+
+
+def test_drives_give_no_more_than_their_limits(kind):
+    robot = limited(12.0)
+    plant = kind(robot, START)
+    model = pin.buildModelFromXML(URDF)
+    data, drives = model.createData(), plant.drives
+    acting = []
+    for _ in range(200):
+        q, v = plant.q, plant.v
+        plant.step(START + 0.8 * SIGNS)
+        a = (plant.v - v) / PERIOD
+        acting.append(pin.rnea(model, data, q, v, a) + drives.inertia * a)
+    # The state at the start of a step stands for that in it.
+    assert 11.5 < np.abs(acting).max() < 13.5
+
+
+def test_drives_that_are_saturated_arrive_all_the_same(kind):
+    plant = kind(limited(25.0), START)
+    goal = START + 0.3 * SIGNS
+    for _ in range(4000):
+        plant.step(goal)
+    np.testing.assert_allclose(plant.q, goal, atol=1e-6)
+
+
+def test_order_of_the_joints_changes_nothing(kind):
+    order = [2, 0, 3, 1]
+    plants = [
+        kind(arm_robot(), START),
+        kind(Robot(URDF, [JOINTS[i] for i in order]), START[order]),
+    ]
+    for plant in plants:
+        plant.set_payload(2.0)
+    for k in range(300):
+        goal = START + 0.3 * (1.0 - np.cos(0.01 * k)) * np.array([1.0, -0.5, 0.7, 0.2])
+        plants[0].step(goal)
+        plants[1].step(goal[order])
+    # The drives' gains come from random configurations, which differ with the order.
+    np.testing.assert_allclose(plants[1].q, plants[0].q[order], atol=2e-3)
+
+
+def test_both_engines_move_the_arm_alike():
+    pytest.importorskip("mujoco", reason="MuJoCo (extra 'sim') is not installed")
+    plants = [PinocchioPlant(arm_robot(), START), MujocoPlant(arm_robot(), START)]
+    for k in range(800):
+        goal = START + 0.5 * (1.0 - np.cos(0.01 * k)) * np.array([1.0, -0.5, 0.7, 0.2])
+        for plant in plants:
+            plant.step(goal)
+        # At up to 5 rad/s, half a step of time is this much.
+        np.testing.assert_allclose(plants[0].q, plants[1].q, atol=0.5 * PERIOD * 5.0)
+
+
+def test_without_mujoco_the_message_names_the_extra(monkeypatch):
+    monkeypatch.setitem(__import__("sys").modules, "mujoco", None)
+    with pytest.raises(MissingDependencyError, match=r"mp_pca_planner\[sim\]"):
+        MujocoPlant(arm_robot(), START)
+
+
+def test_mass_matrix_that_is_not_positive_definite_is_refused():
+    robot = arm_robot().with_inertias(np.zeros(len(JOINTS)))
+    drives = Drives(*(np.zeros(4),) * 3, np.full(4, np.inf))
+    plant = PinocchioPlant(robot, START, drives)
+    with pytest.raises(SimulationError, match="valid inertial"):
+        plant.step(START)

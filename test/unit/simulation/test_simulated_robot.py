@@ -1,0 +1,284 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""The simulated robot in virtual time: its faults, its record, its chance."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from arm import JOINTS
+from referee import judge
+
+from mp_pca_planner.exceptions import SimulationError
+from mp_pca_planner.motion.trajectory import Trajectory
+from mp_pca_planner.resources import config_file
+from mp_pca_planner.simulation import ControllerOptions, Faults, SimulatedRobot
+
+URDF = config_file("human_arm.urdf").read_text(encoding="utf-8")
+START = np.array([0.1, 0.2, 0.0, 0.8])
+SHIFT = np.array([0.6, -0.4, 0.5, 0.7])
+DURATION = 1.0
+# Of the minimum-jerk motion.
+LIMITS = {
+    "velocity": 1.875 * np.abs(SHIFT) / DURATION,
+    "acceleration": 5.7735 * np.abs(SHIFT) / DURATION**2,
+    "jerk": 60.0 * np.abs(SHIFT) / DURATION**3,
+}
+
+
+def robot(**options):
+    return SimulatedRobot(URDF, JOINTS, START, **options)
+
+
+def motion(start=START, shift=SHIFT):
+    """The minimum-jerk motion: a quintic, which one segment already holds."""
+    zero = np.zeros((2, 4))
+    return Trajectory(JOINTS, [0.0, DURATION], [start, start + shift], zero, zero)
+
+
+def steps(simulated, n):
+    for _ in range(n):
+        simulated.step()
+    return simulated
+
+
+def commands(simulated):
+    return judge(simulated.record.q, simulated.record.clock, LIMITS, cuts=simulated.record.cuts)
+
+
+def test_motion_is_commanded_as_it_was_sent_and_followed():
+    simulated = steps(robot(), 10)
+    simulated.send(motion())
+    steps(simulated, 1500)
+    record = simulated.record
+    s = np.clip((record.times - record.times[10] + 1e-3) / DURATION, 0.0, 1.0)[:, None]
+    s[:10] = 0.0
+    np.testing.assert_allclose(
+        record.q, START + SHIFT * s**3 * (10 - 15 * s + 6 * s * s), atol=1e-9
+    )
+    np.testing.assert_allclose(record.v, SHIFT * 30 * s**2 * (1 - s) ** 2, atol=1e-9)
+    np.testing.assert_allclose(record.a, SHIFT * (60 * s - 180 * s**2 + 120 * s**3), atol=1e-8)
+    assert np.abs(record.q - record.measured).max() < 0.01
+    np.testing.assert_allclose(simulated.measured_state()[0], START + SHIFT, atol=1e-6)
+    assert commands(simulated).is_clean
+    assert (simulated.n_received, simulated.rejections) == (1, [])
+
+
+def test_record_has_one_row_per_millisecond():
+    simulated = steps(robot(), 5000)
+    assert len(simulated.record) == 5000
+    np.testing.assert_allclose(simulated.record.times, 1000.0 + 1e-3 * np.arange(1, 5001))
+    assert simulated.time == pytest.approx(1005.0)
+    simulated.record.clear()
+    assert len(simulated.record.q) == 0
+
+
+@pytest.mark.parametrize("rate", [500.0, 125.0])
+def test_joint_states_come_at_their_rate_and_stop_when_they_are_silent(rate):
+    simulated = robot(state_rate=rate)
+    simulated.send(motion())
+    steps(simulated, 8)
+    stamps = []
+    for _ in range(400):
+        simulated.step()
+        stamps.append(simulated.newest_state()[0])
+    assert len(set(stamps)) in (400 * rate / 1000, 400 * rate / 1000 + 1)
+    simulated.faults.silent = True
+    silent = simulated.newest_state()
+    steps(simulated, 100)
+    assert simulated.newest_state()[0] == silent[0]
+    np.testing.assert_array_equal(simulated.newest_state()[1], silent[1])
+    simulated.faults.silent = False
+    assert steps(simulated, 10).newest_state()[0] > silent[0]
+
+
+def test_transport_takes_its_delay_and_keeps_the_order():
+    simulated = robot(seed=3)
+    simulated.faults.delay, simulated.faults.jitter = 0.01, 0.02
+    arrivals = []
+    for k in range(20):
+        simulated.send(motion(START + 0.01 * k, np.zeros(4)))
+        sent, n = simulated.time, simulated.n_received
+        while simulated.n_received == n:
+            simulated.step()
+        arrivals.append(simulated.time - sent)
+        steps(simulated, 3)
+    assert 0.009 < min(arrivals) < 0.015 < 0.025 < max(arrivals) < 0.032
+    for k in range(20):
+        simulated.send(motion(START + 0.01 * k, np.zeros(4)))
+    steps(simulated, 50)
+    np.testing.assert_allclose(simulated.record.q[-1], START + 0.19)
+
+
+def test_hold_and_release_leave_the_motion_smooth_and_let_it_end():
+    simulated = robot()
+    simulated.send(motion())
+    steps(simulated, 400)
+    simulated.faults.held = True
+    steps(simulated, 1500)
+    held = simulated.record.q[-1]
+    assert simulated.scaling == 0.0
+    steps(simulated, 500)
+    np.testing.assert_array_equal(simulated.record.q[-1], held)
+    simulated.faults.held = False
+    steps(simulated, 2000)
+    np.testing.assert_array_equal(simulated.record.q[-1], START + SHIFT)
+    assert commands(simulated).is_clean
+
+
+def test_acceleration_of_a_robot_that_is_slowed_is_bounded_by_its_velocity():
+    simulated = robot()
+    simulated.send(motion())
+    steps(simulated, 450)
+    simulated.faults.speed_scaling = 0.0
+    steps(simulated, 600)
+    scaling = simulated.record.scaling
+    rate, bend = np.diff(scaling) / 1e-3, np.diff(scaling, 2) / 1e-6
+    # Of three first-order filters of 50 ms: 2 exp(-2) and exp(-0.59) 0.59 (1 - 0.29) of 1/50 ms.
+    assert np.abs(rate).max() == pytest.approx(0.271 / 0.05, rel=0.05)
+    assert np.abs(bend).max() == pytest.approx(0.231 / 0.05**2, rel=0.05)
+
+
+@pytest.mark.parametrize("scaling", [0.1, 0.5])
+def test_slowed_motion_that_its_own_rest_replaces_has_no_jump_by_the_clock(scaling):
+    simulated = robot()
+    simulated.faults.speed_scaling = scaling
+    simulated.send(motion())
+    steps(simulated, 1200)
+    record = simulated.record
+    # The present command, by the present clock, to the end of the motion.
+    rest = DURATION - record.clock[-1]
+    states = [[x[-1], end] for x, end in ((record.q, START + SHIFT), (record.v, 0 * SHIFT))]
+    simulated.send(Trajectory(JOINTS, [0.0, rest], *states, [record.a[-1], 0 * SHIFT]))
+    steps(simulated, round(rest / scaling * 1000) + 500)
+    assert commands(simulated).is_clean
+    np.testing.assert_array_equal(record.q[-1], START + SHIFT)
+
+
+@pytest.mark.parametrize("scaling", [0.1, 0.5])
+def test_slowed_motion_takes_longer(scaling):
+    simulated = robot()
+    simulated.faults.speed_scaling = scaling
+    steps(simulated, 1000)
+    simulated.send(motion())
+    steps(simulated, 2)
+    n = round(DURATION / scaling * 1000)
+    assert np.any(steps(simulated, n - 20).record.v[-1] != 0.0)
+    assert not np.any(steps(simulated, 40).record.v[-1])
+
+
+def test_lost_and_rejected_messages_are_known_with_their_reasons():
+    simulated = robot()
+    simulated.faults.drop = 1.0
+    simulated.send(motion())
+    simulated.faults.drop, simulated.faults.active = 0.0, False
+    steps(simulated, 10)
+    simulated.send(motion())
+    steps(simulated, 10)
+    reasons = [reason for _, reason in simulated.rejections]
+    assert reasons == ["the message was lost", "the controller is not active"]
+    assert [when for when, _ in simulated.rejections] == [1000.0, 1000.011]
+    np.testing.assert_array_equal(simulated.record.q[-1], START)
+
+
+def test_controller_that_is_restarted_holds_and_the_step_is_marked():
+    simulated = robot()
+    simulated.send(motion())
+    steps(simulated, 500)
+    simulated.restart_controller()
+    steps(simulated, 500)
+    assert simulated.record.cuts == [500]
+    np.testing.assert_array_equal(simulated.record.q[500:], simulated.record.q[[499] * 500])
+    assert commands(simulated).is_clean
+    assert not judge(simulated.record.q, simulated.record.clock, LIMITS).is_clean
+    simulated.send(motion(simulated.record.q[-1].copy(), np.zeros(4)))
+    assert steps(simulated, 10).rejections == []
+
+
+def test_position_that_is_held_for_a_tolerance_is_marked():
+    simulated = robot(options=ControllerOptions(state_tolerance=0.001))
+    simulated.send(motion())
+    steps(simulated, 1000)
+    _, cut = simulated.record.cuts
+    assert commands(simulated).is_clean
+    assert np.abs(simulated.record.q[cut] - simulated.record.q[cut - 1]).max() > 5e-4
+
+
+def test_same_seed_gives_the_same_to_the_last_bit_and_another_does_not():
+    records = []
+    for seed in (7, 7, 8):
+        simulated = robot(seed=seed)
+        faults = simulated.faults
+        faults.delay, faults.jitter, faults.noise = 0.003, 0.01, 1e-4
+        for _ in range(3):
+            simulated.send(motion())
+            steps(simulated, 300)
+        records.append((simulated.newest_state(), simulated.record.q.copy()))
+    (state, q), (same_state, same_q), (other_state, other_q) = records
+    np.testing.assert_array_equal(q, same_q)
+    np.testing.assert_array_equal(state[1], same_state[1])
+    assert not np.array_equal(q, other_q)
+    assert not np.array_equal(state[1], other_state[1])
+
+
+def test_noise_has_its_standard_deviation_and_does_not_move_the_robot():
+    simulated = robot()
+    simulated.faults.noise = 1e-4
+    states = []
+    for _ in range(2000):
+        simulated.step()
+        states.append(simulated.measured_state())
+    q, v = np.transpose(states, (1, 0, 2))
+    np.testing.assert_allclose((q - START).std(axis=0), 1e-4, rtol=0.1)
+    np.testing.assert_allclose(v.std(axis=0), 1e-2, rtol=0.1)
+    np.testing.assert_allclose(simulated.record.measured, np.tile(START, (2000, 1)), atol=1e-9)
+
+
+def test_payload_may_come_and_go():
+    simulated = robot()
+    simulated.faults.payload = 2.0
+    steps(simulated, 1500)
+    assert np.abs(simulated.measured_state()[0] - START).max() > 1e-4
+    simulated.faults.payload = 0.0
+    steps(simulated, 1500)
+    np.testing.assert_allclose(simulated.measured_state()[0], START, atol=1e-9)
+
+
+def test_commands_that_are_no_numbers_are_recorded_and_not_followed():
+    simulated = robot()
+    nan = Trajectory(JOINTS, [0.0], [START], [np.zeros(4)], [np.zeros(4)])
+    object.__setattr__(nan, "positions", np.full((1, 4), np.nan))
+    simulated.send(nan)
+    steps(simulated, 100)
+    assert np.isnan(simulated.record.q[-1]).all()
+    np.testing.assert_array_equal(simulated.measured_state()[0], START)
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "reason"),
+    [
+        ("speed_scaling", 1.5, "expected a number from 0 to 1"),
+        ("delay", -0.1, "expected a number from 0 to 1"),
+        ("noise", float("nan"), "expected a number"),
+        ("payload", "3", "expected a number"),
+        ("held", 1, "expected true or false"),
+        ("hold", True, "did you mean 'held'"),
+    ],
+)
+def test_fault_that_can_not_be_is_refused_and_changes_nothing(name, value, reason):
+    faults = Faults()
+    with pytest.raises(SimulationError, match=reason):
+        setattr(faults, name, value)
+    assert faults == Faults()
+
+
+@pytest.mark.parametrize(
+    ("options", "reason"),
+    [
+        ({"plant": "bullet"}, "no physics engine is called 'bullet'"),
+        ({"state_rate": 0.0}, "rate of joint states is 0.0 Hz"),
+    ],
+)
+def test_robot_that_can_not_be_is_refused(options, reason):
+    with pytest.raises(SimulationError, match=reason):
+        robot(**options)

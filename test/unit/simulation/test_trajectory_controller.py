@@ -1,0 +1,299 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""The simulated trajectory controller, against closed forms and the original's own rules."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.polynomial import Polynomial
+
+from mp_pca_planner.exceptions import SimulationError
+from mp_pca_planner.motion.trajectory import Trajectory
+from mp_pca_planner.simulation.controller import ControllerOptions, TrajectoryController
+from mp_pca_planner.simulation.message import Point, TrajectoryMessage, to_message
+
+NAMES = ("shoulder", "elbow")
+NOW, MS = 1_000_000_000_000, 1_000_000
+S = 1000 * MS
+START = np.array([0.2, -0.1])
+ASTRAY = np.array([0.35, -0.1])
+
+
+class Loop:
+    """A controller whose robot is wherever it is put."""
+
+    def __init__(self, **options):
+        continuous = options.pop("continuous", None)
+        self.controller = TrajectoryController(
+            NAMES, START, ControllerOptions(**options), continuous
+        )
+        self.now = NOW
+        self.measured = (START.copy(), np.zeros(2))
+
+    def send(self, *points, stamp=0, names=NAMES):
+        return self.controller.receive(TrajectoryMessage(names, points, stamp), self.now)
+
+    def cycle(self, n=1, period=MS):
+        """Run cycles; the last command as rows q, v, a."""
+        for _ in range(n):
+            self.now += period
+            command = self.controller.update(self.now, period, self.measured)
+        return command.reshape(3, 2)
+
+
+def solved(t0, state0, t1, state1):
+    """The polynomial with given values and derivatives at two times, by its linear equations."""
+    n = 2 * len(state0)
+    rows, right = [], []
+    for t, state in ((t0, state0), (t1, state1)):
+        for d, value in enumerate(state):
+            powers = [Polynomial.basis(p).deriv(d)(t) if d else t**p for p in range(n)]
+            rows.append(powers)
+            right.append(value)
+    return Polynomial(np.linalg.solve(rows, right))
+
+
+def moving(time, q, v=None, a=None):
+    return Point(int(time * S), *(() if x is None else x for x in (q, v, a)))
+
+
+A = ([0.2, -0.1], [0.3, -0.2], [1.0, 0.5])
+B = ([0.9, 0.4], [0.0, 0.0], [-0.7, 0.2])
+
+
+@pytest.mark.parametrize("n_given", [1, 2, 3], ids=["linear", "cubic", "quintic"])
+def test_degree_of_the_spline_is_that_of_what_is_given(n_given):
+    loop = Loop()
+    assert loop.send(moving(0.0, *A[:n_given]), moving(0.5, *B[:n_given])) is None
+    first = loop.now + MS
+    for _ in range(520):
+        command = loop.cycle()
+        # What is commanded is due at the next cycle.
+        t = min((loop.now + MS - first) / S, 0.5)
+        for j in range(2):
+            curve = solved(0.0, [x[j] for x in A[:n_given]], 0.5, [x[j] for x in B[:n_given]])
+            q, v, a = (curve.deriv(d)(t) if d else curve(t) for d in range(3))
+            if t == 0.5:  # the last point is held as it was sent
+                v, a = 0.0, B[2][j] if n_given == 3 else 0.0
+            np.testing.assert_allclose(command[:, j], [q, v, a], atol=1e-9)
+
+
+def test_points_of_different_kinds_are_joined_by_what_both_ends_of_a_segment_have():
+    loop = Loop()
+    loop.send(moving(0.0, *A), moving(0.5, *B[:2]), moving(1.0, [1.0, 1.0]))
+    cubic = solved(0.0, (A[0][0], A[1][0]), 0.5, (B[0][0], B[1][0]))
+    assert loop.cycle(200)[0, 0] == pytest.approx(cubic(0.2), abs=1e-9)
+    assert loop.cycle(500)[0, 0] == pytest.approx(0.9 + (0.7 - 0.5) * (1.0 - 0.9) / 0.5, abs=1e-9)
+
+
+def test_accelerations_without_velocities_command_zero():
+    loop = Loop()
+    assert loop.send(moving(0.0, A[0], None, A[2]), moving(0.5, B[0], None, B[2])) is None
+    np.testing.assert_array_equal(loop.cycle(100), np.zeros((3, 2)))
+
+
+def test_first_point_that_lies_ahead_is_approached_from_the_measured_state():
+    loop = Loop()
+    loop.measured = (START + 0.01, np.array([0.5, 0.0]))
+    loop.send(moving(0.4, *B))
+    curve = solved(0.0, (START[0] + 0.01, 0.5, 0.0), 0.4, [x[0] for x in B])
+    command = loop.cycle()
+    expected = [curve(1e-3), curve.deriv()(1e-3), curve.deriv(2)(1e-3)]
+    np.testing.assert_allclose(command[:, 0], expected, atol=1e-9)
+
+
+def test_interpolation_from_the_desired_state_ignores_what_is_measured():
+    loop = Loop(interpolate_from_desired_state=True)
+    loop.send(moving(0.0, *A), moving(1.0, *B))
+    before = loop.cycle(300)[:, 0]
+    commanded_at = loop.now
+    loop.measured = (START + 0.3, np.array([0.5, 0.0]))
+    loop.send(moving(0.4, *B))
+    command = loop.cycle()[:, 0]
+    # Its state is said to be of the cycle in which it was commanded, though due one later.
+    curve = solved(0.0, before, (loop.now - commanded_at) / S + 0.4, [x[0] for x in B])
+    assert command[0] == pytest.approx(curve(2e-3), abs=1e-9)
+
+
+def test_continuous_joints_take_the_shorter_direction():
+    loop = Loop(continuous=np.array([True, False]))
+    loop.measured = (np.array([0.2 + 4 * np.pi, -0.1]), np.zeros(2))
+    loop.send(moving(0.5, [0.3, 0.0]))
+    np.testing.assert_allclose(loop.cycle(250)[0], [0.25, -0.05], atol=1e-3)
+
+
+def test_stamp_in_the_past_enters_the_trajectory_where_it_is_by_now():
+    loop = Loop()
+    start = loop.now + MS - 200 * MS
+    assert loop.send(moving(0.0, *A[:2]), moving(0.5, *B[:2]), stamp=start) is None
+    curve = solved(0.0, (A[0][0], A[1][0]), 0.5, (B[0][0], B[1][0]))
+    assert loop.cycle()[0, 0] == pytest.approx(curve(0.201), abs=1e-9)
+
+
+def test_stamp_in_the_future_delays_the_first_point():
+    loop = Loop()
+    start = loop.now + MS + 100 * MS
+    loop.send(moving(0.0, [0.3, -0.1]), moving(0.5, [0.9, 0.4]), stamp=start)
+    assert loop.cycle(50)[0, 0] == pytest.approx(0.2 + 0.1 * 0.5, abs=1e-9)
+    assert loop.cycle(100)[0, 0] == pytest.approx(0.3 + 0.6 * 0.05 / 0.5, abs=1e-9)
+
+
+def test_trajectory_that_starts_as_time_passes_is_the_same_with_its_stamp_and_without():
+    loops = [Loop(), Loop()]
+    for loop, stamp in zip(loops, (0, NOW + MS), strict=True):
+        loop.send(moving(0.0, *A), moving(0.5, *B), stamp=stamp)
+    for _ in range(600):
+        np.testing.assert_array_equal(*(loop.cycle() for loop in loops))
+
+
+def test_new_message_replaces_the_running_one_in_the_next_cycle():
+    loop = Loop()
+    loop.send(moving(0.0, *A[:2]), moving(0.5, *B[:2]))
+    loop.cycle(250)
+    loop.send(moving(0.0, [0.5, 0.5]), moving(0.5, [0.7, 0.5]))
+    # The newest of those that wait is taken.
+    loop.send(moving(0.0, [0.6, 0.5]), moving(0.5, [0.8, 0.5]))
+    assert loop.cycle()[0, 0] == pytest.approx(0.6 + 0.2 * 1e-3 / 0.5, abs=1e-12)
+    np.testing.assert_array_equal(loop.cycle(1000), [[0.8, 0.5], [0, 0], [0, 0]])
+
+
+def test_joints_in_any_order_are_commanded_by_name():
+    loop = Loop()
+    loop.send(moving(0.0, [1.0, 2.0]), moving(0.1, [3.0, 4.0]), names=NAMES[::-1])
+    np.testing.assert_array_equal(loop.cycle(200)[0], [4.0, 3.0])
+
+
+def test_joints_that_are_left_out_hold_their_commanded_positions_if_that_is_allowed():
+    loop = Loop(allow_partial_joints_goal=True)
+    loop.measured = (START + 0.01, np.zeros(2))
+    assert loop.send(moving(0.0, [0.0]), moving(0.1, [0.5]), names=("elbow",)) is None
+    np.testing.assert_array_equal(loop.cycle(200)[0], [START[0], 0.5])
+
+
+@pytest.mark.parametrize("scaling", [1.0, 0.5, 0.1, 0.0])
+def test_speed_scaling_slows_the_clock_of_the_trajectory(scaling):
+    loop = Loop()
+    loop.send(moving(0.0, [0.0, 0.0]), moving(1.0, [1.0, -1.0]))
+    loop.cycle()
+    clock = loop.controller.clock_ns
+    loop.controller.speed_scaling = scaling
+    assert loop.cycle(500)[0, 0] == pytest.approx(1e-3 + 0.5 * scaling, abs=1e-12)
+    assert loop.controller.clock_ns - clock == pytest.approx(500 * MS * scaling)
+
+
+def test_clock_of_the_original_starts_anew_with_a_message_and_that_of_uptime_does_not():
+    """A stamped trajectory after a second at half speed: UR's old clock is half a second behind."""
+    found = []
+    for uptime in (False, True):
+        loop = Loop(uptime_clock=uptime)
+        loop.send(moving(0.0, START.tolist()), moving(9.0, START.tolist()))
+        loop.cycle()
+        loop.controller.speed_scaling = 0.5
+        loop.cycle(1000)
+        loop.controller.speed_scaling = 1.0
+        loop.send(moving(0.0, [0.0, 0.0]), moving(2.0, [2.0, 2.0]), stamp=loop.now)
+        loop.measured = (np.zeros(2), np.zeros(2))
+        found.append(loop.cycle(1000)[0, 0])
+    assert found[0] == pytest.approx(1.0, abs=2e-3)
+    assert found[1] == pytest.approx(0.5, abs=2e-3)
+
+
+def test_uptime_clock_commands_what_is_due_now():
+    loop = Loop(uptime_clock=True)
+    loop.send(moving(0.0, [0.0, 0.0]), moving(1.0, [1.0, 1.0]))
+    assert loop.cycle()[0, 0] == 0.0
+    assert loop.cycle(100)[0, 0] == pytest.approx(0.1, abs=1e-12)
+
+
+def test_deviation_over_the_state_tolerance_holds_the_measured_position():
+    loop = Loop(state_tolerance=0.05)
+    loop.send(moving(0.0, START.tolist()), moving(1.0, [1.2, -0.1]))
+    last = loop.cycle(50)
+    assert loop.controller.n_holds == 0
+    loop.measured = (ASTRAY, np.zeros(2))
+    np.testing.assert_array_equal(loop.cycle(50), loop.cycle())
+    assert loop.controller.n_holds == 1
+    assert last[0, 0] < 0.3
+    np.testing.assert_array_equal(loop.cycle(500)[0], ASTRAY)
+
+
+def test_robot_that_is_not_at_the_end_in_time_is_held_where_it_is():
+    loop = Loop(goal_tolerance=0.01, goal_time=0.2)
+    loop.send(moving(0.0, START.tolist()), moving(0.1, [0.3, -0.1]))
+    np.testing.assert_array_equal(loop.cycle(290)[0], [0.3, -0.1])
+    np.testing.assert_array_equal(loop.cycle(30)[0], START)
+
+
+def test_controller_that_is_not_active_holds_its_command_and_rejects():
+    loop = Loop()
+    loop.send(moving(0.0, *A[:1]), moving(1.0, *B[:1]))
+    last = loop.cycle(500)[0]
+    loop.controller.deactivate()
+    assert "not active" in loop.send(moving(0.0, [1.0, 1.0]))
+    np.testing.assert_array_equal(loop.cycle(100), [last, [0, 0], [0, 0]])
+    loop.controller.activate()
+    np.testing.assert_array_equal(loop.cycle(100)[0], last)
+    assert loop.send(moving(0.0, [1.0, 1.0])) is None
+
+
+GOOD = (moving(0.0, *A), moving(0.5, *B))
+
+
+@pytest.mark.parametrize(
+    ("points", "names", "stamp", "reason"),
+    [
+        ((), NAMES, 0, "no points"),
+        (GOOD, (), 0, "0 joints"),
+        (GOOD, NAMES[:1], 0, "1 joints, the controller 2"),
+        (GOOD, ("shoulder", "wrist"), 0, "'wrist'"),
+        (GOOD, ("elbow", "elbow"), 0, "'elbow' given more than once"),
+        (GOOD[:1], NAMES, 0, "moves joint 'shoulder' at 0.3"),
+        (GOOD, NAMES, NOW - S, "ended 0.5 s before"),
+        (GOOD[::-1] + GOOD[1:], NAMES, 0, "points 0 and 1 are 500000000 and 0"),
+        ((GOOD[0], replace(GOOD[1], time_from_start_ns=0)), NAMES, 0, "not increasing"),
+        ((moving(0.0, [0.1]),), NAMES, 0, "1 positions for 2 joints"),
+        ((moving(0.0, []),), NAMES, 0, "0 positions for 2 joints"),
+        ((moving(0.0, A[0], [0.0]),), NAMES, 0, "1 velocities for 2 joints"),
+        ((moving(0.0, A[0], [0.0] * 2, [0.0] * 3),), NAMES, 0, "3 accelerations for 2"),
+        ((Point(0, A[0], effort=(1.0, 1.0)),), NAMES, 0, "no effort interface"),
+    ],
+)
+def test_message_is_rejected_with_the_reason_and_changes_nothing(points, names, stamp, reason):
+    loop = Loop()
+    assert reason in loop.send(*points, names=names, stamp=stamp)
+    np.testing.assert_array_equal(loop.cycle(100), [START, [0, 0], [0, 0]])
+
+
+@pytest.mark.parametrize(("v", "is_accepted"), [(1e-7, True), (1.2e-7, False), (-0.1, False)])
+def test_last_velocity_is_zero_to_the_precision_of_the_original(v, is_accepted):
+    loop = Loop()
+    assert (loop.send(moving(0.0, A[0], [v, 0.0])) is None) == is_accepted
+    loop = Loop(allow_nonzero_velocity_at_trajectory_end=True)
+    assert loop.send(moving(0.0, A[0], [v, 0.0])) is None
+
+
+def test_numbers_that_are_not_finite_are_not_rejected_as_by_the_original():
+    loop = Loop()
+    assert loop.send(moving(0.0, [np.nan, 0.0])) is None
+    assert np.isnan(loop.cycle()[0, 0])
+
+
+@pytest.mark.parametrize("name", ["state_tolerance", "goal_tolerance", "goal_time"])
+def test_tolerance_that_is_negative_is_refused(name):
+    with pytest.raises(SimulationError, match=f"{name} is -0.1, expected"):
+        ControllerOptions(**{name: -0.1})
+
+
+def test_message_of_a_trajectory_holds_what_the_trajectory_holds():
+    t = [0.0, 0.25, 1.0]
+    q, v, a = np.arange(18.0).reshape(3, 3, 2)
+    trajectory = Trajectory(NAMES, t, q, v, a)
+    message = to_message(trajectory, stamp=12.5)
+    assert (message.joint_names, message.stamp_ns) == (NAMES, 12_500_000_000)
+    assert [p.time_from_start_ns for p in message.points] == [0, S // 4, S]
+    np.testing.assert_array_equal([p.velocities for p in message.points], v)
+    (last,) = to_message(trajectory, last_point_only=True).points
+    np.testing.assert_array_equal([last.positions, last.accelerations], [q[-1], a[-1]])
