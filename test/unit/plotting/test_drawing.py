@@ -296,7 +296,7 @@ def run_python(code: str) -> subprocess.CompletedProcess[str]:
 def test_missing_matplotlib_is_said_in_one_sentence(tmp_path: Path) -> None:
     done = run_python(
         "import sys; sys.modules['matplotlib'] = None\n"
-        "from mp_pca_planner.cli.drawing import draw_arm\n"
+        "from mp_pca_planner.plotting.drawing import draw_arm\n"
         "from mp_pca_planner.exceptions import MissingDependencyError\n"
         "try:\n"
         f"    draw_arm({str(tmp_path / 'a.png')!r}, ['a', 'b'],"
@@ -312,7 +312,7 @@ def test_missing_matplotlib_is_said_in_one_sentence(tmp_path: Path) -> None:
 def test_pyplot_and_its_settings_are_left_alone(tmp_path: Path) -> None:
     done = run_python(
         "import sys\n"
-        "from mp_pca_planner.cli.drawing import draw_arm\n"
+        "from mp_pca_planner.plotting.drawing import draw_arm\n"
         "assert 'matplotlib' not in sys.modules\n"
         f"draw_arm({str(tmp_path / 'a.png')!r}, ['a', 'b'],"
         " {'x': [[[0, 0, 0], [0, 0, 1]]] * 2}, title='')\n"
