@@ -1,5 +1,64 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Movement primitives from recorded demonstrations, and least-effort motions made of them."""
+"""Movement primitives from recorded demonstrations, and least-effort motions made of them.
+
+import mp_pca_planner as mp
+
+demonstrations = mp.load_demonstrations("bags/", robot="arm.urdf")
+reach = mp.MovementPrimitive.fit(demonstrations)
+robot = mp.Robot.from_file("arm.urdf", reach.joint_names)
+plan = mp.Planner(robot, [reach]).plan(start=q0, goal={"elbow": -1.2})
+plan.trajectory.save("motion.csv")
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from .motion.goal import JointGoal as JointGoal
+    from .motion.goal import JointState as JointState
+    from .motion.goal import Pose as Pose
+    from .motion.goal import PoseGoal as PoseGoal
+    from .motion.goal import SequenceGoal as SequenceGoal
+    from .motion.goal import Via as Via
+    from .motion.trajectory import Trajectory as Trajectory
+    from .planning.plan import Plan as Plan
+    from .planning.plan import PlannerOptions as PlannerOptions
+    from .planning.planner import Planner as Planner
+    from .primitives.primitive import MovementPrimitive as MovementPrimitive
+    from .recordings.demonstration import Demonstration as Demonstration
+    from .recordings.demonstrations import load_demonstrations as load_demonstrations
+    from .robot.limits import JointLimits as JointLimits
+    from .robot.model import Robot as Robot
 
 __version__ = "0.1.0"
+
+# Imported at first use: `import mp_pca_planner` takes no time, and a program only what it uses.
+_HOMES = {
+    "Demonstration": "recordings.demonstration",
+    "JointGoal": "motion.goal",
+    "JointLimits": "robot.limits",
+    "JointState": "motion.goal",
+    "MovementPrimitive": "primitives.primitive",
+    "Plan": "planning.plan",
+    "Planner": "planning.planner",
+    "PlannerOptions": "planning.plan",
+    "Pose": "motion.goal",
+    "PoseGoal": "motion.goal",
+    "Robot": "robot.model",
+    "SequenceGoal": "motion.goal",
+    "Trajectory": "motion.trajectory",
+    "Via": "motion.goal",
+    "load_demonstrations": "recordings.demonstrations",
+}
+__all__ = sorted(_HOMES)
+
+
+def __getattr__(name: str) -> object:
+    if name not in _HOMES:
+        raise AttributeError(f"module '{__name__}' has no attribute '{name}'")
+    return getattr(import_module(f".{_HOMES[name]}", __name__), name)
+
+
+def __dir__() -> list[str]:
+    return [*__all__, "__version__"]

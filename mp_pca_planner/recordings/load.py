@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field, replace
@@ -176,6 +177,46 @@ class RecordingSet:
     reports: tuple[RecordingReport, ...]
     refused: tuple[Refusal, ...]
     summaries: tuple[Any, ...] = ()
+
+    def __len__(self) -> int:
+        return len(self.demonstrations)
+
+    def __iter__(self) -> Iterator[Demonstration]:
+        return iter(self.demonstrations)
+
+    def __getitem__(self, index: int) -> Demonstration:
+        return self.demonstrations[index]
+
+    def __repr__(self) -> str:
+        return (
+            f"<RecordingSet: {len(self.demonstrations)} demonstrations of {len(self.reports)} "
+            f"recordings, {len(self.refused)} rejected>"
+        )
+
+    @property
+    def report(self) -> str:
+        """What was repaired and rejected, one line for each kind and recording."""
+        repairs = Counter[str]()
+        for one in self.reports:
+            repairs.update({kind: count for kind, count in one.repairs.items() if count})
+        return "\n".join(
+            [
+                f"{len(self.reports)} recordings used, {len(self.demonstrations)} motions found",
+                *(f"repaired: {count} {kind}" for kind, count in sorted(repairs.items())),
+                *(f"{one.name}: {note}" for one in self.reports for note in one.notes),
+                *(f"rejected {one.recording}: {one.reason}" for one in self.refused),
+            ]
+        )
+
+    def require_motion(self) -> None:
+        """Raise a RecordingError with the first reason if no recording is usable."""
+        if self.reports:
+            return
+        if not self.refused:
+            raise RecordingError("no motion was found: no recording was given")
+        more = f" (and {len(self.refused) - 1} more refused)" if self.refused[1:] else ""
+        first = self.refused[0]
+        raise RecordingError(f"no motion was found: {first.recording}: {first.reason}{more}")
 
 
 @dataclass(frozen=True)
