@@ -28,6 +28,8 @@ if TYPE_CHECKING:
     from .primitives.primitive import MovementPrimitive as MovementPrimitive
     from .recordings.demonstration import Demonstration as Demonstration
     from .recordings.demonstrations import load_demonstrations as load_demonstrations
+    from .recordings.demonstrations import write_example_recording as write_example_recording
+    from .resources import config_file as config_file
     from .robot.limits import JointLimits as JointLimits
     from .robot.model import Robot as Robot
 
@@ -49,7 +51,9 @@ _HOMES = {
     "SequenceGoal": "motion.goal",
     "Trajectory": "motion.trajectory",
     "Via": "motion.goal",
+    "config_file": "resources",
     "load_demonstrations": "recordings.demonstrations",
+    "write_example_recording": "recordings.demonstrations",
 }
 __all__ = sorted(_HOMES)
 

@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Demonstrations from recordings, for use from Python."""
+"""Demonstrations from recordings, and a recording to try it on, for use from Python."""
 
 from __future__ import annotations
 
@@ -8,8 +8,14 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from ..robot.model import Robot
+from .bags import write_joint_states
 from .load import RecordingSet, load_recordings
+from .synthetic import continuous_recording, generate_motions
+
+_EXAMPLE_EPOCH = 1_700_000_000_000_000_000  # any time of day [ns]
 
 
 def load_demonstrations(
@@ -47,3 +53,27 @@ def load_demonstrations(
     recordings = load_recordings(paths, joints=robot.joint_names if robot else joints, **options)
     recordings.require_motion()
     return recordings
+
+
+def write_example_recording(path: str | Path, n_motions: int = 40, *, seed: int = 1) -> Path:
+    """Write a bag of arm-raising motions of the arm in ``config/human_arm.urdf``.
+
+    Parameters
+    ----------
+    path : str or Path
+        A file name ending in .mcap; an existing file is replaced.
+    n_motions : int
+        Number of motions, at least 1.
+    seed : int
+        Selects the motions.
+
+    Raises
+    ------
+    RecordingError
+        If the number of motions is too small, or the file can't be written.
+    """
+    recording = continuous_recording(generate_motions(n_motions, seed), seed=seed)
+    stamps = _EXAMPLE_EPOCH + np.round(recording.times * 1e9).astype(np.int64)
+    names = recording.joint_names
+    write_joint_states(path, "mcap", names, stamps, recording.positions, overwrite=True)
+    return Path(path)
