@@ -1,0 +1,43 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Settings of the documentation site: `python3 -m sphinx -W doc site`."""
+
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(Path(__file__).resolve().parent))
+
+import reference  # noqa: E402  (beside this file)
+
+from mp_pca_planner import __version__  # noqa: E402
+
+project = "mp_pca_planner"
+author = "mp_pca_planner developers"
+project_copyright = f"2026 {author}"
+release = __version__
+
+extensions = [
+    "myst_parser",
+    "sphinx.ext.autodoc",
+    "sphinx.ext.intersphinx",
+    "sphinx.ext.mathjax",
+    "sphinx.ext.napoleon",
+]
+myst_enable_extensions = ["deflist", "dollarmath"]
+myst_heading_anchors = 3
+autodoc_typehints = "none"  # docstrings hold them, with shapes and units
+autodoc_member_order = "bysource"
+napoleon_use_rtype = False
+# Docstrings name classes and parameters in plain code style.
+default_role = "code"
+suppress_warnings = ["ref.python"]
+
+html_theme = "furo"
+html_title = "mp_pca_planner"
+exclude_patterns = ["_build"]
+
+
+def setup(app: object) -> None:
+    """Write the pages that are generated from the code."""
+    reference.write_pages(ROOT / "doc" / "reference")
