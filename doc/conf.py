@@ -9,6 +9,8 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 
 import reference  # noqa: E402  (beside this file)
+from docutils.nodes import SkipNode  # noqa: E402
+from docutils.utils.math.latex2mathml import tex2mathml  # noqa: E402
 
 from mp_pca_planner import __version__  # noqa: E402
 
@@ -21,7 +23,6 @@ extensions = [
     "myst_parser",
     "sphinx.ext.autodoc",
     "sphinx.ext.intersphinx",
-    "sphinx.ext.mathjax",
     "sphinx.ext.napoleon",
 ]
 myst_enable_extensions = ["deflist", "dollarmath"]
@@ -34,10 +35,23 @@ default_role = "code"
 suppress_warnings = ["ref.python"]
 
 html_theme = "furo"
+html_math_renderer = "mathml"
 html_title = "mp_pca_planner"
 exclude_patterns = ["_build"]
 
 
-def setup(app: object) -> None:
-    """Write the pages that are generated from the code."""
+def setup(app):
+    """Write the generated pages; render equations as MathML, which needs no network."""
     reference.write_pages(ROOT / "doc" / "reference")
+    inline, block = render(as_block=False), render(as_block=True)
+    app.add_html_math_renderer("mathml", (inline, None), (block, None))
+
+
+def render(*, as_block):
+    """A function that writes an equation into the page of a translator."""
+
+    def visit(translator, node):
+        translator.body.append(tex2mathml(node.astext(), as_block=as_block))
+        raise SkipNode
+
+    return visit

@@ -53,9 +53,9 @@ def parameters_page() -> str:
         [
             "# Parameters of the node",
             "",
-            "All can be changed while the node runs. An invalid value is rejected, and the old one stays. "
-            "Further parameters are `limits.JOINT.max_velocity`, `max_acceleration`, `max_jerk` and "
-            "`max_effort`, once the joints are known.",
+            "All can be changed while the node runs. An invalid value is rejected, and the old one "
+            "stays. Further parameters are `limits.JOINT.max_velocity`, `max_acceleration`, "
+            "`max_jerk` and `max_effort`, once the joints are known.",
             "",
             "| name | default | accepted | |",
             "|---|---|---|---|",
