@@ -68,6 +68,8 @@ class RefinementOptions:
         Share of each limit that is kept free, because constraints hold only at some phases.
     first_step : float
         Standard deviation of the parameters of the first trials.
+    seed : int
+        Seed of the trials: the same seed and costs give the same trials.
 
     Raises
     ------
@@ -84,6 +86,7 @@ class RefinementOptions:
     max_warp: float = 3.0
     margin: float = 1e-3
     first_step: float = 0.2
+    seed: int = 0
 
     def __post_init__(self) -> None:
         price = self.time_price

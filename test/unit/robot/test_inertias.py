@@ -11,7 +11,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from mp_pca_planner.cli.main import main
-from mp_pca_planner.control.closed_loop import simulate
+from mp_pca_planner.control.closed_loop import ControlLoop, simulate
 from mp_pca_planner.control.law import COMPUTED_TORQUE, FEEDFORWARD_PD, ControlLaw
 from mp_pca_planner.control.stability import ErrorModel, analyse
 from mp_pca_planner.exceptions import RobotError
@@ -228,16 +228,8 @@ def test_whatever_else_computes_efforts_takes_inertias():
         lambda: refine([plan.motion], bare, limits),
         lambda: random_reaches(bare, limits, 1, 1),
         lambda: ControlLaw.from_frequency(FEEDFORWARD_PD, bare, TRAJECTORY, 10.0, 1.0),
-        lambda: analyse(bare, law, TRAJECTORY, ErrorModel(), limits.effort),
-        lambda: simulate(
-            bare,
-            sound,
-            law,
-            TRAJECTORY,
-            start_error=zero,
-            start_velocity_error=zero,
-            effort_limits=limits.effort,
-        ),
+        lambda: analyse(ControlLoop(bare, law, TRAJECTORY, limits.effort), ErrorModel()),
+        lambda: simulate(ControlLoop(sound, law, TRAJECTORY), bare, zero, zero),
     ):
         with pytest.raises(RobotError, match=BY_NAME):
             attempt()
