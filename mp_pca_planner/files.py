@@ -29,7 +29,7 @@ MAX_YAML_BYTES = 1 << 20
 MAX_YAML_DEPTH = 20
 """How deeply mappings and lists of YAML may be nested."""
 MAX_YAML_SCALAR = 1 << 16
-"""Most bytes of one value of YAML: the time that an integer takes grows with their square."""
+"""Most bytes of one value of YAML: parsing of integers takes time proportional to their square."""
 
 _MAX_REASON = 200
 _WORKSPACE = ".mp_pca_planner-tmp-"
@@ -133,7 +133,7 @@ def load_yaml(text: str | bytes) -> Any:
 
 
 class _Loader(getattr(yaml, "CSafeLoader", yaml.SafeLoader)):  # type: ignore[misc]
-    """PyYAML's safe loader, fast where it can be, that takes dates for text."""
+    """PyYAML's safe loader, compiled if available, which reads dates as text."""
 
     yaml_implicit_resolvers = {  # noqa: RUF012  # as in PyYAML
         first: [pair for pair in pairs if pair[0] != "tag:yaml.org,2002:timestamp"]

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The sampled closed loop: a reference, a law, and the robot's own dynamics.
 
-The controller samples the state, computes an effort, and that effort acts `delay` samples later
-until the next one comes, as in a real control loop.
+The controller samples the state and computes an effort, which acts `delay` samples later for one
+period, as in a real control loop.
 """
 
 from __future__ import annotations
@@ -206,14 +206,14 @@ def _integrate(
     robot: Robot, q: FloatArray, v: FloatArray, tau: FloatArray, step: float
 ) -> tuple[FloatArray, FloatArray]:
     """One step of the classical Runge–Kutta method under a constant effort."""
-    a1 = robot.forward_dynamics(q, v, tau)
-    v2 = v + 0.5 * step * a1
-    a2 = robot.forward_dynamics(q + 0.5 * step * v, v2, tau)
-    v3 = v + 0.5 * step * a2
-    a3 = robot.forward_dynamics(q + 0.5 * step * v2, v3, tau)
-    v4 = v + step * a3
-    a4 = robot.forward_dynamics(q + step * v3, v4, tau)
-    return (
-        np.asarray(q + step / 6.0 * (v + 2.0 * v2 + 2.0 * v3 + v4)),
-        np.asarray(v + step / 6.0 * (a1 + 2.0 * a2 + 2.0 * a3 + a4)),
-    )
+
+    def rate(x: FloatArray) -> FloatArray:
+        return np.array([x[1], robot.forward_dynamics(x[0], x[1], tau)])
+
+    x = np.array([q, v])
+    k1 = rate(x)
+    k2 = rate(x + 0.5 * step * k1)
+    k3 = rate(x + 0.5 * step * k2)
+    k4 = rate(x + step * k3)
+    x += step / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
+    return x[0], x[1]

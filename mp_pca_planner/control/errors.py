@@ -25,7 +25,7 @@ class ErrorModel:
     payload : float
         Largest unknown mass at the end effector [kg].
     frame : str or None
-        Link of the end effector; None takes the last one.
+        Link of the end effector; None means the last one.
     position : float
         Largest error of each joint at the start [rad or m].
     velocity : float

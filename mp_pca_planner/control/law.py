@@ -95,9 +95,9 @@ class ControlLaw:
         Parameters
         ----------
         kind : {'feedforward_pd', 'computed_torque'}
-            Which law. With computed torque the joints are decoupled; with PD each is taken
-            alone, with its inertia half-way (geometrically) between that with the other joints
-            held and that with them free, in the mean along the motion.
+            The law. With computed torque the joints are decoupled. With PD each joint counts
+            alone: its inertia is the geometric mean of that with the other joints held and that
+            with them free, averaged along the motion.
         robot : Robot
             The model.
         motion : Trajectory

@@ -93,7 +93,7 @@ def poles(loop: NominalLoop, n_times: int) -> tuple[float, float, float]:
         found = np.linalg.eigvals(continuous)
         slowest = max(slowest, float(found.real.max()))
         damping = min(damping, float((-found.real / np.abs(found)).min()))
-        # State: x, then the efforts on their way.
+        # State: x, then the delayed efforts.
         size = 2 * n + delay * n
         sampled = np.zeros((size, size))
         sampled[: 2 * n, : 2 * n] = loop.transition[k]

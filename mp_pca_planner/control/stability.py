@@ -214,8 +214,8 @@ def _known_responses(
     parts = np.split(responses, 3, axis=1)
     norms = [np.linalg.norm(loop.root @ part, axis=1).sum(axis=1) for part in parts]
     values = np.abs(responses).sum(axis=2)
-    # Efforts of the middle of a step stand for all of it. What that misses is known for the
-    # nominal loop, and less for errors of its parameters.
+    # Efforts of the middle of a step represent all of it. The error of that is computed for the
+    # nominal loop; errors of its parameters change it little.
     missed = np.abs(loop.errors - responses[:, :n, len(pushes) - 1])
     values[:, :n] += safety * missed.max(axis=0)
     return _Known(
@@ -340,7 +340,7 @@ def _rest(
 
 
 class _Remainder:
-    """Bound on what is not linear in the errors, for a box of errors in each interval."""
+    """Bound on the nonlinear remainder, for a box of errors in each interval."""
 
     def __init__(
         self,

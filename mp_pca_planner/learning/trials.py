@@ -33,8 +33,8 @@ from .refinement import AcceptedMotion, ExecutableMotions, RefinementOptions
 _FORMAT = "mp_pca_planner/trials"
 _VERSION = 1
 _FORM = {"motion": str, "trials": [{"parameters": [float], "cost": float}]}
-# Of a proposal that violates limits, the half-way to the best motion is tried instead, this often;
-# then the best motion itself.
+# A proposal that violates limits is moved half-way to the best motion at most this often; then the
+# best motion itself is proposed.
 _MAX_HALVINGS = 8
 # Relative error of parameters that stored ones may exceed a bound by.
 _ROUNDING = 1e-6
@@ -125,7 +125,7 @@ class TrialLearner:
         if state is not None and state.exists():
             for trial in _read(state, self._identity, options.bounds(len(segments))):
                 if len(self._trials) >= len(self._first):
-                    self._search.ask()  # the random numbers that this trial took
+                    self._search.ask()  # advances the random numbers as this trial did
                 self._learn(trial)
 
     @property
@@ -228,7 +228,7 @@ class TrialLearner:
         try:
             return self._judge.accept(RefinedMotion(self._segments, best))
         except TrajectoryError:
-            # It was executed from another start than this.
+            # The best motion was executed from another start.
             return self._first[0]
 
 

@@ -128,7 +128,7 @@ class PacedBasis(Basis):
         return self._by_phase(self._going.tables(self.aligned_phases(phases), highest), phases)
 
     def _by_phase(self, values: FloatArray, phases: FloatArray) -> FloatArray:
-        """Derivatives by p of what is given with its derivatives by σ at σ(p).
+        """Derivatives by p of values that are given with their derivatives by σ at σ(p).
 
         The first column becomes relative to h(p).
         """

@@ -119,7 +119,7 @@ class Robot(Dynamics, Kinematics):
         Raises
         ------
         LimitsError
-            If what results is no usable limit, for example a velocity limit of 0.
+            If a resulting limit is invalid, for example a velocity limit of 0.
         """
         return JointLimits(
             self.joint_names,

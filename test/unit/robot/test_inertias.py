@@ -197,7 +197,7 @@ def test_limits_of_efforts_take_inertias():
     options = PlannerOptions(objectives=((1.0, Jerk()),))
     some = {name: FREE[name] for name in JOINTS[1:]}
     for limits in (bare.limits(), bare.limits(some)):
-        with pytest.raises(RobotError, match=f"{BY_NAME}.*or take those away .max_effort: .inf"):
+        with pytest.raises(RobotError, match=f"{BY_NAME}.*remove those limits .max_effort: .inf"):
             Planner(bare, [arm_primitive()], limits, options)
         with pytest.raises(RobotError, match=BY_NAME):
             check_limits(TRAJECTORY, bare, limits)
