@@ -68,7 +68,7 @@ def primitive_bytes(primitive: MovementPrimitive) -> bytes:
         "joint_names": list(primitive.joint_names),
         "coupling": primitive.coupling,
     }
-    metadata["checksum"] = _checksum(arrays, metadata)
+    metadata["checksum"] = checksum(arrays, metadata)
     buffer = io.BytesIO()
     content: dict[str, Any] = {"metadata": np.array(json.dumps(metadata, sort_keys=True))}
     np.savez(buffer, **content, **arrays)  # type: ignore[arg-type]  # its stub takes bool only
@@ -107,7 +107,7 @@ def _primitive(arrays: dict[str, FloatArray], metadata: dict[str, Any]) -> Movem
     if missing:
         raise PrimitiveFileError(f"it lacks the arrays {', '.join(missing)}")
     stated = metadata.pop("checksum", None)
-    if stated != _checksum(arrays, metadata):
+    if stated != checksum(arrays, metadata):
         raise PrimitiveFileError("its content does not match its checksum: it was damaged")
     check_form(metadata, _METADATA, "it")
     of_model = {field.name for field in fields(ConditionalModel)}
@@ -145,7 +145,8 @@ def _read(path: str | Path) -> tuple[dict[str, FloatArray], str]:
     return raw, str(text)
 
 
-def _checksum(arrays: Mapping[str, FloatArray], metadata: Mapping[str, Any]) -> str:
+def checksum(arrays: Mapping[str, FloatArray], metadata: Mapping[str, Any]) -> str:
+    """SHA-256 of the arrays and of the metadata without their checksum."""
     digest = hashlib.sha256(json.dumps(metadata, sort_keys=True).encode())
     for name in sorted(arrays):
         array = np.ascontiguousarray(arrays[name])
