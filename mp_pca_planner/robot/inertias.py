@@ -9,11 +9,13 @@ axes of a joint with several ones needs none, either, if the next one carries so
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
+from ..exceptions import quote_names
 from .urdf import Description
 
 _NO_MASS = "no mass"
@@ -76,6 +78,14 @@ def _flaw(inertia: Any) -> str:
     if high > (1.0 + _ROUNDING) * (low + middle):
         return f"an inertia tensor that violates the triangle inequality {moments}"
     return ""
+
+
+def listed_flaws(flaws: Mapping[str, str]) -> str:
+    """Flaws, given by link, in a message: each with all of its links."""
+    links: dict[str, list[str]] = {}
+    for link, flaw in flaws.items():
+        links.setdefault(flaw, []).append(link)
+    return ", ".join(f"{quote_names(names)} ({flaw})" for flaw, names in links.items())
 
 
 def joint_of(frame: Any) -> int:

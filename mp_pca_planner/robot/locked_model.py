@@ -6,13 +6,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from itertools import combinations
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
 from ..arrays import frozen_array
-from ..exceptions import RobotError
+from ..exceptions import RobotError, quote_names
+from .urdf import Description
 
 _NOT_A_LINK = " (joint)"
 
@@ -68,16 +70,31 @@ class LockedModel:
             reduced.names[joint] = name.removesuffix(_NOT_A_LINK)
         return reduced, geometries
 
-    def collision_geometry(self, xml: str, folders: Sequence[str]) -> tuple[Any, Any]:
+    def collision_geometry(
+        self, description: Description, package_dirs: Sequence[Path], source: str
+    ) -> tuple[Any, Any]:
         """The reduced model, and the collision geometry of its links with all distant pairs.
 
         Raises
         ------
-        ValueError, RuntimeError
-            If a mesh can't be found or read.
+        RobotError
+            If a shape can't be used, or a mesh can't be found or read.
         """
+        for link, problem in description.lost_shapes.items():
+            raise RobotError(f"{source}: <collision> of link '{link}': {problem}")
+        folders = [str(folder) for folder in package_dirs]
         kind = pin.GeometryType.COLLISION
-        whole = pin.buildGeomFromUrdfString(self._full, xml, kind, package_dirs=list(folders))
+        try:
+            whole = pin.buildGeomFromUrdfString(
+                self._full, description.xml, kind, package_dirs=folders
+            )
+        except (ValueError, RuntimeError) as error:
+            searched = f"packages were searched in {quote_names(folders)}"
+            hint = searched if folders else "give the folders of packages"
+            raise RobotError(
+                f"the collision geometry of the {source} can't be read: {str(error).rstrip('.')}; "
+                f"{hint} (package_dirs)"
+            ) from None
         above, objects = self._full.parents, whole.geometryObjects
         for first, second in combinations(range(whole.ngeoms), 2):
             a, b = objects[first].parentJoint, objects[second].parentJoint

@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
@@ -18,7 +17,7 @@ from ..arrays import FloatArray, unique_names
 from ..exceptions import RobotError, quote_names, unknown_name
 from ..files import read_text, reading
 from .dynamics import Dynamics
-from .inertias import inertia_flaws, joint_of
+from .inertias import inertia_flaws, joint_of, listed_flaws
 from .kinematics import AttachedPoints as AttachedPoints
 from .kinematics import Kinematics
 from .limits import JointLimits, Overrides, merge_limits
@@ -144,16 +143,12 @@ class Robot(Dynamics, Kinematics):
         """
         if not self._inertia_flaws:
             return
-        links: dict[str, list[str]] = {}
-        for link, flaw in self._inertia_flaws.items():
-            links.setdefault(flaw, []).append(link)
-        wrong = ", ".join(f"{quote_names(names)} ({flaw})" for flaw, names in links.items())
         alternative = f", or {instead}" if instead else ""
         raise RobotError(
             f"{self._source}: {purpose} need the inertia of every moving link, but these have no "
-            f"valid one: {wrong}; give each an <inertial> with a positive mass and a positive "
-            "definite inertia tensor, of which no principal moment exceeds the sum of the others"
-            + alternative
+            f"valid one: {listed_flaws(self._inertia_flaws)}; give each an <inertial> with a "
+            "positive mass and a positive definite inertia tensor, of which no principal moment "
+            f"exceeds the sum of the others{alternative}"
         )
 
     def pinocchio_model(self) -> tuple[Any, NDArray[np.intp]]:
@@ -195,11 +190,6 @@ class Robot(Dynamics, Kinematics):
         self.link_inertias.change(model, factors)
         return self._with_model(model)
 
-    def _with_model(self, model: Any) -> Robot:
-        other = copy.copy(self)
-        other._use(model)
-        return other
-
     def collision_geometry(self, package_dirs: Sequence[Path]) -> tuple[Any, Any, NDArray[np.intp]]:
         """Pinocchio's model, the collision geometry of the links, and the order of the joints.
 
@@ -223,17 +213,7 @@ class Robot(Dynamics, Kinematics):
         RobotError
             If a shape can't be used, or a mesh can't be found or read.
         """
-        for link, problem in self._description.lost_shapes.items():
-            raise RobotError(f"{self._source}: <collision> of link '{link}': {problem}")
-        folders = [str(folder) for folder in package_dirs]
-        try:
-            found = self._locked.collision_geometry(self._description.xml, folders)
-        except (ValueError, RuntimeError) as error:
-            hint = f"were searched in {quote_names(folders)}" if folders else "must be given"
-            raise RobotError(
-                f"the collision geometry of the {self._source} can't be read: "
-                f"{str(error).rstrip('.')}; folders of packages {hint} (package_dirs)"
-            ) from None
+        found = self._locked.collision_geometry(self._description, package_dirs, self._source)
         return *found, self._order.from_pin
 
     def _checked(self, joint_names: Sequence[str]) -> tuple[str, ...]:

@@ -4,8 +4,9 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 import pinocchio as pin
@@ -76,6 +77,11 @@ class PinocchioModel:
         """Compute with another model of the same joints and frames."""
         self._model = model
         self._data = model.createData()
+
+    def _with_model(self, model: Any) -> Self:
+        other = copy.copy(self)
+        other._use(model)
+        return other
 
     @property
     def n_joints(self) -> int:
