@@ -149,7 +149,9 @@ def _refine(arguments: argparse.Namespace) -> int:
     _check_options(arguments)
     planned = _planned(arguments)
     options = RefinementOptions(
-        time_price=arguments.time_price, sample_period=arguments.sample_period
+        time_price=arguments.time_price,
+        sample_period=arguments.sample_period,
+        seed=arguments.seed,
     )
     if arguments.trials is None:
         return _refine_by_model(arguments, planned, options)
@@ -250,7 +252,6 @@ def _refine_by_trials(
         *request,
         start=refine(*request, planned.collision).motion.parameters,
         collision=planned.collision,
-        seed=arguments.seed,
         state=arguments.trials,
     )
     cost = arguments.cost

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from ..control.closed_loop import Sampling
+from ..control.closed_loop import ControlLoop, Sampling
 from ..control.errors import ErrorModel
 from ..control.law import KINDS, ControlLaw, controller_parameters, pair_law, paired_law
 from ..control.stability import Stability, analyse
@@ -129,19 +129,11 @@ def _verify(arguments: argparse.Namespace) -> int:
     if arguments.controller_parameters is not None:
         parameters = controller_parameters(law, arguments.controller)
     limits = planner.limits.effort
-    stability = analyse(planner.robot, law, plan.trajectory, errors, limits, sampling)
+    loop = ControlLoop(planner.robot, law, plan.trajectory, limits, sampling)
+    stability = analyse(loop, errors)
     with progress_bar("simulations", "simulation") as progress:
         found = verify(
-            planner.robot,
-            law,
-            plan.trajectory,
-            errors,
-            stability,
-            effort_limits=limits,
-            n_trials=arguments.trials,
-            seed=arguments.seed,
-            sampling=sampling,
-            progress=progress,
+            loop, errors, stability, arguments.trials, seed=arguments.seed, progress=progress
         )
     case = verified_case(planner.robot, plan.trajectory)
     facts = _facts(law, errors, sampling, stability, found) | {"holds_for": case}

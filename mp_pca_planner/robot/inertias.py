@@ -1,19 +1,21 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Inertias of moving bodies: which of them no rigid body can have.
+"""Validity of the inertias of moving bodies.
 
-A body is what one joint carries up to the next ones, with everything that is fixed to it. So a
+A body consists of the links between one joint and the next ones. So a
 frame without mass at the end of an arm needs none, and a link without mass or shape between the
 axes of a joint with several ones needs none, either, if the next one carries some.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
+from ..exceptions import quote_names
 from .urdf import Description
 
 _NO_MASS = "no mass"
@@ -31,14 +33,14 @@ def inertia_flaws(model: Any, description: Description) -> tuple[dict[str, str],
     model : pinocchio.Model
         The model of the joints that move.
     description : Description
-        What it was made of.
+        The description that it was built from.
 
     Returns
     -------
     flaws : dict of str to str
-        What is wrong by the name of the link.
+        What is wrong with each link that has no valid inertia.
     unknown : list of int
-        The joints whose efforts can't be computed, for their bodies' inertia is not known.
+        Joints whose efforts can't be computed, because the inertia of their body is unknown.
     """
     flaws: dict[str, str] = {}
     unknown, solid = set(), set()
@@ -78,6 +80,14 @@ def _flaw(inertia: Any) -> str:
     return ""
 
 
+def listed_flaws(flaws: Mapping[str, str]) -> str:
+    """Flaws, given by link, in a message: each with all of its links."""
+    links: dict[str, list[str]] = {}
+    for link, flaw in flaws.items():
+        links.setdefault(flaw, []).append(link)
+    return ", ".join(f"{quote_names(names)} ({flaw})" for flaw, names in links.items())
+
+
 def joint_of(frame: Any) -> int:
-    """The joint that moves a frame, by the name that Pinocchio's release has for it."""
+    """The joint that moves a frame; releases of Pinocchio name the attribute differently."""
     return int(frame.parentJoint if hasattr(frame, "parentJoint") else frame.parent)

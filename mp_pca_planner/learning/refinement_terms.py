@@ -1,0 +1,147 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Cost and limits of refined motions by their parameters, with derivatives."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.polynomial import legendre
+
+from ..arrays import FloatArray
+from ..motion.validation import LimitCheck
+from ..planning.motion import Motion
+from ..robot.limits import JointLimits
+from ..robot.model import Robot
+from .refined_motion import (
+    LOG_DURATION,
+    N_PARAMETERS,
+    RefinedMotion,
+    SegmentStates,
+    segment_states,
+)
+
+# Quadrature nodes of a segment.
+_N_NODES = 40
+# Phases of each segment at which limits are constraints, besides those of violations found.
+_CHECKED_PHASES = np.linspace(0.02, 0.98, 25)
+
+
+class RefinementCost:
+    """Effort, and the price of time, by the parameters of a refinement.
+
+    Parameters
+    ----------
+    segments : sequence of Motion
+        The motions to refine.
+    robot : Robot
+        The model.
+    time_price : float or None
+        Cost of a second; None for none.
+    """
+
+    def __init__(
+        self, segments: Sequence[Motion], robot: Robot, time_price: float | None = None
+    ) -> None:
+        robot.require_inertias("refinements")
+        self._segments = tuple(segments)
+        self._robot = robot
+        self._price = time_price or 0.0
+        x, weights = legendre.leggauss(_N_NODES)
+        self._phases, self._quadrature = (x + 1.0) / 2.0, weights / 2.0
+
+    def effort_and_cost(self, parameters: FloatArray) -> tuple[float, float]:
+        """½∫‖τ‖²dt [N²·m²·s], and that with the price of time."""
+        effort = duration = 0.0
+        for segment, part in zip(self._segments, _by_segment(parameters), strict=True):
+            states = segment_states(segment, part, self._phases)
+            tau = self._robot.inverse_dynamics(*states.values)
+            effort += self._integral(tau, states.duration)
+            duration += states.duration
+        return effort, effort + self._price * duration
+
+    def value_and_gradient(self, parameters: FloatArray) -> tuple[float, FloatArray]:
+        """The cost and its gradient, by the parameters of all segments in one row."""
+        total, gradient = 0.0, np.zeros((len(self._segments), N_PARAMETERS))
+        for i, part in enumerate(_by_segment(parameters)):
+            states = segment_states(self._segments[i], part, self._phases)
+            tau, by_parameter = _efforts(self._robot, states)
+            effort = self._integral(tau, states.duration)
+            total += effort + self._price * states.duration
+            weights = self._quadrature * states.duration
+            gradient[i] = np.einsum("s,sj,sjp->p", weights, tau, by_parameter)
+            # The cost is proportional to the duration.
+            gradient[i, LOG_DURATION] += effort + self._price * states.duration
+        return total, gradient.ravel()
+
+    def _integral(self, tau: FloatArray, duration: float) -> float:
+        return 0.5 * duration * float(self._quadrature @ np.sum(tau**2, axis=1))
+
+
+class LimitConstraints:
+    """Limits at chosen phases as inequalities g(parameters) ≥ 0, of order 1.
+
+    Parameters
+    ----------
+    n_segments : int
+        Segments of the motion.
+    robot : Robot
+        The model.
+    limits : JointLimits
+        Limits of the joints.
+    margin : float
+        Share of each limit that is kept free.
+    """
+
+    def __init__(self, n_segments: int, robot: Robot, limits: JointLimits, margin: float) -> None:
+        self._robot, self._margin = robot, margin
+        self._phases = [_CHECKED_PHASES] * n_segments
+        # Rows: positions, velocities, accelerations and efforts.
+        magnitudes = (limits.velocity, limits.acceleration, limits.effort)
+        upper = np.stack([limits.upper, *magnitudes])
+        lower = np.stack([limits.lower, *(-x for x in magnitudes)])
+        span = np.stack([limits.upper - limits.lower, *magnitudes])
+        self._span = np.where(np.isfinite(span), span, 1.0)
+        bounds = np.stack([upper, lower])
+        self._is_limited = np.isfinite(bounds)
+        self._bounds = np.where(self._is_limited, bounds, 0.0)
+
+    def add_phases(self, motion: RefinedMotion, check: LimitCheck) -> None:
+        """Add the phases at which a check found violations."""
+        ends = np.cumsum(motion.durations)
+        for violation in check.violations:
+            i = min(int(np.searchsorted(ends, violation.time)), len(ends) - 1)
+            phase = 1.0 - (ends[i] - violation.time) / motion.durations[i]
+            self._phases[i] = np.unique([*self._phases[i], np.clip(phase, 0.0, 1.0)])
+
+    def values_and_jacobian(
+        self, segments: Sequence[Motion], parameters: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Values of g, and their derivatives by the parameters of all segments in one row."""
+        values, rows = [], []
+        signs = np.array([1.0, -1.0])[:, None, None, None]
+        for i, part in enumerate(_by_segment(parameters)):
+            states = segment_states(segments[i], part, self._phases[i])
+            tau, by_parameter = _efforts(self._robot, states)
+            x = np.concatenate([states.values, tau[None]])
+            dx = np.concatenate([states.by_parameter, by_parameter[None]])
+            room = signs * (self._bounds[:, :, None] - x) / self._span[:, None] - self._margin
+            slope = -signs[..., None] * dx / self._span[:, None, :, None]
+            limited = np.broadcast_to(self._is_limited[:, :, None], room.shape)
+            values.append(room[limited])
+            rows.append(np.zeros((values[-1].size, parameters.size)))
+            rows[-1][:, i * N_PARAMETERS : (i + 1) * N_PARAMETERS] = slope[limited]
+        return np.concatenate(values), np.concatenate(rows)
+
+
+def _efforts(robot: Robot, states: SegmentStates) -> tuple[FloatArray, FloatArray]:
+    """Efforts (n_steps, n_joints) and their derivatives (…, N_PARAMETERS)."""
+    tau, dtau = robot.inverse_dynamics_derivatives(*states.values)
+    _, n_steps, n_joints, n_parameters = states.by_parameter.shape
+    stacked = states.by_parameter.transpose(1, 0, 2, 3).reshape(n_steps, 3 * n_joints, n_parameters)
+    return tau, dtau @ stacked
+
+
+def _by_segment(parameters: FloatArray) -> FloatArray:
+    return np.reshape(parameters, (-1, N_PARAMETERS))
