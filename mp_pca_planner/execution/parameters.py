@@ -77,6 +77,12 @@ class Declaration:
             return "a list of texts"
         return f"one of {quote_names(self.choices)}" if self.choices else "a text"
 
+    def refusal(self, value: object) -> ParameterError:
+        """The error for a value that is not accepted."""
+        return ParameterError(
+            f"parameter '{self.name}' is {value!r:.80}, but it must be {self.accepted}"
+        )
+
 
 def _declared(default: ParameterValue, description: str, **accepted: Any) -> Any:
     return field(
@@ -228,11 +234,7 @@ class Settings:
         for declaration in DECLARATIONS:
             value = getattr(self, declaration.name)
             if declaration.choices and value not in declaration.choices:
-                raise ParameterError(
-                    f"parameter '{declaration.name}' is {value!r:.80}, "
-                    f"but it must be {declaration.accepted}"
-                )
-
+                raise declaration.refusal(value)
         if self.learn_trials and not self.save_folder:
             raise ParameterError(
                 "parameter 'learn_trials' is true, but trials can't be kept: set the parameter "

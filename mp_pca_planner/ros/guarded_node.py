@@ -14,7 +14,8 @@ from rclpy.node import Node
 from ..exceptions import PlannerError, printable
 from .messages import to_text
 
-_LOG_PERIOD = 1.0
+LOG_PERIOD = 1.0
+"""Least time between log messages of the same place [s]."""
 
 
 class GuardedNode(Node):
@@ -35,7 +36,7 @@ class GuardedNode(Node):
             return "the system has no more memory"
         lines = traceback.format_exception(error)
         found = "\n".join(printable(line) for line in "".join(lines).splitlines())
-        self.get_logger().error(found, throttle_duration_sec=_LOG_PERIOD)
+        self.get_logger().error(found, throttle_duration_sec=LOG_PERIOD)
         return to_text(f"internal error, please report it: {error!r}")
 
     def guarded(self, callback: Callable[..., None]) -> Callable[..., None]:
@@ -47,7 +48,7 @@ class GuardedNode(Node):
                 callback(*arguments)
             except Exception as error:
                 text = self._explain_failure(callback, error)
-                self.get_logger().error(text, throttle_duration_sec=_LOG_PERIOD)
+                self.get_logger().error(text, throttle_duration_sec=LOG_PERIOD)
 
         return call
 
