@@ -14,17 +14,16 @@ from typing import IO, Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, String
 from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory
 
-from ..exceptions import PlannerError
 from ..resources import config_file
 from .messages import OVERTAKEN, UNDER_WAY, to_stamp_text
 from .node import NODE_NAME
+from .own_context import NoAnswerError as NoAnswerError
 from .own_context import NodeInOwnContext
 from .qos import LATCHED
 
@@ -33,10 +32,6 @@ DEPTH = 10_000
 """Depth of the subscriptions of a client."""
 
 _GOAL_TOPICS = {JointState: "goal", PoseStamped: "goal_pose", JointTrajectory: "goal_sequence"}
-
-
-class NoAnswerError(PlannerError):
-    """The node did not answer in time."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,14 +139,11 @@ class GoalClient(NodeInOwnContext):
     def __init__(
         self, name: str = "goal_client", namespace: str = "", planner: str = NODE_NAME
     ) -> None:
-        super().__init__(name, namespace)
+        super().__init__(name, namespace, planner)
         self.trajectories: list[JointTrajectory] = []
         self.reports: list[DiagnosticStatus] = []
         self.diagnostics: list[DiagnosticArray] = []
         self._trajectory_received = self._diagnostics_received = 0.0
-        self.planner = planner
-        self._executor = SingleThreadedExecutor(context=self.context)
-        self._executor.add_node(self.node)
         node = self.node
         self._publishers = {
             topic: node.create_publisher(kind, f"{planner}/{topic}", 1)
@@ -173,10 +165,6 @@ class GoalClient(NodeInOwnContext):
         node.create_subscription(DiagnosticArray, "/diagnostics", on_diagnostics, DEPTH)
         report = f"{planner}/plan_report"
         node.create_subscription(DiagnosticStatus, report, self.reports.append, DEPTH)
-
-    def __exit__(self, *_: object) -> None:
-        self._executor.shutdown()
-        super().__exit__()
 
     def wait_for_node(self, timeout: float = 30.0, *, with_trajectory: bool = True) -> None:
         """Wait until every topic and service is matched.
@@ -300,24 +288,6 @@ class GoalClient(NodeInOwnContext):
     def wait_for_model(self) -> None:
         """Wait until the node has primitives and a robot model."""
         self.wait_for_diagnostics(lambda values: values["model"] != "none")
-
-    def wait(self, is_done: Callable[[], bool], timeout: float, complaint: str) -> None:
-        """Receive messages until a condition holds, or raise a `NoAnswerError`."""
-        deadline = time.monotonic() + timeout
-        while not is_done():
-            if time.monotonic() > deadline:
-                raise NoAnswerError(f"the node '{self.planner}' {complaint} within {timeout:g} s")
-            self.spin_once()
-
-    def spin_once(self, timeout: float = 0.05) -> None:
-        """Take one message that has arrived, or wait for one [s]."""
-        self._executor.spin_once(timeout_sec=timeout)
-
-    def result(self, client: Any, request: Any, timeout: float = 10.0) -> Any:
-        """Return what a service answers; see :meth:`call`."""
-        future = client.call_async(request)
-        self.wait(future.done, timeout, f"did not answer on '{client.srv_name}'")
-        return future.result()
 
     def next_trajectory(self, n_before: int, timeout: float) -> JointTrajectory | None:
         """Return the motion after this many; None where their topic is remapped."""

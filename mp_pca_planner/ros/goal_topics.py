@@ -19,17 +19,8 @@ from ..execution.goal_statistics import GoalStatistics
 from ..execution.motion_server import MakeGoal, MotionServer, Served, UnexecutablePlanError
 from ..execution.newest_goal import CancelledError, IsCancelled, NewestGoalThread
 from ..motion.goal import Goal, JointGoal
+from . import messages
 from .guarded_node import LOG_PERIOD, GuardedNode
-from .messages import (
-    to_goal,
-    to_overtaken_report,
-    to_plan_report,
-    to_pose_goal,
-    to_refusal,
-    to_sequence_goal,
-    to_text,
-    to_under_way_report,
-)
 from .planning_setup import PlanningSetup
 from .qos import EVERY, GOALS
 from .reference_frame import stated_in
@@ -96,13 +87,14 @@ class GoalTopics:
         self._reports = node.create_publisher(DiagnosticStatus, "~/plan_report", EVERY)
         self._worker = NewestGoalThread(self._serve, self._on_preempted, node.guarded(rest))
         group = ThreadGroup()
-        for message_type, topic, read in (
-            (JointStateMessage, "~/goal", self._read_goal),
-            (PoseStamped, "~/goal_pose", self._read_pose),
-            (JointTrajectory, "~/goal_sequence", self._read_sequence),
+        for message_type, topic in (
+            (JointStateMessage, "~/goal"),
+            (PoseStamped, "~/goal_pose"),
+            (JointTrajectory, "~/goal_sequence"),
         ):
-            receive = self._receiver(read)
-            node.create_subscription(message_type, topic, receive, GOALS, callback_group=group)
+            node.create_subscription(
+                message_type, topic, self._receive, GOALS, callback_group=group
+            )
         # Goals don't wait behind the services of the node.
         self._executor = GroupExecutor(node, group)
 
@@ -115,32 +107,16 @@ class GoalTopics:
         self._executor.shutdown()
         self._worker.close()
 
-    def _receiver(self, read: Callable[[Any, Model], _Request]) -> Callable[[Any], None]:
-        def receive(message: Any) -> None:
-            try:
-                request = read(message, self._setup.ready())
-                # A wrong goal must not preempt another one; otherwise planning finds what is wrong.
-                if not self._worker.is_idle:
-                    request.check()
-            except Exception as error:
-                self._reject(to_refusal(self._node.explain(error), message.header.stamp))
-            else:
-                self._worker.submit(request)
-
-        return receive
-
-    def _read_goal(self, message: JointStateMessage, context: Model) -> _Request:
-        goal = to_goal(message, context.settings.duration)
-        return _Request(goal, lambda _: goal, context, message.header.stamp)
-
-    def _read_pose(self, message: PoseStamped, context: Model) -> _Request:
-        goal = to_pose_goal(message, context.end_effector, context.settings.duration)
-        make_goal = stated_in(goal, message.header.frame_id, context.planning_robot)
-        return _Request(goal, make_goal, context, message.header.stamp)
-
-    def _read_sequence(self, message: JointTrajectory, context: Model) -> _Request:
-        goal = to_sequence_goal(message)
-        return _Request(goal, lambda _: goal, context, message.header.stamp)
+    def _receive(self, message: Any) -> None:
+        try:
+            request = _read(message, self._setup.ready())
+            # A wrong goal must not preempt another one; otherwise planning finds what is wrong.
+            if not self._worker.is_idle:
+                request.check()
+        except Exception as error:
+            self._reject(messages.to_refusal(self._node.explain(error), message.header.stamp))
+        else:
+            self._worker.submit(request)
 
     def _serve(self, request: _Request, is_cancelled: IsCancelled) -> None:
         """Plan, publish and report, in the thread of the worker."""
@@ -151,25 +127,25 @@ class GoalTopics:
             )
             self._report(served, stamp)
         except UnexecutablePlanError as error:
-            self._reject(to_refusal(str(error), stamp, error.plan))
+            self._reject(messages.to_refusal(str(error), stamp, error.plan))
         except CancelledError:
             raise
         except Exception as error:
-            self._reject(to_refusal(self._node.explain(error), stamp))
+            self._reject(messages.to_refusal(self._node.explain(error), stamp))
 
     def _report(self, served: Served, stamp: Time) -> None:
         plan = served.plan
         if served.under_way:
             self._statistics.under_way()
-            self._reports.publish(to_under_way_report(plan, served.under_way, stamp))
+            self._reports.publish(messages.to_under_way_report(plan, served.under_way, stamp))
             return
         # A cost may follow the report at once.
         self._on_served(served)
         trial = served.trial.facts if served.trial else None
         primitives = served.model.planner.primitives
-        self._reports.publish(to_plan_report(plan, stamp, trial, primitives))
+        self._reports.publish(messages.to_plan_report(plan, stamp, trial, primitives))
         times = f"{served.motion.duration:.3g} s long, planned in {1e3 * plan.solve_time:.3g} ms"
-        self._node.get_logger().info(to_text(f"goal served: {plan.message} ({times})"))
+        self._node.get_logger().info(messages.to_text(f"goal served: {plan.message} ({times})"))
 
     def _reject(self, report: DiagnosticStatus) -> None:
         self._statistics.refused()
@@ -182,7 +158,22 @@ class GoalTopics:
         try:
             request.check()
         except Exception as error:
-            self._reject(to_refusal(self._node.explain(error), request.stamp))
+            self._reject(messages.to_refusal(self._node.explain(error), request.stamp))
         else:
             self._statistics.overtaken()
-            self._reports.publish(to_overtaken_report(request.stamp))
+            self._reports.publish(messages.to_overtaken_report(request.stamp))
+
+
+def _read(message: JointStateMessage | PoseStamped | JointTrajectory, context: Model) -> _Request:
+    """Read a goal, or raise a `PlannerError` if it is malformed."""
+    header, duration = message.header, context.settings.duration
+    if isinstance(message, PoseStamped):
+        posed = messages.to_pose_goal(message, context.end_effector, duration)
+        make_goal = stated_in(posed, header.frame_id, context.planning_robot)
+        return _Request(posed, make_goal, context, header.stamp)
+    goal: Goal
+    if isinstance(message, JointTrajectory):
+        goal = messages.to_sequence_goal(message)
+    else:
+        goal = messages.to_goal(message, duration)
+    return _Request(goal, lambda _: goal, context, header.stamp)

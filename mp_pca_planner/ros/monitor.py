@@ -68,7 +68,7 @@ class Monitor(NodeInOwnContext):
     """
 
     def __init__(self, namespace: str = "", planner: str = NODE_NAME) -> None:
-        super().__init__("watch", namespace)
+        super().__init__("watch", namespace, planner)
         self.seen = Seen()
         parent = self.node.get_namespace().rstrip("/")
         self._status_name = f"{parent}/{planner}: planner"

@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import threading
 import time
-from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rcl_interfaces.msg import SetParametersResult
@@ -21,6 +20,7 @@ from visualization_msgs.msg import MarkerArray
 from ..exceptions import quote_names
 from ..execution.execution_monitor import ExecutionReport
 from ..execution.goal_statistics import GoalStatistics
+from ..execution.measured import MeasuredStates
 from ..execution.motion_server import MotionServer
 from ..execution.parameters import ParameterError
 from ..execution.start_state import StartStates
@@ -37,8 +37,6 @@ from .subscriptions import PolledSubscription
 from .trajectory_bytes import serialize_trajectory
 
 NODE_NAME = "mp_pca_planner"
-
-_WATCH_PERIOD = 0.05
 
 
 class PlannerNode(GuardedNode):
@@ -85,14 +83,8 @@ class PlannerNode(GuardedNode):
             self._states, self._statistics, self._send, time.perf_counter, self._report_execution
         )
         self._connect()
-        self._goals = GoalTopics(
-            self,
-            self._setup,
-            self._server,
-            self._statistics,
-            self._last_motion.replace,
-            self._preview,
-        )
+        on_served, rest = self._last_motion.replace, self._preview
+        self._goals = GoalTopics(self, self._setup, self._server, self._statistics, on_served, rest)
         if not self._setup.problem:
             self._log_readiness()
 
@@ -133,7 +125,7 @@ class PlannerNode(GuardedNode):
         # Simulated time may stand still, and then the diagnostics are needed most.
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(1.0, self._publish_diagnostics, clock=steady)
-        self.create_timer(_WATCH_PERIOD, self._watch, clock=steady)
+        self.create_timer(0.05, self._watch, clock=steady)
 
     # Callbacks
 
@@ -230,38 +222,45 @@ class PlannerNode(GuardedNode):
             self._previews.publish(markers)
 
     def _publish_diagnostics(self) -> None:
-        status = self._status()
+        name = f"{self.get_fully_qualified_name()}: planner"
+        cost = self._last_motion.cost
+        status = _status(name, self._setup, self._states.measured, self._statistics, cost)
         array = DiagnosticArray(status=[status])
         array.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics.publish(array)
-
-    def _status(self) -> DiagnosticStatus:
-        setup, measured, age = self._setup, self._states.measured, self._states.measured.age
-        problem = setup.missing or setup.problem
-        if not problem and age is None:
-            problem = "waiting for joint_states"
-        elif not problem and age is not None and 0.0 < setup.settings.state_timeout < age:
-            problem = f"joint_states stopped {age:.1f} s ago"
-        cost, context, counts = self._last_motion.cost, setup.context, self._statistics
-        values: dict[str, Any] = {
-            "model": quote_names(context.robot.joint_names) if context else "none",
-            "library": setup.library,
-            "goals_served": counts.n_served,
-            "goals_refused": counts.n_refused,
-            "goals_under_way": counts.n_under_way,
-            "goals_overtaken": counts.n_overtaken,
-            **counts.solve_time_percentiles(),
-            "trial_cost": "none" if cost is None else cost,
-            "joint_states_age_s": "none" if age is None else round(age, 3),
-            "joint_states_incomplete": measured.n_incomplete,
-            "joint_states_unusable": measured.n_unusable,
-        }
-        level = DiagnosticStatus.WARN if problem else DiagnosticStatus.OK
-        name = f"{self.get_fully_qualified_name()}: planner"
-        return to_status(name, level, problem or "ready for goals", values)
 
     def _log_readiness(self) -> None:
         self.get_logger().info(self._setup.missing or "ready for goals")
 
     def _seconds(self) -> float:
         return float(self.get_clock().now().nanoseconds) * 1e-9
+
+
+def _status(
+    name: str,
+    setup: PlanningSetup,
+    measured: MeasuredStates,
+    counts: GoalStatistics,
+    cost: float | None,
+) -> DiagnosticStatus:
+    """What the node needs to serve goals, and what it served."""
+    age, context, problem = measured.age, setup.context, setup.missing or setup.problem
+    if not problem and age is None:
+        problem = "waiting for joint_states"
+    elif not problem and age is not None and 0.0 < setup.settings.state_timeout < age:
+        problem = f"joint_states stopped {age:.1f} s ago"
+    values = {
+        "model": quote_names(context.robot.joint_names) if context else "none",
+        "library": setup.library,
+        "goals_served": counts.n_served,
+        "goals_refused": counts.n_refused,
+        "goals_under_way": counts.n_under_way,
+        "goals_overtaken": counts.n_overtaken,
+        "trial_cost": "none" if cost is None else cost,
+        **counts.solve_time_percentiles(),
+        "joint_states_age_s": "none" if age is None else round(age, 3),
+        "joint_states_incomplete": measured.n_incomplete,
+        "joint_states_unusable": measured.n_unusable,
+    }
+    level = DiagnosticStatus.WARN if problem else DiagnosticStatus.OK
+    return to_status(name, level, problem or "ready for goals", values)

@@ -104,14 +104,11 @@ class NodeParameters:
         self.is_declaring = True
         try:
             for declaration in declarations:
-                self._declare_one(declaration)
-        finally:
-            self.is_declaring = False
-
-    def _declare_one(self, declaration: Declaration) -> None:
-        default = declaration.default
-        value = list(default) if isinstance(default, tuple) else default
-        try:
-            self._node.declare_parameter(declaration.name, value, to_descriptor(declaration))
+                default = declaration.default
+                value = list(default) if isinstance(default, tuple) else default
+                descriptor = to_descriptor(declaration)
+                self._node.declare_parameter(declaration.name, value, descriptor)
         except (InvalidParameterTypeException, InvalidParameterValueException):
             raise declaration.refusal(self._given[declaration.name].value) from None
+        finally:
+            self.is_declaring = False

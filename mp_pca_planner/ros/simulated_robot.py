@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""The node of a simulated robot: joint states, description, controller and faults in ROS."""
+"""The node of a simulated robot: joint states, description, controller and faults."""
 
 from __future__ import annotations
 
