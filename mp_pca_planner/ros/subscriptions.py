@@ -13,7 +13,11 @@ from contextlib import suppress
 from typing import Any
 
 from rclpy.callback_groups import CallbackGroup
-from rclpy.executors import ExternalShutdownException, ShutdownException, SingleThreadedExecutor
+from rclpy.executors import (
+    ConditionReachedException,
+    ExternalShutdownException,
+    SingleThreadedExecutor,
+)
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
@@ -90,7 +94,7 @@ class GroupExecutor(SingleThreadedExecutor):
 
     def __init__(self, node: Node, group: ThreadGroup) -> None:
         super().__init__(context=node.context)
-        self._group = group
+        self._group, self._is_ending = group, threading.Event()
         group.thread = threading.Thread(target=self._run, args=[[node]], daemon=True)
         group.thread.start()
 
@@ -100,14 +104,16 @@ class GroupExecutor(SingleThreadedExecutor):
 
     def shutdown(self, timeout_sec: float | None = None) -> bool:
         """End the thread, before the node is destroyed."""
-        is_shut_down = super().shutdown(timeout_sec)
         assert self._group.thread is not None
+        self._is_ending.set()
+        self.wake()
         self._group.thread.join(timeout_sec)
-        return is_shut_down
+        return super().shutdown(timeout_sec)
 
     def _run(self, nodes: list[Node]) -> None:
-        with suppress(ShutdownException, ExternalShutdownException):
+        is_ending = self._is_ending.is_set
+        with suppress(ConditionReachedException, ExternalShutdownException):
             while True:
-                handler, _, _ = self.wait_for_ready_callbacks(nodes=nodes)
+                handler, _, _ = self.wait_for_ready_callbacks(nodes=nodes, condition=is_ending)
                 # What it raises stays in it: a message that can't be read ends nothing.
                 handler()
