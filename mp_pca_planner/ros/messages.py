@@ -33,7 +33,7 @@ OVERTAKEN = "overtaken"
 """Status in the report of a valid goal that was preempted before execution."""
 
 NANOSECONDS = 10**9
-"""In a second."""
+"""Nanoseconds in a second."""
 
 MAX_ITEMS = 1000
 """Most joints, and most points, that a goal may have."""

@@ -15,10 +15,6 @@ from ..arrays import FloatArray
 from ..motion.trajectory import Trajectory
 from ..robot.model import Robot
 
-_N_GHOSTS = 6
-_PATH_COLOUR = ColorRGBA(r=0.1, g=0.5, b=1.0, a=1.0)
-_FIRST_GHOST, _LAST_GHOST = np.array([1.0, 0.6, 0.1, 0.6]), np.array([0.1, 0.8, 0.3, 0.6])
-
 
 def link_pairs(urdf: str) -> tuple[str, list[tuple[str, str]]]:
     """Return the base link of a robot description, and parent and child link of each joint."""
@@ -49,15 +45,17 @@ def to_preview(trajectory: Trajectory, robot: Robot, end_effector: str, urdf: st
     """
     base, pairs = link_pairs(urdf)
     points = robot.frame_positions(_spread(trajectory, 60), [end_effector])
-    path = Marker(ns="path", type=Marker.LINE_STRIP, color=_PATH_COLOUR)
+    blue = ColorRGBA(r=0.1, g=0.5, b=1.0, a=1.0)
+    path = Marker(ns="path", type=Marker.LINE_STRIP, color=blue)
     path.scale.x, path.points = 0.005, _points(points[:, 0])
     markers = [path]
     known = set(robot.frame_names)
     ends = [link for pair in pairs if known.issuperset(pair) for link in pair]
-    poses = robot.frame_positions(_spread(trajectory, _N_GHOSTS), ends)
-    for k, (share, pose) in enumerate(zip(np.linspace(0.0, 1.0, _N_GHOSTS), poses, strict=True)):
-        r, g, b, a = ((1.0 - share) * _FIRST_GHOST + share * _LAST_GHOST).tolist()
-        colour = ColorRGBA(r=r, g=g, b=b, a=a)
+    poses = robot.frame_positions(_spread(trajectory, 6), ends)
+    # From orange to green.
+    colours = np.linspace([1.0, 0.6, 0.1], [0.1, 0.8, 0.3], len(poses)).tolist()
+    for k, (pose, (r, g, b)) in enumerate(zip(poses, colours, strict=True)):
+        colour = ColorRGBA(r=r, g=g, b=b, a=0.6)
         ghost = Marker(ns="ghosts", id=k, type=Marker.LINE_LIST, color=colour)
         ghost.scale.x, ghost.points = 0.01, _points(pose)
         markers.append(ghost)

@@ -24,7 +24,6 @@ from .qos import LATCHED
 
 NODE_NAME = "simulated_robot"
 
-_DEPTH = 10
 # The robot advances in steps of this time.
 _CYCLE_NS = 1_000_000
 
@@ -69,10 +68,10 @@ class SimulatedRobotNode(Node):
         super().__init__(NODE_NAME)
         self._robot, self._keep_record = robot, keep_record
         self._published, self._n_rejections = robot.state_time_ns, 0
-        self._states = self.create_publisher(JointState, "joint_states", _DEPTH)
+        self._states = self.create_publisher(JointState, "joint_states", 10)
         self._descriptions = self.create_publisher(String, "robot_description", LATCHED)
         self._descriptions.publish(String(data=urdf))
-        self.create_subscription(JointTrajectory, controller_topic, self._on_trajectory, _DEPTH)
+        self.create_subscription(JointTrajectory, controller_topic, self._on_trajectory, 10)
         for name, value in asdict(robot.faults).items():
             self.declare_parameter(name, value)
         self.add_on_set_parameters_callback(self._on_parameters)

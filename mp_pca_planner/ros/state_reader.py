@@ -23,12 +23,10 @@ from ..motion.goal import JointState
 from ..recordings.byte_layout import ENCAPSULATION, ByteLayout, find_layout
 from .messages import to_state
 
-# Encapsulations of version 1, big- and little-endian: in others numbers are aligned otherwise.
-_PLAIN_CDR = (bytes([0, 0]), bytes([0, 1]))
+# Encapsulations of version 1, big- and little-endian; others align numbers differently.
+_PLAIN_CDR = (b"\x00\x00", b"\x00\x01")
 # Larger messages are not read [bytes]: a state of a thousand joints has a quarter of that.
 _MAX_BYTES = 2**18
-# Publishers, or kinds of messages of them, whose layout is kept.
-_MAX_LAYOUTS = 16
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +61,8 @@ class SerializedStateReader:
     """
 
     def __init__(self) -> None:
-        self._layouts: deque[_KnownLayout] = deque(maxlen=_MAX_LAYOUTS)
+        # Of the publishers, or of the kinds of messages that they send.
+        self._layouts: deque[_KnownLayout] = deque(maxlen=16)
 
     def names_all(self, message: bytes, joint_names: Sequence[str]) -> bool:
         """Whether the message has all of these joints; a malformed one has none."""

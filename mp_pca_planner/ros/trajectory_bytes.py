@@ -18,10 +18,6 @@ from ..exceptions import TrajectoryError
 from ..motion.trajectory import Trajectory
 from .messages import NANOSECONDS
 
-# Precedes the message: plain CDR, little-endian. Alignment is relative to its end.
-_ENCAPSULATION = bytes([0, 1, 0, 0])
-_EMPTY_FRAME_ID = (1).to_bytes(4, "little") + bytes(1)
-
 
 def serialize_trajectory(
     trajectory: Trajectory,
@@ -67,7 +63,8 @@ def serialize_trajectory(
     if efforts is not None:
         columns["effort"] = efforts
     first = trajectory.n_steps - 1 if last_point_only else 0
-    message = _stamp(stamp) + _EMPTY_FRAME_ID
+    # The header ends with an empty frame_id, a text of one zero.
+    message = _stamp(stamp) + _count(0, 1) + bytes(1)
     message += _strings(len(message), trajectory.joint_names)
     message += _count(len(message), trajectory.n_steps - first)
     # The start of a point determines the alignment of its fields; all but the first are equal.
@@ -79,7 +76,8 @@ def serialize_trajectory(
             points[name] = values[part]
         points["sec"], points["nanosec"] = np.divmod(stamps[part], NANOSECONDS)
         message += points.tobytes()
-    return _ENCAPSULATION + message
+    # The encapsulation: plain CDR, little-endian. Alignment is relative to its end.
+    return bytes([0, 1, 0, 0]) + message
 
 
 def _stamp(stamp: float | None) -> bytes:
