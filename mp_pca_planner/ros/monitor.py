@@ -76,8 +76,8 @@ class Monitor(NodeInOwnContext):
             (JointState, "joint_states", self._on_state, STATES),
             (String, "robot_description", self._on_description, LATCHED),
             (JointState, f"{planner}/goal", self._on_goal, 10),
-            (PoseStamped, f"{planner}/goal_pose", self._on_goal_pose, 10),
-            (JointTrajectory, f"{planner}/goal_sequence", self._on_goal_sequence, 10),
+            (PoseStamped, f"{planner}/goal_pose", self._on_goal, 10),
+            (JointTrajectory, f"{planner}/goal_sequence", self._on_goal, 10),
             (DiagnosticStatus, f"{planner}/plan_report", self._on_report, 100),
             (DiagnosticArray, "/diagnostics", self._on_diagnostics, 100),
         )
@@ -104,22 +104,18 @@ class Monitor(NodeInOwnContext):
         except PlannerError:  # the planner reports the reason
             self.seen.limits = None
 
-    def _on_goal(self, message: JointState) -> None:
-        values = zip(message.name, message.position, strict=False)
-        self._keep_goal("  ".join(f"{name} {value:.3f}" for name, value in values))
-
-    def _on_goal_pose(self, message: PoseStamped) -> None:
-        p, o = message.pose.position, message.pose.orientation
-        numbers = "  ".join(f"{x:.3f}" for x in (p.x, p.y, p.z, o.x, o.y, o.z, o.w))
-        self._keep_goal(f"pose {numbers} in '{message.header.frame_id}'")
-
-    def _on_goal_sequence(self, message: JointTrajectory) -> None:
-        self._keep_goal(
-            f"{len(message.points)} configurations of {len(message.joint_names)} joints"
-        )
-
-    def _keep_goal(self, words: str) -> None:
-        self.seen.goal = words, time.monotonic()
+    def _on_goal(self, message: JointState | PoseStamped | JointTrajectory) -> None:
+        if isinstance(message, JointTrajectory):
+            n_points, n_joints = len(message.points), len(message.joint_names)
+            text = f"{n_points} configurations of {n_joints} joints"
+        elif isinstance(message, PoseStamped):
+            p, o = message.pose.position, message.pose.orientation
+            numbers = "  ".join(f"{x:.3f}" for x in (p.x, p.y, p.z, o.x, o.y, o.z, o.w))
+            text = f"pose {numbers} in '{message.header.frame_id}'"
+        else:
+            values = zip(message.name, message.position, strict=False)
+            text = "  ".join(f"{name} {value:.3f}" for name, value in values)
+        self.seen.goal = text, time.monotonic()
 
     def _on_report(self, message: DiagnosticStatus) -> None:
         self.seen.report = message, time.monotonic()
