@@ -179,10 +179,10 @@ def kill_node(n: int, work: Path, random: np.random.Generator) -> list[str]:
             if k > 0:
                 killer.start()
             else:
-                client.save_motion(timeout=30.0)  # the first call finds the service
+                client.call("save_motion", timeout=30.0)  # the first call finds the service
             began = time.perf_counter()
             with suppress(NoAnswerError):
-                client.save_motion(timeout=30.0 if k == 0 else 1.0)
+                client.call("save_motion", timeout=30.0 if k == 0 else 1.0)
             takes = takes or time.perf_counter() - began
             node.kill()
             node.wait()

@@ -106,7 +106,7 @@ def wait_until_served(client: GoalClient, state: JointState, goal: JointState) -
     while True:
         # A stamp of its own, or an answer of the node before would be taken for this one's.
         goal.header.stamp.sec += 1
-        client.publish_state_message(state)
+        client.publish("joint_states", state)
         try:
             if is_served(client.send(goal, patience, with_trajectory=False).report):
                 return

@@ -143,7 +143,7 @@ class Fuzzer:
         self._random = random.Random(seed)
         self._services: dict[str, Any] = {}
         client.wait_for_node()
-        client.publish_description(TOPICS["robot_description"].data)
+        client.publish("robot_description", TOPICS["robot_description"])
         client.wait_for_model()
         self._first_values = self._all_parameters()
 
@@ -192,11 +192,11 @@ class Fuzzer:
         assert self._node.poll() is None, f"the node died of {what}"
         result = self._set_first_values()
         assert result.successful, f"after {what}: {result.reason}"
-        client.publish_description(TOPICS["robot_description"].data)
+        client.publish("robot_description", TOPICS["robot_description"])
         deadline = time.monotonic() + _PATIENCE
         while True:
             # What was sent on other topics may arrive between these two.
-            client.publish_state_message(_STATE)
+            client.publish("joint_states", _STATE)
             report = client.send(self._next_goal(), _PATIENCE).report
             if is_served(report):
                 break

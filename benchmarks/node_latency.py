@@ -17,6 +17,7 @@ import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
 from node_setup import URDF, joint_states, print_latencies, processor_time, running_node
 from sensor_msgs.msg import JointState
+from std_msgs.msg import String
 
 from mp_pca_planner.recordings.synthetic import JOINT_NAMES, SyntheticMotion, generate_motions
 from mp_pca_planner.ros.client import Answer, GoalClient, this_machine_only
@@ -36,7 +37,7 @@ def main() -> None:
     answers: dict[float, list[Answer]] = {rate: [] for rate in RATES}
     shares: dict[float, list[float]] = {rate: [] for rate in RATES}
     with running_node() as node, GoalClient() as client:
-        client.publish_description(URDF.read_text(encoding="utf-8"))
+        client.publish("robot_description", String(data=URDF.read_text(encoding="utf-8")))
         client.wait_for_node()
         client.wait_for_model()
         # In turns, so that what else the machine does meets both alike.

@@ -43,6 +43,7 @@ from rclpy.node import Node
 from rclpy.qos import HistoryPolicy, QoSProfile
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
+from std_msgs.msg import String
 from trajectory_msgs.msg import JointTrajectory
 
 from mp_pca_planner.recordings.synthetic import JOINT_NAMES, generate_motions
@@ -82,7 +83,7 @@ def main() -> int:
     outcomes: Queue[Outcome] = PROCESSES.Queue()
     with running_node("--log-level", "fatal") as node, joint_states(500.0, start):
         with GoalClient("monitor") as monitor:
-            monitor.publish_description(URDF.read_text(encoding="utf-8"))
+            monitor.publish("robot_description", String(data=URDF.read_text(encoding="utf-8")))
             monitor.wait_for_model()
         clients = [
             PROCESSES.Process(
@@ -114,7 +115,7 @@ def flood(n_goals: int, rate: float, start: list[float]) -> int:
         silent_node("keeping") as keeper,
         silent_node("lagging") as laggard,
     ):
-        monitor.publish_description(URDF.read_text(encoding="utf-8"))
+        monitor.publish("robot_description", String(data=URDF.read_text(encoding="utf-8")))
         monitor.wait_for_model()
         keeping = Reader(keeper, QoSProfile(depth=1, history=HistoryPolicy.KEEP_ALL))
         lagging = Reader(laggard, QoSProfile(depth=10), pause=2e-3)

@@ -57,6 +57,8 @@ def main() -> None:
     arguments = parser.parse_args()
     folder = arguments.output
     (folder / "primitives").mkdir(parents=True, exist_ok=True)
+    from std_msgs.msg import Float64
+
     from mp_pca_planner.ros.client import GoalClient, start_node, this_machine_only
 
     os.environ.update(this_machine_only())
@@ -88,14 +90,14 @@ def main() -> None:
             learner = TrialLearner([plan.motion], model, planner.limits, start=refined)
             for i in range(arguments.trials):
                 cost = robot.execute(learner.propose().trajectory, f"trial_{i + 1}")
-                client.publish_trial_cost(cost)
+                client.publish("trial_cost", Float64(data=cost))
                 learner.tell(cost)
                 costs.append(cost)
             best = learner.best_motion().motion
             family = family_around(primitive, best, "learned", {"trials": len(learner.trials)})
             save_primitive(family, folder / "primitives" / "learned.npz", overwrite=True)
             (folder / "primitives" / "shown.npz").rename(folder / "shown.npz")
-            answer = client.reload_primitives()
+            answer = client.call("reload_primitives")
             if not answer.success:
                 raise SystemExit(answer.message)
             again = robot.execute(plan_by_node(client, robot, start, goal), "planned_again")
@@ -139,7 +141,7 @@ class SimulatedRobot:
         message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp, 10**9)
         message.position, message.velocity = position.tolist(), velocity.tolist()
         message.effort = effort.tolist()
-        self._client.publish_state_message(message)
+        self._client.publish("joint_states", message)
         return stamp
 
     def execute(self, trajectory: Trajectory, name: str) -> float:

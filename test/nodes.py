@@ -7,7 +7,7 @@ from __future__ import annotations
 import os
 import signal
 import subprocess
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -16,15 +16,22 @@ import numpy as np
 import pytest
 import rclpy
 from arm import JOINTS, arm_primitive
+from diagnostic_msgs.msg import DiagnosticStatus
 from patience import HANG, NODE_EVER
+from rcl_interfaces.msg import Parameter, SetParametersResult
+from rcl_interfaces.srv import SetParameters
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64, String
+from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory
+from visualization_msgs.msg import MarkerArray
 
 from mp_pca_planner.resources import config_file
-from mp_pca_planner.ros.client import GoalClient, start_node, this_machine_only
+from mp_pca_planner.ros.client import DEPTH, GoalClient, start_node, this_machine_only
+from mp_pca_planner.ros.qos import LATCHED
 
 MOTION = arm_primitive().boundary_states[0]
 START, GOAL = MOTION[0].tolist(), MOTION[3].tolist()
@@ -34,6 +41,67 @@ URDF = config_file("human_arm.urdf").read_text(encoding="utf-8")
 # may take [s].
 PATIENCE = {"state_timeout": NODE_EVER, "max_solve_time": NODE_EVER}
 PATIENTLY = tuple(word for name, time in PATIENCE.items() for word in ("-p", f"{name}:={time}"))
+
+
+class NodeClient(GoalClient):
+    """A client that plays the robot and the operator, too.
+
+    Attributes
+    ----------
+    executions : list of DiagnosticStatus
+        All reports of executions that were received, the newest last.
+    previews : list of MarkerArray
+        All that were received, the newest last.
+    """
+
+    def __init__(self, *arguments: str, **names: str) -> None:
+        super().__init__(*arguments, **names)
+        self.executions: list[DiagnosticStatus] = []
+        self.previews: list[MarkerArray] = []
+        parameters = f"{self.planner}/set_parameters"
+        self._services["set_parameters"] = self.node.create_client(SetParameters, parameters)
+        report = f"{self.planner}/execution_report"
+        self.node.create_subscription(DiagnosticStatus, report, self.executions.append, DEPTH)
+        preview = f"{self.planner}/preview"
+        self.node.create_subscription(MarkerArray, preview, self.previews.append, LATCHED)
+
+    def publish_state(
+        self, names: Sequence[str], positions: Sequence[float], velocities: Sequence[float] = ()
+    ) -> None:
+        self.publish_state_message(
+            JointState(name=list(names), position=list(positions), velocity=list(velocities))
+        )
+
+    def publish_state_message(self, message: JointState) -> None:
+        self.publish("joint_states", message)
+
+    def publish_description(self, urdf: str) -> None:
+        self.publish("robot_description", String(data=urdf))
+
+    def publish_trial_cost(self, cost: float) -> None:
+        self.publish("trial_cost", Float64(data=cost))
+
+    def set_parameters(self, *parameters: Parameter) -> list[SetParametersResult]:
+        """Set parameters one by one."""
+        request = SetParameters.Request(parameters=list(parameters))
+        return list(self.result(self._services["set_parameters"], request).results)
+
+    def stop(self, timeout: float = 10.0) -> tuple[Trigger.Response, JointTrajectory | None]:
+        """What is answered to a stop, and what is published."""
+        n = len(self.trajectories)
+        answer = self.call("stop")
+        return answer, self.next_trajectory(n, timeout) if answer.success else None
+
+    def wait_for_preview(
+        self, is_expected: Callable[[MarkerArray], bool] = bool, timeout: float = 10.0
+    ) -> MarkerArray:
+        """The newest preview, once it is as expected: it comes a little after its motion."""
+        self.wait(
+            lambda: bool(self.previews) and is_expected(self.previews[-1]),
+            timeout,
+            "published no such preview",
+        )
+        return self.previews[-1]
 
 
 @contextmanager
@@ -56,9 +124,9 @@ def running_node(
 
 
 @contextmanager
-def described_client() -> Iterator[GoalClient]:
+def described_client() -> Iterator[NodeClient]:
     """A client of a node that has a model: its only robot description is that of the topic."""
-    with GoalClient() as client:
+    with NodeClient() as client:
         client.wait_for_node()
         client.publish_description(URDF)
         client.wait_for_model()

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The parameters of the node: one table of declarations, and their values.
 
-This module knows nothing of ROS, so that the table can be read and checked without it.
+The node, ``config/planner.yaml`` and the documentation are made from this table. It needs no ROS.
 """
 
 from __future__ import annotations
@@ -28,9 +28,8 @@ _LIMIT_QUANTITIES = {
     "max_velocity": "velocity [rad/s or m/s]",
     "max_acceleration": "acceleration [rad/s² or m/s²]",
     "max_jerk": "jerk [rad/s³ or m/s³]",
-    "max_effort": "torque [N·m] or force [N]",
+    "max_effort": "torque or force [N·m or N]",
 }
-_HIGHEST_LIMIT = 1e9
 
 ParameterValue = bool | int | float | str | tuple[str, ...]
 
@@ -41,7 +40,7 @@ class ParameterError(PlannerError):
 
 @dataclass(frozen=True)
 class Declaration:
-    """What a parameter is.
+    """Declaration of a parameter.
 
     Attributes
     ----------
@@ -50,11 +49,11 @@ class Declaration:
     default : bool, int, float, str or tuple of str
         Its default, which also fixes its type.
     description : str
-        One sentence or two for people.
+        A sentence or two about its meaning, with the unit.
     low, high : float
         Range of a number, ends included.
     choices : tuple of str
-        The valid texts; none if any will do.
+        The valid texts; empty if all texts are valid.
     """
 
     name: str
@@ -66,7 +65,7 @@ class Declaration:
 
     @property
     def accepted(self) -> str:
-        """What is accepted, for messages."""
+        """The accepted values, for messages."""
         if isinstance(self.default, bool):
             return "true or false"
         if isinstance(self.default, float):
@@ -77,6 +76,12 @@ class Declaration:
             return "a list of texts"
         return f"one of {quote_names(self.choices)}" if self.choices else "a text"
 
+    def refusal(self, value: object) -> ParameterError:
+        """The error for a value that is not accepted."""
+        return ParameterError(
+            f"parameter '{self.name}' is {value!r:.80}, but it must be {self.accepted}"
+        )
+
 
 def _declared(default: ParameterValue, description: str, **accepted: Any) -> Any:
     return field(
@@ -86,33 +91,33 @@ def _declared(default: ParameterValue, description: str, **accepted: Any) -> Any
 
 @dataclass(frozen=True)
 class Settings:
-    """Values of all parameters; this class is the table they are declared by.
+    """Values of all parameters; its fields are the table of declarations.
 
-    `limits` alone is no parameter: it collects the parameters ``limits.<joint>.<quantity>``, which
-    are declared when the joints are known (see :func:`limit_declarations`).
+    `limits` is not a parameter: it collects the parameters ``limits.<joint>.<quantity>``, which are
+    declared when the joints are known (see :func:`limit_declarations`).
 
     Raises
     ------
     ParameterError
-        If a text is none of the choices.
+        If a text is none of the choices, or trials can't be kept.
     """
 
-    # The default is a list of one empty text, since ROS can't tell the type of an empty list.
+    # The default is a list with an empty text, because an empty list has no type in ROS.
     primitives: tuple[str, ...] = _declared(
         ("",), "Primitive files, or folders of them (*.npz); empty texts are ignored."
     )
     robot_description: str = _declared(
-        "", "URDF of the robot, XML text; empty: it is taken from the topic robot_description."
+        "", "URDF of the robot, XML text; empty: taken from the topic robot_description."
     )
     end_effector_frame: str = _declared(
         "",
-        """Link of the robot that pose goals are for and that the preview draws the path of; empty:
-        the last link of the robot description.""",
+        """Link of the robot for pose goals and for the path in the preview; empty: the last link of
+        the robot description.""",
     )
     limits_file: str = _declared(
         "",
-        """Joint limits in the form of MoveIt's joint_limits.yaml (max_jerk and max_effort too),
-        laid over those of the URDF; empty: none.""",
+        """Joint limits in the form of MoveIt's joint_limits.yaml, with max_jerk and max_effort;
+        they override those of the URDF. Empty: none.""",
     )
     collision: bool = _declared(
         False,
@@ -121,65 +126,65 @@ class Settings:
     )
     srdf: str = _declared(
         "",
-        """SRDF file that names the pairs of links that need no look; empty: neighbours, and what
-        touches in the neutral configuration.""",
+        """SRDF file with the pairs of links that are not checked for self-collision; empty:
+        neighbours, and pairs in contact in the neutral configuration.""",
     )
     package_dirs: tuple[str, ...] = _declared(
         ("",),
-        """Folders in which packages with meshes of the robot description are, looked into before
-        those of ROS; empty texts are ignored.""",
+        """Folders of the packages with the meshes of the robot description, searched before those
+        of ROS; empty texts are ignored.""",
     )
     start_from: str = _declared(
         AUTO,
-        """Where a motion starts: 'auto' (at the commanded state if the robot follows a motion of
-        this node or holds its end, else at the measured state of a robot at rest), 'measured'
-        (always at the measured state; goals are refused while the robot moves) or 'commanded' (same
-        as 'auto').""",
+        """Start of a motion: 'auto' (the commanded state if the robot follows a motion of this node
+        or holds its end, else the measured state of a robot at rest), 'measured' (always the
+        measured state; goals are rejected while the robot moves) or 'commanded' (same as
+        'auto').""",
         choices=(AUTO, MEASURED, COMMANDED),
     )
     stamp_trajectories: bool = _declared(
         True,
-        """Whether trajectories carry the time of their first point as header stamp, so that the
-        delay of the message causes no jump. A motion from rest then begins with a hold of 20 ms.
-        Not applied if the stamps of joint_states show that the clocks of the robot and of the node
+        """Sets the header stamp of trajectories to the time of their first point, so that the delay
+        of the message causes no jump. A motion from rest then begins with a hold of 20 ms. Not
+        applied if the stamps of joint_states show that the clocks of the robot and of the node
         differ.""",
     )
     commanded_tolerance: float = _declared(
         0.1,
         """Largest distance [rad or m] of a joint from the path of the published motion at which the
-        robot counts as following it. A robot beyond it gets goals only at rest, and starts where it
-        is measured.""",
+        robot counts as following it. Beyond it, goals are accepted only at rest, and motions start
+        at the measured state.""",
         low=1e-3,
         high=10.0,
     )
     state_timeout: float = _declared(
         0.5,
-        "Age [s] at which the newest joint_states is too old to plan from; 0: never.",
+        "Age [s] above which the newest joint_states is too old to plan from; 0: no limit.",
         high=3600.0,
     )
     duration: float = _declared(
         0.0,
         """Duration of every motion to a single goal [s]; 0: as the demonstrations suggest, longer
-        if the limits ask for it. Sequences say their own times.""",
+        if the limits require it. Sequences carry their own times.""",
         high=LONGEST_DURATION,
     )
     basis: str = _declared(
         BASES[0],
-        """Functions that motions are made of: 'pca' (components of the primitive) or 'bspline'
-        (6 control points per joint); sequences are always made of components.""",
+        """Basis functions of motions: 'pca' (components of the primitive) or 'bspline' (6 control
+        points per joint); sequences always use components.""",
         choices=BASES,
     )
     sequence_mode: str = _declared(
         OPTIMAL,
-        """How ~/goal_sequence is planned: 'optimal' (least effort of the whole) or 'real_time'
-        (expected motions joined without optimisation, in milliseconds).""",
+        """Planning of ~/goal_sequence: 'optimal' (least effort of the whole sequence) or
+        'real_time' (expected motions joined without optimisation, in milliseconds).""",
         choices=MODES,
     )
     naturalness: float = _declared(
         PlannerOptions.naturalness,
-        """Cost of a motion one standard deviation away from the demonstrated ones, as a share of
-        the expected motion's effort; 0: least effort alone, which may leave the demonstrations
-        far behind.""",
+        """Cost of a motion one standard deviation away from the demonstrations, as a share of the
+        expected motion's effort; 0: least effort alone, whose motions may be far from the
+        demonstrations.""",
         high=1e6,
     )
     max_solve_time: float = _declared(
@@ -190,8 +195,8 @@ class Settings:
     )
     n_starts: int = _declared(
         PlannerOptions.n_starts,
-        """From how many motions the least is searched for where likeness counts for little
-        (naturalness below 0.1): more find a cheaper one at times, in as many times the time.""",
+        """Number of initial motions of the optimisation if naturalness is below 0.1. More starts
+        find a lower effort at times; the time grows in proportion.""",
         low=1,
         high=MOST_STARTS,
     )
@@ -203,24 +208,23 @@ class Settings:
     )
     publish_effort: bool = _declared(
         False,
-        """Whether points carry efforts; a controller without an effort interface refuses such a
-        trajectory.""",
+        """Publishes efforts with each point; a controller without an effort interface rejects such
+        a trajectory.""",
     )
     allow_nonzero_end_velocity: bool = _declared(
         False,
-        """Whether goals may ask for a velocity at the end; set it only if the controller's
-        parameter allow_nonzero_velocity_at_trajectory_end is set too.""",
+        """Accepts goals with a velocity at the end; set it only if the controller's parameter
+        allow_nonzero_velocity_at_trajectory_end is set, too.""",
     )
     save_folder: str = _declared(
         "",
-        """Folder in which ~/save_motion keeps the last motion as a primitive file; empty: motions
-        can't be saved.""",
+        """Folder for the primitive files of ~/save_motion; empty: motions can't be saved.""",
     )
     learn_trials: bool = _declared(
         False,
-        """Whether goals of ~/goal that come again, from rest near the same start, are learned:
-        each time the motion is varied, and ~/trial_cost tells what it cost. Needs save_folder,
-        which keeps the trials, and cmaes (extra 'learn').""",
+        """Learns goals of ~/goal that repeat from rest near the same start: the motion is varied
+        each time, and ~/trial_cost reports its cost. Needs save_folder, which holds the trials, and
+        cmaes (extra 'learn').""",
     )
     limits: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
@@ -228,11 +232,7 @@ class Settings:
         for declaration in DECLARATIONS:
             value = getattr(self, declaration.name)
             if declaration.choices and value not in declaration.choices:
-                raise ParameterError(
-                    f"parameter '{declaration.name}' is {value!r:.80}, "
-                    f"but it must be {declaration.accepted}"
-                )
-
+                raise declaration.refusal(value)
         if self.learn_trials and not self.save_folder:
             raise ParameterError(
                 "parameter 'learn_trials' is true, but trials can't be kept: set the parameter "
@@ -243,7 +243,7 @@ class Settings:
 
     @classmethod
     def from_values(cls, values: Mapping[str, Any]) -> Settings:
-        """Sort out the values of all declared parameters by name, `limits.…` among them.
+        """Make settings of parameter values by name, those of ``limits.…`` included.
 
         Values must have the types of their declarations.
         """
@@ -251,7 +251,7 @@ class Settings:
         own |= {name: tuple(value) for name, value in own.items() if isinstance(value, list)}
         limits: dict[str, dict[str, float]] = {}
         for name, value in values.items():
-            # 0 stands for "as the URDF says".
+            # 0 stands for the limit of the limits file or the URDF.
             if name.startswith(LIMITS_PREFIX) and value != 0.0:
                 joint, quantity = split_limit_name(name)
                 limits.setdefault(joint, {})[quantity] = value
@@ -259,25 +259,19 @@ class Settings:
 
     @property
     def primitive_paths(self) -> tuple[str, ...]:
-        """The files and folders of primitives."""
+        """The given files and folders of primitives."""
         return tuple(path for path in self.primitives if path)
 
     @property
     def package_folders(self) -> tuple[Path, ...]:
-        """The folders of packages that were given."""
+        """The given folders of packages."""
         return tuple(Path(path) for path in self.package_dirs if path)
 
     @property
     def planner_options(self) -> PlannerOptions:
-        """The part that the planner needs."""
-        return PlannerOptions(
-            basis=self.basis,
-            naturalness=self.naturalness,
-            sample_period=self.sample_period,
-            max_solve_time=self.max_solve_time,
-            n_starts=self.n_starts,
-            allow_nonzero_end_velocity=self.allow_nonzero_end_velocity,
-        )
+        """The options of the planner."""
+        names = {f.name for f in fields(PlannerOptions)} & {d.name for d in DECLARATIONS}
+        return PlannerOptions(**{name: getattr(self, name) for name in names})
 
 
 DECLARATIONS: tuple[Declaration, ...] = tuple(
@@ -294,11 +288,11 @@ def limit_declarations(joint_names: Sequence[str]) -> tuple[Declaration, ...]:
         Declaration(
             f"{LIMITS_PREFIX}{joint}.{quantity}",
             0.0,
-            f"Largest {words} of joint '{joint}'; 0: as the limits file or the URDF says.",
-            high=_HIGHEST_LIMIT,
+            f"Largest {quantity_text} of joint '{joint}'; 0: as in the limits file or the URDF.",
+            high=1e9,
         )
         for joint in joint_names
-        for quantity, words in _LIMIT_QUANTITIES.items()
+        for quantity, quantity_text in _LIMIT_QUANTITIES.items()
     )
 
 
@@ -313,14 +307,14 @@ def split_limit_name(name: str) -> tuple[str, str]:
     joint, _, quantity = name.removeprefix(LIMITS_PREFIX).rpartition(".")
     if not joint or quantity not in _LIMIT_QUANTITIES:
         raise ParameterError(
-            f"no parameter is called '{name}': limits are called limits.<joint>.<quantity>, "
-            f"the quantities are {quote_names(_LIMIT_QUANTITIES)}"
+            f"unknown parameter '{name}': expected limits.<joint>.<quantity> with one of the "
+            f"quantities {quote_names(_LIMIT_QUANTITIES)}"
         )
     return joint, quantity
 
 
 def check_limit_names(names: Iterable[str], joint_names: Sequence[str]) -> None:
-    """Refuse names of limits that are of no joint of the primitives.
+    """Check that limits are named after joints of the primitives.
 
     Raises
     ------

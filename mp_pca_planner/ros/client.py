@@ -12,46 +12,40 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import IO, Any
 
-import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped
-from rcl_interfaces.msg import Parameter, SetParametersResult
-from rcl_interfaces.srv import SetParameters
-from rclpy.executors import SingleThreadedExecutor
-from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.serialization import deserialize_message
-from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, String
 from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory
-from visualization_msgs.msg import MarkerArray
 
-from ..exceptions import PlannerError
 from ..resources import config_file
 from .messages import OVERTAKEN, UNDER_WAY, to_stamp_text
 from .node import NODE_NAME
+from .own_context import NoAnswerError as NoAnswerError
+from .own_context import NodeInOwnContext
+from .qos import LATCHED
 
 # A client that is busy for a while must not lose what was published meanwhile.
-_DEPTH = 10_000
+DEPTH = 10_000
+"""Depth of the subscriptions of a client."""
 
-
-class NoAnswerError(PlannerError):
-    """The node did not answer in time."""
+_GOAL_TOPICS = {JointState: "goal", PoseStamped: "goal_pose", JointTrajectory: "goal_sequence"}
 
 
 @dataclass(frozen=True, eq=False)
 class Answer:
-    """What the node answered to a goal.
+    """The node's answer to a goal.
 
     Attributes
     ----------
     report : DiagnosticStatus
-        Its report.
+        The report of the goal.
     trajectory : JointTrajectory or None
-        The motion; None if the goal is refused or its motion is under way already.
+        The motion; None if the goal is rejected or its motion is under way already.
     latency : float or None
-        Time from sending the goal until the middleware of the client has the motion [s].
+        Time from sending the goal until the middleware of the client receives the motion [s].
     """
 
     report: DiagnosticStatus
@@ -65,9 +59,9 @@ class Answer:
 
 
 def this_machine_only(domain: int | None = None) -> dict[str, str]:
-    """Environment variables that keep nodes away from everybody else's robots.
+    """Environment variables that keep nodes apart from other machines and their robots.
 
-    Nodes find each other quickly, too, unless a file of DDS profiles is set already.
+    They also make discovery fast, unless a file of DDS profiles is set already.
 
     Parameters
     ----------
@@ -92,11 +86,11 @@ def start_node(
     Parameters
     ----------
     ros_arguments :
-        What follows ``--ros-args``.
+        The arguments after ``--ros-args``.
     options :
-        What comes before.
+        The arguments before.
     output :
-        Where its output goes; that of this process by default.
+        File for its output; that of this process by default.
     """
     command = [sys.executable, "-m", __package__.partition(".")[0], "planner_node", *options]
     command += ["--ros-args", *ros_arguments]
@@ -104,7 +98,7 @@ def start_node(
 
 
 def is_served(report: DiagnosticStatus) -> bool:
-    """Whether a report is of a motion that was published, for this goal or for one it repeats."""
+    """Whether a motion was published for the reported goal, or for one that it repeats."""
     return (
         report.level != DiagnosticStatus.ERROR and report_values(report).get("status") != OVERTAKEN
     )
@@ -116,12 +110,12 @@ def report_values(report: DiagnosticStatus) -> dict[str, str]:
 
 
 def _time_received(facts: dict[str, int]) -> float:
-    # Not every middleware tells when.
+    # Not every middleware reports the time.
     return 1e-9 * (facts["received_timestamp"] or time.time_ns())
 
 
-class GoalClient:
-    """Sends goals to the node and collects what it publishes; use it as a context manager.
+class GoalClient(NodeInOwnContext):
+    """Sends goals to the node and collects its answers; use it as a context manager.
 
     Parameters
     ----------
@@ -138,8 +132,6 @@ class GoalClient:
         All that were received, the newest last.
     reports : list of DiagnosticStatus
         All that were received, the newest last.
-    executions : list of DiagnosticStatus
-        All reports of executions that were received, the newest last.
     diagnostics : list of DiagnosticArray
         All that were received, the newest last.
     """
@@ -147,61 +139,32 @@ class GoalClient:
     def __init__(
         self, name: str = "goal_client", namespace: str = "", planner: str = NODE_NAME
     ) -> None:
+        super().__init__(name, namespace, planner)
         self.trajectories: list[JointTrajectory] = []
         self.reports: list[DiagnosticStatus] = []
-        self.executions: list[DiagnosticStatus] = []
         self.diagnostics: list[DiagnosticArray] = []
-        self.previews: list[MarkerArray] = []
         self._trajectory_received = self._diagnostics_received = 0.0
-        self._planner = planner
-        # A context of its own leaves that of the process, and its signal handlers, alone.
-        self._context = rclpy.Context()
-        rclpy.init(args=[], context=self._context, signal_handler_options=SignalHandlerOptions.NO)
-        self._node = rclpy.create_node(name, context=self._context, namespace=namespace)
-        self._executor = SingleThreadedExecutor(context=self._context)
-        self._executor.add_node(self._node)
-        self._connect()
-
-    def _connect(self) -> None:
-        node, there = self._node, self._planner
-        latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-        self._goals = {
-            kind: node.create_publisher(kind, f"{there}/{topic}", 1)
-            for kind, topic in (
-                (JointState, "goal"),
-                (PoseStamped, "goal_pose"),
-                (JointTrajectory, "goal_sequence"),
-            )
+        node = self.node
+        self._publishers = {
+            topic: node.create_publisher(kind, f"{planner}/{topic}", 1)
+            for kind, topic in (*_GOAL_TOPICS.items(), (Float64, "trial_cost"))
         }
-        self._costs = node.create_publisher(Float64, f"{there}/trial_cost", 1)
-        self._states = node.create_publisher(JointState, "joint_states", 1)
-        self._descriptions = node.create_publisher(String, "robot_description", latched)
-        self._set_parameters = node.create_client(SetParameters, f"{there}/set_parameters")
+        self._publishers["joint_states"] = node.create_publisher(JointState, "joint_states", 1)
+        self._publishers["robot_description"] = node.create_publisher(
+            String, "robot_description", LATCHED
+        )
         self._services = {
-            name: node.create_client(Trigger, f"{there}/{name}")
+            name: node.create_client(Trigger, f"{planner}/{name}")
             for name in ("reload_primitives", "stop", "save_motion")
         }
-        for message_type, topic, callback, qos in (
-            (DiagnosticStatus, f"{there}/plan_report", self.reports.append, _DEPTH),
-            (DiagnosticStatus, f"{there}/execution_report", self.executions.append, _DEPTH),
-            (MarkerArray, f"{there}/preview", self.previews.append, latched),
-        ):
-            node.create_subscription(message_type, topic, callback, qos)
-        # rclpy's types know of no callbacks that are told when the middleware got a message.
+        # rclpy's types lack callbacks that get the facts about a message as well.
         on_trajectory: Any = self._on_trajectory
         on_diagnostics: Any = self._on_diagnostics
-        node.create_subscription(DiagnosticArray, "/diagnostics", on_diagnostics, _DEPTH)
-        node.create_subscription(
-            JointTrajectory, f"{there}/joint_trajectory", on_trajectory, _DEPTH, raw=True
-        )
-
-    def __enter__(self) -> GoalClient:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._executor.shutdown()
-        self._node.destroy_node()
-        rclpy.try_shutdown(context=self._context)
+        topic = f"{planner}/joint_trajectory"
+        node.create_subscription(JointTrajectory, topic, on_trajectory, DEPTH, raw=True)
+        node.create_subscription(DiagnosticArray, "/diagnostics", on_diagnostics, DEPTH)
+        report = f"{planner}/plan_report"
+        node.create_subscription(DiagnosticStatus, report, self.reports.append, DEPTH)
 
     def wait_for_node(self, timeout: float = 30.0, *, with_trajectory: bool = True) -> None:
         """Wait until every topic and service is matched.
@@ -219,41 +182,23 @@ class GoalClient:
             If that takes longer than `timeout`.
         """
         topics = ("joint_trajectory", "plan_report") if with_trajectory else ("plan_report",)
-        publishers = (*self._goals.values(), self._costs, self._states, self._descriptions)
-        clients = (self._set_parameters, *self._services.values())
-        self._wait(
+        self.wait(
             lambda: (
-                all(p.get_subscription_count() for p in publishers)
-                and all(self._node.count_publishers(f"{self._planner}/{topic}") for topic in topics)
-                and all(client.service_is_ready() for client in clients)
+                all(p.get_subscription_count() for p in self._publishers.values())
+                and all(self.node.count_publishers(f"{self.planner}/{topic}") for topic in topics)
+                and all(client.service_is_ready() for client in self._services.values())
             ),
             timeout,
             "is not there",
         )
 
-    def publish_state(
-        self, names: Sequence[str], positions: Sequence[float], velocities: Sequence[float] = ()
-    ) -> None:
-        """Publish the present state."""
-        self.publish_state_message(
-            JointState(name=list(names), position=list(positions), velocity=list(velocities))
-        )
-
-    def publish_state_message(self, message: JointState) -> None:
-        """Publish a present state that need not be well-formed."""
-        self._states.publish(message)
-
-    def publish_description(self, urdf: str) -> None:
-        """Publish the robot description for present and future subscribers."""
-        self._descriptions.publish(String(data=urdf))
-
-    def publish_trial_cost(self, cost: float) -> None:
-        """Tell what the last motion cost."""
-        self._costs.publish(Float64(data=cost))
+    def publish(self, topic: str, message: Any) -> None:
+        """Publish on a goal topic, ``joint_states``, ``robot_description`` or ``trial_cost``."""
+        self._publishers[topic].publish(message)
 
     def publish_goal(self, goal: JointState | PoseStamped | JointTrajectory) -> None:
-        """Send a goal and wait for nothing."""
-        self._goals[type(goal)].publish(goal)
+        """Send a goal without waiting for its report."""
+        self.publish(_GOAL_TOPICS[type(goal)], goal)
 
     def send(
         self,
@@ -267,11 +212,11 @@ class GoalClient:
         Parameters
         ----------
         goal :
-            The goal; its report is known by its stamp.
+            The goal; its stamp identifies its report.
         timeout : float
             Longest time to wait [s].
         with_trajectory : bool
-            Whether to wait for the motion; none is waited for where its topic is remapped.
+            Whether to wait for the motion. If its topic is remapped, there is no wait for it.
 
         Raises
         ------
@@ -279,127 +224,76 @@ class GoalClient:
             If that takes longer than `timeout`.
         """
         n_reports, n_trajectories = len(self.reports), len(self.trajectories)
-        stamp = to_stamp_text(goal.header.stamp)
-        sent = time.time()
+        stamp, sent = to_stamp_text(goal.header.stamp), time.time()
         self.publish_goal(goal)
 
         def own_report() -> DiagnosticStatus | None:
             new = self.reports[n_reports:]
             return next((r for r in new if report_values(r).get("goal_stamp") == stamp), None)
 
-        self._wait(lambda: own_report() is not None, timeout, "did not report")
+        self.wait(lambda: own_report() is not None, timeout, "did not report")
         report = own_report()
         is_under_way = report_values(report).get("status") == UNDER_WAY
         if not with_trajectory or is_under_way or not is_served(report):
             return Answer(report, None, None)
-        trajectory = self._next_trajectory(n_trajectories, timeout)
+        trajectory = self.next_trajectory(n_trajectories, timeout)
         return Answer(report, trajectory, trajectory and self._trajectory_received - sent)
 
-    def set_parameters(self, *parameters: Parameter) -> list[SetParametersResult]:
-        """Set parameters one by one."""
-        request = SetParameters.Request(parameters=list(parameters))
-        return list(self._call(self._set_parameters, request).results)
-
-    def reload_primitives(self) -> Trigger.Response:
-        """Have the primitive files read again."""
-        return self._call(self._services["reload_primitives"], Trigger.Request())
-
-    def stop(self, timeout: float = 10.0) -> tuple[Trigger.Response, JointTrajectory | None]:
-        """Have the robot come to rest; returns the answer and what was published.
-
-        No motion is waited for where its topic is remapped.
+    def call(self, service: str, timeout: float = 10.0) -> Trigger.Response:
+        """Call ``reload_primitives``, ``stop`` or ``save_motion``.
 
         Raises
         ------
         NoAnswerError
-            If that takes longer than the timeout [s].
+            If there is no answer within the timeout [s].
         """
-        n = len(self.trajectories)
-        answer = self._call(self._services["stop"], Trigger.Request())
-        return answer, self._next_trajectory(n, timeout) if answer.success else None
-
-    def save_motion(self, timeout: float = 10.0) -> Trigger.Response:
-        """Have the last motion kept as a primitive."""
-        return self._call(self._services["save_motion"], Trigger.Request(), timeout)
-
-    def wait_for_preview(
-        self, wanted: Callable[[MarkerArray], bool] = bool, timeout: float = 10.0
-    ) -> MarkerArray:
-        """Wait until the newest preview is as wanted; it comes a little after its motion.
-
-        Parameters
-        ----------
-        wanted :
-            Judges it; any will do by default.
-        timeout : float
-            Longest time to wait [s].
-
-        Returns
-        -------
-        preview : MarkerArray
-            What `wanted` accepted.
-
-        Raises
-        ------
-        NoAnswerError
-            If none comes.
-        """
-        self._wait(
-            lambda: bool(self.previews) and wanted(self.previews[-1]),
-            timeout,
-            "published no such preview",
-        )
-        return self.previews[-1]
+        return self.result(self._services[service], Trigger.Request(), timeout)
 
     def wait_for_diagnostics(
-        self, wanted: Callable[[dict[str, str]], bool] = bool, timeout: float = 30.0
+        self, is_expected: Callable[[dict[str, str]], bool] = bool, timeout: float = 30.0
     ) -> dict[str, str]:
-        """Wait for the next diagnostics that are as wanted.
+        """Wait for the next diagnostics that are as expected.
 
         Parameters
         ----------
-        wanted :
-            Judges the values by name and, under 'text', the sentence; any will do by default.
+        is_expected :
+            Judges the values by name and, under 'text', the sentence; accepts any by default.
         timeout : float
             Longest time to wait [s].
 
         Returns
         -------
         values : dict
-            What `wanted` accepted.
+            The accepted values.
 
         Raises
         ------
         NoAnswerError
             If none came.
         """
-        # Others may wait unread since long ago.
+        # Older diagnostics may still be unread.
         called = time.time()
 
         def values() -> dict[str, str]:
             status = self.diagnostics[-1].status[0]
-            return {"text": status.message} | {pair.key: pair.value for pair in status.values}
+            return {"text": status.message} | report_values(status)
 
-        self._wait(
-            lambda: self._diagnostics_received > called and wanted(values()),
+        self.wait(
+            lambda: self._diagnostics_received > called and is_expected(values()),
             timeout,
             "published no such diagnostics",
         )
         return values()
 
-    def spin_once(self, timeout: float = 0.05) -> None:
-        """Take one message that has arrived, or wait for one [s]."""
-        self._executor.spin_once(timeout_sec=timeout)
-
     def wait_for_model(self) -> None:
         """Wait until the node has primitives and a robot model."""
         self.wait_for_diagnostics(lambda values: values["model"] != "none")
 
-    def _next_trajectory(self, n_before: int, timeout: float) -> JointTrajectory | None:
-        """What follows so many motions; None where their topic is remapped."""
-        if not self._node.count_publishers(f"{self._planner}/joint_trajectory"):
+    def next_trajectory(self, n_before: int, timeout: float) -> JointTrajectory | None:
+        """Return the motion after this many; None where their topic is remapped."""
+        if not self.node.count_publishers(f"{self.planner}/joint_trajectory"):
             return None
-        self._wait(lambda: len(self.trajectories) > n_before, timeout, "published no trajectory")
+        self.wait(lambda: len(self.trajectories) > n_before, timeout, "published no trajectory")
         return self.trajectories[-1]
 
     def _on_trajectory(self, message: bytes, facts: dict[str, int]) -> None:
@@ -409,15 +303,3 @@ class GoalClient:
     def _on_diagnostics(self, message: DiagnosticArray, facts: dict[str, int]) -> None:
         self._diagnostics_received = _time_received(facts)
         self.diagnostics.append(message)
-
-    def _call(self, client: Any, request: Any, timeout: float = 10.0) -> Any:
-        future = client.call_async(request)
-        self._wait(future.done, timeout, f"did not answer on '{client.srv_name}'")
-        return future.result()
-
-    def _wait(self, is_done: Callable[[], bool], timeout: float, complaint: str) -> None:
-        deadline = time.monotonic() + timeout
-        while not is_done():
-            if time.monotonic() > deadline:
-                raise NoAnswerError(f"the node '{NODE_NAME}' {complaint} within {timeout:g} s")
-            self.spin_once()

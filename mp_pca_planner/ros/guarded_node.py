@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""A node that goes on whatever its callbacks raise."""
+"""A node that survives exceptions in its callbacks."""
 
 from __future__ import annotations
 
@@ -14,32 +14,33 @@ from rclpy.node import Node
 from ..exceptions import PlannerError, printable
 from .messages import to_text
 
-_LOG_PERIOD = 1.0
+LOG_PERIOD = 1.0
+"""Least time between log messages of the same place [s]."""
 
 
 class GuardedNode(Node):
-    """A node whose callbacks end neither their thread nor the process, and answer every request.
+    """A node that logs exceptions of its callbacks and answers every service request.
 
     This holds for the services and subscriptions that rclpy creates, too.
     """
 
     def explain(self, error: Exception) -> str:
-        """Say in one sentence what went wrong; log where, unless a user can mend it."""
+        """Describe an error in one sentence; log the traceback of an internal one."""
         if isinstance(error, PlannerError):
             return to_text(error)
         if isinstance(error, OSError) and error.strerror:
-            # Not the whole name: that it is too long may be what is wrong.
+            # Not the whole name: its length may be the error.
             file = f": '{error.filename!s:.80}'" if error.filename else ""
-            return to_text(f"the system refuses it: {error.strerror}{file}")
+            return to_text(f"the operating system reports: {error.strerror}{file}")
         if isinstance(error, MemoryError):
-            return "the system has no more memory"
+            return "the system is out of memory"
         lines = traceback.format_exception(error)
         found = "\n".join(printable(line) for line in "".join(lines).splitlines())
-        self.get_logger().error(found, throttle_duration_sec=_LOG_PERIOD)
+        self.get_logger().error(found, throttle_duration_sec=LOG_PERIOD)
         return to_text(f"internal error, please report it: {error!r}")
 
     def guarded(self, callback: Callable[..., None]) -> Callable[..., None]:
-        """A callback that logs what it would raise."""
+        """Return a callback that logs exceptions instead of raising them."""
 
         @wraps(callback)
         def call(*arguments: Any) -> None:
@@ -47,14 +48,14 @@ class GuardedNode(Node):
                 callback(*arguments)
             except Exception as error:
                 text = self._explain_failure(callback, error)
-                self.get_logger().error(text, throttle_duration_sec=_LOG_PERIOD)
+                self.get_logger().error(text, throttle_duration_sec=LOG_PERIOD)
 
         return call
 
     def _explain_failure(self, callback: Any, error: Exception) -> str:
-        # What rclpy's own callbacks raise is due to what they were sent, a negative time on /clock.
+        # Callbacks of rclpy raise because of received values, such as a negative time on /clock.
         if getattr(callback, "__module__", "").startswith("rclpy."):
-            return to_text(f"rclpy rejects what it received: {error}")
+            return to_text(f"rclpy rejects the received message: {error}")
         return self.explain(error)
 
     def create_subscription(

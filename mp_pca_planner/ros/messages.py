@@ -5,17 +5,15 @@
 from __future__ import annotations
 
 import math
-from array import array
 from collections.abc import Iterable, Mapping, Sequence
 
-from builtin_interfaces.msg import Time
+from builtin_interfaces.msg import Duration, Time
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from geometry_msgs.msg import PoseStamped
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from sensor_msgs.msg import JointState as JointStateMessage
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from ..arrays import FloatArray
 from ..control.statement import control_statement
 from ..exceptions import GoalError, printable
 from ..execution.adaptation import AdaptedPlan
@@ -34,15 +32,11 @@ UNDER_WAY = "under_way"
 OVERTAKEN = "overtaken"
 """Status in the report of a valid goal that was preempted before execution."""
 
-_NANOSECONDS = 10**9
-_LONGEST_TEXT = 1000
-_LONGEST_TIME = 2**31
+NANOSECONDS = 10**9
+"""Nanoseconds in a second."""
 
-MAX_NAMES = 1000
-"""Most joints that a goal may name."""
-
-MAX_POINTS = 1000
-"""Most points that a sequence may have."""
+MAX_ITEMS = 1000
+"""Most joints, and most points, that a goal may have."""
 
 
 def to_goal(message: JointStateMessage, duration: float) -> JointGoal:
@@ -61,25 +55,20 @@ def to_goal(message: JointStateMessage, duration: float) -> JointGoal:
     GoalError
         If names repeat or are too many, lengths disagree or a number is not finite.
     """
-    names = message.name
-    _check_count("names", len(names), "joints", MAX_NAMES)
-    _check_lengths("goal", message)
-    for field in ("position", "velocity"):
-        values = zip(names, getattr(message, field), strict=False)
-        _check_finite(f"the goal {field} of joint '{{}}' is {{}}", values)
-    state = JointState(names, message.position, message.velocity or None)
+    _check_count("names", len(message.name), "joints")
+    state = _joint_state(message, range(len(message.name)), "goal", "goal")
     return JointGoal(state, duration or None, message.header.frame_id or None)
 
 
 def to_pose_goal(message: PoseStamped, frame: str, duration: float) -> PoseGoal:
-    """Read a pose goal, in whichever frame it is stated.
+    """Read a pose goal, relative to the frame in which it is stated.
 
     Parameters
     ----------
     message :
-        The pose; its frame_id is not looked at.
+        The pose; its frame_id is not used.
     frame : str
-        The link of the robot that shall be there.
+        The link of the robot that the pose is for.
     duration : float
         Duration of the motion [s]; 0 leaves it to the planner.
 
@@ -106,37 +95,40 @@ def to_sequence_goal(message: JointTrajectory) -> SequenceGoal:
     ------
     GoalError
         If names repeat, names or points are too many, lengths disagree, a number is not finite,
-        times don't increase, or velocities, accelerations or efforts are asked for.
+        times don't increase, or velocities, accelerations or efforts are specified.
     """
-    n_joints = len(message.joint_names)
-    _check_count("names", n_joints, "joints", MAX_NAMES)
-    _check_count("has", len(message.points), "points", MAX_POINTS)
-    targets, times, stops = [], [], []
+    _check_count("names", len(message.joint_names), "joints")
+    _check_count("has", len(message.points), "points")
+    targets = []
     for k, point in enumerate(message.points, start=1):
-        if len(point.positions) != n_joints:
-            raise GoalError(
-                f"the goal names {n_joints} joints and point {k} has {len(point.positions)} "
-                "positions, one for each joint is accepted"
-            )
-        values = zip(message.joint_names, point.positions, strict=True)
-        _check_finite(f"point {k} of the goal puts joint '{{}}' at {{}}", values)
-        if len(point.velocities) not in (0, n_joints):
-            raise GoalError(
-                f"the goal names {n_joints} joints and point {k} has {len(point.velocities)} "
-                "velocities: none, or one of 0 for each joint to stop there, is accepted"
-            )
-        for field in ("velocities", "accelerations", "effort"):
-            if any(getattr(point, field)):
-                raise GoalError(
-                    f"point {k} of the goal asks for {field}, but only positions are accepted, "
-                    "and velocities of 0 to stop there: how they are passed is what is planned"
-                )
+        _check_point(k, point, message.joint_names)
         targets.append(JointState(message.joint_names, point.positions))
-        since = point.time_from_start
-        times.append(since.sec + since.nanosec / _NANOSECONDS or None)
-        stops.append(bool(point.velocities))
-    primitive = message.header.frame_id or None
-    return SequenceGoal(tuple(targets), tuple(times), primitive, tuple(stops))
+    times = tuple(_seconds(point.time_from_start) or None for point in message.points)
+    stops = tuple(bool(point.velocities) for point in message.points)
+    return SequenceGoal(tuple(targets), times, message.header.frame_id or None, stops)
+
+
+def _check_point(k: int, point: JointTrajectoryPoint, joint_names: Sequence[str]) -> None:
+    """Raise a `GoalError` if the k-th point of a sequence is not accepted."""
+    n = len(joint_names)
+    if len(point.positions) != n:
+        raise GoalError(
+            f"the goal names {n} joints and point {k} has {len(point.positions)} positions, "
+            "one for each joint is accepted"
+        )
+    values = zip(joint_names, point.positions, strict=True)
+    _check_finite(f"point {k} of the goal puts joint '{{}}' at {{}}", values)
+    if len(point.velocities) not in (0, n):
+        raise GoalError(
+            f"the goal names {n} joints and point {k} has {len(point.velocities)} velocities: "
+            "none, or one of 0 for each joint to stop there, is accepted"
+        )
+    for field in ("velocities", "accelerations", "effort"):
+        if any(getattr(point, field)):
+            raise GoalError(
+                f"point {k} of the goal specifies {field}; accepted are positions, and "
+                "velocities of 0 to stop there"
+            )
 
 
 def to_sequence_message(goal: SequenceGoal) -> JointTrajectory:
@@ -147,26 +139,18 @@ def to_sequence_message(goal: SequenceGoal) -> JointTrajectory:
     GoalError
         If there is a pose among them, they differ in joints, or a time is too long for a message.
     """
-    message = JointTrajectory()
+    message = JointTrajectory(joint_names=list(getattr(goal.targets[0], "joint_names", ())))
     message.header.frame_id = goal.primitive or ""
     for target, when, stops in zip(goal.targets, goal.times, goal.stops, strict=True):
-        if not isinstance(target, JointState) or (
-            message.points and target.joint_names != tuple(message.joint_names)
-        ):
-            raise GoalError(
-                "the targets of a sequence that is sent must be configurations of the same joints"
-            )
-        message.joint_names = list(target.joint_names)
-        point = JointTrajectoryPoint(positions=_numbers(target.positions))
-        if stops:
-            point.velocities = [0.0] * len(target.joint_names)
-        message.points.append(point)
-        if when is None:
-            continue
-        if when >= _LONGEST_TIME:
-            raise GoalError(f"the time {when:g} s of a target is longer than a message can say")
+        if not isinstance(target, JointState) or [*target.joint_names] != message.joint_names:
+            raise GoalError("all targets of a sequence must be configurations of the same joints")
+        point = JointTrajectoryPoint(positions=target.positions.tolist())
+        point.velocities = [0.0] * (len(target.joint_names) if stops else 0)
+        if when is not None and when >= 2**31:
+            raise GoalError(f"the time {when:g} s of a target is longer than a message can hold")
         since = point.time_from_start
-        since.sec, since.nanosec = divmod(round(when * _NANOSECONDS), _NANOSECONDS)
+        since.sec, since.nanosec = divmod(round((when or 0.0) * NANOSECONDS), NANOSECONDS)
+        message.points.append(point)
     return message
 
 
@@ -179,7 +163,6 @@ def to_state(message: JointStateMessage, joint_names: Sequence[str]) -> JointSta
         If one of the joints is missing or given twice, lengths disagree, or a number that is
         needed is not finite.
     """
-    _check_lengths("present state", message)
     for name in joint_names:
         if message.name.count(name) != 1:
             raise GoalError(
@@ -187,39 +170,41 @@ def to_state(message: JointStateMessage, joint_names: Sequence[str]) -> JointSta
                 "exactly once is accepted"
             )
     index = [message.name.index(name) for name in joint_names]
-    for field in ("position", "velocity"):
+    return _joint_state(message, index, "present state", "present")
+
+
+def _joint_state(
+    message: JointStateMessage, index: Sequence[int], what: str, which: str
+) -> JointState:
+    """Read the joints at some places of a message; errors name the message and its numbers."""
+    n, names = len(message.name), [message.name[i] for i in index]
+    for field, fields, lengths, accepted in (
+        ("position", "positions", (n,), "one"),
+        ("velocity", "velocities", (0, n), "none or one"),
+    ):
         values = getattr(message, field)
+        if len(values) not in lengths:
+            raise GoalError(
+                f"the {what} names {n} joints and has {len(values)} {fields}, "
+                f"{accepted} for each joint is accepted"
+            )
         if values:
-            chosen = ((message.name[i], values[i]) for i in index)
-            _check_finite(f"the present {field} of joint '{{}}' is {{}}", chosen)
+            chosen = zip(names, (values[i] for i in index), strict=True)
+            _check_finite(f"the {which} {field} of joint '{{}}' is {{}}", chosen)
     velocities = [message.velocity[i] for i in index] if message.velocity else None
-    return JointState(joint_names, [message.position[i] for i in index], velocities)
+    return JointState(names, [message.position[i] for i in index], velocities)
 
 
-def _check_finite(said: str, values: Iterable[tuple[str, float]]) -> None:
-    """Refuse numbers by the name of their joint: where `said` has its braces is what."""
+def _check_finite(text: str, values: Iterable[tuple[str, float]]) -> None:
+    """Raise a `GoalError` with the first joint and number that is not finite, if there is one."""
     for name, value in values:
         if not math.isfinite(value):
-            raise GoalError(f"{said.format(name, value)}, but only finite numbers are accepted")
+            raise GoalError(f"{text.format(name, value)}, but only finite numbers are accepted")
 
 
-def _check_count(verb: str, n: int, things: str, most: int) -> None:
-    if n > most:
-        raise GoalError(f"the goal {verb} {n} {things}, at most {most} are accepted")
-
-
-def _check_lengths(what: str, message: JointStateMessage) -> None:
-    n = len(message.name)
-    if len(message.position) != n:
-        raise GoalError(
-            f"the {what} names {n} joints and has {len(message.position)} positions, "
-            "one for each joint is accepted"
-        )
-    if len(message.velocity) not in (0, n):
-        raise GoalError(
-            f"the {what} names {n} joints and has {len(message.velocity)} velocities, "
-            "none or one for each joint is accepted"
-        )
+def _check_count(verb: str, n: int, things: str) -> None:
+    if n > MAX_ITEMS:
+        raise GoalError(f"the goal {verb} {n} {things}, at most {MAX_ITEMS} are accepted")
 
 
 def to_trajectory(message: JointTrajectory) -> Trajectory:
@@ -233,7 +218,7 @@ def to_trajectory(message: JointTrajectory) -> Trajectory:
     points = message.points
     return Trajectory(
         message.joint_names,
-        [p.time_from_start.sec + p.time_from_start.nanosec / _NANOSECONDS for p in points],
+        [_seconds(p.time_from_start) for p in points],
         [p.positions for p in points],
         [p.velocities for p in points],
         [p.accelerations for p in points],
@@ -241,9 +226,8 @@ def to_trajectory(message: JointTrajectory) -> Trajectory:
     )
 
 
-def _numbers(values: FloatArray) -> array[float]:
-    # The only form that message fields take without looking at every element.
-    return array("d", values.tobytes())
+def _seconds(duration: Duration) -> float:
+    return float(duration.sec + duration.nanosec / NANOSECONDS)
 
 
 def to_plan_report(
@@ -276,13 +260,13 @@ def to_plan_report(
 def to_under_way_report(
     plan: Plan | SequencePlan | AdaptedPlan, reason: str, goal_stamp: Time
 ) -> DiagnosticStatus:
-    """Report a goal that is under way, or reached, already: nothing was published for it."""
+    """Report a goal that is under way or reached already, so that nothing was published."""
     values = {**plan.summary(), "status": UNDER_WAY}
     return _report(DiagnosticStatus.OK, reason, goal_stamp, values)
 
 
 def to_execution_report(report: ExecutionReport) -> DiagnosticStatus:
-    """Report what became of a published motion; the stamp of its goal identifies it."""
+    """Report the execution of a published motion; the stamp of its goal identifies it."""
     values: dict[str, str | float | int] = {
         "outcome": report.outcome,
         "progress": report.progress,
@@ -297,14 +281,14 @@ def to_execution_report(report: ExecutionReport) -> DiagnosticStatus:
 
 def to_overtaken_report(goal_stamp: Time) -> DiagnosticStatus:
     """Report a valid goal that was preempted before execution."""
-    text = "given up: a newer goal or a stop came before its motion was planned"
+    text = "preempted: a newer goal or a stop came before its motion was planned"
     return _report(DiagnosticStatus.WARN, text, goal_stamp, {"status": OVERTAKEN})
 
 
 def to_refusal(
     reason: str, goal_stamp: Time, plan: Plan | SequencePlan | None = None
 ) -> DiagnosticStatus:
-    """Report a goal for which nothing was published, with the plan if it came to one."""
+    """Report a rejected goal, with its plan if there is one."""
     values = plan.summary() if plan else {"status": "refused"}
     return _report(DiagnosticStatus.ERROR, reason, goal_stamp, values)
 
@@ -322,8 +306,8 @@ def to_stamp_text(stamp: Time) -> str:
 
 
 def to_text(text: object) -> str:
-    """Write a text that may hold names from others: one printable line, not too long."""
-    return printable(str(text)[:_LONGEST_TEXT])
+    """Convert a text with names from others to one printable line of at most 1000 characters."""
+    return printable(str(text)[:1000])
 
 
 def to_status(

@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""What goes into a planner's node and comes out of it, for those who watch."""
+"""A listener on the topics of a planner's node, for the live view."""
 
 from __future__ import annotations
 
@@ -9,11 +9,9 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
-import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-from rclpy.signals import SignalHandlerOptions
+from rclpy.qos import QoSProfile
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from trajectory_msgs.msg import JointTrajectory
@@ -22,26 +20,25 @@ from ..exceptions import PlannerError
 from ..robot.limits import JointLimits
 from ..robot.model import Robot
 from .node import NODE_NAME
-
-_LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-# Several publishers (arm, gripper) may send states between two looks.
-_STATES = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
+from .own_context import NodeInOwnContext
+from .qos import LATCHED, STATES
+from .subscriptions import PolledSubscription
 
 
 @dataclass
 class Seen:
-    """What was heard so far; times by :func:`time.monotonic` [s].
+    """What was received so far; times by :func:`time.monotonic` [s].
 
     Attributes
     ----------
     states : dict
-        Position [rad or m], velocity (NaN where none is given) and when it came, by joint.
+        Position [rad or m], velocity (NaN where none is given) and time of receipt, by joint.
     limits : JointLimits or None
         Those of the robot description.
     goal : tuple of (str, float), or None
-        The newest goal in words, and when it came.
+        A description of the newest goal, and its time of receipt.
     report, diagnostics : tuple of (DiagnosticStatus, float), or None
-        The newest of the node, and when it came.
+        The newest of the node, and its time of receipt.
     """
 
     states: dict[str, tuple[float, float, float]] = field(default_factory=dict)
@@ -51,11 +48,11 @@ class Seen:
     diagnostics: tuple[DiagnosticStatus, float] | None = None
 
 
-class Monitor:
+class Monitor(NodeInOwnContext):
     """Listens to a node; use it as a context manager.
 
-    Messages wait in the middleware until they are looked at, so that joint states at 1 kHz cost
-    next to nothing.
+    Messages stay in the middleware until they are polled, so that joint states at 1 kHz cost next
+    to nothing.
 
     Parameters
     ----------
@@ -67,45 +64,33 @@ class Monitor:
     Attributes
     ----------
     seen : Seen
-        What was heard until the last :meth:`look`.
+        What was received until the last :meth:`look`.
     """
 
     def __init__(self, namespace: str = "", planner: str = NODE_NAME) -> None:
+        super().__init__("watch", namespace, planner)
         self.seen = Seen()
-        # A context of its own leaves that of the process, and its signal handlers, alone.
-        self._context = rclpy.Context()
-        rclpy.init(args=[], context=self._context, signal_handler_options=SignalHandlerOptions.NO)
-        self._node = rclpy.create_node("watch", context=self._context, namespace=namespace)
-        parent = self._node.get_namespace().rstrip("/")
+        parent = self.node.get_namespace().rstrip("/")
         self._status_name = f"{parent}/{planner}: planner"
         topics: tuple[tuple[type, str, Callable[[Any], None], QoSProfile | int], ...] = (
-            (JointState, "joint_states", self._on_state, _STATES),
-            (String, "robot_description", self._on_description, _LATCHED),
+            (JointState, "joint_states", self._on_state, STATES),
+            (String, "robot_description", self._on_description, LATCHED),
             (JointState, f"{planner}/goal", self._on_goal, 10),
-            (PoseStamped, f"{planner}/goal_pose", self._on_goal_pose, 10),
-            (JointTrajectory, f"{planner}/goal_sequence", self._on_goal_sequence, 10),
+            (PoseStamped, f"{planner}/goal_pose", self._on_goal, 10),
+            (JointTrajectory, f"{planner}/goal_sequence", self._on_goal, 10),
             (DiagnosticStatus, f"{planner}/plan_report", self._on_report, 100),
             (DiagnosticArray, "/diagnostics", self._on_diagnostics, 100),
         )
         self._subscriptions = [
-            (self._node.create_subscription(kind, topic, keep, qos), keep)
+            (PolledSubscription(self.node, kind, topic, qos), keep)
             for kind, topic, keep, qos in topics
         ]
 
-    def __enter__(self) -> Monitor:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._node.destroy_node()
-        rclpy.try_shutdown(context=self._context)
-
     def look(self) -> Seen:
-        """Take all that has come."""
+        """Take all that has arrived."""
         for subscription, keep in self._subscriptions:
-            waiting = subscription.handle
-            with waiting:
-                while (taken := waiting.take_message(subscription.msg_type, False)) is not None:
-                    keep(taken[0])
+            for message, _ in subscription.poll():
+                keep(message)
         return self.seen
 
     def _on_state(self, message: JointState) -> None:
@@ -116,25 +101,21 @@ class Monitor:
     def _on_description(self, message: String) -> None:
         try:
             self.seen.limits = Robot(message.data).limits()
-        except PlannerError:  # the planner says what is wrong with it
+        except PlannerError:  # the planner reports the reason
             self.seen.limits = None
 
-    def _on_goal(self, message: JointState) -> None:
-        values = zip(message.name, message.position, strict=False)
-        self._keep_goal("  ".join(f"{name} {value:.3f}" for name, value in values))
-
-    def _on_goal_pose(self, message: PoseStamped) -> None:
-        p, o = message.pose.position, message.pose.orientation
-        numbers = "  ".join(f"{x:.3f}" for x in (p.x, p.y, p.z, o.x, o.y, o.z, o.w))
-        self._keep_goal(f"pose {numbers} in '{message.header.frame_id}'")
-
-    def _on_goal_sequence(self, message: JointTrajectory) -> None:
-        self._keep_goal(
-            f"{len(message.points)} configurations of {len(message.joint_names)} joints"
-        )
-
-    def _keep_goal(self, words: str) -> None:
-        self.seen.goal = words, time.monotonic()
+    def _on_goal(self, message: JointState | PoseStamped | JointTrajectory) -> None:
+        if isinstance(message, JointTrajectory):
+            n_points, n_joints = len(message.points), len(message.joint_names)
+            text = f"{n_points} configurations of {n_joints} joints"
+        elif isinstance(message, PoseStamped):
+            p, o = message.pose.position, message.pose.orientation
+            numbers = "  ".join(f"{x:.3f}" for x in (p.x, p.y, p.z, o.x, o.y, o.z, o.w))
+            text = f"pose {numbers} in '{message.header.frame_id}'"
+        else:
+            values = zip(message.name, message.position, strict=False)
+            text = "  ".join(f"{name} {value:.3f}" for name, value in values)
+        self.seen.goal = text, time.monotonic()
 
     def _on_report(self, message: DiagnosticStatus) -> None:
         self.seen.report = message, time.monotonic()

@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Runs the node until it is told to stop."""
+"""The command `planner_node`: runs the node until a signal ends it."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ DONE, FAILED, REFUSED = 0, 1, 2
 
 _PROGRAM = "mp_pca_planner planner_node"
 _ROS_ARGUMENTS = "--ros-args"
-_ENDING_SIGNALS = (signal.SIGINT, signal.SIGTERM)
-# What a node takes: threads, most of which are those of DDS, and addresses [bytes].
+_SIGNALS = (signal.SIGINT, signal.SIGTERM)
+# What a node needs at least: threads, most of them for DDS, and address space [bytes].
 _N_THREADS = 24
 _ADDRESS_SPACE = 3 * 2**29
 
@@ -49,7 +49,7 @@ def main(args: Sequence[str] | None = None) -> int:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     # Before anything else is imported, which takes long enough to be interrupted.
     stop = threading.Event()
-    for number in _ENDING_SIGNALS:
+    for number in _SIGNALS:
         signal.signal(number, lambda *_: stop.set())
     try:
         _check_resources()
@@ -59,7 +59,7 @@ def main(args: Sequence[str] | None = None) -> int:
         return REFUSED if isinstance(error, PlannerError) else FAILED
     finally:
         # Python drops handlers before all else when it ends: one more signal would kill it then.
-        for number in _ENDING_SIGNALS:
+        for number in _SIGNALS:
             signal.signal(number, signal.SIG_IGN)
     return DONE
 
@@ -97,55 +97,33 @@ def _run(
 
     if unknown:
         raise ParameterError(
-            f"'{unknown[0]}' can't be used: what the node is told comes after {_ROS_ARGUMENTS}"
+            f"unknown argument '{unknown[0]}': pass node arguments after {_ROS_ARGUMENTS}"
         )
     try:
         import rclpy
     except ModuleNotFoundError as error:
         raise MissingDependencyError(str(error.name), "ros", "the node") from error
-    from rclpy.signals import SignalHandlerOptions
+    from .process import spin_until, start_ros
 
+    start_ros(arguments)
     try:
-        # rclpy's own handlers would shut the context down under a running callback.
-        rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
-    except RuntimeError as error:
-        reason = str(error).splitlines()[0]
-        raise ParameterError(f"the arguments after --ros-args are refused: {reason}") from error
-    try:
-        _spin(is_managed, stop)
+        from .lifecycle_node import LifecyclePlannerNode
+        from .node import PlannerNode
+
+        node = LifecyclePlannerNode() if is_managed else PlannerNode()
+        # Meanwhile, the nodes of the robot discover this one.
+        threading.Thread(target=_load_slow_modules).start()
+        # A message ends the wait at once; the time bounds only how long a signal waits.
+        spin_until(stop, node, lambda: 0.1)
     finally:
         rclpy.try_shutdown()
 
 
-def _spin(is_managed: bool, stop: threading.Event) -> None:
-    from rclpy.executors import SingleThreadedExecutor
-
-    from .node import PlannerNode
-
-    if is_managed:
-        from .lifecycle_node import LifecyclePlannerNode
-
-        node: PlannerNode = LifecyclePlannerNode()
-    else:
-        node = PlannerNode()
-    executor = SingleThreadedExecutor()
-    executor.add_node(node)
-    # Meanwhile, the nodes of the robot find this one.
-    threading.Thread(target=_load_what_goals_may_need).start()
-    try:
-        # A message ends the wait at once; the time bounds only how long a signal waits.
-        while not stop.is_set():
-            executor.spin_once(timeout_sec=0.1)
-    finally:
-        executor.shutdown()
-        node.destroy_node()
-
-
-def _load_what_goals_may_need() -> None:
-    """Import the slow modules that the start could do without, before a goal waits for them."""
+def _load_slow_modules() -> None:
+    """Import slow modules that the start does not need, so that no goal waits for them."""
     import scipy.interpolate
     import scipy.optimize
-    import scipy.spatial.transform  # noqa: F401  # that it is loaded is all that is wanted
+    import scipy.spatial.transform  # noqa: F401
 
 
 def _parser() -> argparse.ArgumentParser:

@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""A motion as markers for RViz: the way of the end effector, and ghosts of the arm on it."""
+"""A motion as markers for RViz: the path of the end effector, and poses of the arm along it."""
 
 from __future__ import annotations
 
@@ -15,16 +15,9 @@ from ..arrays import FloatArray
 from ..motion.trajectory import Trajectory
 from ..robot.model import Robot
 
-_N_PATH_POINTS = 60
-_N_GHOSTS = 6
-_PATH_WIDTH, _GHOST_WIDTH = 0.005, 0.01  # [m]
-_PATH_COLOUR = (0.1, 0.5, 1.0, 1.0)
-_FIRST_GHOST, _LAST_GHOST = (1.0, 0.6, 0.1), (0.1, 0.8, 0.3)
-_GHOST_OPACITY = 0.6
-
 
 def link_pairs(urdf: str) -> tuple[str, list[tuple[str, str]]]:
-    """The base link of a robot description, and parent and child link of each joint."""
+    """Return the base link of a robot description, and parent and child link of each joint."""
     root = ET.fromstring(urdf)
     pairs = []
     for joint in root.findall("joint"):
@@ -32,10 +25,8 @@ def link_pairs(urdf: str) -> tuple[str, list[tuple[str, str]]]:
         if parent is not None and child is not None:
             pairs.append((parent.get("link", ""), child.get("link", "")))
     children = {child for _, child in pairs}
-    base = next(
-        link.get("name", "") for link in root.findall("link") if link.get("name") not in children
-    )
-    return base, pairs
+    links = (link.get("name", "") for link in root.findall("link"))
+    return next(name for name in links if name not in children), pairs
 
 
 def to_preview(trajectory: Trajectory, robot: Robot, end_effector: str, urdf: str) -> MarkerArray:
@@ -46,26 +37,33 @@ def to_preview(trajectory: Trajectory, robot: Robot, end_effector: str, urdf: st
     trajectory : Trajectory
         The motion.
     robot : Robot
-        Has its joints, in their order.
+        A robot with the same joints in the same order.
     end_effector : str
-        The link whose way is drawn.
+        The link whose path is drawn.
     urdf : str
-        The description of the robot, whose links are joined by lines.
+        The description of the robot; lines join its links.
     """
     base, pairs = link_pairs(urdf)
-    points = robot.frame_positions(_spread(trajectory, _N_PATH_POINTS), [end_effector])
-    path = _marker(base, "path", 0, Marker.LINE_STRIP, _PATH_WIDTH, _PATH_COLOUR, points[:, 0])
+    points = robot.frame_positions(_spread(trajectory, 60), [end_effector])
+    blue = ColorRGBA(r=0.1, g=0.5, b=1.0, a=1.0)
+    path = Marker(ns="path", type=Marker.LINE_STRIP, color=blue)
+    path.scale.x, path.points = 0.005, _points(points[:, 0])
+    markers = [path]
     known = set(robot.frame_names)
-    drawn = [pair for pair in pairs if known.issuperset(pair)]
-    ends = [link for pair in drawn for link in pair]
-    poses = robot.frame_positions(_spread(trajectory, _N_GHOSTS), ends)
-    ghosts = []
-    for k, pose in enumerate(poses):
-        share = k / (_N_GHOSTS - 1)
-        colour = (1.0 - share) * np.array(_FIRST_GHOST) + share * np.array(_LAST_GHOST)
-        rgba = (*colour.tolist(), _GHOST_OPACITY)
-        ghosts.append(_marker(base, "ghosts", k, Marker.LINE_LIST, _GHOST_WIDTH, rgba, pose))
-    return MarkerArray(markers=[path, *ghosts])
+    ends = [link for pair in pairs if known.issuperset(pair) for link in pair]
+    poses = robot.frame_positions(_spread(trajectory, 6), ends)
+    # From orange to green.
+    colours = np.linspace([1.0, 0.6, 0.1], [0.1, 0.8, 0.3], len(poses)).tolist()
+    for k, (pose, (r, g, b)) in enumerate(zip(poses, colours, strict=True)):
+        colour = ColorRGBA(r=r, g=g, b=b, a=0.6)
+        ghost = Marker(ns="ghosts", id=k, type=Marker.LINE_LIST, color=colour)
+        ghost.scale.x, ghost.points = 0.01, _points(pose)
+        markers.append(ghost)
+    for marker in markers:
+        # Without a stamp it is drawn where the frame is now.
+        marker.header.frame_id = base
+        marker.pose.orientation.w = 1.0
+    return MarkerArray(markers=markers)
 
 
 def _spread(trajectory: Trajectory, n: int) -> FloatArray:
@@ -74,21 +72,5 @@ def _spread(trajectory: Trajectory, n: int) -> FloatArray:
     return np.column_stack([np.interp(times, trajectory.times, q) for q in trajectory.positions.T])
 
 
-def _marker(
-    frame: str,
-    namespace: str,
-    number: int,
-    kind: int,
-    width: float,
-    colour: tuple[float, ...],
-    points: FloatArray,
-) -> Marker:
-    marker = Marker(ns=namespace, id=number, type=kind, action=Marker.ADD)
-    # Without a stamp it is drawn where the frame is now.
-    marker.header.frame_id = frame
-    marker.pose.orientation.w = 1.0
-    marker.scale.x = width
-    r, g, b, a = colour
-    marker.color = ColorRGBA(r=r, g=g, b=b, a=a)
-    marker.points = [Point(x=x, y=y, z=z) for x, y, z in points.tolist()]
-    return marker
+def _points(positions: FloatArray) -> list[Point]:
+    return [Point(x=x, y=y, z=z) for x, y, z in positions.tolist()]

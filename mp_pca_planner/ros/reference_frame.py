@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Poses that are stated in a frame of the robot → poses in the frame of its base."""
+"""Conversion of pose goals from a frame of the robot to the frame of its base."""
 
 from __future__ import annotations
 
@@ -15,22 +15,27 @@ from ..robot.model import Robot
 
 
 def stated_in(goal: PoseGoal, reference: str, robot: Robot) -> Callable[[JointState], PoseGoal]:
-    """Say how a goal that is stated in a frame becomes one in the frame of the base.
+    """Return the conversion of a goal from a reference frame to the frame of the base.
 
     Parameters
     ----------
     goal : PoseGoal
         Its pose is relative to the reference frame.
     reference : str
-        A link of the robot; empty: its base. A link that moves is taken where it is at the
-        start of the motion: "10 cm forward" in the frame of a tool.
+        A link of the robot; empty: its base. For a moving link, its pose at the start of the
+        motion counts: "10 cm forward" in the frame of a tool.
     robot : Robot
-        Knows the links.
+        The robot with the links.
 
     Raises
     ------
     GoalError
         If there is no such link.
+
+    Returns
+    -------
+    :
+        Takes the start state of the motion and returns the goal in the frame of the base.
     """
     if not reference:
         return lambda _: goal
@@ -38,9 +43,9 @@ def stated_in(goal: PoseGoal, reference: str, robot: Robot) -> Callable[[JointSt
         reason = unknown_name("link of the robot", reference, robot.frame_names)
         raise GoalError(
             f"the goal is stated in the frame '{reference}', but {reason}; an empty frame_id "
-            "stands for the base"
+            "means the base"
         )
-    # The origin of the reference frame and the ends of its axes tell where and how it is.
+    # The origin of the reference frame and the ends of its axes give its pose.
     points = robot.attach_points([reference] * 4, np.vstack([np.zeros(3), np.eye(3)]))
 
     def make_goal(start: JointState) -> PoseGoal:
@@ -50,7 +55,7 @@ def stated_in(goal: PoseGoal, reference: str, robot: Robot) -> Callable[[JointSt
         pose = goal.pose
         orientation = pose.orientation
         if orientation is not None:
-            # Late, so that the node starts fast.
+            # Imported late for a fast start of the node.
             from scipy.spatial.transform import Rotation
 
             turned = Rotation.from_matrix(axes) * Rotation.from_quat(orientation)

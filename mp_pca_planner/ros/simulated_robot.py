@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""The node of a simulated robot: joint states, description, controller and faults in ROS."""
+"""The node of a simulated robot: joint states, description, controller and faults."""
 
 from __future__ import annotations
 
@@ -8,13 +8,9 @@ import threading
 from collections.abc import Sequence
 from dataclasses import asdict, replace
 
-import rclpy
 from rcl_interfaces.msg import SetParametersResult
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from rclpy.qos import DurabilityPolicy, QoSProfile
-from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from trajectory_msgs.msg import JointTrajectory
@@ -22,14 +18,14 @@ from trajectory_msgs.msg import JointTrajectory
 from ..exceptions import SimulationError
 from ..simulation.message import NANOSECONDS, Point, TrajectoryMessage
 from ..simulation.robot import SimulatedRobot
+from .process import spin_until
+from .process import start_ros as start_ros
+from .qos import LATCHED
 
 NODE_NAME = "simulated_robot"
 
-_DEPTH = 10
-_LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+# The robot advances in steps of this time.
 _CYCLE_NS = 1_000_000
-# Cycles kept without a request for a record.
-_MAX_KEPT = 10_000
 
 
 def to_controller_message(message: JointTrajectory) -> TrajectoryMessage:
@@ -52,7 +48,7 @@ def to_controller_message(message: JointTrajectory) -> TrajectoryMessage:
 
 
 class SimulatedRobotNode(Node):
-    """Publishes the state of a simulated robot, takes trajectories, and has parameters for faults.
+    """Publishes a simulated robot's state, receives trajectories, has parameters for faults.
 
     Parameters
     ----------
@@ -72,10 +68,10 @@ class SimulatedRobotNode(Node):
         super().__init__(NODE_NAME)
         self._robot, self._keep_record = robot, keep_record
         self._published, self._n_rejections = robot.state_time_ns, 0
-        self._states = self.create_publisher(JointState, "joint_states", _DEPTH)
-        self._descriptions = self.create_publisher(String, "robot_description", _LATCHED)
+        self._states = self.create_publisher(JointState, "joint_states", 10)
+        self._descriptions = self.create_publisher(String, "robot_description", LATCHED)
         self._descriptions.publish(String(data=urdf))
-        self.create_subscription(JointTrajectory, controller_topic, self._on_trajectory, _DEPTH)
+        self.create_subscription(JointTrajectory, controller_topic, self._on_trajectory, 10)
         for name, value in asdict(robot.faults).items():
             self.declare_parameter(name, value)
         self.add_on_set_parameters_callback(self._on_parameters)
@@ -90,9 +86,9 @@ class SimulatedRobotNode(Node):
         for _, reason in robot.rejections[self._n_rejections :]:
             self.get_logger().warning(f"Trajectory rejected: {reason}")
         self._n_rejections = len(robot.rejections)
-        if not self._keep_record and len(robot.record) > _MAX_KEPT:
+        if not self._keep_record and len(robot.record) > 10_000:
             robot.record.clear()
-        # Messages are taken when they come: the cycles in between can be made up for.
+        # Messages are handled on receipt; the cycles until then are made up for afterwards.
         return (robot.time_ns + max(robot.state_period_ns, _CYCLE_NS) - now) / NANOSECONDS
 
     def _publish(self) -> None:
@@ -119,29 +115,6 @@ class SimulatedRobotNode(Node):
         return SetParametersResult(successful=True)
 
 
-def start_ros(ros_arguments: Sequence[str]) -> None:
-    """Initialise ROS, with signals left to the caller.
-
-    Raises
-    ------
-    SimulationError
-        If the arguments are refused.
-    """
-    try:
-        rclpy.init(args=list(ros_arguments), signal_handler_options=SignalHandlerOptions.NO)
-    except RuntimeError as error:
-        reason = str(error).splitlines()[0]
-        raise SimulationError(f"the arguments after --ros-args are rejected: {reason}") from error
-
-
 def run_node(node: SimulatedRobotNode, stop: threading.Event) -> None:
     """Run a node until the event is set, then end it and ROS."""
-    executor = SingleThreadedExecutor()
-    executor.add_node(node)
-    try:
-        while not stop.is_set():
-            executor.spin_once(timeout_sec=max(node.advance(), 0.0))
-    finally:
-        executor.shutdown()
-        node.destroy_node()
-        rclpy.try_shutdown()
+    spin_until(stop, node, lambda: max(node.advance(), 0.0))

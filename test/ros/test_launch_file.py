@@ -115,12 +115,11 @@ def test_launched_node_heeds_every_argument_and_ends_with_the_launch(
     prefix: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from arm import JOINTS, arm_primitive
-    from nodes import GOAL, PATIENCE, START, URDF, goal_message, ros_node, set_domain
+    from nodes import GOAL, PATIENCE, START, URDF, NodeClient, goal_message, ros_node, set_domain
     from rclpy.executors import SingleThreadedExecutor
     from trajectory_msgs.msg import JointTrajectory
 
     from mp_pca_planner.primitives.file import save_primitive
-    from mp_pca_planner.ros.client import GoalClient
 
     set_domain(monkeypatch, 27)
     save_primitive(arm_primitive(), tmp_path / "arm.npz")
@@ -138,7 +137,7 @@ def test_launched_node_heeds_every_argument_and_ends_with_the_launch(
         "namespace:=left",
     )
     try:
-        with GoalClient(namespace="left") as client, ros_node("controller") as controller:
+        with NodeClient(namespace="left") as client, ros_node("controller") as controller:
             received: list[JointTrajectory] = []
             controller.create_subscription(
                 JointTrajectory, "/controller/joint_trajectory", received.append, 1

@@ -14,11 +14,20 @@ pytest.importorskip("rclpy", reason="ROS 2 (rclpy) is not installed")
 from arm import JOINTS, arm_primitive
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState, GetState
-from nodes import PATIENTLY, START, URDF, call, goal_message, ros_node, running_node, set_domain
+from nodes import (
+    PATIENTLY,
+    START,
+    URDF,
+    NodeClient,
+    call,
+    goal_message,
+    ros_node,
+    running_node,
+    set_domain,
+)
 from rclpy.node import Node
 
 from mp_pca_planner.primitives.file import save_primitive
-from mp_pca_planner.ros.client import GoalClient
 
 CONFIGURE, ACTIVATE, DEACTIVATE, CLEAN_UP = (
     Transition.TRANSITION_CONFIGURE,
@@ -51,7 +60,7 @@ def state(manager: Node) -> str:
 
 
 def test_managed_node_plans_when_it_is_active_only(manager: Node, tmp_path: Path) -> None:
-    with GoalClient() as client:
+    with NodeClient() as client:
         client.wait_for_node()
         client.publish_description(URDF)
 

@@ -24,6 +24,7 @@ from nodes import (
     PATIENTLY,
     START,
     URDF,
+    NodeClient,
     call,
     described_client,
     goal_message,
@@ -38,7 +39,7 @@ from rclpy.parameter import Parameter
 from mp_pca_planner.primitives.build import build_primitive
 from mp_pca_planner.primitives.file import load_primitive, save_primitive
 from mp_pca_planner.primitives.primitive import MovementPrimitive
-from mp_pca_planner.ros.client import Answer, GoalClient, start_node
+from mp_pca_planner.ros.client import Answer, start_node
 
 
 @pytest.fixture(scope="module")
@@ -62,7 +63,7 @@ def node(folder: Path) -> Iterator[subprocess.Popen[str]]:
 
 
 @pytest.fixture(scope="module")
-def client(node: subprocess.Popen[str]) -> Iterator[GoalClient]:
+def client(node: subprocess.Popen[str]) -> Iterator[NodeClient]:
     with described_client() as client:
         client.publish_state(JOINTS, START)
         yield client
@@ -72,7 +73,7 @@ def client(node: subprocess.Popen[str]) -> Iterator[GoalClient]:
 NEW_GOALS = (goal_message([*GOAL[:3], GOAL[3] - 0.01 * k]) for k in count())
 
 
-def primitive_used(client: GoalClient) -> str:
+def primitive_used(client: NodeClient) -> str:
     client.publish_state(JOINTS, START)
     answer = client.send(next(NEW_GOALS))
     assert answer.report.level != DiagnosticStatus.ERROR, answer.report.message
@@ -109,52 +110,52 @@ def full_disk(process: subprocess.Popen[str], size: int = 1000) -> Iterator[None
 
 
 def test_motion_that_does_not_fit_on_the_disk_leaves_no_part_of_a_file(
-    client: GoalClient, node: subprocess.Popen[str], folder: Path
+    client: NodeClient, node: subprocess.Popen[str], folder: Path
 ) -> None:
     primitive_used(client)
     with full_disk(node):
-        answer = client.save_motion()
+        answer = client.call("save_motion")
     assert not answer.success
     assert "can't be written: File too large" in answer.message
     assert not list((folder / "kept").iterdir())
-    answer = client.save_motion()
+    answer = client.call("save_motion")
     assert answer.success, answer.message
     (file,) = (folder / "kept").iterdir()
     assert load_primitive(file).joint_names == tuple(JOINTS)
 
 
 def test_primitives_may_vanish_and_come_back_while_the_node_runs(
-    client: GoalClient, folder: Path
+    client: NodeClient, folder: Path
 ) -> None:
     file = folder / "primitives" / "arm.npz"
     content = file.read_bytes()
     file.unlink()
     try:
         assert primitive_used(client) == "arm_arm_4"
-        answer = client.reload_primitives()
+        answer = client.call("reload_primitives")
         assert not answer.success
         assert "holds no primitive file" in answer.message
         assert client.wait_for_diagnostics()["text"] in answer.message
         assert primitive_used(client) == "arm_arm_4"
         # Another one under the same name takes its place.
         save_primitive(arm_primitive("joint"), file)
-        assert client.reload_primitives().success
+        assert client.call("reload_primitives").success
         assert primitive_used(client) == "arm_joint_4"
     finally:
         file.write_bytes(content)
-    assert client.reload_primitives().success
+    assert client.call("reload_primitives").success
     assert client.wait_for_diagnostics()["text"] == "ready for goals"
 
 
 def test_primitive_of_another_robot_is_refused_and_leaves_no_trace(
-    client: GoalClient, folder: Path
+    client: NodeClient, folder: Path
 ) -> None:
     mine, other = folder / "primitives" / "arm.npz", folder / "other.npz"
     content = mine.read_bytes()
     save_primitive(of_other_joints(("a", "b", "c", "d")), other)
     mine.write_bytes(other.read_bytes())
     try:
-        answer = client.reload_primitives()
+        answer = client.call("reload_primitives")
     finally:
         mine.write_bytes(content)
     assert not answer.success
@@ -165,10 +166,10 @@ def test_primitive_of_another_robot_is_refused_and_leaves_no_trace(
         request = ListParameters.Request(prefixes=["limits"])
         names = call(lister, ListParameters, "/mp_pca_planner/list_parameters", request).result
     assert {name.split(".")[1] for name in names.names} == set(JOINTS)
-    assert client.reload_primitives().success
+    assert client.call("reload_primitives").success
 
 
-def answer_once(client: GoalClient, is_wanted: Callable[[Answer], bool]) -> Answer:
+def answer_once(client: NodeClient, is_wanted: Callable[[Answer], bool]) -> Answer:
     """The first wanted answer to a goal: topics are not in step with each other."""
     deadline = time.monotonic() + HANG
     while True:
@@ -179,7 +180,7 @@ def answer_once(client: GoalClient, is_wanted: Callable[[Answer], bool]) -> Answ
         assert time.monotonic() < deadline, answer.report.message
 
 
-def test_robot_may_be_exchanged_for_another_while_the_node_runs(client: GoalClient) -> None:
+def test_robot_may_be_exchanged_for_another_while_the_node_runs(client: NodeClient) -> None:
     for other, words in (
         (URDF.replace('name="elbow"', 'name="knee"'), "'elbow'"),
         (URDF[: len(URDF) // 2], "not XML"),
@@ -197,7 +198,7 @@ def test_robot_may_be_exchanged_for_another_while_the_node_runs(client: GoalClie
     answer_once(client, lambda answer: float(answer.values["effort_cost"]) > 2.0 * cost)
 
 
-def test_names_in_primitives_and_goals_are_no_paths(client: GoalClient, folder: Path) -> None:
+def test_names_in_primitives_and_goals_are_no_paths(client: NodeClient, folder: Path) -> None:
     client.publish_description(URDF)
     client.wait_for_model()
     evil = folder / "primitives" / "evil.npz"
@@ -205,12 +206,12 @@ def test_names_in_primitives_and_goals_are_no_paths(client: GoalClient, folder: 
     save_primitive(build_primitive(arm_demonstrations(), name), evil)
     files = set(folder.parent.rglob("*"))
     try:
-        assert client.reload_primitives().success
+        assert client.call("reload_primitives").success
         client.publish_state(JOINTS, START)
         goal = next(NEW_GOALS)
         goal.header.frame_id = name
         assert client.send(goal).values["primitive"] == name
-        answer = client.save_motion()
+        answer = client.call("save_motion")
         assert answer.success, answer.message
         (new,) = set(folder.parent.rglob("*")) - files
         assert new.parent == folder / "kept"
@@ -218,7 +219,7 @@ def test_names_in_primitives_and_goals_are_no_paths(client: GoalClient, folder: 
         assert "no primitive is called" in client.send(goal).report.message
     finally:
         evil.unlink()
-    assert client.reload_primitives().success
+    assert client.call("reload_primitives").success
 
 
 LONG = "x" * 5000
@@ -229,11 +230,11 @@ LONG = "x" * 5000
     [("primitives", [LONG]), ("limits_file", LONG), ("save_folder", LONG), ("save_folder", "\x1b")],
 )
 def test_texts_that_no_file_can_be_called_are_refused_in_one_line(
-    client: GoalClient, folder: Path, name: str, value: object
+    client: NodeClient, folder: Path, name: str, value: object
 ) -> None:
     primitive_used(client)
     (result,) = client.set_parameters(Parameter(name, value=value).to_parameter_msg())
-    answer = client.save_motion() if result.successful else result
+    answer = client.call("save_motion") if result.successful else result
     said = answer.message if result.successful else answer.reason
     kept = Parameter("save_folder", value=str(folder / "kept")).to_parameter_msg()
     assert client.set_parameters(kept)[0].successful
@@ -254,7 +255,7 @@ with GoalClient("controller") as client:
 """
 
 
-def test_controller_that_vanishes_does_not_hold_the_node_up(client: GoalClient) -> None:
+def test_controller_that_vanishes_does_not_hold_the_node_up(client: NodeClient) -> None:
     listener = subprocess.Popen([sys.executable, "-c", LISTENER], stdout=subprocess.PIPE, text=True)
     assert listener.stdout is not None
     with listener:

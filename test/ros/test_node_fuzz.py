@@ -22,6 +22,7 @@ from nodes import (
     GOAL,
     PATIENTLY,
     START,
+    NodeClient,
     call,
     described_client,
     goal_message,
@@ -45,7 +46,6 @@ from mp_pca_planner.execution.parameters import (
     limit_declarations,
 )
 from mp_pca_planner.primitives.file import save_primitive
-from mp_pca_planner.ros.client import GoalClient
 
 DECLARED = {d.name: d for d in (*DECLARATIONS, *limit_declarations(JOINTS))}
 
@@ -62,7 +62,7 @@ def node(tmp_path_factory: pytest.TempPathFactory) -> Iterator[subprocess.Popen[
 
 
 @pytest.fixture(scope="module")
-def client(node: subprocess.Popen[str]) -> Iterator[GoalClient]:
+def client(node: subprocess.Popen[str]) -> Iterator[NodeClient]:
     with described_client() as client:
         yield client
 
@@ -74,7 +74,7 @@ def caller(node: subprocess.Popen[str]) -> Iterator[Node]:
 
 
 @pytest.fixture(scope="module", autouse=True)
-def first_values(client: GoalClient, caller: Node) -> list[ParameterMessage]:
+def first_values(client: NodeClient, caller: Node) -> list[ParameterMessage]:
     """All parameters before any test."""
     values = get_values(caller)
     return [ParameterMessage(name=name, value=value) for name, value in values.items()]
@@ -171,7 +171,7 @@ SETTINGS = st.tuples(ANY_NAME, ANY_VALUE) | st.sampled_from(sorted(DECLARED)).fl
     cost=NUMBERS,
 )
 def test_every_goal_gets_one_report_whatever_it_is(
-    client: GoalClient, goals: list[Any], state: JointState, cost: float
+    client: NodeClient, goals: list[Any], state: JointState, cost: float
 ) -> None:
     client.publish_state_message(state)
     client.publish_trial_cost(cost)
@@ -200,7 +200,7 @@ def is_valid(declaration: Declaration, value: Any) -> bool:
 @settings(max_examples=80)
 @given(values=st.lists(SETTINGS, min_size=1, max_size=3))
 def test_parameters_stay_valid_whatever_they_are_set_to(
-    client: GoalClient, caller: Node, values: list[tuple[str, Any]]
+    client: NodeClient, caller: Node, values: list[tuple[str, Any]]
 ) -> None:
     messages = [as_message(name, value) for name, value in values]
     for result in client.set_parameters(*messages):
@@ -212,7 +212,7 @@ def test_parameters_stay_valid_whatever_they_are_set_to(
 
 
 def test_node_that_was_told_all_that_serves_goals_when_its_parameters_are_as_before(
-    client: GoalClient, caller: Node, first_values: list[ParameterMessage]
+    client: NodeClient, caller: Node, first_values: list[ParameterMessage]
 ) -> None:
     # Without primitives there are no limits to be set.
     for values in (first_values[: len(DECLARATIONS)], first_values):
@@ -228,7 +228,7 @@ def test_node_that_was_told_all_that_serves_goals_when_its_parameters_are_as_bef
 
 
 @pytest.fixture(scope="module")
-def fuzzer(node: subprocess.Popen[str], client: GoalClient) -> Iterator[Fuzzer]:
+def fuzzer(node: subprocess.Popen[str], client: NodeClient) -> Iterator[Fuzzer]:
     with ros_node("fuzzer") as caller:
         yield Fuzzer(node, client, caller)
 

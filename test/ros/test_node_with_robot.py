@@ -19,7 +19,7 @@ import pytest
 pytest.importorskip("rclpy", reason="ROS 2 (rclpy) is not installed")
 
 from arm import JOINTS, arm_primitive, arm_robot
-from nodes import GOAL, START, call, goal_message, ros_node, running_node, set_domain
+from nodes import GOAL, START, NodeClient, call, goal_message, ros_node, running_node, set_domain
 from patience import HANG, NODE_EVER
 from rcl_interfaces.srv import SetParameters
 from rclpy.node import Node
@@ -30,7 +30,7 @@ from trajectory_msgs.msg import JointTrajectory
 
 from mp_pca_planner.primitives.file import save_primitive
 from mp_pca_planner.resources import config_file
-from mp_pca_planner.ros.client import Answer, GoalClient, report_values
+from mp_pca_planner.ros.client import Answer, report_values
 
 LIMITS = {"velocity": 3.0, "acceleration": 15.0}
 SLOW = 20.0  # duration of a motion that is stopped long before its end [s]
@@ -42,11 +42,11 @@ VIA = arm_primitive().boundary_states[1][3].tolist()
 class Bench:
     """A user of the node and of the robot's faults, who sees where the robot is."""
 
-    def __init__(self, client: GoalClient, node: Node) -> None:
+    def __init__(self, client: NodeClient, node: Node) -> None:
         self.client, self._node, self._stamps = client, node, count(1)
         self.measured: list[JointState] = []
         # The client's executor takes what comes: one node is spun, the other called from.
-        client._node.create_subscription(JointState, "joint_states", self._on_state, 10)
+        client.node.create_subscription(JointState, "joint_states", self._on_state, 10)
 
     def _on_state(self, state: JointState) -> None:
         self.measured = [state]
@@ -143,7 +143,7 @@ def benched(folder: Path, *options: str) -> Iterator[Bench]:
         subprocess.Popen(command, stdout=log, stderr=log) as robot,
     ):
         try:
-            with GoalClient() as client, ros_node("user") as user:
+            with NodeClient() as client, ros_node("user") as user:
                 client.wait_for_node(HANG)
                 client.wait_for_model()
                 bench = Bench(client, user)

@@ -33,6 +33,7 @@ from nodes import (
     PATIENTLY,
     START,
     URDF,
+    NodeClient,
     column,
     described_client,
     goal_message,
@@ -61,7 +62,7 @@ from mp_pca_planner.motion.trajectory import Trajectory
 from mp_pca_planner.primitives.build import build_primitive
 from mp_pca_planner.primitives.file import load_primitive, save_primitive
 from mp_pca_planner.recordings.demonstration import Demonstration
-from mp_pca_planner.ros.client import Answer, GoalClient, start_node
+from mp_pca_planner.ros.client import Answer, start_node
 
 # Motions from rest start so long after the stamp of their message [ns].
 WAIT = 20_000_000
@@ -91,26 +92,26 @@ def node(
 
 
 @pytest.fixture(scope="module")
-def shared_client(node: subprocess.Popen[str]) -> Iterator[GoalClient]:
+def shared_client(node: subprocess.Popen[str]) -> Iterator[NodeClient]:
     with described_client() as client:
         yield client
 
 
 @pytest.fixture
-def client(shared_client: GoalClient, primitives: Path) -> GoalClient:
+def client(shared_client: NodeClient, primitives: Path) -> NodeClient:
     """A client of the shared node, which knows of no motion; the robot rests at the start."""
     rest_at(shared_client, primitives, START)
     return shared_client
 
 
-def rest_at(client: GoalClient, primitives: Path, positions: Sequence[float] = START) -> GoalClient:
+def rest_at(client: NodeClient, primitives: Path, positions: Sequence[float] = START) -> NodeClient:
     """Put a robot at rest in the place of the one that follows the last motion, or does not."""
     forget_robot(client, primitives)
     client.publish_state(JOINTS, positions)
     return client
 
 
-def forget_robot(client: GoalClient, primitives: Path) -> None:
+def forget_robot(client: NodeClient, primitives: Path) -> None:
     """Have the node forget its robot, as it does with the joints of its primitives."""
     for paths in ([""], [str(primitives)]):
         message = Parameter("primitives", value=paths).to_parameter_msg()
@@ -119,7 +120,7 @@ def forget_robot(client: GoalClient, primitives: Path) -> None:
 
 
 @contextmanager
-def parameters(client: GoalClient, **values: object) -> Iterator[None]:
+def parameters(client: NodeClient, **values: object) -> Iterator[None]:
     """Parameters that hold for a while; dots in names are written as two underscores."""
 
     def to_messages(wanted: dict[str, object]) -> list[object]:
@@ -155,7 +156,7 @@ def assert_refused(answer: Answer, *words: str) -> None:
 
 
 def test_goal_gives_a_motion_from_the_present_state_to_exactly_the_goal(
-    client: GoalClient,
+    client: NodeClient,
 ) -> None:
     before = time.time_ns()
     answer = client.send(goal_message())
@@ -181,7 +182,7 @@ def test_goal_gives_a_motion_from_the_present_state_to_exactly_the_goal(
     assert not any(point.effort for point in trajectory.points)
 
 
-def test_report_holds_the_scalars_of_the_plan_and_the_stamp_of_the_goal(client: GoalClient) -> None:
+def test_report_holds_the_scalars_of_the_plan_and_the_stamp_of_the_goal(client: NodeClient) -> None:
     goal = goal_message()
     goal.header.stamp.sec, goal.header.stamp.nanosec = 12, 34
     values = client.send(goal).values
@@ -192,20 +193,20 @@ def test_report_holds_the_scalars_of_the_plan_and_the_stamp_of_the_goal(client: 
     assert 0.0 < float(values["solve_time_s"]) < 10.0
 
 
-def test_joints_that_a_goal_does_not_name_keep_their_position(client: GoalClient) -> None:
+def test_joints_that_a_goal_does_not_name_keep_their_position(client: NodeClient) -> None:
     answer = client.send(goal_message([GOAL[3]], (JOINTS[3],)))
     assert answer.trajectory is not None
     assert list(answer.trajectory.points[-1].positions) == [*START[:3], GOAL[3]]
 
 
 def test_goal_to_a_robot_that_moves_on_no_motion_of_the_node_is_refused(
-    client: GoalClient,
+    client: NodeClient,
 ) -> None:
     client.publish_state(JOINTS, START, [0.3, -0.2, 0.1, 0.2])
     assert_refused(client.send(goal_message()), "moves", "at rest")
 
 
-def test_goal_that_repeats_is_under_way_and_publishes_nothing(client: GoalClient) -> None:
+def test_goal_that_repeats_is_under_way_and_publishes_nothing(client: NodeClient) -> None:
     motion = client.send(goal_message()).trajectory
     assert motion is not None
     n_trajectories = len(client.trajectories)
@@ -221,7 +222,7 @@ def test_goal_that_repeats_is_under_way_and_publishes_nothing(client: GoalClient
 
 
 def test_order_of_joints_and_unusable_extra_joints_in_the_state_do_not_matter(
-    client: GoalClient,
+    client: NodeClient,
 ) -> None:
     client.publish_state(["gripper", *reversed(JOINTS)], [float("nan"), *reversed(START)])
     answer = client.send(goal_message(GOAL[::-1], JOINTS[::-1]))
@@ -240,7 +241,7 @@ def test_order_of_joints_and_unusable_extra_joints_in_the_state_do_not_matter(
     ],
 )
 def test_states_are_heard_whatever_quality_of_service_they_come_with(
-    client: GoalClient, primitives: Path, qos: QoSProfile
+    client: NodeClient, primitives: Path, qos: QoSProfile
 ) -> None:
     state = JointState(name=JOINTS, position=[0.9 * x for x in START])
     first: list[float] = []
@@ -256,12 +257,12 @@ def test_states_are_heard_whatever_quality_of_service_they_come_with(
 
 
 @pytest.mark.parametrize("name", ["arm_arm_4", "arm_joint_4"])
-def test_frame_id_chooses_the_primitive(client: GoalClient, name: str) -> None:
+def test_frame_id_chooses_the_primitive(client: NodeClient, name: str) -> None:
     assert client.send(in_frame(goal_message(), name)).values["primitive"] == name
 
 
 def test_request_unlike_the_demonstrations_is_served_with_a_warning(
-    client: GoalClient, primitives: Path
+    client: NodeClient, primitives: Path
 ) -> None:
     rest_at(client, primitives, GOAL)
     answer = client.send(goal_message(START))
@@ -273,7 +274,7 @@ def test_request_unlike_the_demonstrations_is_served_with_a_warning(
 # Parameters
 
 
-def test_parameters_set_at_run_time_hold_for_the_next_goal(client: GoalClient) -> None:
+def test_parameters_set_at_run_time_hold_for_the_next_goal(client: NodeClient) -> None:
     with parameters(client, duration=2.5, sample_period=0.1, publish_effort=True):
         trajectory = client.send(goal_message()).trajectory
     assert trajectory is not None
@@ -282,7 +283,7 @@ def test_parameters_set_at_run_time_hold_for_the_next_goal(client: GoalClient) -
 
 
 def test_velocity_limit_set_at_run_time_is_kept_and_can_be_taken_back(
-    client: GoalClient, primitives: Path
+    client: NodeClient, primitives: Path
 ) -> None:
     def peak() -> float:
         trajectory = client.send(goal_message()).trajectory
@@ -299,7 +300,7 @@ def test_velocity_limit_set_at_run_time_is_kept_and_can_be_taken_back(
 
 
 def test_motions_in_which_the_robot_hits_itself_go_around_or_are_refused(
-    client: GoalClient, primitives: Path
+    client: NodeClient, primitives: Path
 ) -> None:
     model = CollisionModel(arm_robot())
 
@@ -326,7 +327,7 @@ def test_motions_in_which_the_robot_hits_itself_go_around_or_are_refused(
             assert_refused(client.send(sequence), "self-collision", "'chest' and 'lower_arm'")
 
 
-def test_goal_velocity_is_served_only_if_the_controller_accepts_it(client: GoalClient) -> None:
+def test_goal_velocity_is_served_only_if_the_controller_accepts_it(client: NodeClient) -> None:
     goal = goal_message(velocity=[0.1, 0.0, 0.0, 0.0])
     assert_refused(client.send(goal), "shoulder1", "velocity")
     with parameters(client, allow_nonzero_end_velocity=True):
@@ -356,7 +357,7 @@ def test_goal_velocity_is_served_only_if_the_controller_accepts_it(client: GoalC
     ],
 )
 def test_wrong_parameters_are_refused_with_a_reason(
-    client: GoalClient, name: str, value: object, words: list[str]
+    client: NodeClient, name: str, value: object, words: list[str]
 ) -> None:
     (result,) = client.set_parameters(Parameter(name, value=value).to_parameter_msg())
     assert not result.successful
@@ -368,7 +369,7 @@ def test_wrong_parameters_are_refused_with_a_reason(
 # Other goals, stops and what is kept
 
 
-def test_pose_goal_that_cannot_be_read_is_refused_with_a_reason(client: GoalClient) -> None:
+def test_pose_goal_that_cannot_be_read_is_refused_with_a_reason(client: NodeClient) -> None:
     pose = PoseStamped()
     pose.header.frame_id = "world"
     assert_refused(client.send(pose), "'world'", "upper_arm", "empty frame_id")
@@ -380,7 +381,7 @@ def test_pose_goal_that_cannot_be_read_is_refused_with_a_reason(client: GoalClie
 
 
 def test_pose_goal_is_reached_in_whichever_frame_it_is_stated(
-    client: GoalClient, primitives: Path
+    client: NodeClient, primitives: Path
 ) -> None:
     robot = arm_robot()
     ends = robot.frame_positions(np.array([START, GOAL]), ["wrist", "upper_arm"])
@@ -400,7 +401,7 @@ def test_pose_goal_is_reached_in_whichever_frame_it_is_stated(
         np.testing.assert_allclose(robot.frame_positions(end, ["wrist"])[0, 0], wanted, atol=1e-5)
 
 
-def test_sequence_that_cannot_be_read_is_refused_with_a_reason(client: GoalClient) -> None:
+def test_sequence_that_cannot_be_read_is_refused_with_a_reason(client: NodeClient) -> None:
     point = JointTrajectoryPoint(positions=GOAL, velocities=[0.1] * 4)
     assert_refused(client.send(JointTrajectory(joint_names=JOINTS)), "at least one target")
     assert_refused(client.send(JointTrajectory(joint_names=JOINTS, points=[point])), "velocities")
@@ -426,7 +427,7 @@ def has_path_between(ends: np.ndarray, preview: MarkerArray) -> bool:
     return np.allclose(shown, ends, rtol=0.0, atol=1e-9)
 
 
-def test_sequence_is_one_motion_through_the_vias_that_stops_at_the_last(client: GoalClient) -> None:
+def test_sequence_is_one_motion_through_the_vias_that_stops_at_the_last(client: NodeClient) -> None:
     answer = client.send(sequence_message(VIA, GOAL, START, times=(2, 0, 5)))
     trajectory = answer.trajectory
     assert trajectory is not None, answer.report.message
@@ -452,7 +453,7 @@ def test_sequence_is_one_motion_through_the_vias_that_stops_at_the_last(client: 
     client.wait_for_preview(lambda preview: has_path_between(ends, preview))
 
 
-def test_sequence_stops_where_velocities_of_zero_ask_for_it(client: GoalClient) -> None:
+def test_sequence_stops_where_velocities_of_zero_ask_for_it(client: NodeClient) -> None:
     message = sequence_message(VIA, GOAL, START, times=(2, 4, 6))
     message.points[1].velocities = [0.0] * 4
     trajectory = client.send(message).trajectory
@@ -464,7 +465,7 @@ def test_sequence_stops_where_velocities_of_zero_ask_for_it(client: GoalClient) 
     assert_refused(client.send(message), "point 2", "1 velocities")
 
 
-def test_sequence_is_joined_in_real_time_if_the_parameter_says_so(client: GoalClient) -> None:
+def test_sequence_is_joined_in_real_time_if_the_parameter_says_so(client: NodeClient) -> None:
     with parameters(client, sequence_mode="real_time"):
         answer = client.send(sequence_message(VIA, GOAL))
     assert answer.trajectory is not None
@@ -473,7 +474,7 @@ def test_sequence_is_joined_in_real_time_if_the_parameter_says_so(client: GoalCl
 
 
 def test_sequence_whose_time_for_planning_is_short_is_served_with_a_warning(
-    client: GoalClient,
+    client: NodeClient,
 ) -> None:
     with parameters(client, max_solve_time=1e-3):
         answer = client.send(sequence_message(VIA, GOAL, VIA, START))
@@ -483,11 +484,11 @@ def test_sequence_whose_time_for_planning_is_short_is_served_with_a_warning(
 
 
 def test_sequence_is_not_kept_as_a_primitive_and_says_why(
-    client: GoalClient, tmp_path: Path
+    client: NodeClient, tmp_path: Path
 ) -> None:
     assert client.send(sequence_message(VIA, GOAL)).trajectory is not None
     with parameters(client, save_folder=str(tmp_path)):
-        answer = client.save_motion()
+        answer = client.call("save_motion")
     assert not answer.success
     assert "it is a sequence" in answer.message
     assert not list(tmp_path.iterdir())
@@ -510,12 +511,12 @@ def test_sequence_is_not_kept_as_a_primitive_and_says_why(
     ],
 )
 def test_sequence_that_cannot_be_served_is_refused_with_a_reason(
-    client: GoalClient, message: JointTrajectory, words: list[str]
+    client: NodeClient, message: JointTrajectory, words: list[str]
 ) -> None:
     assert_refused(client.send(message), *words)
 
 
-def test_stop_of_a_robot_at_rest_is_one_point_where_it_is(client: GoalClient) -> None:
+def test_stop_of_a_robot_at_rest_is_one_point_where_it_is(client: NodeClient) -> None:
     answer, trajectory = client.stop()
     assert "at rest" in answer.message
     assert trajectory is not None
@@ -526,18 +527,18 @@ def test_stop_of_a_robot_at_rest_is_one_point_where_it_is(client: GoalClient) ->
 
 
 def test_motion_is_kept_as_a_primitive_in_the_configured_folder_only(
-    client: GoalClient, tmp_path: Path
+    client: NodeClient, tmp_path: Path
 ) -> None:
     assert client.send(in_frame(goal_message(), "arm_arm_4")).report.level == OK
-    assert "save_folder" in client.save_motion().message
+    assert "save_folder" in client.call("save_motion").message
     with parameters(client, save_folder=str(tmp_path / "nowhere")):
-        assert "can't be written" in client.save_motion().message
+        assert "can't be written" in client.call("save_motion").message
     with parameters(client, save_folder=str(tmp_path)):
         client.publish_trial_cost(float("nan"))
         client.publish_trial_cost(12.5)
         client.wait_for_diagnostics(lambda values: values["trial_cost"] == "12.5")
         for number in (1, 2):
-            answer = client.save_motion()
+            answer = client.call("save_motion")
             assert answer.success, answer.message
             kept = load_primitive(tmp_path / f"arm_arm_4_{number}.npz")
             assert kept.name == f"arm_arm_4_{number}"
@@ -546,7 +547,7 @@ def test_motion_is_kept_as_a_primitive_in_the_configured_folder_only(
 
 
 def test_preview_shows_the_path_and_the_arm_on_it_and_late_comers_see_it(
-    client: GoalClient,
+    client: NodeClient,
 ) -> None:
     answer = client.send(goal_message())
     assert answer.trajectory is not None
@@ -558,7 +559,7 @@ def test_preview_shows_the_path_and_the_arm_on_it_and_late_comers_see_it(
 
 
 def test_command_sends_a_goal_in_degrees_and_prints_the_report(
-    client: GoalClient, capsys: pytest.CaptureFixture[str]
+    client: NodeClient, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with parameters(client, state_timeout=0.0):
         elbow = math.degrees(GOAL[3])
@@ -574,7 +575,7 @@ def test_command_sends_a_goal_in_degrees_and_prints_the_report(
     np.testing.assert_allclose(end, [*START[:3], GOAL[3]], atol=1e-12)
 
 
-def test_command_sends_a_sequence(client: GoalClient, capsys: pytest.CaptureFixture[str]) -> None:
+def test_command_sends_a_sequence(client: NodeClient, capsys: pytest.CaptureFixture[str]) -> None:
     with parameters(client, state_timeout=0.0):
         assert send_goal(["elbow=-0.3@2", "--via", "elbow=-0.6@1", "--json"]) == 0
         report = json.loads(capsys.readouterr().out)
@@ -586,7 +587,7 @@ def test_command_sends_a_sequence(client: GoalClient, capsys: pytest.CaptureFixt
 
 
 def test_bag_of_the_topics_of_the_node_holds_what_was_sent(
-    client: GoalClient, tmp_path: Path
+    client: NodeClient, tmp_path: Path
 ) -> None:
     # rosbags (0.11) expects padding behind an empty list of numbers, which ROS 2 leaves out:
     # points must have efforts for it to read them.
@@ -620,26 +621,26 @@ def test_bag_of_the_topics_of_the_node_holds_what_was_sent(
 
 
 def test_reload_takes_new_files_and_keeps_the_old_ones_if_one_is_damaged(
-    client: GoalClient, primitives: Path
+    client: NodeClient, primitives: Path
 ) -> None:
     damaged = primitives / "more.npz"
     try:
         save_primitive(arm_primitive("joint", 2), damaged)
         forge(damaged, lambda a, m: m.update(joint_names=5))
-        assert "expected a list" in client.reload_primitives().message
+        assert "expected a list" in client.call("reload_primitives").message
         damaged.unlink()
         os.mkfifo(damaged)
-        assert "no regular file" in client.reload_primitives().message
+        assert "no regular file" in client.call("reload_primitives").message
         damaged.unlink()
         damaged.write_bytes(b"PK")
-        answer = client.reload_primitives()
+        answer = client.call("reload_primitives")
         assert not answer.success
         assert str(damaged) in answer.message
         assert "'arm_arm_4', 'arm_joint_4' kept" in answer.message
         assert client.send(goal_message()).report.level == OK
     finally:
         damaged.unlink()
-    answer = client.reload_primitives()
+    answer = client.call("reload_primitives")
     assert answer.success
     assert answer.message == "loaded: 'arm_arm_4', 'arm_joint_4'"
 
@@ -647,7 +648,7 @@ def test_reload_takes_new_files_and_keeps_the_old_ones_if_one_is_damaged(
 # Refusals
 
 
-def test_state_that_is_too_old_is_refused(client: GoalClient) -> None:
+def test_state_that_is_too_old_is_refused(client: NodeClient) -> None:
     with parameters(client, state_timeout=1e-9):
         assert_refused(client.send(goal_message()), "joint_states", "old", "state_timeout")
 
@@ -662,12 +663,12 @@ def test_state_that_is_too_old_is_refused(client: GoalClient) -> None:
         (JointState(name=JOINTS, position=[*START[:3], 1.0]), ["elbow", "outside its limits"]),
     ],
 )
-def test_unusable_state_is_refused(client: GoalClient, state: JointState, words: list[str]) -> None:
+def test_unusable_state_is_refused(client: NodeClient, state: JointState, words: list[str]) -> None:
     client.publish_state_message(state)
     assert_refused(client.send(goal_message()), *words)
 
 
-def test_states_of_other_joints_are_ignored_and_counted(client: GoalClient) -> None:
+def test_states_of_other_joints_are_ignored_and_counted(client: NodeClient) -> None:
     before = int(client.wait_for_diagnostics()["joint_states_incomplete"])
     client.publish_state(JOINTS, START)
     client.publish_state(["gripper"], [0.0])
@@ -675,7 +676,7 @@ def test_states_of_other_joints_are_ignored_and_counted(client: GoalClient) -> N
     assert int(client.wait_for_diagnostics()["joint_states_incomplete"]) == before + 1
 
 
-def test_plan_that_breaks_limits_is_reported_and_not_published(client: GoalClient) -> None:
+def test_plan_that_breaks_limits_is_reported_and_not_published(client: NodeClient) -> None:
     n_trajectories = len(client.trajectories)
     with parameters(client, duration=0.05):
         answer = client.send(goal_message(), timeout=HANG)
@@ -725,7 +726,7 @@ def resident_kilobytes(process: subprocess.Popen[str]) -> int:
 
 
 def test_thousand_malformed_goals_get_an_error_each_and_do_no_harm(
-    client: GoalClient, node: subprocess.Popen[str]
+    client: NodeClient, node: subprocess.Popen[str]
 ) -> None:
     n_goals = 1000
     generator = random.Random(7)
@@ -774,15 +775,15 @@ def own_domain(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_node_waits_for_what_is_missing_and_says_for_what(tmp_path: Path) -> None:
     file = tmp_path / "arm.npz"
     arguments = ("-p", f"primitives:=['{file}']")
-    with running_node(tmp_path / "log.txt", *arguments), GoalClient() as client:
+    with running_node(tmp_path / "log.txt", *arguments), NodeClient() as client:
         client.wait_for_node()
         assert "arm.npz" in client.wait_for_diagnostics()["text"]
         duration = Parameter("duration", value=1.5).to_parameter_msg()
         assert client.set_parameters(duration)[0].successful
         assert_refused(client.send(goal_message()), "arm.npz", "No such file")
-        assert not client.reload_primitives().success
+        assert not client.call("reload_primitives").success
         save_primitive(arm_primitive(), file)
-        assert client.reload_primitives().success
+        assert client.call("reload_primitives").success
         assert_refused(client.send(goal_message()), "robot_description")
         urdf = Parameter("robot_description", value=URDF).to_parameter_msg()
         assert client.set_parameters(urdf)[0].successful
@@ -816,7 +817,7 @@ def test_goal_that_comes_again_is_learned_by_trials_also_across_a_kill(
     arguments += ["-p", "state_timeout:=0.0", "-p", f"save_folder:={folder}"]
     arguments += ["-p", "learn_trials:=true"]
 
-    def try_once(client: GoalClient, cost: float) -> tuple[Answer, np.ndarray]:
+    def try_once(client: NodeClient, cost: float) -> tuple[Answer, np.ndarray]:
         n = len(trials_in(folder))
         rest_at(client, primitives)
         answer = client.send(in_frame(goal_message(), "arm_arm_4"))
@@ -829,7 +830,7 @@ def test_goal_that_comes_again_is_learned_by_trials_also_across_a_kill(
         assert trials_in(folder)[-1]["cost"] == cost
         return answer, column(answer.trajectory, "positions")
 
-    with (tmp_path / "first.txt").open("w") as log, GoalClient() as client:
+    with (tmp_path / "first.txt").open("w") as log, NodeClient() as client:
         process = start_node(*arguments, output=log)
         try:
             client.wait_for_node()
@@ -845,7 +846,7 @@ def test_goal_that_comes_again_is_learned_by_trials_also_across_a_kill(
     assert np.abs(first[len(first) // 2] - second[len(second) // 2]).max() > 1e-3
     assert second[0].tolist() == START
     assert second[-1].tolist() == GOAL
-    with running_node(tmp_path / "second.txt", *arguments), GoalClient() as client:
+    with running_node(tmp_path / "second.txt", *arguments), NodeClient() as client:
         client.wait_for_node()
         client.wait_for_model()
         client.publish_state(JOINTS, START)
@@ -853,7 +854,7 @@ def test_goal_that_comes_again_is_learned_by_trials_also_across_a_kill(
         assert (third.values["trial"], third.values["best_trial_cost"]) == ("3", "4.0")
         no_folder = Parameter("save_folder", value="").to_parameter_msg()
         assert "'save_folder' to a folder" in client.set_parameters(no_folder)[0].reason
-        kept = client.save_motion()
+        kept = client.call("save_motion")
         assert kept.success, kept.message
     facts = load_primitive(folder / "arm_arm_4_1.npz").metadata["refined_from"]
     assert (facts["trial_cost"], facts["planned_cost"], facts["n_trials"]) == (4.0, 10.0, 3)
@@ -869,7 +870,7 @@ def test_primitives_of_other_joints_bring_their_own_limits(tmp_path: Path) -> No
     for file, primitive in zip(files, (arm_primitive(), shoulder), strict=True):
         save_primitive(primitive, file)
     arguments = ("--params-file", str(urdf), "-p", f"primitives:=['{files[0]}']", *PATIENTLY)
-    with running_node(tmp_path / "log.txt", *arguments), GoalClient() as client:
+    with running_node(tmp_path / "log.txt", *arguments), NodeClient() as client:
         client.wait_for_node()
         client.wait_for_model()
         wanted = {"primitives": [files[1]], "limits.shoulder2.max_velocity": 0.5}
@@ -891,7 +892,7 @@ def test_unusable_description_on_the_topic_is_reported_and_can_be_mended(
 ) -> None:
     arguments = ("-p", f"primitives:=['{primitives}']", "-p", "limits.shoulder1.max_velocity:=0.9")
     arguments += PATIENTLY
-    with running_node(tmp_path / "log.txt", *arguments), GoalClient() as client:
+    with running_node(tmp_path / "log.txt", *arguments), NodeClient() as client:
         client.wait_for_node()
         client.publish_description("<robot name='other'><link name='a'/></robot>")
         client.wait_for_diagnostics(lambda values: "no revolute" in values["text"])
@@ -941,7 +942,7 @@ def test_node_ends_cleanly_however_often_it_is_told_to(tmp_path: Path, number: i
     with log.open("w") as output:
         process = start_node(output=output)
     try:
-        with GoalClient() as client:
+        with NodeClient() as client:
             client.wait_for_node()
         deadline = time.monotonic() + HANG
         while process.poll() is None and time.monotonic() < deadline:

@@ -13,7 +13,17 @@ import pytest
 pytest.importorskip("rclpy", reason="ROS 2 (rclpy) is not installed")
 
 from arm import JOINTS, arm_primitive
-from nodes import GOAL, PATIENTLY, START, URDF, goal_message, ros_node, running_node, set_domain
+from nodes import (
+    GOAL,
+    PATIENTLY,
+    START,
+    URDF,
+    NodeClient,
+    goal_message,
+    ros_node,
+    running_node,
+    set_domain,
+)
 from patience import HANG
 from rclpy.executors import SingleThreadedExecutor
 from sensor_msgs.msg import JointState
@@ -21,12 +31,12 @@ from trajectory_msgs.msg import JointTrajectory
 
 from mp_pca_planner.cli.send_goal import main as send_goal
 from mp_pca_planner.primitives.file import save_primitive
-from mp_pca_planner.ros.client import Answer, GoalClient
+from mp_pca_planner.ros.client import Answer
 
 COUNTS = ("goals_served", "goals_refused", "goals_under_way", "goals_overtaken")
 N_GOALS, PERIOD = 1000, 1e-3
 
-Clients = tuple[GoalClient, GoalClient]
+Clients = tuple[NodeClient, NodeClient]
 
 
 @pytest.fixture(scope="module")
@@ -42,8 +52,8 @@ def clients(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Clients]:
         with (
             running_node(folder / "left.txt", *common, *left),
             running_node(folder / "right.txt", *common, *right),
-            GoalClient(namespace="left") as left_client,
-            GoalClient(namespace="right", planner="planner") as right_client,
+            NodeClient(namespace="left") as left_client,
+            NodeClient(namespace="right", planner="planner") as right_client,
         ):
             for client in (left_client, right_client):
                 client.publish_description(URDF)
@@ -51,7 +61,7 @@ def clients(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Clients]:
             yield left_client, right_client
 
 
-def wait_for_diagnostics(client: GoalClient, node: str) -> dict[str, str]:
+def wait_for_diagnostics(client: NodeClient, node: str) -> dict[str, str]:
     """The next of a node that has a model; both nodes publish them on the same topic."""
     return client.wait_for_diagnostics(
         lambda values: (

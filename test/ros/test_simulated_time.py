@@ -18,6 +18,7 @@ from nodes import (
     GOAL,
     PATIENCE,
     START,
+    NodeClient,
     column,
     described_client,
     goal_message,
@@ -30,7 +31,6 @@ from rosgraph_msgs.msg import Clock
 from trajectory_msgs.msg import JointTrajectory
 
 from mp_pca_planner.primitives.file import save_primitive
-from mp_pca_planner.ros.client import GoalClient
 
 DURATION = 4.0
 
@@ -38,7 +38,7 @@ DURATION = 4.0
 class Simulation:
     """A simulator whose clock the test sets; the robot is where it says."""
 
-    def __init__(self, client: GoalClient, clock: object) -> None:
+    def __init__(self, client: NodeClient, clock: object) -> None:
         self._client = client
         self._clock = clock
 

@@ -23,6 +23,7 @@ from nodes import (
     GOAL,
     PATIENTLY,
     START,
+    NodeClient,
     described_client,
     goal_message,
     running_node,
@@ -34,7 +35,6 @@ from rich.console import Console
 from mp_pca_planner.cli.watch import frame
 from mp_pca_planner.primitives.file import save_primitive
 from mp_pca_planner.robot.limits import JointLimits
-from mp_pca_planner.ros.client import GoalClient
 from mp_pca_planner.ros.monitor import Monitor, Seen
 
 
@@ -44,7 +44,7 @@ def drawn(seen: Seen, *, with_colours: bool = False) -> str:
     return console.export_text(styles=with_colours)
 
 
-def wait_until(monitor: Monitor, client: GoalClient, wanted: Callable[[Seen], bool]) -> Seen:
+def wait_until(monitor: Monitor, client: NodeClient, wanted: Callable[[Seen], bool]) -> Seen:
     deadline = time.monotonic() + HANG
     while not wanted(monitor.look()) and time.monotonic() < deadline:
         client.publish_state((*JOINTS, "gripper"), (*START, 0.5))

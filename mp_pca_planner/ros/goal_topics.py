@@ -1,0 +1,179 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""The topics of goals, and the report of each goal."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticStatus
+from geometry_msgs.msg import PoseStamped
+from sensor_msgs.msg import JointState as JointStateMessage
+from trajectory_msgs.msg import JointTrajectory
+
+from ..execution.assembly import Model
+from ..execution.goal_statistics import GoalStatistics
+from ..execution.motion_server import MakeGoal, MotionServer, Served, UnexecutablePlanError
+from ..execution.newest_goal import CancelledError, IsCancelled, NewestGoalThread
+from ..motion.goal import Goal, JointGoal
+from . import messages
+from .guarded_node import LOG_PERIOD, GuardedNode
+from .planning_setup import PlanningSetup
+from .qos import EVERY, GOALS
+from .reference_frame import stated_in
+from .subscriptions import GroupExecutor, ThreadGroup
+
+
+@dataclass(frozen=True, eq=False)
+class _Request:
+    """A goal that was received.
+
+    Attributes
+    ----------
+    goal : Goal
+        The goal as it is stated.
+    make_goal : callable
+        Makes the goal for a start state.
+    context : Model
+        What it is planned with.
+    stamp : Time
+        The stamp of its message.
+    """
+
+    goal: Goal
+    make_goal: MakeGoal
+    context: Model
+    stamp: Time
+
+    def check(self) -> None:
+        """Raise a `PlannerError` if the goal can be rejected without planning."""
+        if isinstance(self.goal, JointGoal):
+            self.context.planner.check(self.goal)
+
+
+class GoalTopics:
+    """Receives goals, has the newest one served, and publishes a report for each.
+
+    Parameters
+    ----------
+    node : GuardedNode
+        The node.
+    setup : PlanningSetup
+        Makes the planning context.
+    server : MotionServer
+        Plans and publishes motions.
+    statistics : GoalStatistics
+        Counts goals.
+    on_served : callable
+        Called with each published motion, before its report.
+    rest : callable
+        Called when no goals have come for a moment after one was served.
+    """
+
+    def __init__(
+        self,
+        node: GuardedNode,
+        setup: PlanningSetup,
+        server: MotionServer,
+        statistics: GoalStatistics,
+        on_served: Callable[[Served], None],
+        rest: Callable[[], None],
+    ) -> None:
+        self._node, self._setup, self._server = node, setup, server
+        self._statistics, self._on_served = statistics, on_served
+        self._reports = node.create_publisher(DiagnosticStatus, "~/plan_report", EVERY)
+        self._worker = NewestGoalThread(self._serve, self._on_preempted, node.guarded(rest))
+        group = ThreadGroup()
+        for message_type, topic in (
+            (JointStateMessage, "~/goal"),
+            (PoseStamped, "~/goal_pose"),
+            (JointTrajectory, "~/goal_sequence"),
+        ):
+            node.create_subscription(
+                message_type, topic, self._receive, GOALS, callback_group=group
+            )
+        # Goals don't wait behind the services of the node.
+        self._executor = GroupExecutor(node, group)
+
+    def cancel(self) -> None:
+        """Give up all goals that wait or are planned."""
+        self._worker.cancel()
+
+    def close(self) -> None:
+        """End the threads, before the node is destroyed."""
+        self._executor.shutdown()
+        self._worker.close()
+
+    def _receive(self, message: Any) -> None:
+        try:
+            request = _read(message, self._setup.ready())
+            # A wrong goal must not preempt another one; otherwise planning finds what is wrong.
+            if not self._worker.is_idle:
+                request.check()
+        except Exception as error:
+            self._reject(messages.to_refusal(self._node.explain(error), message.header.stamp))
+        else:
+            self._worker.submit(request)
+
+    def _serve(self, request: _Request, is_cancelled: IsCancelled) -> None:
+        """Plan, publish and report, in the thread of the worker."""
+        kind, stamp = type(request.goal), request.stamp
+        try:
+            served = self._server.serve(
+                kind, request.make_goal, request.context, is_cancelled, stamp
+            )
+            self._report(served, stamp)
+        except UnexecutablePlanError as error:
+            self._reject(messages.to_refusal(str(error), stamp, error.plan))
+        except CancelledError:
+            raise
+        except Exception as error:
+            self._reject(messages.to_refusal(self._node.explain(error), stamp))
+
+    def _report(self, served: Served, stamp: Time) -> None:
+        plan = served.plan
+        if served.under_way:
+            self._statistics.under_way()
+            self._reports.publish(messages.to_under_way_report(plan, served.under_way, stamp))
+            return
+        # A cost may follow the report at once.
+        self._on_served(served)
+        trial = served.trial.facts if served.trial else None
+        primitives = served.model.planner.primitives
+        self._reports.publish(messages.to_plan_report(plan, stamp, trial, primitives))
+        times = f"{served.motion.duration:.3g} s long, planned in {1e3 * plan.solve_time:.3g} ms"
+        self._node.get_logger().info(messages.to_text(f"goal served: {plan.message} ({times})"))
+
+    def _reject(self, report: DiagnosticStatus) -> None:
+        self._statistics.refused()
+        self._node.get_logger().warning(
+            f"goal refused: {report.message}", throttle_duration_sec=LOG_PERIOD
+        )
+        self._reports.publish(report)
+
+    def _on_preempted(self, request: _Request) -> None:
+        try:
+            request.check()
+        except Exception as error:
+            self._reject(messages.to_refusal(self._node.explain(error), request.stamp))
+        else:
+            self._statistics.overtaken()
+            self._reports.publish(messages.to_overtaken_report(request.stamp))
+
+
+def _read(message: JointStateMessage | PoseStamped | JointTrajectory, context: Model) -> _Request:
+    """Read a goal, or raise a `PlannerError` if it is malformed."""
+    header, duration = message.header, context.settings.duration
+    if isinstance(message, PoseStamped):
+        posed = messages.to_pose_goal(message, context.end_effector, duration)
+        make_goal = stated_in(posed, header.frame_id, context.planning_robot)
+        return _Request(posed, make_goal, context, header.stamp)
+    goal: Goal
+    if isinstance(message, JointTrajectory):
+        goal = messages.to_sequence_goal(message)
+    else:
+        goal = messages.to_goal(message, duration)
+    return _Request(goal, lambda _: goal, context, header.stamp)

@@ -1,0 +1,196 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""The planning context of the node, made of primitives, robot description and parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+from rclpy.parameter import Parameter
+
+from ..exceptions import GoalError, quote_names
+from ..execution.assembly import Model, assemble_model
+from ..execution.parameters import Settings
+from ..primitives.primitive import MovementPrimitive
+from ..primitives.primitive_library import load_primitives
+from ..robot.model import Robot
+from .node_parameters import NodeParameters
+
+
+class PlanningSetup:
+    """Keeps the planning context up to date with what it is made of.
+
+    Parameters
+    ----------
+    parameters : NodeParameters
+        The parameters of the node.
+    explain : callable
+        Describes an error in one sentence.
+    expect : callable
+        Called with the joints of new primitives.
+    topic : str
+        The topic of the robot description, for messages.
+
+    Attributes
+    ----------
+    settings : Settings
+        The values of the parameters.
+    context : Model or None
+        The planning context; None while a part is missing.
+    problem : str
+        Why the primitive files can't be used; empty if they can.
+    hold : str
+        Why goals are rejected although all parts may be there; empty if they are accepted.
+
+    Raises
+    ------
+    PlannerError
+        If the parameters don't fit together.
+    """
+
+    def __init__(
+        self,
+        parameters: NodeParameters,
+        explain: Callable[[Exception], str],
+        expect: Callable[[tuple[str, ...]], None],
+        topic: str,
+    ) -> None:
+        self._parameters, self._explain = parameters, explain
+        self._expect, self._topic = expect, topic
+        self.settings: Settings = parameters.settings()
+        self.context: Model | None = None
+        self.problem, self.hold = "", ""
+        self._primitives: tuple[MovementPrimitive, ...] = ()
+        self._description = ""
+        self._context_problem = ""
+        _check_description(self.settings)
+
+    @property
+    def library(self) -> str:
+        """The names of the primitives, for messages."""
+        return quote_names(primitive.name for primitive in self._primitives)
+
+    @property
+    def missing(self) -> str:
+        """Why goals are rejected; empty if they are accepted."""
+        if self.hold or self.context is not None:
+            return self.hold
+        if not self._primitives:
+            return self.problem or (
+                "no primitives are loaded: set the parameter 'primitives' to primitive files or "
+                "folders of them"
+            )
+        return self._context_problem or (
+            "there is no robot model: the parameter 'robot_description' is empty, and nothing has "
+            f"arrived on '{self._topic}'"
+        )
+
+    def ready(self) -> Model:
+        """Return the planning context.
+
+        Raises
+        ------
+        GoalError
+            If goals are rejected.
+        """
+        if self.context is None or self.hold:
+            raise GoalError(self.missing)
+        return self.context
+
+    def load(self) -> bool:
+        """Read the primitive files; returns False if they can't be read, see `problem`.
+
+        Raises
+        ------
+        PlannerError
+            If they don't fit the parameters; those in use stay.
+        """
+        try:
+            primitives = load_primitives(self.settings.primitive_paths)
+        except Exception as error:
+            self.problem = self._explain(error)
+            return False
+        self._adopt(primitives)
+        return True
+
+    def unload(self) -> None:
+        """Drop the primitives."""
+        self._adopt(())
+
+    def use_description(self, urdf: str) -> bool:
+        """Use a robot description of the topic; returns whether it makes a difference.
+
+        Raises
+        ------
+        Exception
+            If no planning context can be made of it; there is none then.
+        """
+        is_new, self._description = urdf != self._description, urdf
+        if self.settings.robot_description or not is_new:
+            return False
+        try:
+            self._adopt(self._primitives)
+        except Exception as error:
+            # The robot is another one than before, so the old context is of no use.
+            self.context, self._context_problem = None, self._explain(error)
+            raise
+        return True
+
+    def change(self, changes: Sequence[Parameter]) -> None:
+        """Use changed parameters.
+
+        Raises
+        ------
+        Exception
+            If they are not accepted; then all stays as it was.
+        """
+        self._parameters.check_names([p.name for p in changes], _joint_names(self._primitives))
+        old, new = self.settings, self._parameters.settings(changes)
+        if new.robot_description != old.robot_description:
+            _check_description(new)
+        primitives = self._primitives
+        if new.primitives != old.primitives:
+            primitives = load_primitives(new.primitive_paths) if new.primitive_paths else ()
+        if new != old:
+            self._adopt(primitives, changes)
+
+    def _adopt(
+        self, primitives: tuple[MovementPrimitive, ...], changes: Sequence[Parameter] = ()
+    ) -> None:
+        """Use these primitives and changed parameters.
+
+        Raises
+        ------
+        Exception
+            If they don't fit together; then all stays as it was. If there is no usable context
+            anyway, the changes are accepted: it may take several to fix it.
+        """
+        joint_names = _joint_names(primitives)
+        self._parameters.declare_limits(joint_names)
+        settings = self._parameters.settings(changes)
+        urdf = settings.robot_description or self._description
+        context, problem = None, ""
+        try:
+            if urdf and primitives:
+                context = assemble_model(urdf, primitives, settings)
+        except Exception as error:
+            if not self._context_problem:
+                self._parameters.forget_limits_except(_joint_names(self._primitives))
+                raise
+            problem = self._explain(error)
+        if primitives is not self._primitives:
+            self.problem = ""
+        self.settings, self._primitives = settings, primitives
+        self.context, self._context_problem = context, problem
+        self._expect(joint_names)
+        self._parameters.forget_limits_except(joint_names)
+
+
+def _check_description(settings: Settings) -> None:
+    """Raise a `ParameterError` if no robot can be made of the parameter, even if unused."""
+    if settings.robot_description:
+        Robot(settings.robot_description, source="parameter 'robot_description'")
+
+
+def _joint_names(primitives: Sequence[MovementPrimitive]) -> tuple[str, ...]:
+    return primitives[0].joint_names if primitives else ()
