@@ -22,7 +22,8 @@ from ..evaluation.problems import (
 )
 from ..evaluation.run import PEERS, Result, compare, ratios, set_up, summarise, unsolved
 from ..exceptions import PlannerError, quote_names, unknown_name
-from ..plotting.drawing import Cloud, draw_comparison, require_matplotlib
+from ..plotting.comparison import comparison_figure
+from ..plotting.drawing import picture, require_matplotlib
 from ..plotting.text import table
 from ..primitives.primitive_library import load_primitives
 from ..robot.model import Robot
@@ -245,7 +246,7 @@ def _draw(
     methods: Sequence[Method],
     results: Sequence[dict[str, Result]],
 ) -> None:
-    clouds = []
+    clouds = {}
     for method in methods:
         points = [
             (1e3 * r[method.name].solve_time, verdict.effort_cost / reference.effort_cost)
@@ -256,12 +257,12 @@ def _draw(
             and (reference := r["minimum_jerk"].verdict) is not None
         ]
         if points:
-            clouds.append(Cloud(method.name, points))
-    draw_comparison(
-        arguments.plot,
-        clouds,
-        x="solve time [ms]",
-        y="effort J over that of the minimum-jerk motion",
-        title=f"{len(results)} problems of '{scene.name}': effort over time",
-        force=arguments.force,
-    )
+            clouds[method.name] = points
+    with picture(arguments.plot, force=arguments.force) as figure:
+        comparison_figure(
+            figure,
+            clouds,
+            x="solve time [ms]",
+            y="effort J over that of the minimum-jerk motion",
+            title=f"{len(results)} problems of '{scene.name}': effort over time",
+        )
