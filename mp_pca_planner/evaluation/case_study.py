@@ -158,6 +158,7 @@ def study(
     for i, groups in enumerate(groupings):
 
         def report(done: int, _: int, before: int = i * number) -> None:
+            """Count the motions of both comparisons."""
             if progress is not None:
                 progress(before + done, number * len(groupings))
 

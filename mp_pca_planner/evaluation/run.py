@@ -71,7 +71,7 @@ class Result:
             "effort_cost": None,
             "solve_time_s": self.solve_time,
             "iterations": self.answer.iterations,
-            "feasible": self.feasible,
+            "feasible": False,
             "status": self.answer.status,
             **({} if self.verdict is None else asdict(self.verdict)),
         }

@@ -101,7 +101,7 @@ def test_gradients_of_the_least_squares_program_match_differences(scene, problem
     step = 1e-6
     for function, derivative in (
         (program.cost, program.gradient),
-        (program.bounded, program.bounded_rows),
+        (program.slack, program.slack_rows),
     ):
         differences = np.array(
             [
