@@ -213,6 +213,13 @@ def test_joint_that_does_not_move_is_drawn(tmp_path: Path) -> None:
     assert n_pixels(tmp_path / "m.png", BLUE) > 1000
 
 
+def test_legend_that_fits_nowhere_is_still_there() -> None:
+    with styled_figure() as figure:
+        add_header(figure, "Title", [line("m" * 100, "#000000")], 1.0, 2.0)
+    (text,) = figure.legends[0].get_texts()
+    assert text.get_text().replace("\n", "") == "m" * 100
+
+
 def test_names_are_shown_as_they_are() -> None:
     name = "a$_b$\n\x1b"
     motion = Trajectory([name], [0.0, 1.0], [[0.0], [1.0]], np.zeros((2, 1)), np.zeros((2, 1)))
