@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from ..evaluation.method import Method
+from ..evaluation.method import Method, PeerResult
 from ..evaluation.problems import (
     EXAMPLE_ROBOTS,
     HUMAN_ARM,
@@ -20,9 +20,10 @@ from ..evaluation.problems import (
     random_problems,
     robot_file,
 )
-from ..evaluation.run import PEERS, Result, compare, ratios, set_up, summarise, unsolved
+from ..evaluation.run import PEERS, compare, ratios, set_up, summarise, unsolved
 from ..exceptions import PlannerError, quote_names, unknown_name
-from ..plotting.drawing import Cloud, draw_comparison, require_matplotlib
+from ..plotting.comparison import comparison_figure
+from ..plotting.drawing import picture, require_matplotlib
 from ..plotting.text import table
 from ..primitives.primitive_library import load_primitives
 from ..robot.model import Robot
@@ -164,7 +165,7 @@ def _facts(
     scene: Scene,
     methods: Sequence[Method],
     absent: Mapping[str, str],
-    results: Sequence[dict[str, Result]],
+    results: Sequence[dict[str, PeerResult]],
 ) -> dict[str, Any]:
     names = [method.name for method in methods]
     own = [name for name in names if name.startswith("pca_")]
@@ -243,9 +244,9 @@ def _draw(
     arguments: argparse.Namespace,
     scene: Scene,
     methods: Sequence[Method],
-    results: Sequence[dict[str, Result]],
+    results: Sequence[dict[str, PeerResult]],
 ) -> None:
-    clouds = []
+    clouds = {}
     for method in methods:
         points = [
             (1e3 * r[method.name].solve_time, verdict.effort_cost / reference.effort_cost)
@@ -256,12 +257,12 @@ def _draw(
             and (reference := r["minimum_jerk"].verdict) is not None
         ]
         if points:
-            clouds.append(Cloud(method.name, points))
-    draw_comparison(
-        arguments.plot,
-        clouds,
-        x="solve time [ms]",
-        y="effort J over that of the minimum-jerk motion",
-        title=f"{len(results)} problems of '{scene.name}': effort over time",
-        force=arguments.force,
-    )
+            clouds[method.name] = points
+    with picture(arguments.plot, force=arguments.force) as figure:
+        comparison_figure(
+            figure,
+            clouds,
+            x="solve time [ms]",
+            y="effort J over that of the minimum-jerk motion",
+            title=f"{len(results)} problems of '{scene.name}': effort over time",
+        )

@@ -18,7 +18,7 @@ import numpy as np
 from ..exceptions import RecordingError
 from ..files import write_whole
 from ..mocap.marker_joint_states import MarkerSource, marker_source
-from ..plotting.drawing import require_matplotlib
+from ..plotting.page import require_pages
 from ..plotting.report import REPORT_SAMPLES, report_page
 from ..plotting.units import prismatic_joints, unit_of
 from ..plotting.variance import variance_report
@@ -188,7 +188,7 @@ def _build(arguments: argparse.Namespace) -> int:
     check_output(arguments.report, ".html", force=arguments.force)
     check_output(arguments.write_segments, ".csv", force=arguments.force)
     if arguments.report is not None:
-        require_matplotlib()
+        require_pages()
     options = PrimitiveOptions(
         coupling=arguments.coupling,
         n_components=arguments.components,

@@ -24,7 +24,9 @@ from ..motion.trajectory import Trajectory
 from ..motion.validation import check_executable, check_limits
 from ..planning.plan import Plan, PlannerOptions
 from ..planning.planner import Planner
-from ..plotting.drawing import draw_arm, draw_motion, draw_primitive, require_matplotlib
+from ..plotting.arm import arm_figure
+from ..plotting.drawing import draw_motion, picture, require_matplotlib
+from ..plotting.primitive import PHASES, primitive_figure
 from ..plotting.text import table
 from ..primitives.file import load_primitive
 from ..primitives.primitive import MovementPrimitive
@@ -245,21 +247,15 @@ def _draw(
     served: Sequence[_Served],
 ) -> list[Path]:
     demonstrations = load_recordings([bag], joints=JOINT_NAMES).demonstrations
-    phases = np.linspace(0.0, 1.0, 101)
-    basis = primitive.basis
-    components = basis.functions(phases) * basis.scales
+    shown = np.array([motion.time_normalised(PHASES.size) for motion in demonstrations])
     path = folder / "primitive.png"
-    draw_primitive(
-        path,
-        joint_names=primitive.joint_names,
-        phases=phases,
-        demonstrations=[d.time_normalised(phases.size) for d in demonstrations],
-        mean=basis.shape(np.zeros(basis.n_weights), phases),
-        components=np.moveaxis(components, 2, 0),
-        explained_variance_ratio=primitive.explained_variance_ratio["arm"],
-        title="Demonstrations, and mean shape with principal components (±1 standard deviation)",
-        force=True,
-    )
+    with picture(path, force=True) as figure:
+        primitive_figure(
+            figure,
+            primitive,
+            shown,
+            "Demonstrations, and mean shape with principal components (±1 standard deviation)",
+        )
     pictures = [path]
     first = next((goal for goal in served if goal.trajectory is not None), None)
     if first is None or first.trajectory is None:
@@ -289,16 +285,11 @@ def _draw(
     )
     pictures.append(path)
     path = folder / "arm.png"
-    draw_arm(
-        path,
-        _ARM,
-        {
-            name: robot.frame_positions(plan.trajectory.positions, _ARM)
-            for name, plan in plans.items()
-        },
-        title="The arm on its way to the goal",
-        force=True,
-    )
+    chains = {
+        name: robot.frame_positions(plan.trajectory.positions, _ARM) for name, plan in plans.items()
+    }
+    with picture(path, force=True) as figure:
+        arm_figure(figure, chains, "The arm on its way to the goal", _ARM[-1])
     return [*pictures, path]
 
 

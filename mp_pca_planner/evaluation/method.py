@@ -1,67 +1,96 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""What a method of planning is to the benchmark."""
+"""Methods of the benchmark: what they are given and what they return."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
 from importlib import import_module
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 from ..exceptions import MissingDependencyError
 from ..motion.trajectory import Trajectory
 
 if TYPE_CHECKING:
+    from .check import Verdict
     from .problems import Problem
 
 SOLVED = "solved"
 
 
 @dataclass(frozen=True, eq=False)
-class Answer:
-    """What a method makes of a problem.
+class PeerResult:
+    """Result of a method for one problem.
+
+    Repeated solutions make one result, with the median time of all and the rest of the last one.
 
     Attributes
     ----------
     trajectory : Trajectory or None
-        The motion, also one that keeps no limits; None if there is none.
+        The motion, whether it keeps the limits or not; None if there is none.
     solve_time : float
         Time to find it [s], as the method defines it.
     iterations : int
         Iterations of its optimisation, 0 if it has none.
     status : str
-        What the method itself says: 'solved', or why not.
+        The status that the method reports: 'solved', or the reason of its failure.
+    verdict : Verdict or None
+        The referee's verdict on the motion, once there is one.
     """
 
     trajectory: Trajectory | None
     solve_time: float
     iterations: int = 0
     status: str = SOLVED
+    verdict: Verdict | None = None
+
+    @property
+    def feasible(self) -> bool:
+        """Whether there is a motion that the referee accepts."""
+        return self.verdict is not None and self.verdict.feasible
+
+    @property
+    def solved(self) -> bool:
+        """Whether there is a motion that the method itself calls solved."""
+        return self.verdict is not None and self.status == SOLVED
+
+    def facts(self) -> dict[str, Any]:
+        """The result by the names of the package's public interface."""
+        return {
+            "effort_cost": None,
+            "solve_time_s": self.solve_time,
+            "iterations": self.iterations,
+            "feasible": False,
+            "status": self.status,
+            **({} if self.verdict is None else asdict(self.verdict)),
+        }
 
 
-class Method(Protocol):
+@dataclass(frozen=True, eq=False)
+class Method:
     """A way to plan motions, set up for one robot, its limits and demonstrations.
 
     Attributes
     ----------
     name : str
-        What tables and JSON call it.
+        Its name in tables and JSON.
     about : str
         What it is and how it was set up, in a sentence.
+    solve : callable
+        Solves one problem from scratch.
     slow : bool
         Whether it is run on a part of the problems only.
     """
 
     name: str
     about: str
-    slow: bool
-
-    def solve(self, problem: Problem) -> Answer:
-        """Solve one problem, whole: what is known of an earlier one is not used."""
+    solve: Callable[[Problem], PeerResult]
+    slow: bool = False
 
 
 def import_peer(module: str, purpose: str, extra: str = "peers") -> Any:
-    """Import an optional module, of the extra 'peers' unless another one is named.
+    """Import an optional module.
 
     Raises
     ------
