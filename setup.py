@@ -21,7 +21,7 @@ setup(
     license="Apache-2.0",
     python_requires=">=3.11",
     packages=find_packages(include=[PACKAGE, f"{PACKAGE}.*"]),
-    package_data={PACKAGE: ["py.typed"]},
+    package_data={PACKAGE: ["py.typed", "plotting/templates/*.html"]},
     zip_safe=False,
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
@@ -52,7 +52,8 @@ setup(
             "ros-jazzy-rclpy[fastrtps]==7.1.6",
             "ros-jazzy-common-interfaces==5.3.6",
         ],
-        "plot": ["matplotlib>=3.6"],
+        # Pictures, and the pages that hold them.
+        "plot": ["matplotlib>=3.6", "jinja2>=3.0"],
         # The running node in the terminal.
         "view": ["rich>=13.0"],
         # Other ways to motions, to compare with: ProMP and DMP, optimal control, time-optimal.
@@ -67,6 +68,8 @@ setup(
         "drake": ["drake>=1.30"],
         # Another physics engine for the simulated robot.
         "sim": ["mujoco>=3.3"],
+        # The documentation site.
+        "doc": ["sphinx>=7.0", "myst-parser>=3.0", "furo"],
         # Libraries that several processes may change at once.
         "library": ["filelock>=3.12"],
         # Learning by trials: CMA-ES.

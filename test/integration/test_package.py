@@ -40,6 +40,7 @@ LAYERS = [
 
 # Where rosdep calls a dependency otherwise than Python does.
 ROSDEP_NAMES = {
+    "jinja2": "python3-jinja2",
     "lz4": "python3-rosbags-pip",  # which brings it
     "matplotlib": "python3-matplotlib",
     "numpy": "python3-numpy",
