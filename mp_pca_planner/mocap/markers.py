@@ -22,6 +22,7 @@ import numpy as np
 from ..arrays import FloatArray
 from ..exceptions import RecordingError, quote_names, unknown_name
 from ..recordings.bags import MARKER_ARRAY, NS_PER_S, Bag, IntArray, Stored, Topic, open_bag
+from ..recordings.inspection import MarkerFinding
 from ..recordings.repair import MAX_POSITION
 from .marker_map import MarkerPlacement
 
@@ -108,34 +109,6 @@ def read_markers(
         np.stack([_point(poses[m.body], m) for m in markers], axis=1),
         notes,
     )
-
-
-@dataclass(frozen=True)
-class MarkerFinding:
-    """What a recording has of a marker.
-
-    Attributes
-    ----------
-    topic : str
-        The topic it is on, as ``--markers`` wants it or, for points and poses, its own.
-    name : str
-        What it is called.
-    rate : float or None
-        Usual rate of its samples [Hz], if there are several.
-    n_samples : int
-        Samples with finite numbers.
-    missing_share : float
-        Share of the frames of its topic (MarkerArray), or of its own samples, without it.
-    n_gaps : int
-        Steps over which it is missing because they are long.
-    """
-
-    topic: str
-    name: str
-    rate: float | None
-    n_samples: int
-    missing_share: float
-    n_gaps: int
 
 
 def find_markers(bag: Bag) -> tuple[MarkerFinding, ...]:

@@ -32,9 +32,9 @@ from .repair import (
     Piece,
     choose_joints,
     counted,
+    findings_on_refusal,
     motion_notes,
     refuse_stillness,
-    told_on_refusal,
 )
 
 MAX_DURATION = 1000.0
@@ -171,7 +171,7 @@ def repair_trajectories(
         If a joint is unknown, no message is a motion, or nothing moves.
     """
     repairs: Counter[str] = Counter(malformed=raw.n_malformed)
-    with told_on_refusal(raw, repairs):
+    with findings_on_refusal(raw, repairs):
         return _repaired(raw, joints, repairs)
 
 
