@@ -14,7 +14,7 @@ from ..arrays import FloatArray
 from ..exceptions import RecordingError, quote_names
 from ..recordings.bags import NS_PER_S
 from ..recordings.joint_states import JointLayout, RawJointStates
-from ..recordings.repair import MAX_RATE
+from ..recordings.repair.clock import MAX_RATE
 from ..recordings.reports import MarkerResidual
 from ..robot.model import Robot
 from .inverse_kinematics import marker_problem, solve

@@ -12,8 +12,7 @@ import numpy as np
 from ...exceptions import RecordingError
 from ..byte_layout import NS_PER_S
 from ..joint_states import IntArray, RawJointStates
-from .options import RepairOptions
-from .samples import Samples, count
+from .samples import RepairOptions, Samples, count
 
 MAX_RATE = 5000.0
 """Joint states faster than this [Hz] were not recorded as they happened."""

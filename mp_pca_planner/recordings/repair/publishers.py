@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...exceptions import RecordingError
-from .options import RepairOptions
-from .samples import Samples, count
+from .samples import RepairOptions, Samples, count
 
 
 def refuse_late_contradictions(

@@ -8,7 +8,7 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any
 
 import numpy as np
 
@@ -111,29 +111,9 @@ class CleanRecording:
     pieces_are_motions: bool = False
 
 
-class Recorded(Protocol):
-    """Content of a topic, whatever the type of its messages."""
-
-    @property
-    def topic(self) -> str:
-        """Name of the topic."""
-
-    @property
-    def n_messages(self) -> int:
-        """Number of messages."""
-
-    @property
-    def listed_joints(self) -> tuple[str, ...]:
-        """All joints that messages list."""
-
-    @property
-    def notes(self) -> tuple[str, ...]:
-        """Notes on the reading."""
-
-
 @contextmanager
-def findings_on_refusal(raw: Recorded, repairs: Counter[str]) -> Iterator[None]:
-    """Add to a refusal what was read, and the repairs counted before it."""
+def findings_on_refusal(raw: Any, repairs: Counter[str]) -> Iterator[None]:
+    """Add to a refusal what was read (joint states or trajectories), and the repairs until then."""
     try:
         yield
     except RecordingError as error:
