@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -77,6 +78,8 @@ class MarkerProblem:
         How much the squared distances count.
     lower, upper : array, shape (n_joints,)
         Range of the joints [rad or m], infinite where there is none.
+    options : MarkerSolverOptions
+        Smoothness and tolerances.
     """
 
     def __init__(
@@ -86,13 +89,14 @@ class MarkerProblem:
         weights: FloatArray,
         lower: FloatArray,
         upper: FloatArray,
+        options: MarkerSolverOptions = OPTIONS,
     ) -> None:
         self._points = points
         self._seen: BoolArray = np.asarray(np.isfinite(targets).all(axis=2))
         self._targets = np.where(self._seen[..., None], targets, 0.0)
         self._weights = weights
-        self.lower = lower
-        self.upper = upper
+        self.lower, self.upper = lower, upper
+        self.options = options
 
     @property
     def n_frames(self) -> int:
@@ -201,22 +205,19 @@ class MarkerProblem:
 
 
 def marker_problem(
-    robot: Robot, markers: Sequence[MarkerPlacement], targets: FloatArray
+    robot: Robot,
+    markers: Sequence[MarkerPlacement],
+    targets: FloatArray,
+    options: MarkerSolverOptions = OPTIONS,
 ) -> MarkerProblem:
-    """Assemble the problem of a robot with markers (see :class:`MarkerProblem`)."""
+    """Problem of a robot with markers (see :class:`MarkerProblem`)."""
     limits = robot.limits()
-    return MarkerProblem(
-        robot.attach_points([m.link for m in markers], np.array([m.position for m in markers])),
-        targets,
-        np.array([m.weight for m in markers]),
-        limits.lower,
-        limits.upper,
-    )
+    points = robot.attach_points([m.link for m in markers], np.array([m.position for m in markers]))
+    weights = np.array([m.weight for m in markers])
+    return MarkerProblem(points, targets, weights, limits.lower, limits.upper, options)
 
 
-def solve(
-    problem: MarkerProblem, period: float, options: MarkerSolverOptions = OPTIONS
-) -> FloatArray:
+def solve(problem: MarkerProblem, period: float) -> FloatArray:
     """Find the joint positions of all frames.
 
     Parameters
@@ -225,8 +226,6 @@ def solve(
         The markers to fit.
     period :
         Time from one frame to the next [s].
-    options :
-        Smoothness and tolerances.
 
     Returns
     -------
@@ -236,17 +235,15 @@ def solve(
     q = np.full((problem.n_frames, problem.n_joints), np.nan)
     start, last_frame = np.empty(0), -np.inf
     for run in _runs(problem.determined()):
-        if run[0] - last_frame > options.max_gap:
-            start = best_of_starts(problem, int(run[0]), options)
-        first_pass = _track(problem, run, start, options)
+        if run[0] - last_frame > problem.options.max_gap:
+            start = _best_of_starts(problem, int(run[0]))
+        first_pass = _track(problem, run, start)
         start, last_frame = first_pass[-1], run[-1]
-        q[run] = _improve_together(problem, run, first_pass, period, options)
+        q[run] = _improve_together(problem, run, first_pass, period)
     return q
 
 
-def solve_each(
-    problem: MarkerProblem, starts: FloatArray | None = None, options: MarkerSolverOptions = OPTIONS
-) -> FloatArray:
+def solve_each(problem: MarkerProblem, starts: FloatArray | None = None) -> FloatArray:
     """Find the joint positions of single frames, which all fix them.
 
     Parameters
@@ -255,24 +252,19 @@ def solve_each(
         The markers to fit.
     starts : array, shape (n_frames, n_joints)
         Joint positions to start from; those of the frame before unless given.
-    options :
-        Tolerances.
     """
     frames = np.arange(problem.n_frames)
     if starts is None:
-        starts = _track(problem, frames, best_of_starts(problem, 0, options), options)
-    return np.array(
-        [_solve_frame(problem, k, q, options, options.last_step)[0] for k, q in enumerate(starts)]
-    )
+        starts = _track(problem, frames, _best_of_starts(problem, 0))
+    last_step = problem.options.last_step
+    return np.array([_solve_frame(problem, k, q, last_step)[0] for k, q in enumerate(starts)])
 
 
-def best_of_starts(
-    problem: MarkerProblem, frame: int, options: MarkerSolverOptions = OPTIONS
-) -> FloatArray:
+def _best_of_starts(problem: MarkerProblem, frame: int) -> FloatArray:
     """Joint positions of one frame; of several minima the lowest, or the first of equal ones."""
     best, lowest = np.empty(0), np.inf
     for start in problem.starts():
-        q, cost = _solve_frame(problem, frame, start, options, options.last_step)
+        q, cost = _solve_frame(problem, frame, start, problem.options.last_step)
         # A minimum is lower if a tenth of the cost, and a micrometre, are gained.
         if cost < 0.9 * lowest - 1e-12:
             best, lowest = q, cost
@@ -285,35 +277,25 @@ def _runs(used: BoolArray) -> list[IntArray]:
     return [r for r in np.split(frames, np.flatnonzero(np.diff(frames) > 1) + 1) if r.size]
 
 
-def _track(
-    problem: MarkerProblem, frames: IntArray, start: FloatArray, options: MarkerSolverOptions
-) -> FloatArray:
+def _track(problem: MarkerProblem, frames: IntArray, start: FloatArray) -> FloatArray:
     """Solve one frame after the other, each from the solution of the last."""
     q = np.empty((frames.size, problem.n_joints))
     for k, frame in enumerate(frames.tolist()):
-        q[k], _ = _solve_frame(problem, frame, start, options, options.first_step)
+        q[k], _ = _solve_frame(problem, frame, start, problem.options.first_step)
         start = q[k]
     return q
 
 
 def _solve_frame(
-    problem: MarkerProblem,
-    frame: int,
-    start: FloatArray,
-    options: MarkerSolverOptions,
-    last_step: float,
+    problem: MarkerProblem, frame: int, start: FloatArray, last_step: float
 ) -> tuple[FloatArray, float]:
     def linearise(q: FloatArray) -> Linearised:
         costs, gradients, matrices = problem.linearised([frame], q[None])
         return float(costs[0]), gradients[0], matrices[0]
 
+    bounds = problem.lower, problem.upper
     return minimise(
-        start,
-        linearise,
-        _dense_step,
-        (problem.lower, problem.upper),
-        last_step=last_step,
-        max_iterations=options.max_iterations,
+        start, linearise, _dense_step, bounds, last_step, problem.options.max_iterations
     )
 
 
@@ -327,13 +309,10 @@ def _dense_step(
 
 
 def _improve_together(
-    problem: MarkerProblem,
-    frames: IntArray,
-    start: FloatArray,
-    period: float,
-    options: MarkerSolverOptions,
+    problem: MarkerProblem, frames: IntArray, start: FloatArray, period: float
 ) -> FloatArray:
     """Improve all frames of a run together, with the accelerations that connect them."""
+    options = problem.options
     weight = options.smoothness / period**2
 
     def linearise(q: FloatArray) -> Linearised:
@@ -344,24 +323,13 @@ def _improve_together(
         gradients = gradients + weight * np.diff(padded, n=2, axis=0)[: len(q)]
         return float(np.sum(costs) + np.sum(accelerations**2)), gradients, matrices
 
-    def step(
-        gradients: FloatArray, matrices: FloatArray, held: BoolArray, damping: float
-    ) -> FloatArray:
-        return _banded_step(gradients, matrices, held, weight, damping)
-
-    q, _ = minimise(
-        start,
-        linearise,
-        step,
-        (problem.lower, problem.upper),
-        last_step=options.last_step,
-        max_iterations=options.max_sweeps,
-    )
-    return q
+    step = partial(_banded_step, weight)
+    bounds = problem.lower, problem.upper
+    return minimise(start, linearise, step, bounds, options.last_step, options.max_sweeps)[0]
 
 
 def _banded_step(
-    gradients: FloatArray, matrices: FloatArray, held: BoolArray, weight: float, damping: float
+    weight: float, gradients: FloatArray, matrices: FloatArray, held: BoolArray, damping: float
 ) -> FloatArray:
     """Solve for the steps of all frames; joints that are held have none."""
     n_frames, n_joints = gradients.shape

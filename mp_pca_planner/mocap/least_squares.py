@@ -24,12 +24,15 @@ MIN_DAMPING = 1e-8
 """Damping at the start; the unit is that of the squares per squared unit of x."""
 
 
+MIN_DECREASE = 1e-8
+"""The iteration also ends at a step that lowers the sum by less than this share."""
+
+
 def minimise(
     x: FloatArray,
     linearise: Callable[[FloatArray], Linearised],
     step: Step,
     bounds: tuple[FloatArray, FloatArray],
-    *,
     last_step: float,
     max_iterations: int,
 ) -> tuple[FloatArray, float]:
@@ -68,7 +71,10 @@ def minimise(
             break
         found = linearise(trial)
         if found[0] <= cost:
+            converged = cost - found[0] <= MIN_DECREASE * cost
             x, (cost, gradient, matrix) = trial, found
+            if converged:
+                break
             damping = max(MIN_DAMPING, damping / 10.0)
         else:
             damping *= 10.0

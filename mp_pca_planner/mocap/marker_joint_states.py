@@ -24,23 +24,6 @@ from .origin_fit import FittedModel, check_fits, fit_origins
 from .rigid_fit import MIN_POINTS, fit_poses, fix_a_pose
 
 
-@dataclass(frozen=True, eq=False)
-class SolvedMarkers:
-    """Joint states found from markers.
-
-    Attributes
-    ----------
-    joint_states : RawJointStates
-        As if they had been recorded; positions are NaN in frames with too few markers. Its notes
-        say what else is worth knowing.
-    residuals : dict
-        Of each marker, by its name.
-    """
-
-    joint_states: RawJointStates
-    residuals: dict[str, MarkerResidual]
-
-
 @dataclass(frozen=True)
 class MarkerSource:
     """Where markers are recorded, and the model that they sit on; checked against each other.
@@ -69,12 +52,15 @@ class MarkerSource:
     def joint_states(
         self, path: Path, *, salvage: bool = False
     ) -> tuple[RawJointStates, dict[str, MarkerResidual]]:
-        """Joint states of a recording, and the residuals of the markers by name.
+        """Joint states of a recording of markers, see :func:`solve_trajectories`.
 
-        See :func:`solve_markers`.
+        Raises
+        ------
+        RecordingError
+            If it can't be read, lacks a marker, or no frame has the markers that are needed.
         """
-        solved = solve_markers(path, self, salvage=salvage)
-        return solved.joint_states, solved.residuals
+        markers = (*self.on_base, *self.moved)
+        return solve_trajectories(read_markers(path, self.topic, markers, salvage=salvage), self)
 
 
 def marker_source(
@@ -107,21 +93,10 @@ def marker_source(
     return MarkerSource(topic, text, robot.joint_names, on_base, moved, chosen)
 
 
-def solve_markers(path: Path, source: MarkerSource, *, salvage: bool = False) -> SolvedMarkers:
-    """Find the joint states of a recording of markers; of a damaged one, before the damage.
-
-    Raises
-    ------
-    RecordingError
-        If it can't be read, lacks a marker, or no frame has the markers that are needed.
-    """
-    return solve_trajectories(
-        read_markers(path, source.topic, (*source.on_base, *source.moved), salvage=salvage), source
-    )
-
-
-def solve_trajectories(recorded: MarkerTrajectories, source: MarkerSource) -> SolvedMarkers:
-    """Find the joint states that bring the model's markers to their recorded places.
+def solve_trajectories(
+    recorded: MarkerTrajectories, source: MarkerSource
+) -> tuple[RawJointStates, dict[str, MarkerResidual]]:
+    """Find the joint states whose markers on the model fit the recorded ones.
 
     Parameters
     ----------
@@ -129,6 +104,13 @@ def solve_trajectories(recorded: MarkerTrajectories, source: MarkerSource) -> So
         Trajectories of the markers on the base, then of those that joints move.
     source :
         The model.
+
+    Returns
+    -------
+    joint_states : RawJointStates
+        As if they had been recorded, with notes; positions are NaN in frames with too few markers.
+    residuals : dict
+        Residual of each marker, by its name.
 
     Raises
     ------
@@ -149,7 +131,7 @@ def solve_trajectories(recorded: MarkerTrajectories, source: MarkerSource) -> So
     residuals = np.hstack([base_residuals[frames], problem.residuals(frames, q[frames])])
     found = {name: _summary(r) for name, r in zip(recorded.names, residuals.T, strict=True)}
     notes = (*recorded.notes, _residual_note(found), *model.notes, *_notes(recorded, robot, q))
-    return SolvedMarkers(_joint_states(recorded, source.joint_names, q, notes), found)
+    return _joint_states(recorded, source.joint_names, q, notes), found
 
 
 def place_markers(q: FloatArray, source: MarkerSource) -> tuple[tuple[str, ...], FloatArray]:

@@ -20,7 +20,7 @@ import numpy as np
 from ..arrays import FloatArray
 from ..exceptions import RecordingError, unknown_name
 from ..robot.model import Robot
-from .inverse_kinematics import marker_problem, solve_each
+from .inverse_kinematics import MarkerProblem, marker_problem, solve_each
 from .least_squares import BoolArray, Linearised, minimise
 from .marker_map import MarkerMap, MarkerPlacement, OriginFit
 
@@ -37,17 +37,17 @@ class OriginFitOptions:
         Largest number of steps.
     last_step : float
         Change of the origins at which the fit ends [m].
-    min_effect : float
-        Directions that change the errors less than this share of the strongest stay unchanged.
     """
 
     n_frames: int = 60
     max_iterations: int = 30
     last_step: float = 1e-7
-    min_effect: float = 1e-4
 
 
 OPTIONS = OriginFitOptions()
+
+MIN_EFFECT = 1e-4
+"""Directions that change the errors less than this share of the strongest stay unchanged."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,83 +121,67 @@ def fit_origins(
     options :
         Frames and tolerances.
     """
+    joints = _joints(ET.fromstring(urdf))
+    columns = [
+        (name, direction)
+        for name, fit in fits.items()
+        for direction in _directions(joints[name], fit)
+    ]
+    in_parents = [(joints[name].parent, direction) for name, direction in columns]
     chosen = np.unique(np.linspace(0, len(targets) - 1, options.n_frames).round().astype(int))
-    problem = _OriginProblem(urdf, joint_names, markers, fits, targets[chosen], options)
+    beyond = _beyond(joints, [name for name, _ in columns], markers)
+    q: FloatArray | None = None
+
+    def fitted(change: FloatArray) -> dict[str, FloatArray]:
+        origins = {name: joints[name].origin for name in fits}
+        for (name, direction), amount in zip(columns, change, strict=True):
+            origins[name] = origins[name] + amount * direction
+        return origins
+
+    def linearise(change: FloatArray) -> Linearised:
+        nonlocal q
+        robot = Robot(_with_origins(urdf, fitted(change)), joint_names)
+        problem = marker_problem(robot, markers, targets[chosen])
+        q = solve_each(problem, q)
+        effects = np.einsum("mc,kci->kmic", beyond, _turned(robot, q, in_parents))
+        return _reduced(problem, q, effects)
+
+    bounds = np.array(-np.inf), np.array(np.inf)
+    start = np.zeros(len(columns))
     change, _ = minimise(
-        np.zeros(problem.n_changes),
-        problem.linearised,
-        problem.step,
-        (np.array(-np.inf), np.array(np.inf)),
-        last_step=options.last_step,
-        max_iterations=options.max_iterations,
+        start, linearise, _strong_step, bounds, options.last_step, options.max_iterations
     )
-    origins = problem.origins(change)
-    return FittedModel(_with_origins(urdf, origins), _notes(problem.joints, origins))
+    return FittedModel(_with_origins(urdf, fitted(change)), _notes(joints, fitted(change)))
 
 
-class _OriginProblem:
-    """Errors of the markers by the changes of the origins, with the best joint positions."""
+def _reduced(problem: MarkerProblem, q: FloatArray, effects: FloatArray) -> Linearised:
+    """Least squares of the origins, from which the joint positions are eliminated.
 
-    def __init__(
-        self,
-        urdf: str,
-        joint_names: Sequence[str],
-        markers: Sequence[MarkerPlacement],
-        fits: Mapping[str, OriginFit],
-        targets: FloatArray,
-        options: OriginFitOptions,
-    ) -> None:
-        self.joints = _joints(ET.fromstring(urdf))
-        self._urdf, self._joint_names, self._markers = urdf, joint_names, markers
-        self._fits, self._targets, self._options = fits, targets, options
-        self._columns = [
-            (name, direction)
-            for name, fit in fits.items()
-            for direction in _directions(self.joints[name], fit)
-        ]
-        self._beyond = _beyond(self.joints, [name for name, _ in self._columns], markers)
-        self._q: FloatArray | None = None
+    Parameters
+    ----------
+    problem, q :
+        Frames and their best joint positions.
+    effects : array, shape (n_frames, n_markers, 3, n_columns)
+        Derivatives of the marker positions by the origins.
+    """
+    frames = np.arange(len(q))
+    errors, jacobians = problem.weighted(frames, q)
+    effects = effects * problem.scale(frames)[..., None, None]
+    removed = jacobians @ np.linalg.pinv(jacobians, rcond=MIN_EFFECT)
+    rest = np.eye(errors.shape[1]) - removed
+    matrix = (rest @ effects.reshape(*errors.shape, -1)).reshape(-1, effects.shape[-1])
+    left = (rest @ errors[..., None]).reshape(-1)
+    return float(np.sum(errors**2)), matrix.T @ left, matrix.T @ matrix
 
-    @property
-    def n_changes(self) -> int:
-        """Number of directions that origins may move in."""
-        return len(self._columns)
 
-    def origins(self, change: FloatArray) -> dict[str, FloatArray]:
-        """Origins of the fitted joints in their parent links [m]."""
-        found = {name: self.joints[name].origin for name in self._fits}
-        for (name, direction), amount in zip(self._columns, change, strict=True):
-            found[name] = found[name] + amount * direction
-        return found
-
-    def linearised(self, change: FloatArray) -> Linearised:
-        """Sum of squared errors that the joint positions can't remove, by the change.
-
-        The joint positions are those of the last call, adapted.
-        """
-        robot = Robot(_with_origins(self._urdf, self.origins(change)), self._joint_names)
-        problem = marker_problem(robot, self._markers, self._targets)
-        self._q = solve_each(problem, self._q)
-        turned = _turned(robot, self._q, [(self.joints[n].parent, d) for n, d in self._columns])
-        frames = np.arange(len(self._q))
-        errors, jacobians = problem.weighted(frames, self._q)
-        effects = np.einsum("mc,kci->kmic", self._beyond, turned)
-        effects *= problem.scale(frames)[..., None, None]
-        effects = effects.reshape(*errors.shape, -1)
-        removed = jacobians @ np.linalg.pinv(jacobians, rcond=self._options.min_effect)
-        rest = np.eye(errors.shape[1]) - removed
-        matrix = (rest @ effects).reshape(-1, effects.shape[-1])
-        left = (rest @ errors[..., None]).reshape(-1)
-        return float(np.sum(errors**2)), matrix.T @ left, matrix.T @ matrix
-
-    def step(
-        self, gradient: FloatArray, matrix: FloatArray, held: BoolArray, damping: float
-    ) -> FloatArray:
-        """Gauss-Newton step in the directions that change the errors enough."""
-        values, vectors = np.linalg.eigh(matrix)
-        strong = vectors[:, values > self._options.min_effect**2 * values[-1]]
-        values = values[len(values) - strong.shape[1] :]
-        return np.asarray(-strong @ ((strong.T @ gradient) / (values + damping)))
+def _strong_step(
+    gradient: FloatArray, matrix: FloatArray, held: BoolArray, damping: float
+) -> FloatArray:
+    """Step in the directions that change the errors by more than `MIN_EFFECT`."""
+    values, vectors = np.linalg.eigh(matrix)
+    strong = values > MIN_EFFECT**2 * values[-1]
+    vectors = vectors[:, strong]
+    return np.asarray(-vectors @ ((vectors.T @ gradient) / (values[strong] + damping)))
 
 
 def _joints(root: ET.Element) -> dict[str, _Joint]:
