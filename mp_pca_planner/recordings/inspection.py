@@ -5,14 +5,21 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
 
 from ..exceptions import RecordingError, UnusableRecordingError
-from .bags import Bag, BagFormat, Topic, find_recordings, open_bag, recording_format
-from .bags import recording_names as names_of
+from .bags import (
+    Bag,
+    BagFormat,
+    Topic,
+    find_recordings,
+    open_bag,
+    recording_format,
+    recording_names,
+)
 from .reading import read_clean
+from .repair import CleanRecording
 
 
 @dataclass(frozen=True)
@@ -120,37 +127,33 @@ def inspect_recording(
     RecordingError
         If there is nothing at the path, more than one recording, or something else.
     """
-    found = find_recordings([path])
-    if len(found) > 1:
-        raise RecordingError(f"there are {len(found)} recordings at '{path}': inspect one of them")
-    facts: dict[str, Any] = {}
-    notes: tuple[str, ...] = ()
+    paths = find_recordings([path])
+    if len(paths) > 1:
+        raise RecordingError(f"there are {len(paths)} recordings at '{path}': inspect one of them")
+    found: CleanRecording | UnusableRecordingError | None = None
+    inspection = RecordingInspection(
+        recording_names(paths)[0], str(paths[0]), recording_format(paths[0])
+    )
     try:
-        with open_bag(found[0], salvage=salvage) as bag:
-            facts["topics"] = bag.topics
-            facts["markers"], notes = _markers(bag, find_markers)
-            clean = read_clean(bag, topic, state_field=state_field)
-            facts |= {
-                "topic": clean.topic,
-                "n_messages": clean.n_messages,
-                "joint_names": clean.listed_joints,
-                "rate": clean.rate,
-                "duration": clean.duration,
-                "repairs": clean.repairs,
-            }
-            notes = clean.notes + notes
+        with open_bag(paths[0], salvage=salvage) as bag:
+            inspection = replace(inspection, topics=bag.topics)
+            markers, notes = _markers(bag, find_markers)
+            inspection = replace(inspection, markers=markers, notes=notes)
+            found = read_clean(bag, topic, state_field=state_field)
     except RecordingError as error:
-        facts["refusal"] = str(error)
-        if isinstance(error, UnusableRecordingError):
-            facts |= {
-                "topic": error.topic,
-                "n_messages": error.n_messages,
-                "joint_names": error.listed_joints,
-                "repairs": error.repairs,
-            }
-            notes = error.notes + notes
-    return RecordingInspection(
-        names_of(found)[0], str(found[0]), recording_format(found[0]), notes=notes, **facts
+        inspection = replace(inspection, refusal=str(error))
+        found = error if isinstance(error, UnusableRecordingError) else None
+    if found is None:
+        return inspection
+    return replace(
+        inspection,
+        topic=found.topic,
+        n_messages=found.n_messages,
+        joint_names=found.listed_joints,
+        rate=getattr(found, "rate", None),
+        duration=getattr(found, "duration", None),
+        repairs=found.repairs,
+        notes=(*found.notes, *inspection.notes),
     )
 
 

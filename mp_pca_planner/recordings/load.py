@@ -6,40 +6,22 @@ from __future__ import annotations
 
 from collections.abc import Callable, Generator, Iterable, Sequence
 from contextlib import closing
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, Literal, Protocol
 
 import numpy as np
 
-from ..arrays import FloatArray
 from ..exceptions import RecordingError, unknown_name
-from .bags import (
-    checksum,
-    find_recordings,
-    open_bag,
-    recording_format,
-    recording_names,
-    stored_size,
-)
+from . import bags, cutting
 from .cluster import map_on_cluster
-from .cutting import (
-    Cut,
-    cut_at_rests_and_valleys,
-    cut_by_hand,
-    cut_whole_pieces,
-    demonstrations,
-    without_rest,
-)
 from .demonstration import Demonstration
 from .joint_states import RawJointStates
 from .processes import Outcome, map_in_processes
 from .reading import read_clean
 from .repair import CleanRecording, RepairOptions, repair
-from .reports import MarkerResidual, Overview, Refusal, Segment
-from .reports import RecordingReport as RecordingReport
-from .reports import RecordingSet as RecordingSet
+from .reports import MarkerResidual, Overview, RecordingReport, RecordingSet, Refusal, Segment
 from .segmentation import (
     SegmentationOptions,
     SpeedThresholds,
@@ -50,6 +32,8 @@ from .segmentation import (
 )
 from .segments_file import SegmentRow, read_segments
 from .smoothing import SmoothingOptions, SmoothPiece, smooth
+
+__all__ = ["LoadOptions", "RecordingReport", "RecordingSet", "load_recordings"]
 
 WAYS_TO_SEGMENT = ("auto", "none")
 
@@ -168,18 +152,14 @@ def load_recordings(
     settings = LoadOptions(**options)
     if jobs < 1:
         raise RecordingError(f"the number of jobs must be 1 or more, got {jobs}")
-    tasks = _tasks(find_recordings(paths), settings)
-    outcomes = _all_outcomes(tasks, jobs, dask, progress)
-    again = _tasks_again(tasks, outcomes)
-    repeated = _all_outcomes(list(again.values()), jobs, dask, None)
-    for index, outcome in zip(again, repeated, strict=True):
-        outcomes[index] = outcome
-    loaded = [outcome for outcome in outcomes if isinstance(outcome, _Loaded)]
+    tasks = _tasks(bags.find_recordings(paths), settings)
+    loaded = _load_all(tasks, jobs, dask, progress)
+    again = _tasks_again(tasks, loaded)
+    repeated = _load_all(list(again.values()), jobs, dask, None)
+    for index, one in zip(again, repeated, strict=True):
+        loaded[index] = one
     return RecordingSet(
-        tuple(motion for one in loaded for motion in one.demonstrations),
-        tuple(one.report for one in loaded),
-        tuple(outcome for outcome in outcomes if isinstance(outcome, Refusal)),
-        () if settings.summarise is None else tuple(one.summary for one in loaded),
+        *(tuple(x for one in loaded for x in getattr(one, f.name)) for f in fields(RecordingSet))
     )
 
 
@@ -194,17 +174,8 @@ class _LoadTask:
     least_extent: float = 0.0
 
 
-@dataclass(frozen=True, eq=False)
-class _Loaded:
-    """Result of loading a recording."""
-
-    demonstrations: tuple[Demonstration, ...]
-    report: RecordingReport
-    summary: Any
-
-
 def _tasks(found: Sequence[Path], options: LoadOptions) -> list[_LoadTask]:
-    names = recording_names(found)
+    names = bags.recording_names(found)
     by_hand = _segments_by_hand(options, names)
     if by_hand is None:
         return [
@@ -237,17 +208,15 @@ def _segments_by_hand(
     return {name: [row for row in rows if row.label in labels] for name, rows in by_hand.items()}
 
 
-def _all_outcomes(
+def _load_all(
     tasks: Sequence[_LoadTask],
     jobs: int,
     dask: str | None,
     progress: Callable[[int, int], None] | None,
-) -> list[_Loaded | Refusal]:
-    """Load recordings; the results in their order."""
-    outcomes: list[_Loaded | Refusal] = [Refusal(task.name, "") for task in tasks]
-    if not tasks:
-        return outcomes
-    sizes = [0 if progress is None else stored_size(task.path) for task in tasks]
+) -> list[RecordingSet]:
+    """Load recordings; a set for each, in their order."""
+    loaded = [RecordingSet() for _ in tasks]
+    sizes = [0 if progress is None else bags.stored_size(task.path) for task in tasks]
     done = 0
 
     def within(index: int, share: float) -> None:
@@ -256,23 +225,25 @@ def _all_outcomes(
 
     with closing(_outcomes(tasks, jobs, dask, within)) as ready:
         for outcome in ready:
-            outcomes[outcome.index] = _final(outcome, tasks[outcome.index].name)
+            loaded[outcome.index] = _final(outcome, tasks[outcome.index].name)
             done += sizes[outcome.index]
             within(outcome.index, 0.0)
-    return outcomes
+    return loaded
 
 
 def _tasks_again(
-    tasks: Sequence[_LoadTask], outcomes: Sequence[_Loaded | Refusal]
+    tasks: Sequence[_LoadTask], loaded: Sequence[RecordingSet]
 ) -> dict[int, _LoadTask]:
     """Recordings with movements that are rest beside the motions of the whole set, by index."""
     found = {
-        index: [motion.extent for motion in outcome.report.motions]
-        for index, outcome in enumerate(outcomes)
-        if isinstance(outcome, _Loaded) and tasks[index].segments is None
+        index: [motion.extent for motion in one.reports[0].motions]
+        for index, one in enumerate(loaded)
+        if one.reports and tasks[index].segments is None
     }
+    if not found:
+        return {}
     extents = [extent for own in found.values() for extent in own]
-    least = least_extent_of_set(extents, tasks[0].options.segmentation) if extents else 0.0
+    least = least_extent_of_set(extents, tasks[0].options.segmentation)
     return {
         index: replace(tasks[index], least_extent=least)
         for index, own in found.items()
@@ -285,7 +256,9 @@ def _outcomes(
     jobs: int,
     dask: str | None,
     within: Callable[[int, float], None],
-) -> Generator[Outcome[_Loaded | Refusal], None, None]:
+) -> Generator[Outcome[RecordingSet], None, None]:
+    if not tasks:
+        return
     if dask is not None:
         # Workers have working directories of their own.
         tasks = [replace(task, path=task.path.absolute()) for task in tasks]
@@ -298,20 +271,20 @@ def _outcomes(
         yield Outcome(index, _load(task, partial(within, index)))
 
 
-def _final(outcome: Outcome[_Loaded | Refusal], name: str) -> _Loaded | Refusal:
+def _final(outcome: Outcome[RecordingSet], name: str) -> RecordingSet:
     """The result for a recording, with what happened to the processes that read it."""
-    result = outcome.result
-    if result is None:
-        return Refusal(
-            name, "every process that tried to read it died: it was killed, or memory ran out"
-        )
-    if outcome.repeated and isinstance(result, _Loaded):
-        notes = (*result.report.notes, "read a second time, after a process had died")
-        return replace(result, report=replace(result.report, notes=notes))
-    return result
+    found = outcome.result
+    if found is None:
+        reason = "every process that tried to read it died: it was killed, or memory ran out"
+        return RecordingSet(refused=(Refusal(name, reason),))
+    if not outcome.repeated:
+        return found
+    note = "read a second time, after a process had died"
+    reports = (replace(report, notes=(*report.notes, note)) for report in found.reports)
+    return replace(found, reports=tuple(reports))
 
 
-def _load(task: _LoadTask, progress: Callable[[float], None] | None = None) -> _Loaded | Refusal:
+def _load(task: _LoadTask, progress: Callable[[float], None] | None = None) -> RecordingSet:
     """Load one recording, in this process or another one."""
     options = task.options
     try:
@@ -322,13 +295,14 @@ def _load(task: _LoadTask, progress: Callable[[float], None] | None = None) -> _
         speed = np.concatenate([joint_speed(piece.velocities) for piece in pieces])
         thresholds = speed_thresholds(speed, options.segmentation)
         cuts, clean = _cut(task, clean, pieces, thresholds)
-        motions = demonstrations(cuts, clean, task.name, checksum(task.path))
+        motions = cutting.demonstrations(cuts, clean, task.name, bags.checksum(task.path))
     except RecordingError as error:
-        return Refusal(task.name, str(error))
+        return RecordingSet(refused=(Refusal(task.name, str(error)),))
+    segments = (Segment(m.start_time, m.end_time, m.label, extent(m.positions)) for m in motions)
     report = RecordingReport(
         name=task.name,
         path=str(task.path),
-        format=recording_format(task.path),
+        format=bags.recording_format(task.path),
         topic=clean.topic,
         n_messages=clean.n_messages,
         rate=clean.rate,
@@ -336,16 +310,16 @@ def _load(task: _LoadTask, progress: Callable[[float], None] | None = None) -> _
         joint_names=clean.joint_names,
         checksum=motions[0].checksum,
         repairs=clean.repairs,
-        motions=tuple(
-            Segment(m.start_time, m.end_time, m.label, extent(m.positions)) for m in motions
-        ),
+        motions=tuple(segments),
         thresholds=thresholds,
         notes=clean.notes,
         overview=_overview(pieces) if options.overviews else None,
         marker_residuals=residuals,
     )
-    summary = None if options.summarise is None else options.summarise(motions)
-    return _Loaded(_kept(motions, options.most_samples), report, summary)
+    summaries = () if options.summarise is None else (options.summarise(motions),)
+    n = options.most_samples
+    kept = motions if n is None else [motion.thinned(n) for motion in motions if n > 0]
+    return RecordingSet(tuple(kept), (report,), summaries=summaries)
 
 
 def _clean(
@@ -354,7 +328,7 @@ def _clean(
     if options.markers is not None:
         raw, residuals = options.markers.joint_states(path, salvage=options.salvage)
         return repair(raw, None, options.repair), residuals
-    with open_bag(path, salvage=options.salvage) as bag:
+    with bags.open_bag(path, salvage=options.salvage) as bag:
         clean = read_clean(
             bag,
             options.topic,
@@ -371,36 +345,31 @@ def _cut(
     clean: CleanRecording,
     pieces: Sequence[SmoothPiece],
     thresholds: SpeedThresholds,
-) -> tuple[list[Cut], CleanRecording]:
+) -> tuple[list[cutting.Cut], CleanRecording]:
     """Cut a recording into its motions; return it with the notes and repairs that this adds."""
     options = task.options.segmentation
     notes: tuple[str, ...] = ()
     if task.segments is not None:
-        return cut_by_hand(pieces, task.segments), clean
+        return cutting.cut_by_hand(pieces, task.segments), clean
     if clean.pieces_are_motions or task.options.segment == "none":
-        cuts = cut_whole_pieces(pieces, thresholds)
+        cuts = cutting.cut_whole_pieces(pieces, thresholds)
     else:
-        cuts, notes = cut_at_rests_and_valleys(pieces, thresholds, options)
-    kept = without_rest(cuts, clean.pieces, task.least_extent, options)
+        cuts, notes = cutting.cut_at_rests_and_valleys(pieces, thresholds, options)
+    kept = cutting.without_rest(cuts, clean.pieces, task.least_extent, options)
     n_rest = len(cuts) - len(kept)
     repairs = {**clean.repairs, "rest": n_rest} if n_rest else clean.repairs
     return kept, replace(clean, repairs=repairs, notes=clean.notes + notes)
 
 
-def _kept(motions: Sequence[Demonstration], most_samples: int | None) -> tuple[Demonstration, ...]:
-    if most_samples is None:
-        return tuple(motions)
-    return tuple(motion.thinned(most_samples) for motion in motions if most_samples > 0)
-
-
 def _overview(pieces: Sequence[SmoothPiece]) -> Overview:
     """About 1000 samples of a recording: as many as a figure can show."""
     k = max(1, sum(piece.times.size for piece in pieces) // 1000)
-    parts: list[tuple[FloatArray, FloatArray, FloatArray]] = []
+    parts = []
     for piece in pieces:
         chosen = np.arange(0, piece.times.size, k)
         speed = np.maximum.reduceat(joint_speed(piece.velocities), chosen)
-        parts.append((piece.times[chosen], piece.positions[chosen], speed))
-        gap = np.full((1, piece.positions.shape[1]), np.nan)
-        parts.append((gap[0, :1], gap, gap[0, :1]))
-    return Overview(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
+        columns = (piece.times[chosen], piece.positions[chosen], speed)
+        parts.append(np.column_stack(columns))
+        parts.append(np.full((1, parts[0].shape[1]), np.nan))
+    table = np.concatenate(parts)
+    return Overview(table[:, 0], table[:, 1:-1], table[:, -1])

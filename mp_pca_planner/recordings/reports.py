@@ -142,7 +142,7 @@ class RecordingSet:
         Results of `summarise` for the recordings that are used, if it was given.
     """
 
-    demonstrations: tuple[Demonstration, ...]
-    reports: tuple[RecordingReport, ...]
-    refused: tuple[Refusal, ...]
+    demonstrations: tuple[Demonstration, ...] = ()
+    reports: tuple[RecordingReport, ...] = ()
+    refused: tuple[Refusal, ...] = ()
     summaries: tuple[Any, ...] = ()

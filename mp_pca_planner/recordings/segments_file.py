@@ -10,7 +10,7 @@ import math
 from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
+from typing import Any
 
 from ..exceptions import RecordingError, quote_names, unknown_name
 from ..files import read_text, reading
@@ -40,26 +40,6 @@ class SegmentRow:
     end: float
     label: str
     where: str
-
-
-class CutMotion(Protocol):
-    """A motion and its place in a recording, for example a demonstration."""
-
-    @property
-    def recording(self) -> str:
-        """Name of the recording."""
-
-    @property
-    def start_time(self) -> float:
-        """Start [s], since the first message of the recording."""
-
-    @property
-    def end_time(self) -> float:
-        """End [s], likewise."""
-
-    @property
-    def label(self) -> str:
-        """Its label ('' if there is none)."""
 
 
 def read_segments(path: str | Path, recordings: Collection[str]) -> dict[str, list[SegmentRow]]:
@@ -128,13 +108,14 @@ def _seconds(text: str | None, column: str, where: str) -> float:
     return value
 
 
-def segments_table(motions: Iterable[CutMotion]) -> bytes:
+def segments_table(motions: Iterable[Any]) -> bytes:
     """Write a table of motions that :func:`read_segments` reads and people can edit.
 
     Parameters
     ----------
     motions :
-        The motions, in the order of the rows.
+        The motions, in the order of the rows, with `recording`, `start_time`, `end_time` [s] and
+        `label`; demonstrations, for example.
 
     Raises
     ------

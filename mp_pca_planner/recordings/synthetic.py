@@ -108,9 +108,6 @@ class SyntheticMotion:
     times: FloatArray
     positions: FloatArray
 
-    def __post_init__(self) -> None:
-        _freeze(self, "times", "positions")
-
     @property
     def duration(self) -> float:
         """Duration [s]."""
@@ -153,16 +150,6 @@ class SyntheticRecording:
     motion_spans: FloatArray
     return_spans: FloatArray
 
-    def __post_init__(self) -> None:
-        _freeze(self, "times", "positions", "motion_spans", "return_spans")
-
-
-def _freeze(value: object, *fields: str) -> None:
-    for field in fields:
-        array = np.array(getattr(value, field), dtype=np.float64)
-        array.setflags(write=False)
-        object.__setattr__(value, field, array)
-
 
 def generate_motions(
     n_motions: int, seed: int, *, rate: float = 200.0, style: ArmRaisingStyle = STYLE
@@ -176,8 +163,8 @@ def generate_motions(
     seed : int
         Chooses the motions. The first ones don't depend on their number.
     rate : float
-        Samples per second [Hz], at least 20. The samples divide a motion evenly, which makes
-        its own rate a little different.
+        Samples per second [Hz], at least 20 to show the tremor. The samples divide a motion
+        evenly, which makes its own rate a little different.
     style : ArmRaisingStyle
         Distributions of the motions.
 
@@ -189,11 +176,10 @@ def generate_motions(
     Raises
     ------
     RecordingError
-        If the number or the rate is too small.
+        If the number is too small.
     """
     if n_motions < 1:
         raise RecordingError(f"the number of motions must be at least 1, got {n_motions}")
-    _check_rate(rate)
     generators = (np.random.default_rng([seed, i]) for i in range(n_motions))
     return [_raise_arm(generator, rate, style) for generator in generators]
 
@@ -225,19 +211,7 @@ def continuous_recording(
     -------
     recording : SyntheticRecording
         The measured positions and the true spans of the motions.
-
-    Raises
-    ------
-    RecordingError
-        If there is no motion, the rate is too small or the rests are no range.
     """
-    if not motions:
-        raise RecordingError("a recording needs at least one motion, got none")
-    _check_rate(rate)
-    if not 0.0 <= rest[0] <= rest[1] < np.inf:
-        raise RecordingError(
-            f"rests must be a range of seconds, shortest first and not negative, got {rest}"
-        )
     rng = np.random.default_rng(seed)
     timeline = _Timeline(motions[0].positions[0])
     motion_spans = []
@@ -286,12 +260,6 @@ class _Timeline:
         curve = PchipInterpolator(np.concatenate(self._times), np.concatenate(self._positions))
         times = np.arange(int(self._times[-1][-1] * rate) + 1) / rate
         return times, np.asarray(curve(times), dtype=np.float64)
-
-
-def _check_rate(rate: float) -> None:
-    # Below this the samples don't show the tremor or the shape of a motion of half a second.
-    if not 20.0 <= rate < np.inf:
-        raise RecordingError(f"the rate must be at least 20 Hz, got {rate}")
 
 
 def _raise_arm(rng: np.random.Generator, rate: float, style: ArmRaisingStyle) -> SyntheticMotion:
