@@ -1,10 +1,10 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Marker recordings: from the messages that mocap systems send to trajectories of points.
+"""Trajectories of markers from recordings of motion capture systems.
 
-Three ways to send markers are read: one MarkerArray for each frame; one topic of points or poses
-for each marker or body; frames of /tf. The first has its frames as they are. In the others each
-marker has samples of its own, which are brought to the stamps of the one that has most.
+Three forms of messages are read: one MarkerArray for each frame; one topic of points or poses for
+each marker or body; frames of /tf. The first contains whole frames. In the others each marker has
+samples of its own, which are brought to the stamps of the marker that has most.
 """
 
 from __future__ import annotations
@@ -169,7 +169,7 @@ def _assemble(
 
 
 def _resampled(times: IntArray, poses: FloatArray, new_times: IntArray) -> FloatArray:
-    """Interpolated poses between samples that are near each other, NaN elsewhere.
+    """Interpolated poses between samples that are near each other, NaN at other times.
 
     Quaternions are interpolated number by number. Between near samples the result is that of a
     rotation, once they are on the same side and normalised.

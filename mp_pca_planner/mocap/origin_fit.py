@@ -76,12 +76,12 @@ class FittedModel:
 
 
 def check_fits(urdf: str, marker_map: MarkerMap) -> None:
-    """Refuse fits that this robot description can't have.
+    """Refuse fits that are impossible for this robot description.
 
     Raises
     ------
     RecordingError
-        If it has no such joint, or one whose distance is to be fitted has no direction.
+        If it has no such joint, or a joint whose distance is fitted has no direction.
     """
     joints = _joints(ET.fromstring(urdf))
     for name, kind in marker_map.fit_origins.items():

@@ -35,7 +35,7 @@ from .smoothing import SmoothingOptions, SmoothPiece, smooth
 
 __all__ = ["LoadOptions", "RecordingReport", "RecordingSet", "load_recordings"]
 
-WAYS_TO_SEGMENT = ("auto", "none")
+SEGMENTATIONS = ("auto", "none")
 
 
 class MarkerSolver(Protocol):
@@ -110,8 +110,8 @@ class LoadOptions:
     most_samples: int | None = None
 
     def __post_init__(self) -> None:
-        if self.segment not in WAYS_TO_SEGMENT:
-            raise RecordingError(unknown_name("way to segment", self.segment, WAYS_TO_SEGMENT))
+        if self.segment not in SEGMENTATIONS:
+            raise RecordingError(unknown_name("segmentation", self.segment, SEGMENTATIONS))
         if self.state_field is not None and self.topic is None:
             raise RecordingError(
                 f"the field '{self.state_field}' needs the topic whose messages have it"

@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 from ...arrays import FloatArray
 from ...exceptions import quote_names
 from ..byte_layout import NS_PER_S
-from ..joint_states import IntArray, JointLayout, RawJointStates
+from ..joint_states import IntArray, RawJointStates
 from .clock import choose_clock
+from .samples import count
 
 
 @dataclass(frozen=True)
@@ -48,10 +49,11 @@ class VelocityCheckOptions:
     min_correlation: float = 0.8
 
 
+OPTIONS = VelocityCheckOptions()
+
+
 def velocity_notes(
-    raw: RawJointStates,
-    joint_names: Sequence[str],
-    options: VelocityCheckOptions | None = None,
+    raw: RawJointStates, joint_names: Sequence[str], options: VelocityCheckOptions = OPTIONS
 ) -> tuple[str, ...]:
     """Notes on missing and wrong velocities of some joints, one sentence each.
 
@@ -65,39 +67,27 @@ def velocity_notes(
     columns = [layout.joint_names.index(name) for name in joint_names]
     n_missing = n_messages
     if layout.velocities is not None:
-        known = np.isfinite(layout.velocities[:, columns]).all(axis=1)
-        n_missing -= int(np.count_nonzero(known))
-    if n_missing == n_messages:
+        n_missing -= count(np.asarray(np.isfinite(layout.velocities[:, columns]).all(axis=1)))
+    if n_missing == n_messages or layout.velocities is None:
         return (f"velocities are empty or NaN in all {n_messages} messages",)
-    verdicts: dict[str, list[str]] = {}
-    compared = _compared(raw, layout, columns, options or VelocityCheckOptions())
-    for name, verdict in zip(joint_names, compared, strict=False):
-        verdicts.setdefault(verdict, []).append(name)
-    notes = [
-        f"the velocities of {quote_names(names)} {verdict}: they are not used"
-        for verdict, names in verdicts.items()
-        if verdict
-    ]
+    notes = []
     if n_missing:
-        notes.insert(0, f"velocities are empty or NaN in {n_missing} of {n_messages} messages")
-    return tuple(notes)
-
-
-def _compared(
-    raw: RawJointStates,
-    layout: JointLayout,
-    columns: Sequence[int],
-    options: VelocityCheckOptions,
-) -> Iterator[str]:
-    """Verdicts on the joints in some columns, '' for good velocities; none for few messages."""
+        notes.append(f"velocities are empty or NaN in {n_missing} of {n_messages} messages")
     stamps, _ = choose_clock(raw, layout.messages)
     latest = np.maximum.accumulate(stamps)
     rows = np.flatnonzero(np.append(True, stamps[1:] > latest[:-1]) & (stamps > 0))
-    if rows.size < options.min_compared or layout.velocities is None:
-        return
-    for column in columns:
-        values = layout.positions[rows, column], layout.velocities[rows, column]
-        yield _verdict(*_mean_velocities(stamps[rows], *values, options), options)
+    verdicts: dict[str, list[str]] = {}
+    if rows.size >= options.min_compared:
+        for name, column in zip(joint_names, columns, strict=True):
+            values = layout.positions[rows, column], layout.velocities[rows, column]
+            verdict = _verdict(*_mean_velocities(stamps[rows], *values, options), options)
+            verdicts.setdefault(verdict, []).append(name)
+    verdicts.pop("", None)
+    notes += [
+        f"the velocities of {quote_names(names)} {verdict}: they are not used"
+        for verdict, names in verdicts.items()
+    ]
+    return tuple(notes)
 
 
 def _mean_velocities(
@@ -123,6 +113,7 @@ def _mean_velocities(
 
 
 def _verdict(true: FloatArray, recorded: FloatArray, options: VelocityCheckOptions) -> str:
+    """What is wrong with the recorded velocities of a joint; '' if nothing is."""
     if true.size < options.min_compared:
         return ""
     if not recorded.any():
