@@ -63,6 +63,8 @@ def unwrap(pieces: Sequence[Piece], options: RepairOptions, repairs: Counter[str
 
 def _unwrapped(positions: FloatArray, options: RepairOptions, repairs: Counter[str]) -> FloatArray:
     steps = np.diff(positions, axis=0)
+    if np.abs(steps).max(initial=0.0) < np.pi:
+        return positions
     turns = np.round(steps / (2.0 * np.pi))
     turns[np.abs(steps - 2.0 * np.pi * turns) >= options.max_turn_error] = 0.0
     n_wrapped = count(turns)
