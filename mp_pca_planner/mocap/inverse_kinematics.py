@@ -75,7 +75,7 @@ class MarkerProblem:
     targets : array, shape (n_frames, n_markers, 3)
         Measured positions in the model's base frame [m]; NaN where missing.
     weights : array, shape (n_markers,)
-        How much the squared distances count.
+        Weights of the squared distances.
     lower, upper : array, shape (n_joints,)
         Range of the joints [rad or m], infinite where there is none.
     options : MarkerSolverOptions

@@ -75,7 +75,7 @@ class MarkerPlacement:
 
 @dataclass(frozen=True)
 class MarkerMap:
-    """All markers, and what of the model is fitted to the recording.
+    """All markers, and the parts of the model that are fitted to the recording.
 
     Attributes
     ----------
@@ -137,7 +137,8 @@ def _placement(name: str, entry: Any, where: str) -> MarkerPlacement:
     for key in entry:
         valid = ("link", "position", "weight", "body", "offset")
         _one_of(key, f"key of marker '{name}'", valid, where)
-    texts = {key: str(entry[key]) for key in ("link", "body") if key in entry}
+    body = entry.get("body")
+    texts = {"link": str(entry["link"]), "body": "" if body is None else str(body)}
     return MarkerPlacement(name, where=where, **{**entry, **texts})
 
 

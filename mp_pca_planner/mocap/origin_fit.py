@@ -61,14 +61,14 @@ class _Joint:
 
 @dataclass(frozen=True, eq=False)
 class FittedModel:
-    """A fitted model.
+    """A robot description with fitted origins.
 
     Attributes
     ----------
     urdf : str
         The robot description with the fitted origins.
     notes : tuple of str
-        What was fitted, one sentence for each joint.
+        The fitted origins, one sentence for each joint.
     """
 
     urdf: str
@@ -115,7 +115,7 @@ def fit_origins(
     markers :
         Markers that they move.
     fits :
-        What is fitted, see :class:`.marker_map.MarkerMap`.
+        The fitted part of each origin, see :class:`.marker_map.MarkerMap`.
     targets : array, shape (n_frames, n_markers, 3)
         Measured positions in the base frame [m]; NaN where missing. The frames must fix all joints.
     options :

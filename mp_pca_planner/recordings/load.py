@@ -39,7 +39,7 @@ SEGMENTATIONS = ("auto", "none")
 
 
 class MarkerSolver(Protocol):
-    """Finds joint states from markers, see :class:`mp_pca_planner.mocap.MarkerSource`."""
+    """Finds joint states from markers, see :class:`.marker_joint_states.MarkerSource`."""
 
     def joint_states(
         self, path: Path, *, salvage: bool = False
@@ -49,7 +49,7 @@ class MarkerSolver(Protocol):
 
 @dataclass(frozen=True)
 class LoadOptions:
-    """What is taken from recordings.
+    """Choice of the motions to load, and how they are repaired, cut and smoothed.
 
     Attributes
     ----------
@@ -140,7 +140,7 @@ def load_recordings(
     progress :
         Called with the bytes of recordings done and in all.
     **options :
-        What is taken from the recordings: the fields of :class:`LoadOptions`.
+        The fields of :class:`LoadOptions`.
 
     Raises
     ------

@@ -38,7 +38,7 @@ REPAIRS = {
     "short_pieces": "piece between cuts dropped: too few samples",
     "rest": "movement dropped: within the extent of noise and sway, taken for rest",
 }
-"""What is repaired, by the name under which it is counted."""
+"""Kinds of repairs, by the name under which they are counted."""
 
 MIN_SAMPLES = 10
 """Fewer samples contain no motion."""
