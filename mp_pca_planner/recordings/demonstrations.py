@@ -12,7 +12,8 @@ import numpy as np
 
 from ..robot.model import Robot
 from .bags import write_joint_states
-from .load import RecordingSet, load_recordings
+from .load import load_recordings
+from .reports import RecordingSet
 from .synthetic import continuous_recording, generate_motions
 
 _EXAMPLE_EPOCH = 1_700_000_000_000_000_000  # any time of day [ns]

@@ -30,7 +30,7 @@ def test_shipped_map_has_the_markers_of_a_person() -> None:
 
 def test_everything_but_link_and_position_has_a_default(tmp_path: Path) -> None:
     path = tmp_path / "map.yaml"
-    path.write_text(f"markers:\n  {WRIST}\n")
+    path.write_text(f"markers:\n  {WRIST[:-1]}, body: null}}\n")
     found = read_marker_map(path)
     assert (found.base, dict(found.fit_origins)) == ("moving", {})
     (marker,) = found.markers
