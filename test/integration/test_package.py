@@ -38,6 +38,9 @@ LAYERS = [
     {"cli", "ros", "__main__"},
 ]
 
+# Values have methods that pass them on to a later room, which is imported in the method.
+HANDED_ON = {("motion", "recordings"), ("motion", "ros"), ("planning", "plotting")}
+
 # Where rosdep calls a dependency otherwise than Python does.
 ROSDEP_NAMES = {
     "jinja2": "python3-jinja2",
@@ -54,10 +57,11 @@ ROSDEP_NAMES = {
 EXTRAS_ONLY = {"filelock", "cmaes", "distributed", "mujoco", "rich"}
 
 
-def imported_modules(source: Path) -> Iterator[str]:
-    """Yield the full name of every module a file imports anywhere in it."""
+def imported_modules(source: Path, *, when_loaded: bool = False) -> Iterator[str]:
+    """Yield the full name of every module a file imports anywhere in it, or when it is loaded."""
     package = source.relative_to(ROOT).parent.parts
-    for node in ast.walk(ast.parse(source.read_text(encoding="utf-8"))):
+    tree = ast.parse(source.read_text(encoding="utf-8"))
+    for node in tree.body if when_loaded else ast.walk(tree):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
@@ -80,9 +84,15 @@ def room_imports() -> dict[str, set[str]]:
     imports: dict[str, set[str]] = {}
     for source in SOURCES:
         room = room_of(".".join(source.relative_to(ROOT).with_suffix("").parts))
-        if room is not None and room != "__init__":
-            found = {room_of(name) for name in imported_modules(source)}
-            imports.setdefault(room, set()).update(found - {None, room})  # type: ignore[arg-type]
+        if room is None or room == "__init__":
+            continue
+        at_once = {room_of(name) for name in imported_modules(source, when_loaded=True)}
+        found = {
+            other
+            for other in map(room_of, imported_modules(source))
+            if other in at_once or (room, other) not in HANDED_ON
+        }
+        imports.setdefault(room, set()).update(found - {None, room})  # type: ignore[arg-type]
     return imports
 
 
