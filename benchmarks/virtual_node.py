@@ -22,8 +22,8 @@ from mp_pca_planner.execution.assembly import Model, assemble_model
 from mp_pca_planner.execution.execution_monitor import ExecutionReport
 from mp_pca_planner.execution.goal_statistics import GoalStatistics
 from mp_pca_planner.execution.motion_server import MotionServer
-from mp_pca_planner.execution.newest_goal import CancelledError
 from mp_pca_planner.execution.parameters import Settings
+from mp_pca_planner.execution.preemptive_worker import CancelledError
 from mp_pca_planner.execution.start_state import StartStates
 from mp_pca_planner.motion.goal import Goal, JointState
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive

@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Motions as they are sent to a controller: from where the robot is commanded to be."""
+"""Motions that are ready to be published: they start where the robot is commanded to be."""
 
 from __future__ import annotations
 
@@ -8,15 +8,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..arrays import FloatArray
 from ..motion.trajectory import Trajectory
-from .commanded import CommandedMotion
+from .published_motion import PublishedMotion, states_of
 
 TRANSPORT = 0.02
-"""Time that a message takes to the controller at most [s]."""
+"""Longest time that a message takes to the controller [s]."""
 
 USUAL_TRANSPORT = 0.001
-"""Time that it usually takes to the next cycle of a controller on the same machine [s]."""
+"""Usual time of a message to the next cycle of a controller on the same machine [s]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,32 +25,36 @@ class Joined:
     Attributes
     ----------
     trajectory : Trajectory
-        What to publish: from where the robot is commanded to be.
-    motion : CommandedMotion
-        The same with the last moments before it.
+        What to publish: it starts where the robot is commanded to be.
+    motion : PublishedMotion
+        The same, preceded by the last moments of the motion that it continues.
     time : float
         When its first point is commanded [s].
     is_timed : bool
-        Whether its first point belongs to that time, not to the moment at which a controller
-        receives it.
+        Whether its first point belongs to that time, not to the arrival of the message.
     is_on_time : bool
-        Whether that time is known precisely: not where it continues the motion of a robot that
-        lags, or starts on receipt.
+        Whether that time is known precisely. It is not if the motion starts on arrival or
+        continues the motion of a robot that lags.
     is_path_known : bool
-        Whether the controller leads along it, not just to its end.
+        Whether the controller follows its path, not only leads to its end.
     """
 
     trajectory: Trajectory
-    motion: CommandedMotion
+    motion: PublishedMotion
     time: float
     is_timed: bool = False
     is_on_time: bool = False
     is_path_known: bool = True
 
+    @property
+    def last_point_only(self) -> bool:
+        """Whether only the last point is sent, to which the controller interpolates by itself."""
+        return self.trajectory.n_steps == 1 or not self.is_path_known
+
     @classmethod
     def on_receipt(cls, trajectory: Trajectory, time: float) -> Joined:
         """A motion that starts when the controller receives it."""
-        return cls(trajectory, CommandedMotion(trajectory, time + USUAL_TRANSPORT), time)
+        return cls(trajectory, PublishedMotion(trajectory, time + USUAL_TRANSPORT), time)
 
     @classmethod
     def to_last_point(cls, trajectory: Trajectory, time: float) -> Joined:
@@ -60,26 +63,15 @@ class Joined:
 
     @classmethod
     def after_wait(cls, trajectory: Trajectory, time: float) -> Joined:
-        """A motion from rest that starts after a time in which any message is received.
+        """A motion from rest that starts after a hold of its first point.
 
-        When a motion begins that the controller starts on receipt is not known to milliseconds,
-        and each of them is a jump where another motion continues it.
+        The hold lasts as long as a message may take, so the start is known precisely. Without it,
+        an error of each millisecond would be a jump where another motion continues this one.
         """
-        waiting = _after_wait(trajectory)
-        return cls(waiting, CommandedMotion(waiting, time), time, True, True)
-
-
-def _after_wait(trajectory: Trajectory) -> Trajectory:
-    """The trajectory after a hold of its first point."""
-
-    def with_first(x: FloatArray) -> FloatArray:
-        return np.concatenate([x[:1], x])
-
-    return Trajectory(
-        trajectory.joint_names,
-        np.concatenate([[0.0], trajectory.times + TRANSPORT]),
-        with_first(trajectory.positions),
-        with_first(trajectory.velocities),
-        with_first(trajectory.accelerations),
-        None if trajectory.efforts is None else with_first(trajectory.efforts),
-    )
+        times = np.concatenate([[0.0], trajectory.times + TRANSPORT])
+        q, v, a = (np.vstack([x[:1], x]) for x in states_of(trajectory))
+        efforts = trajectory.efforts
+        if efforts is not None:
+            efforts = np.vstack([efforts[:1], efforts])
+        held = Trajectory(trajectory.joint_names, times, q, v, a, efforts)
+        return cls(held, PublishedMotion(held, time), time, is_timed=True, is_on_time=True)

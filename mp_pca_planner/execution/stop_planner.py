@@ -1,11 +1,12 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Choice of a stop, by what is known of where the robot is."""
+"""Choice of a stop, by what is known of the robot's place."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from contextlib import suppress
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -16,16 +17,28 @@ from ..robot.limits import JointLimits
 from .assembly import Model
 from .following import UnconfirmedError
 from .joined import Joined
-from .parameters import AUTO
 from .start_state import StartStates, TooLateError
 from .stopping import braking_ends, ends_at, ends_on_path, hold, stop_at_point, stop_on_path
 
-# Time to find a stop [s].
-_TIME_TO_STOP = 0.02
-# Shares of the limits for stops of a robot whose state is estimated from what was measured.
-_ESTIMATED_ACCELERATION, _ESTIMATED_JERK = 0.7, 0.5
-# Places on its motion at which a robot that is not heard of may be.
-_N_PLACES = 6
+
+@dataclass(frozen=True)
+class StoppingOptions:
+    """Parameters of stops.
+
+    Attributes
+    ----------
+    latency : float
+        Time to find a stop [s].
+    acceleration_share, jerk_share : float
+        Shares of the limits for a robot whose velocity is estimated, 0 to 1.
+    n_places : int
+        Places on its motion at which a silent robot may be, ≥ 2.
+    """
+
+    latency: float = 0.02
+    acceleration_share: float = 0.7
+    jerk_share: float = 0.5
+    n_places: int = 6
 
 
 class StopPlanner:
@@ -35,133 +48,124 @@ class StopPlanner:
     ----------
     states :
         Where the robot is.
+    options :
+        Parameters.
     """
 
-    def __init__(self, states: StartStates) -> None:
+    def __init__(self, states: StartStates, options: StoppingOptions | None = None) -> None:
         self._states = states
+        self._options = options or StoppingOptions()
 
-    def find(self, model: Model) -> tuple[str, Joined, bool]:
+    def find(self, model: Model) -> tuple[str, Joined]:
         """Find a stop.
 
         Returns
         -------
-        said : str
+        message : str
             How the robot stops, one sentence.
         joined : Joined
             What to publish.
-        last_point_only : bool
-            Whether only the last point of it is sent.
 
         Raises
         ------
         GoalError
             If nothing is known of the robot.
         """
-        settings, states = model.settings, self._states
-        timeout, tolerance = settings.state_timeout, settings.commanded_tolerance
+        states = self._states
         try:
-            measured = states.measured.newest(timeout)
-            following = states.follow(timeout, tolerance)
+            measured = states.measured.newest(model.settings.state_timeout)
+            following = states.follow(model.settings)
         except GoalError as error:
-            return self._stop_unheard(model, error)
+            return self._stop_silent(model, error)
         now = states.motion_time
         if following is not None and following.is_running:
-            try:
+            with suppress(UnconfirmedError, TooLateError):
                 return self._stop_on_path(model)
-            except (UnconfirmedError, TooLateError):
-                pass
-        names = measured.joint_names
         v = states.measured.velocities(measured)
         if following is None:
             return self._stop_unknown(measured, v, model)
         on_path = following.motion.state(following.progress.place)
         if following.is_over:
-            return _holding(names, on_path.positions, now)
-        state = JointState(names, measured.positions, v)
+            return _holding(measured, on_path.positions, now)
+        state = JointState(measured.joint_names, measured.positions, v)
         by_clock = following.motion.state(now - following.motion.began)
         ends = braking_ends(state) if v.any() else ends_at(state.positions - states.load_offset)
         places = [state, on_path, by_clock, *states.alternatives]
-        return self._stop_at_point(places, ends, model, "")
+        return self._stop_at_point(places, ends, model)
 
     def _stop_unknown(
         self, measured: JointState, v: FloatArray, model: Model
-    ) -> tuple[str, Joined, bool]:
-        """Stop a robot that follows no motion of ours: what it does is estimated."""
-        now = self._states.motion_time
-        names, q = measured.joint_names, measured.positions
+    ) -> tuple[str, Joined]:
+        """Stop a robot that follows no motion of this node: its state is estimated."""
+        now, q = self._states.motion_time, measured.positions
         if not v.any():
-            return _holding(names, q, now)
-        # Since it was heard of it has moved on, evenly or more slowly.
+            return _holding(measured, q, now)
+        # Since it was measured it has moved, at this velocity or a lower one.
         way = v * max(now - self._states.measured.newest_time, 0.0)
-        here, *moved = [JointState(names, q + share * way, v) for share in (0.0, 0.5, 1.0)]
-        # The controller itself takes the reported velocities for its own.
+        here, *moved = [
+            JointState(measured.joint_names, q + share * way, v) for share in (0.0, 0.5, 1.0)
+        ]
+        # The controller itself starts from the reported velocities.
         reported = [measured] if measured.velocities.any() else []
-        model = replace(model, limits=_drawn_in(model.limits))
-        return self._stop_at_point([here, *reported, *moved], braking_ends(moved[0]), model, "")
+        model = replace(model, limits=self._reduced(model.limits))
+        return self._stop_at_point([here, *reported, *moved], braking_ends(moved[0]), model)
 
-    def _stop_on_path(self, model: Model) -> tuple[str, Joined, bool]:
+    def _stop_on_path(self, model: Model) -> tuple[str, Joined]:
         settings, states = model.settings, self._states
-        timeout, tolerance = settings.state_timeout, settings.commanded_tolerance
-        start = states.choose(AUTO, timeout, _TIME_TO_STOP, tolerance, at_once=True)
+        start = states.choose(settings, self._options.latency, at_once=True)
         if start.following is None or not start.is_in_motion:
             raise TooLateError("the robot has just come to rest")
-        stop = stop_on_path(
-            start.following.motion, start.place, model.robot, model.limits, settings.sample_period
-        )
-        may_stamp = settings.stamp_trajectories
-        joined = states.join(stop, start, timeout, tolerance, may_stamp=may_stamp)
-        said = f"the robot comes to rest on its path within {joined.trajectory.duration:.3g} s"
-        return said, joined, False
+        motion, period = start.following.motion, settings.sample_period
+        stop = stop_on_path(motion, start.place, model.robot, model.limits, period)
+        joined = states.join(stop, start, settings)
+        duration = joined.trajectory.duration
+        return f"the robot comes to rest on its path within {duration:.3g} s", joined
 
-    def _stop_unheard(self, model: Model, error: GoalError) -> tuple[str, Joined, bool]:
-        """Stop a robot whose joint_states are silent, so it may be anywhere on its motion."""
+    def _stop_silent(self, model: Model, error: GoalError) -> tuple[str, Joined]:
+        """Stop a robot that sends no joint_states, so it may be anywhere on its motion."""
         motion, seen = self._states.commanded, self._states.last_place
         if motion is None:
             raise error
-        now = self._states.motion_time
-        places = np.linspace(seen, max(now - motion.began, seen), _N_PLACES)
+        latest = max(self._states.motion_time - motion.began, seen)
+        places = np.linspace(seen, latest, self._options.n_places)
         moving = [motion.state(place) for place in places]
         resting = [JointState(state.joint_names, state.positions) for state in moving]
         ends = ends_on_path(motion, float(places[-1]))
-        said = f"; it is not known whether the robot stops: {error}"
-        return self._stop_at_point([*moving, *resting], ends, model, said)
+        said, joined = self._stop_at_point([*moving, *resting], ends, model)
+        return f"{said}; it is not known whether the robot stops: {error}", joined
 
     def _stop_at_point(
-        self, states: list[JointState], ends: Sequence[FloatArray], model: Model, more: str
-    ) -> tuple[str, Joined, bool]:
-        now = self._states.motion_time
+        self, states: list[JointState], ends: Sequence[FloatArray], model: Model
+    ) -> tuple[str, Joined]:
         request = ends, model.robot, model.limits
         stop = stop_at_point(states, *request) or stop_at_point(states[:1], *request)
         if stop is not None:
             said = f"the robot is sent to a single point, at rest within {stop.duration:.3g} s"
         else:
-            # What a controller does when its goal is cancelled.
+            # A controller does the same when its goal is cancelled.
             stop = hold(states[0].joint_names, states[0].positions)
             said = "no stop within the limits was found: the robot is sent to hold its position"
-        return said + more, Joined.to_last_point(stop, now), True
+        return said, Joined.to_last_point(stop, self._states.motion_time)
+
+    def _reduced(self, limits: JointLimits) -> JointLimits:
+        """Limits with a margin for errors of an estimated state."""
+        columns = {
+            "min_position": limits.lower,
+            "max_position": limits.upper,
+            "max_velocity": limits.velocity,
+            "max_acceleration": self._options.acceleration_share * limits.acceleration,
+            "max_jerk": self._options.jerk_share * limits.jerk,
+            "max_effort": limits.effort,
+        }
+        names = limits.joint_names
+        by_joint = {
+            name: {key: values[j] for key, values in columns.items()}
+            for j, name in enumerate(names)
+        }
+        return JointLimits(names, by_joint)
 
 
-def _holding(
-    joint_names: Sequence[str], positions: FloatArray, now: float
-) -> tuple[str, Joined, bool]:
-    """The answer to a stop of a robot at rest."""
-    said = "the robot is at rest and holds its position"
-    return said, Joined.on_receipt(hold(joint_names, positions), now), True
-
-
-def _drawn_in(limits: JointLimits) -> JointLimits:
-    """Limits with room for errors of a state that is estimated."""
-    return JointLimits(
-        limits.joint_names,
-        {
-            joint: {
-                "min_position": limits.lower[j],
-                "max_position": limits.upper[j],
-                "max_velocity": limits.velocity[j],
-                "max_acceleration": _ESTIMATED_ACCELERATION * limits.acceleration[j],
-                "max_jerk": _ESTIMATED_JERK * limits.jerk[j],
-                "max_effort": limits.effort[j],
-            }
-            for j, joint in enumerate(limits.joint_names)
-        },
-    )
+def _holding(measured: JointState, positions: FloatArray, now: float) -> tuple[str, Joined]:
+    """The stop of a robot at rest."""
+    joined = Joined.on_receipt(hold(measured.joint_names, positions), now)
+    return "the robot is at rest and holds its position", joined

@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Motions that bring a robot to rest within its limits.
 
-A robot that follows its motion is slowed down along it, which leaves the path that was checked.
-Where it is not known where on its motion the controller is, a single point is sent: the controller
-leads there from where it is, in a time that is long enough from everywhere it may be.
+A robot that follows its motion is slowed down along the path, which was checked. If its place on
+the motion is unknown, a single point is sent. The controller leads there from its own state, in a
+time that is long enough for every state it may have.
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ from ..motion.trajectory import Trajectory
 from ..motion.validation import check_limits
 from ..robot.limits import JointLimits
 from ..robot.model import Robot
-from .commanded import CommandedMotion
+from .published_motion import PublishedMotion, states_of
 
-# Times that a stop may take [s]; the shortest that the limits allow is used.
+# Durations of stops [s]: 0.05 to 88 s; the shortest that the limits allow is used.
 _STOPPING_TIMES: FloatArray = 0.05 * 1.2 ** np.arange(42.0)
 
 
 def stop_on_path(
-    motion: CommandedMotion, place: float, robot: Robot, limits: JointLimits, period: float
+    motion: PublishedMotion, place: float, robot: Robot, limits: JointLimits, period: float
 ) -> Trajectory:
     """Slow a motion down along its path as fast as the limits allow.
 
@@ -36,7 +36,7 @@ def stop_on_path(
 
     Parameters
     ----------
-    motion : CommandedMotion
+    motion : PublishedMotion
         The motion.
     place : float
         Where on it the stop begins [s].
@@ -48,7 +48,7 @@ def stop_on_path(
     Returns
     -------
     stop : Trajectory
-        Starts at the place; the rest of the motion itself if every stop breaks a limit.
+        The stop from that place; the rest of the motion if every stop breaks a limit.
     """
 
     def is_allowed(time: float) -> bool:
@@ -57,34 +57,29 @@ def stop_on_path(
 
     times = _STOPPING_TIMES[2.0 * (motion.duration - place) > _STOPPING_TIMES]
     first = bisect_left(times, True, key=is_allowed)
-    return (
-        _slowed(motion, place, times[first], period)
-        if first < len(times)
-        else _rest_of(motion, place)
-    )
+    if first == len(times):
+        return _rest_of(motion, place)
+    return _slowed(motion, place, times[first], period)
 
 
 def stop_at_point(
-    states: Sequence[JointState],
-    ends: Sequence[FloatArray],
-    robot: Robot,
-    limits: JointLimits,
+    states: Sequence[JointState], ends: Sequence[FloatArray], robot: Robot, limits: JointLimits
 ) -> Trajectory | None:
-    """Find a last point that a controller may lead to from any of some states.
+    """Find a point that the controller can lead to within the limits from each of some states.
 
     Parameters
     ----------
     states : sequence of JointState
-        Where the controller may be.
+        Possible states of the controller.
     ends : sequence of array, shape (n_joints,)
-        Where the stop may end [rad or m]: one for each time that a stop may take.
+        End of the stop [rad or m], for each duration of a stop.
     robot, limits :
         Of the same joints.
 
     Returns
     -------
     stop : Trajectory or None
-        Two points, the first of them the first state; none if every stop breaks a limit.
+        From the first state to the end; None if every stop breaks a limit.
     """
     for time, end in zip(_STOPPING_TIMES, ends, strict=True):
         stops = [stop for state in states for stop in _interpolated(state, end, time)]
@@ -94,33 +89,33 @@ def stop_at_point(
 
 
 def braking_ends(state: JointState) -> list[FloatArray]:
-    """Where a moving robot comes to rest most smoothly, for each time that a stop may take.
+    """Where a moving robot comes to rest most smoothly, for each duration of a stop.
 
-    There the quintic is the quartic of least jerk, and without an acceleration to start from
-    the controller's cubic brakes evenly.
+    There the controller's quintic is the quartic of least jerk. Without an initial acceleration,
+    its cubic has a constant deceleration.
     """
     q, v, a = state.positions, state.velocities, state.accelerations
     return [q + v * time / 2.0 + a * time**2 / 12.0 for time in _STOPPING_TIMES]
 
 
 def ends_at(positions: FloatArray) -> list[FloatArray]:
-    """The same end, for each time that a stop may take."""
+    """The same end, for each duration of a stop."""
     return [positions] * len(_STOPPING_TIMES)
 
 
-def ends_on_path(motion: CommandedMotion, place: float) -> list[FloatArray]:
-    """Where an even braking along a motion ends, for each time that a stop may take."""
+def ends_on_path(motion: PublishedMotion, place: float) -> list[FloatArray]:
+    """Where a constant deceleration along a motion ends, for each duration of a stop."""
     q, _, _ = motion.sample(np.asarray(place + 0.5 * _STOPPING_TIMES))
     return list(q)
 
 
 def hold(joint_names: Sequence[str], positions: FloatArray) -> Trajectory:
-    """Stay at positions: one point, at once."""
+    """A trajectory of one point at rest."""
     zero = np.zeros((1, len(positions)))
     return Trajectory(joint_names, [0.0], [positions], zero, zero)
 
 
-def _slowed(motion: CommandedMotion, place: float, time: float, period: float) -> Trajectory:
+def _slowed(motion: PublishedMotion, place: float, time: float, period: float) -> Trajectory:
     n_steps = max(int(np.ceil(time / period)), 5)
     times = np.linspace(0.0, time, n_steps + 1)
     u = times / time
@@ -133,23 +128,17 @@ def _slowed(motion: CommandedMotion, place: float, time: float, period: float) -
     return Trajectory(motion.trajectory.joint_names, times, q, v, a)
 
 
-def _rest_of(motion: CommandedMotion, place: float) -> Trajectory:
-    """The motion from a place on, or a hold where it is over."""
+def _rest_of(motion: PublishedMotion, place: float) -> Trajectory:
+    """The motion from a place on; its end if it is over."""
     old = motion.trajectory
     if place >= old.duration:
         return hold(old.joint_names, motion.end)
-    last = Trajectory(
-        old.joint_names,
-        [0.0],
-        old.positions[-1:],
-        old.velocities[-1:],
-        old.accelerations[-1:],
-    )
+    last = Trajectory(old.joint_names, [0.0], *(x[-1:] for x in states_of(old)))
     return motion.followed_by(last, old.duration, place)
 
 
 def _interpolated(state: JointState, end: FloatArray, time: float) -> list[Trajectory]:
-    """What a controller makes of a single point: a quintic, or a cubic without accelerations."""
+    """How a controller leads to a single point: a quintic, or a cubic without accelerations."""
     q, v, a = state.positions, state.velocities, state.accelerations
     zero = np.zeros_like(q)
     way = (end - q) / time

@@ -30,10 +30,10 @@ from visualization_msgs.msg import MarkerArray
 from ..exceptions import GoalError, quote_names, unknown_name
 from ..execution.assembly import Model, assemble_model
 from ..execution.execution_monitor import ExecutionReport
+from ..execution.goal_planner import UnexecutablePlanError
 from ..execution.goal_statistics import GoalStatistics
 from ..execution.kept_motion import keep_motion
-from ..execution.motion_server import MakeGoal, MotionServer, Served, UnexecutablePlanError
-from ..execution.newest_goal import CancelledError, IsCancelled, NewestGoalThread
+from ..execution.motion_server import MakeGoal, MotionServer
 from ..execution.parameters import (
     DECLARATIONS,
     LIMITS_PREFIX,
@@ -43,6 +43,8 @@ from ..execution.parameters import (
     check_limit_names,
     limit_declarations,
 )
+from ..execution.preemptive_worker import CancelledError, IsCancelled, PreemptiveWorker
+from ..execution.served_goal import Served
 from ..execution.start_state import StartStates
 from ..motion.goal import Goal, JointGoal, PoseGoal, SequenceGoal
 from ..motion.trajectory import Trajectory
@@ -169,7 +171,7 @@ class PlannerNode(GuardedNode):
         # Registered only now: the first values are judged together.
         self.add_on_set_parameters_callback(self._on_set_parameters)
         self._connect()
-        self._goals = NewestGoalThread(self._serve, self._on_overtaken, self.guarded(self._preview))
+        self._goals = PreemptiveWorker(self._serve, self._on_overtaken, self.guarded(self._preview))
         self._intake = GoalIntake(
             self.context,
             [

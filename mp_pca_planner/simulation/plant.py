@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from scipy.linalg import lapack
@@ -66,29 +65,8 @@ class Drives:
         return cls(inertia, bandwidth**2 * total, 2.0 * bandwidth * total, limits.effort)
 
 
-class Plant(Protocol):
-    """An arm that moves.
-
-    Attributes
-    ----------
-    q, v : array, shape (n_joints,)
-        Positions [rad or m] and velocities [/s].
-    """
-
-    q: FloatArray
-    v: FloatArray
-
-    def set_payload(self, mass: float) -> None:
-        """Attach a mass [kg] to the last link; gravity compensation doesn't know it."""
-
-    def step(self, command: FloatArray) -> None:
-        """Move for one period towards commanded positions, shape (n_joints,)."""
-
-
-class PinocchioPlant:
-    """An arm at rest, computed by Pinocchio, integrated by the semi-implicit Euler method.
-
-    The drives act on the state at the end of each step, which is stable for gains of any size.
+class Plant:
+    """An arm at rest that follows commanded positions.
 
     Parameters
     ----------
@@ -96,35 +74,64 @@ class PinocchioPlant:
         The arm.
     start : array, shape (n_joints,)
         Its positions [rad or m].
-    drives : Drives, optional
+
+    Attributes
+    ----------
+    drives : Drives
         The drives.
+    q, v : array, shape (n_joints,)
+        Positions [rad or m] and velocities [/s].
     """
 
-    def __init__(self, robot: Robot, start: FloatArray, drives: Drives | None = None) -> None:
-        self._robot = self._loaded = robot
-        self.drives = drives or Drives.of(robot)
+    def __init__(self, robot: Robot, start: FloatArray) -> None:
+        self.drives = Drives.of(robot)
         self.q, self.v = np.array(start), np.zeros(robot.n_joints)
+        self._robot = robot
         self._commanded = self.q
+        self._load(robot)
+
+    def set_payload(self, mass: float) -> None:
+        """Attach a mass [kg] to the last link; gravity compensation doesn't know it."""
+        self._load(self._robot.with_inertias(np.ones(len(self.q)), mass))
+
+    def step(self, command: FloatArray) -> None:
+        """Move for one period towards commanded positions, shape (n_joints,)."""
+        rate = (command - self._commanded) / PERIOD
+        self._commanded = command
+        self._move(command, rate, self._robot.gravity_efforts(self.q))
+
+    def _load(self, robot: Robot) -> None:
+        """Set the inertias of an arm."""
+        raise NotImplementedError
+
+    def _move(self, command: FloatArray, rate: FloatArray, gravity: FloatArray) -> None:
+        """Move for one period towards commands that change at a rate [/s]."""
+        raise NotImplementedError
+
+
+class PinocchioPlant(Plant):
+    """An arm computed by Pinocchio, integrated by the semi-implicit Euler method.
+
+    The drives act on the state at the end of each step, which is stable for gains of any size.
+    """
+
+    def __init__(self, robot: Robot, start: FloatArray) -> None:
+        super().__init__(robot, start)
         d = self.drives
         self._stiffness = PERIOD * d.kd + PERIOD**2 * d.kp
         self._inertia = np.diag(d.inertia)
         self._total = np.diag(d.inertia + self._stiffness)
         self._has_limits = bool(np.isfinite(d.effort).any())
 
-    def set_payload(self, mass: float) -> None:
-        """Attach a mass [kg] to the last link; gravity compensation doesn't know it."""
-        self._loaded = self._robot.with_inertias(np.ones(len(self.q)), mass)
+    def _load(self, robot: Robot) -> None:
+        self._loaded = robot
 
-    def step(self, command: FloatArray) -> None:
-        """Move for one period towards commanded positions, shape (n_joints,)."""
+    def _move(self, command: FloatArray, rate: FloatArray, gravity: FloatArray) -> None:
         d, q, v = self.drives, self.q, self.v
-        rate = (command - self._commanded) / PERIOD
-        self._commanded = command
-        g = self._robot.gravity_efforts(q)
         M, h = self._loaded.motion_equation(q, v)
         # What is due at the end of the step, without the part that depends on the velocity there.
         due = command - (d.lag - PERIOD) * rate
-        tau = g + d.kp * (due - q) + d.kd * rate
+        tau = gravity + d.kp * (due - q) + d.kd * rate
         momentum = (M + self._inertia) @ v
         after = _solve(M + self._total, momentum + PERIOD * (tau - h))
         if self._has_limits:

@@ -9,6 +9,8 @@ import numpy as np
 from ..arrays import FloatArray
 
 _FIRST_SIZE = 4096
+_PER_CYCLE = ("times", "clock", "scaling")
+_PER_JOINT = ("q", "v", "a", "measured")
 
 
 class Record:
@@ -30,66 +32,35 @@ class Record:
     """
 
     def __init__(self, n_joints: int) -> None:
-        self._n = n_joints
+        per_cycle = [(name, float) for name in _PER_CYCLE]
+        per_joint = [(name, float, (n_joints,)) for name in _PER_JOINT]
         self._size = 0
-        self._rows = np.empty((_FIRST_SIZE, 3 + 4 * n_joints))
+        self._rows = np.empty(_FIRST_SIZE, dtype=[*per_cycle, *per_joint])
         self.cuts: list[int] = []
 
     def __len__(self) -> int:
         return self._size
 
+    def __getattr__(self, name: str) -> FloatArray:
+        if name not in (*_PER_CYCLE, *_PER_JOINT):
+            raise AttributeError(name)
+        return np.asarray(self._rows[name][: self._size])
+
     def append(
-        self,
-        stamps: tuple[float, float, float],
-        command: FloatArray,
-        measured: FloatArray,
+        self, stamps: tuple[float, float, float], command: FloatArray, measured: FloatArray
     ) -> None:
         """Add a cycle: its time, clock and scaling; q, v and a in a row; measured positions."""
         if self._size == len(self._rows):
             self._rows = np.concatenate([self._rows, np.empty_like(self._rows)])
-        row = self._rows[self._size]
-        row[:3] = stamps
-        row[3 : -self._n] = command
-        row[-self._n :] = measured
+        self._rows[self._size] = (*stamps, *command.reshape(3, -1), measured)
         self._size += 1
 
     def clear(self) -> None:
-        """Forget every cycle."""
+        """Discard all cycles."""
         self._size = 0
         self.cuts.clear()
 
     def arrays(self) -> dict[str, FloatArray]:
         """Every array by name, for :func:`numpy.savez`."""
-        names = ("times", "clock", "scaling", "q", "v", "a", "measured")
-        return {name: getattr(self, name) for name in names} | {"cuts": np.array(self.cuts)}
-
-    @property
-    def times(self) -> FloatArray:  # noqa: D102  # described by the class, as those below
-        return self._rows[: self._size, 0]
-
-    @property
-    def clock(self) -> FloatArray:  # noqa: D102
-        return self._rows[: self._size, 1]
-
-    @property
-    def scaling(self) -> FloatArray:  # noqa: D102
-        return self._rows[: self._size, 2]
-
-    @property
-    def q(self) -> FloatArray:  # noqa: D102
-        return self._block(0)
-
-    @property
-    def v(self) -> FloatArray:  # noqa: D102
-        return self._block(1)
-
-    @property
-    def a(self) -> FloatArray:  # noqa: D102
-        return self._block(2)
-
-    @property
-    def measured(self) -> FloatArray:  # noqa: D102
-        return self._block(3)
-
-    def _block(self, k: int) -> FloatArray:
-        return self._rows[: self._size, 3 + k * self._n : 3 + (k + 1) * self._n]
+        arrays = {name: getattr(self, name) for name in (*_PER_CYCLE, *_PER_JOINT)}
+        return arrays | {"cuts": np.array(self.cuts)}

@@ -100,9 +100,8 @@ class SimulatedRobot:
         if plant not in PLANTS:
             raise SimulationError(unknown_name("physics engine", plant, PLANTS))
         if not 0.0 < state_rate <= 1000.0:
-            raise SimulationError(
-                f"the rate of joint states is {state_rate} Hz, expected over 0, up to 1000"
-            )
+            reason = f"the rate of joint states is {state_rate} Hz, expected over 0, up to 1000"
+            raise SimulationError(reason)
         q = frozen_array(start, (robot.n_joints,), "the start of the robot", SimulationError)
         self.joint_names = robot.joint_names
         self.faults, self.record = Faults(), Record(robot.n_joints)
@@ -110,9 +109,7 @@ class SimulatedRobot:
         self.n_received = 0
         self.taken: list[tuple[int, int]] = []
         self._plant = PLANTS[plant](robot, q)
-        self._controller = TrajectoryController(
-            self.joint_names, q, options or ControllerOptions(), robot.continuous
-        )
+        self._controller = TrajectoryController(self.joint_names, q, options, robot.continuous)
         self._now = self._state_time = time_ns
         self.state_period_ns = round(NANOSECONDS / state_rate)
         self._filter = [1.0, 1.0, 1.0]
@@ -132,11 +129,6 @@ class SimulatedRobot:
     def time_ns(self) -> int:
         """The present time [ns]."""
         return self._now
-
-    @property
-    def scaling(self) -> float:
-        """Present speed scaling, which follows that of the faults smoothly."""
-        return self._filter[-1]
 
     def send(
         self, trajectory: Trajectory, stamp: float | None = None, *, last_point_only: bool = False

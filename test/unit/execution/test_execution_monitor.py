@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from dense import minimum_jerk_motion
 
-from mp_pca_planner.execution.commanded import CommandedMotion
-from mp_pca_planner.execution.execution_monitor import HELD, OFF, ExecutionMonitor, Following
+from mp_pca_planner.execution.execution_monitor import ExecutionMonitor
+from mp_pca_planner.execution.following import HELD, OFF, Following
+from mp_pca_planner.execution.published_motion import PublishedMotion
 from mp_pca_planner.execution.tracking import Progress
 
 DURATION, PERIOD = 2.0, 0.05
@@ -26,7 +27,7 @@ class World:
 
     def motion(self):
         trajectory = minimum_jerk_motion(("a", "b"), [0.0, 0.0], [1.0, -0.5], DURATION)
-        return CommandedMotion(trajectory, self.now)
+        return PublishedMotion(trajectory, self.now)
 
     def begin(self, goal="goal"):
         self.current = self.motion()

@@ -4,23 +4,23 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from dense import minimum_jerk_motion, spline
 from virtual_node import StateReader
 
 from mp_pca_planner.exceptions import GoalError, TrajectoryError
-from mp_pca_planner.execution.motion_server import UnconfirmedError
-from mp_pca_planner.execution.start_state import (
-    START_TOLERANCE,
-    Joined,
-    StartStates,
-    TooLateError,
-)
+from mp_pca_planner.execution.following import FollowingOptions, UnconfirmedError
+from mp_pca_planner.execution.joined import Joined
+from mp_pca_planner.execution.parameters import Settings
+from mp_pca_planner.execution.start_state import StartStates, TooLateError
 from mp_pca_planner.motion.trajectory import Trajectory
 
 JOINTS = ("a", "b")
-TIMEOUT, TOLERANCE = 0.5, 0.1
+TIMEOUT = 0.5
+SETTINGS = Settings(state_timeout=TIMEOUT, commanded_tolerance=0.1)
 TRANSPORT, PLANNED_TRANSPORT = 0.02, 0.04  # of a message, and of one that is still to be planned
 SERVO = 0.003  # by which the robot lags behind its commands [s]
 DURATION = 2.0
@@ -52,7 +52,7 @@ class World:
             self.now += 0.004
             self.measure(where(self.now))
             if see and k % 10 == 9:
-                self.states.follow(TIMEOUT, TOLERANCE)
+                self.states.follow(SETTINGS)
 
     def begin(self, goal=(1.0, -1.0)):
         """Publish a motion from here."""
@@ -67,14 +67,14 @@ class World:
             place += 0.004 * rate(self.now)
             self.measure(self.motion.state(place - SERVO * rate(self.now)).positions)
             if k % 10 == 9:
-                self.states.follow(TIMEOUT, TOLERANCE)
+                self.states.follow(SETTINGS)
         return place
 
     def choose(self, start_from="auto", latency=0.05, **options):
-        return self.states.choose(start_from, TIMEOUT, latency, TOLERANCE, **options)
+        return self.states.choose(replace(SETTINGS, start_from=start_from), latency, **options)
 
     def join(self, rest, start, may_stamp=True):
-        return self.states.join(rest, start, TIMEOUT, TOLERANCE, may_stamp=may_stamp)
+        return self.states.join(rest, start, replace(SETTINGS, stamp_trajectories=may_stamp))
 
 
 @pytest.fixture
@@ -160,7 +160,7 @@ def test_robot_that_rests_away_from_its_motion_starts_where_it_is(moving):
 @pytest.mark.parametrize(("moved", "accepted"), [(0.9, True), (1.1, False)])
 def test_measured_start_may_move_by_the_tolerance_while_planning(world, moved, accepted):
     start = world.choose("measured")
-    world.measure([0.0, moved * START_TOLERANCE])
+    world.measure([0.0, moved * FollowingOptions.start_tolerance])
     if accepted:
         world.join(standing(start), start)
     else:

@@ -13,7 +13,7 @@ from dense import assert_keeps, minimum_jerk_motion, spline
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mp_pca_planner.execution.commanded import CommandedMotion
+from mp_pca_planner.execution.published_motion import PublishedMotion
 from mp_pca_planner.execution.stopping import (
     braking_ends,
     ends_at,
@@ -45,7 +45,7 @@ def curved():
         x + np.outer((bump.deriv(d) if d else bump)(s), side) / DURATION**d
         for d, x in enumerate(columns)
     )
-    return CommandedMotion(Trajectory(JOINTS, straight.times, q, v, a), 0.0)
+    return PublishedMotion(Trajectory(JOINTS, straight.times, q, v, a), 0.0)
 
 
 @pytest.mark.parametrize("place", np.linspace(0.02, 0.98, 13) * DURATION)

@@ -1,9 +1,9 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Published motions as the controller interpolates them, and how other motions continue them.
+"""Published motions as the controller interpolates them, and motions that continue them.
 
 The controller interpolates between points by quintic polynomials, so a published trajectory says
-where the robot is commanded to be at every moment, whatever planned it.
+where the robot is commanded to be at every moment.
 """
 
 from __future__ import annotations
@@ -18,14 +18,20 @@ from ..motion.goal import JointState
 from ..motion.interpolation import hermite_functions, segment_ends
 from ..motion.trajectory import Trajectory
 
-# Messages give times in nanoseconds. Between points that are nearer to each other than this [s],
-# that rounding would be a jerk; where the wait is shorter, there is nothing to lead with.
-_SHORTEST_STEP = 5e-3
-_SHORTEST_WAIT = 1e-4
+# Messages state times in nanoseconds. Between points closer than this [s], that rounding is a
+# noticeable jerk.
+_MIN_STEP = 5e-3
+# Two motions closer than this [s] are joined without points in between.
+_MIN_LEAD = 1e-4
+
+
+def states_of(trajectory: Trajectory) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Positions, velocities and accelerations of a trajectory."""
+    return trajectory.positions, trajectory.velocities, trajectory.accelerations
 
 
 @dataclass(frozen=True, eq=False)
-class CommandedMotion:
+class PublishedMotion:
     """A trajectory that was published.
 
     Attributes
@@ -60,23 +66,22 @@ class CommandedMotion:
         Parameters
         ----------
         places : array, shape (n_places,)
-            Times since the start [s]; those outside the motion count as its nearest end.
+            Times since the start [s], clipped to the duration of the motion.
 
         Returns
         -------
         q, v, a : array, shape (n_places, n_joints)
             Positions and their derivatives [rad or m, /s, /s²].
         """
-        old = self.trajectory
-        columns = (old.positions, old.velocities, old.accelerations)
-        if old.n_steps == 1:
-            q, v, a = (np.repeat(x, len(places), axis=0) for x in columns)
+        points = self.trajectory
+        if points.n_steps == 1:
+            q, v, a = (np.repeat(x, len(places), axis=0) for x in states_of(points))
             return q, v, a
-        places = np.clip(places, 0.0, old.duration)
-        segment = np.clip(np.searchsorted(old.times, places, "right") - 1, 0, old.n_steps - 2)
-        steps = np.diff(old.times)[segment]
-        phases = (places - old.times[segment]) / steps
-        ends = self._ends[segment]
+        places = np.clip(places, 0.0, points.duration)
+        segment = np.searchsorted(points.times, places, "right") - 1
+        segment = np.clip(segment, 0, points.n_steps - 2)
+        steps = np.diff(points.times)[segment]
+        phases, ends = (places - points.times[segment]) / steps, self._ends[segment]
         q, v, a = (
             np.einsum("ki,kij->kj", hermite_functions(phases, d), ends) / steps[:, None] ** d
             for d in range(3)
@@ -84,37 +89,30 @@ class CommandedMotion:
         return q, v, a
 
     def followed_by(self, rest: Trajectory, switch: float, here: float) -> Trajectory:
-        """Continue the motion until the switch, and then with the rest.
+        """The motion from one place up to another one, and then another trajectory.
 
         Parameters
         ----------
         rest : Trajectory
-            Starts where this motion is at the place `switch`.
+            Starts at the state of this motion at the place `switch`.
         switch, here : float
             Places [s], the switch not before here.
         """
-        wait = round(switch - here, 6)
-        if wait < _SHORTEST_WAIT:
+        lead = round(switch - here, 6)
+        if lead < _MIN_LEAD:
             return rest
-        old = self.trajectory
-        begin = switch - wait
-        inside = np.flatnonzero(
-            (old.times > begin + _SHORTEST_STEP) & (old.times < switch - _SHORTEST_STEP)
-        )
-        columns = (old.positions, old.velocities, old.accelerations)
-        following = (rest.positions, rest.velocities, rest.accelerations)
+        old, begin = self.trajectory, switch - lead
+        inside = (old.times > begin + _MIN_STEP) & (old.times < switch - _MIN_STEP)
+        times = np.concatenate([[0.0], old.times[inside] - begin, rest.times + lead])
+        first = self.sample(np.array([begin]))
+        columns = zip(first, states_of(old), states_of(rest), strict=True)
+        q, v, a = (np.vstack([x, y[inside], z]) for x, y, z in columns)
         efforts = None
         if old.efforts is not None and rest.efforts is not None:
-            first = [np.interp(begin, old.times, effort) for effort in old.efforts.T]
-            efforts = np.vstack([first, old.efforts[inside], rest.efforts])
-        times = np.concatenate([[0.0], old.times[inside] - begin, rest.times + wait])
-        q, v, a = (
-            np.vstack([first, x[inside], y])
-            for first, x, y in zip(self.sample(np.array([begin])), columns, following, strict=True)
-        )
+            effort = [np.interp(begin, old.times, one) for one in old.efforts.T]
+            efforts = np.vstack([effort, old.efforts[inside], rest.efforts])
         return Trajectory(old.joint_names, times, q, v, a, efforts)
 
     @cached_property
     def _ends(self) -> FloatArray:
-        old = self.trajectory
-        return segment_ends(old.times, old.positions, old.velocities, old.accelerations)
+        return segment_ends(self.trajectory.times, *states_of(self.trajectory))

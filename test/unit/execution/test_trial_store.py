@@ -17,7 +17,7 @@ pytest.importorskip("cmaes", reason="cmaes (extra 'learn') is not installed")
 from mp_pca_planner.exceptions import LearningError
 from mp_pca_planner.execution.assembly import Model, assemble_model
 from mp_pca_planner.execution.parameters import ParameterError, Settings
-from mp_pca_planner.execution.trial_book import ServedTrial, TrialBook
+from mp_pca_planner.execution.trial_store import ServedTrial, TrialStore
 from mp_pca_planner.motion.collision import CollisionModel
 from mp_pca_planner.motion.goal import JointGoal, JointState
 from mp_pca_planner.motion.validation import check_executable, check_limits
@@ -38,7 +38,7 @@ def model(tmp_path: Path) -> Model:
 
 
 def serve(
-    book: TrialBook, model: Model, goal: np.ndarray = GOAL, start: np.ndarray = START
+    book: TrialStore, model: Model, goal: np.ndarray = GOAL, start: np.ndarray = START
 ) -> tuple[Plan, ServedTrial]:
     wanted, here = JointGoal(JointState(JOINTS, goal)), JointState(JOINTS, start)
     plan, trial = book.vary(wanted, model.planner.plan(wanted, here), model)
@@ -48,7 +48,7 @@ def serve(
 
 
 def test_trials_lower_the_cost_and_start_wherever_the_robot_is(model: Model) -> None:
-    book, random = TrialBook(), np.random.default_rng(0)
+    book, random = TrialStore(), np.random.default_rng(0)
     costs = []
     for number in range(1, 21):
         start = START + 0.005 * random.uniform(-1.0, 1.0, 4)
@@ -66,7 +66,7 @@ def test_trials_lower_the_cost_and_start_wherever_the_robot_is(model: Model) -> 
 
 
 def test_first_trial_is_the_planned_motion_and_repeats_until_its_cost_is_told(model: Model) -> None:
-    book = TrialBook()
+    book = TrialStore()
     planned = model.planner.plan(JointGoal(JointState(JOINTS, GOAL)), JointState(JOINTS, START))
     for _ in range(2):
         plan, trial = serve(book, model)
@@ -77,7 +77,7 @@ def test_first_trial_is_the_planned_motion_and_repeats_until_its_cost_is_told(mo
         assert plan.solution.effort_cost == pytest.approx(planned.solution.effort_cost, rel=1e-3)
     assert trial.to_keep()[1] == {}
     trial.tell(3.0)
-    with pytest.raises(LearningError, match="cost of trial 1 was told before"):
+    with pytest.raises(LearningError, match="cost of trial 1 was reported before"):
         trial.tell(2.0)
     second, trial = serve(book, model)
     assert (trial.number, trial.best_cost) == (2, 3.0)
@@ -102,7 +102,7 @@ def test_trials_keep_the_robot_from_hitting_itself_where_that_is_wanted(tmp_path
         )
         model = assemble_model(URDF, [arm_primitive()], settings)
         planned = replace(model.planner, collision=collision).plan(goal, here)
-        n_collisions[wanted], book = 0, TrialBook()
+        n_collisions[wanted], book = 0, TrialStore()
         for number in range(1, 4):
             plan, trial = book.vary(goal, planned, model)
             n_collisions[wanted] += len(collision.collisions(plan.trajectory))
@@ -113,11 +113,11 @@ def test_trials_keep_the_robot_from_hitting_itself_where_that_is_wanted(tmp_path
 
 
 def test_process_that_was_killed_goes_on_with_the_very_next_trial(model: Model) -> None:
-    book = TrialBook()
+    book = TrialStore()
     for number in range(1, 6):
         _, trial = serve(book, model)
         if number in (2, 5):
-            _, again = serve(TrialBook(), model)
+            _, again = serve(TrialStore(), model)
             assert again.number == number
             assert again.best_cost == trial.best_cost == 1.0 / (number - 1)
             np.testing.assert_allclose(again.parameters, trial.parameters, atol=1e-12)
@@ -125,18 +125,18 @@ def test_process_that_was_killed_goes_on_with_the_very_next_trial(model: Model) 
 
 
 def test_other_goals_and_starts_have_trials_of_their_own(model: Model, tmp_path: Path) -> None:
-    book = TrialBook()
+    book = TrialStore()
     for goal, start in ((GOAL, START), (0.9 * GOAL, START), (GOAL, START + 0.05)):
         _, trial = serve(book, model, goal, start)
         assert trial.number == 1
         trial.tell(1.0)
     assert len(list(tmp_path.iterdir())) == 3
     # From files, too.
-    assert serve(TrialBook(), model, GOAL, START + 0.049)[1].number == 2
+    assert serve(TrialStore(), model, GOAL, START + 0.049)[1].number == 2
 
 
 def test_trials_begin_anew_when_the_best_was_kept(model: Model, tmp_path: Path) -> None:
-    book = TrialBook()
+    book = TrialStore()
     for cost in (2.0, 1.0):
         _, trial = serve(book, model)
         trial.tell(cost)
@@ -148,22 +148,22 @@ def test_trials_begin_anew_when_the_best_was_kept(model: Model, tmp_path: Path) 
 
 
 def test_trials_that_cannot_go_on_are_refused(model: Model, tmp_path: Path) -> None:
-    _, trial = serve(TrialBook(), model)
+    _, trial = serve(TrialStore(), model)
     trial.tell(1.0)
     (file,) = tmp_path.iterdir()
     other = assemble_model(URDF, [arm_primitive()], replace(model.settings, naturalness=9.0))
     with pytest.raises(LearningError, match="with other options: remove it"):
-        serve(TrialBook(), other)
+        serve(TrialStore(), other)
     text = file.read_text()
     file.write_text(text.replace('"start"', '"begin"'))
-    with pytest.raises(LearningError, match="don't say where their motions start"):
-        serve(TrialBook(), model)
+    with pytest.raises(LearningError, match="have no start of their motions"):
+        serve(TrialStore(), model)
     file.write_text(text[:100])
     with pytest.raises(LearningError, match="can't be read"):
-        serve(TrialBook(), model)
+        serve(TrialStore(), model)
     nowhere = replace(model.settings, save_folder=str(tmp_path / "nowhere"))
     with pytest.raises(LearningError, match="no folder"):
-        serve(TrialBook(), assemble_model(URDF, [arm_primitive()], nowhere))
+        serve(TrialStore(), assemble_model(URDF, [arm_primitive()], nowhere))
 
 
 def test_learning_without_a_folder_is_refused() -> None:
