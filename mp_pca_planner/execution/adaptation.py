@@ -23,36 +23,11 @@ from ..robot.limits import JointLimits
 from ..robot.model import Robot
 from .published_motion import PublishedMotion
 
+# Duration of the shortest displacement [s]: even a small one should not be abrupt.
+_MIN_DURATION = 0.25
 # Peaks of velocity, acceleration and jerk of the minimum-jerk polynomial from 0 to 1 in a unit of
 # time, and the power of the duration that divides them.
 _PEAKS = ((1.875, 1), (5.7735, 2), (60.0, 3))
-
-
-@dataclass(frozen=True)
-class AdaptationOptions:
-    """Parameters of online goal adaptation.
-
-    Attributes
-    ----------
-    near, near_at_rest : float
-        Change of the goal up to which the motion is displaced without planning, while it runs and
-        at its end [rad or m].
-    publishing_time : float
-        Part of the time for planning that is left for the checks before publishing [s].
-    min_duration : float
-        Duration of the shortest displacement [s].
-    growth : float
-        Factor from one duration that is tried to the next, > 1.
-    n_tried : int
-        Number of durations that are tried, ≥ 1.
-    """
-
-    near: float = 0.15
-    near_at_rest: float = 0.03
-    publishing_time: float = 0.02
-    min_duration: float = 0.25
-    growth: float = 1.25
-    n_tried: int = 7
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,7 +92,6 @@ def displaced(
     robot: Robot,
     limits: JointLimits,
     period: float,
-    options: AdaptationOptions | None = None,
 ) -> tuple[Trajectory, LimitCheck] | None:
     """Displace the end of a motion, within the limits and without shortening it.
 
@@ -133,8 +107,6 @@ def displaced(
         Of the same joints.
     period : float
         Longest time between points [s].
-    options : AdaptationOptions, optional
-        The durations to try.
 
     Returns
     -------
@@ -142,21 +114,21 @@ def displaced(
         The displaced motion from the place on with its efforts, and its comparison with the
         limits; None if every displacement breaks a limit.
     """
-    options = options or AdaptationOptions()
     change = np.abs(goal.positions - motion.end)
     bounds = (limits.velocity, limits.acceleration, limits.jerk)
     needed = [
         float(np.max(peak * change / bound)) ** (1.0 / order)
         for (peak, order), bound in zip(_PEAKS, bounds, strict=True)
     ]
-    duration = max(motion.duration - place, options.min_duration, *needed)
-    for _ in range(options.n_tried):
+    duration = max(motion.duration - place, _MIN_DURATION, *needed)
+    # Up to four times as long: limits also hold for the sum with the motion.
+    for _ in range(7):
         trajectory = _displaced_in(duration, motion, place, goal, period)
         check = check_limits(trajectory, robot, limits)
         if not check.violations:
             q, v, a = trajectory.positions, trajectory.velocities, trajectory.accelerations
             return replace(trajectory, efforts=robot.inverse_dynamics(q, v, a)), check
-        duration *= options.growth
+        duration *= 1.25
     return None
 
 

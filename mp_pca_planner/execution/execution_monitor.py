@@ -10,33 +10,11 @@ from dataclasses import dataclass
 from typing import Any
 
 from .following import HELD, OFF, Following
+from .options import ServingOptions
 from .published_motion import PublishedMotion
 
 ARRIVED, REPLACED, STOPPED = "arrived", "replaced", "stopped"
 NOT_FOLLOWED, NEVER_STARTED = "not_followed", "never_started"
-
-
-@dataclass(frozen=True)
-class MonitorOptions:
-    """Thresholds of the execution monitor.
-
-    Attributes
-    ----------
-    away_time : float
-        Time away from the path after which a motion is not followed [s].
-    start_delay : float
-        Time at rest at the start after which a motion never started [s].
-    start_distance : float
-        Distance at which a joint has left the start [rad or m].
-    max_hold : float
-        Time at rest elsewhere on the path, or of silence after the end, after which a motion is
-        not followed [s].
-    """
-
-    away_time: float = 0.2
-    start_delay: float = 1.0
-    start_distance: float = 0.006
-    max_hold: float = 10.0
 
 
 @dataclass(frozen=True)
@@ -86,9 +64,9 @@ class _Execution:
     last: Following | None = None
     largest_deviation: float = 0.0
     deviation_time: float = 0.0
-    # Since when the robot is away from its path, and at rest on it.
-    away_since: float | None = None
-    resting_since: float | None = None
+    # How the robot follows, and since when.
+    how: str = ""
+    since: float = 0.0
 
     def note(self, following: Following, now: float) -> None:
         """Take note of how the robot follows the motion."""
@@ -96,8 +74,8 @@ class _Execution:
         if following.distance > self.largest_deviation:
             self.largest_deviation = following.distance
             self.deviation_time = now - self.published
-        self.away_since = _since(self.away_since, now) if following.how == OFF else None
-        self.resting_since = _since(self.resting_since, now) if following.how == HELD else None
+        if following.how != self.how:
+            self.how, self.since = following.how, now
 
     @property
     def share(self) -> float:
@@ -106,10 +84,6 @@ class _Execution:
             return 0.0
         duration = self.last.motion.duration
         return min(self.last.progress.place / duration, 1.0) if duration > 0.0 else 1.0
-
-
-def _since(before: float | None, now: float) -> float:
-    return now if before is None else before
 
 
 class ExecutionMonitor:
@@ -124,10 +98,10 @@ class ExecutionMonitor:
     """
 
     def __init__(
-        self, report: Callable[[ExecutionReport], None], options: MonitorOptions | None = None
+        self, report: Callable[[ExecutionReport], None], options: ServingOptions | None = None
     ) -> None:
         self._report = report
-        self._options = options or MonitorOptions()
+        self._options = options or ServingOptions()
         self._current: _Execution | None = None
         self._lock = threading.RLock()
 
@@ -147,13 +121,13 @@ class ExecutionMonitor:
     def never_started(self, now: float) -> bool:
         """Whether the robot has rested at the start of its motion for too long."""
         current, options = self._current, self._options
-        if current is None or current.last is None or current.resting_since is None:
+        if current is None or current.last is None or current.how != HELD:
             return False
         motion, place = current.motion, current.last.progress.place
         start = motion.state(current.published - motion.began).positions
-        if abs(motion.state(place).positions - start).max() > options.start_distance:
+        if abs(motion.state(place).positions - start).max() > options.left_start:
             return False
-        return now - max(current.resting_since, current.published) > options.start_delay
+        return now - max(current.since, current.published) > options.start_delay
 
     def update(self, following: Following | None, now: float) -> None:
         """Note how the robot follows its motion; None if the robot is silent."""
@@ -181,7 +155,7 @@ class ExecutionMonitor:
     def _judge(self, current: _Execution, following: Following, now: float) -> None:
         options = self._options
         away = f"{following.distance:.3g} rad (or m), of joint '{following.joint}'"
-        away_since, resting_since = current.away_since, current.resting_since
+        duration = now - current.since
         if following.is_over and following.at_rest:
             if current.is_stop:
                 since = now - current.published
@@ -194,13 +168,13 @@ class ExecutionMonitor:
                 "never started: the robot rests at the start of the motion; check that the "
                 "controller is active and accepts the trajectory",
             )
-        elif away_since is not None and now - away_since > options.away_time:
+        elif current.how == OFF and duration > options.away_time:
             self._end(
                 NOT_FOLLOWED,
                 f"not followed: the deviation from the path is {away}; the largest one was "
                 f"{current.largest_deviation:.3g}, {current.deviation_time:.2f} s after publishing",
             )
-        elif resting_since is not None and now - resting_since > options.max_hold:
+        elif current.how == HELD and duration > options.max_hold:
             self._end(
                 NOT_FOLLOWED,
                 f"not followed: the robot has rested at {current.share:.0%} of the motion for more "

@@ -1,101 +1,32 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""How a robot follows the motion that was published last, and the parameters of that judgement."""
+"""The motion that was published last, and how a robot follows it."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+
+import numpy as np
 
 from ..exceptions import TrajectoryError
-from .measured import MeasuringOptions
-from .published_motion import PublishedMotion
-from .servo import ServoOptions
-from .tracking import Progress, TrackingOptions
+from ..motion.goal import JointState
+from .measured import Samples
+from .options import FollowingOptions
+from .published_motion import Joined, PublishedMotion, hold
+from .servo import ServoModel
+from .tracking import Progress, TrackedMotion
 
 ON_TIME, LAGGING, HELD, OFF = "on_time", "lagging", "held", "off"
 """The robot is at its place by the clock, moves along the path behind that place, rests short of
 the end of the motion, or is away from the path."""
 
+TAKEN, REFUSED, DOUBTFUL, ALIKE = "taken", "refused", "doubtful", "alike"
+"""The robot follows the newest motion, or the one before; it may follow either, and they differ;
+or they do not differ noticeably."""
+
 
 class UnconfirmedError(TrajectoryError):
     """The place of the robot on the motion that was published last is not known yet."""
-
-
-@dataclass(frozen=True)
-class FollowingOptions:
-    """Thresholds of how a robot follows its motion.
-
-    The values were tuned in campaigns of benchmarks/moving_robot.py. Distances are the largest of
-    all joints [rad or m].
-
-    Attributes
-    ----------
-    cycle : float
-        Cycle of the controller, by which commands are ahead of their time at any rate [s].
-    on_time_distance, on_time_rate : float
-        A robot is on time if its commanded position differs less from that of the clock, or if
-        its rate differs less from 1 and its lag is one of servos.
-    start_distance, start_time : float
-        The same distance in this time after a motion from rest was published [s]: a robot starts
-        so slowly that servo errors look like a lag. By then it is seen to move.
-    taken_distance : float
-        Distance between the newest motion and the one before at which the robot's position shows
-        that the newest one was taken.
-    refused_distance, refused_rest_distance : float
-        Distance from the newest motion at which a robot in motion, or at rest, shows that the
-        newest one was not taken.
-    same_distance : float
-        Distance between both motions that makes no difference.
-    load_lag : float
-        Change of the servo lag that an unknown load may cause [s].
-    max_age : float
-        Age of the newest state up to which a motion may be continued [s].
-    precision, max_change : float
-        A lagging robot's motion is continued if its place is known to this distance, beside the
-        noise, and its rate changes more slowly [1/s].
-    missed_distance : float
-        A robot that rests farther from the end of its motion has left it, whatever its load.
-    beside_share : float
-        A robot that rests short of the end is this near to its path, as a share of the distance
-        left. An unknown load pulls it away from the end in any direction.
-    min_rate : float
-        Rate below which a robot is being stopped by something else.
-    visible_time : float
-        Time after publishing from which states show the motion [s].
-    start_tolerance : float
-        Distance that a robot at rest may move between the choice of a start and publishing. It
-        bounds the jump that the controller has to absorb.
-    full_rate : float
-        Difference from 1 up to which a rate is that of the clock.
-    lead : float
-        Part of a motion that is kept when another one continues it [s].
-    measuring, tracking, servo :
-        Parameters of the parts.
-    """
-
-    cycle: float = 0.001
-    on_time_distance: float = 5e-4
-    on_time_rate: float = 0.07
-    start_distance: float = 0.002
-    start_time: float = 0.5
-    taken_distance: float = 0.0015
-    refused_distance: float = 0.006
-    refused_rest_distance: float = 4e-4
-    same_distance: float = 1.5e-4
-    load_lag: float = 0.003
-    max_age: float = 0.1
-    precision: float = 1e-4
-    max_change: float = 0.5
-    missed_distance: float = 0.02
-    beside_share: float = 0.15
-    min_rate: float = 0.05
-    visible_time: float = 0.05
-    start_tolerance: float = 0.005
-    full_rate: float = 0.01
-    lead: float = 0.35
-    measuring: MeasuringOptions = field(default_factory=MeasuringOptions)
-    tracking: TrackingOptions = field(default_factory=TrackingOptions)
-    servo: ServoOptions = field(default_factory=ServoOptions)
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,44 +67,148 @@ class Following:
         return self.how in (ON_TIME, LAGGING) and not self.is_over
 
 
-def check_continuable(following: Following, is_path_known: bool, min_rate: float) -> None:
-    """Raise an `UnconfirmedError` if the robot is being stopped."""
-    if following.how == LAGGING and following.progress.rate < min_rate:
-        raise UnconfirmedError(
-            "the robot comes to rest short of the end of its motion; send the goal again when it "
-            "is at rest"
-        )
-    if not is_path_known:
-        raise UnconfirmedError(
-            "the robot is being stopped by a single point, so its path is not known; send the goal "
-            "again when it is at rest"
-        )
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """The measured state, whether the robot rests, and its positions in the last moments."""
+
+    state: JointState
+    at_rest: bool
+    samples: Samples
 
 
-def check_place(following: Following, age: float, noise: float, options: FollowingOptions) -> None:
-    """Raise an `UnconfirmedError` if the place of a moving robot is not known precisely.
+@dataclass(eq=False)
+class Publication:
+    """A published motion, and what is known of the robot since.
 
-    Parameters
+    Attributes
     ----------
-    following : Following
-        How the robot follows its motion.
-    age : float
-        Age of the newest state [s].
-    noise : float
-        Noise of measured positions [rad or m].
-    options : FollowingOptions
-        Thresholds.
+    joined : Joined
+        What was published.
+    current : TrackedMotion
+        The motion that the robot follows as far as is known.
+    previous : TrackedMotion or None
+        What the robot does if the controller has not taken that motion; None once it is seen to
+        have taken it.
+    unconfirmed_since : float
+        Since when that is unknown [s].
+    is_lagging, is_arrived : bool
+        Whether the robot was seen to lag, or to rest at the end.
     """
-    if age > options.max_age:
-        raise UnconfirmedError(
-            f"the newest joint_states message is {age:.3g} s old, at most {options.max_age:g} s is "
-            "accepted while the robot moves; send the goal again"
+
+    joined: Joined
+    current: TrackedMotion
+    previous: TrackedMotion | None
+    unconfirmed_since: float
+    is_lagging: bool = False
+    is_arrived: bool = False
+
+    @classmethod
+    def after(cls, old: Publication | None, joined: Joined, lag: float) -> Publication:
+        """The publication that replaces another one, for servos with this lag [s]."""
+        motion, now = joined.motion, joined.time
+        is_lagging = old is not None and old.is_lagging
+        rate = old.current.progress.rate if old is not None and is_lagging else 1.0
+        if old is None or motion.began >= now:
+            # A robot at rest stays there if the controller does not take the motion.
+            start = hold(joined.trajectory.joint_names, joined.trajectory.positions[0])
+            previous = TrackedMotion(PublishedMotion(start, now), Progress(now, 0.0))
+            since = now
+        elif old.previous is None:
+            previous, since = old.current, now
+        else:
+            previous, since = old.previous, old.unconfirmed_since
+        progress = Progress(now, now - motion.began - lag * rate, rate)
+        return cls(joined, TrackedMotion(motion, progress), previous, since, is_lagging)
+
+    def give_up(self) -> None:
+        """Note that the controller has not taken the motion."""
+        if self.previous is not None:
+            self.current, self.previous = self.previous, None
+            self.is_arrived = self.is_lagging = False
+
+    def confirm(
+        self,
+        found: Progress,
+        seen: Seen,
+        servo: ServoModel,
+        noise: float,
+        options: FollowingOptions,
+    ) -> str:
+        """See from the measured positions which motion was taken, and note it.
+
+        Parameters
+        ----------
+        found : Progress
+            Place of the robot on the newest motion.
+        seen : Seen
+            The measured positions.
+        servo : ServoModel
+            Offset and lag of the servos.
+        noise : float
+            Noise of measured positions [rad or m].
+        options : FollowingOptions
+            Thresholds.
+
+        Returns
+        -------
+        {'taken', 'refused', 'doubtful', 'alike'}
+            The conclusion.
+        """
+        times, previous = seen.samples.times, self.previous
+        if previous is None or not len(times):
+            return ALIKE
+        motion, when = self.current.motion, float(times[-1])
+        if when < self.unconfirmed_since + options.visible_time:
+            return ALIKE
+        measured = seen.samples.positions[-1] - servo.offset
+        new, old = motion.state(found.at(when)).positions, previous.state(when).positions
+        # Motions to goals that differ little share their path and differ by their timing, unless
+        # the robot is late on either.
+        due = new
+        if self.joined.is_on_time and not self.is_lagging:
+            due = motion.state(when - motion.began - servo.lag).positions
+        to_new, to_due, to_old, between = (
+            float(np.abs(x).max())
+            for x in (measured - new, measured - due, measured - old, due - old)
         )
-    progress = following.progress
-    is_precise = progress.error <= options.precision + noise
-    is_steady = abs(progress.change) <= options.max_change
-    if following.how == LAGGING and not (is_precise and is_steady):
-        raise UnconfirmedError(
-            "the speed of the robot changes (speed scaling), so its place on the motion is not "
-            "known precisely; send the goal again"
-        )
+        margin = 4.0 * noise
+        if between >= options.taken_distance + margin and max(to_new, to_due) < 0.5 * to_old:
+            self.previous = None
+            return TAKEN
+        at_rest = options.refused_rest_distance + margin
+        refused = at_rest if seen.at_rest else options.refused_distance
+        if to_new >= refused and to_old < 0.5 * to_new:
+            self.give_up()
+            return REFUSED
+        return DOUBTFUL if between > options.same_distance else ALIKE
+
+    def is_on_time(
+        self, on_time: Progress, found: Progress, servo: ServoModel, options: FollowingOptions
+    ) -> bool:
+        """Whether the robot is at its place by the clock, except for the lag of its servos.
+
+        Parameters
+        ----------
+        on_time, found : Progress
+            The place by the clock, and that of the robot.
+        servo : ServoModel
+            Lag of the servos.
+        options : FollowingOptions
+            Thresholds.
+        """
+        joined = self.joined
+        places = np.array([on_time.place, found.place + servo.lag * found.rate])
+        clock, path = self.current.motion.sample(places)[0]
+        is_start = joined.is_on_time and on_time.time < joined.time + options.start_time
+        is_start = is_start and joined.motion.began >= joined.time
+        near = options.start_distance if is_start else options.on_time_distance
+        is_near = bool(np.abs(clock - path).max() <= near)
+        lag = abs(on_time.place - found.place)
+        has_no_lag = lag <= servo.longest_lag
+        has_its_rate = abs(found.rate - 1.0) <= options.on_time_rate
+        if not self.is_lagging:
+            return is_near or (has_no_lag and has_its_rate)
+        # A robot that has lagged stays late at full rate, even where it is near the end of its
+        # motion; unless a load made the lag of its servos look longer.
+        is_usual = abs(lag - servo.lag) <= options.load_lag and has_its_rate
+        return has_no_lag and (is_near or is_usual)

@@ -14,9 +14,10 @@ from ..exceptions import TrajectoryError
 from ..motion.goal import Goal, JointGoal, JointState, PoseGoal, SequenceGoal
 from ..planning.plan import Plan
 from ..planning.sequence import SequencePlan
-from .adaptation import AdaptationOptions, AdaptedPlan, displaced, effort_cost
+from .adaptation import AdaptedPlan, displaced, effort_cost
 from .assembly import Model
 from .measured import Clock
+from .options import ServingOptions
 from .preemptive_worker import CancelledError, IsCancelled
 from .served_goal import AnyPlan, Served
 from .start_state import MotionStart, StartStates
@@ -67,15 +68,15 @@ class GoalPlanner:
     clock :
         The clock of planning times [s].
     options :
-        Parameters of continued motions.
+        Parameters.
     """
 
     def __init__(
-        self, states: StartStates, clock: Clock, options: AdaptationOptions | None = None
+        self, states: StartStates, clock: Clock, options: ServingOptions | None = None
     ) -> None:
         self._states = states
         self._clock = clock
-        self._options = options or AdaptationOptions()
+        self._options = options or ServingOptions()
 
     def plan(self, goal: Goal, request: PlanRequest) -> tuple[AnyPlan, ServedTrial | None]:
         """Plan an executable motion.
@@ -149,7 +150,7 @@ class GoalPlanner:
         motion, period = start.following.motion, model.settings.sample_period
         place = min(start.place, motion.duration)
         robot, limits = model.planning_robot, model.limits
-        found = displaced(motion, place, target, robot, limits, period, self._options)
+        found = displaced(motion, place, target, robot, limits, period)
         collision = model.planner.collision
         if found is None or (collision is not None and collision.collisions(found[0])):
             return None

@@ -15,39 +15,9 @@ import numpy as np
 from ..arrays import FloatArray
 from ..exceptions import GoalError, quote_names
 from ..motion.goal import JointState
+from .options import FollowingOptions
 
 Clock = Callable[[], float]
-
-
-@dataclass(frozen=True)
-class MeasuringOptions:
-    """Parameters of the measured states.
-
-    Attributes
-    ----------
-    rest_velocity : float
-        Reported velocity up to which a robot is at rest [rad/s or m/s]: the noise of encoders.
-    rest_slope : float
-        The same for the slope of positions over the window, which has less noise.
-    clear_velocity : float
-        Reported velocity that no noise explains: the robot moves, whatever its positions say.
-    spacing, window : float
-        Shortest time between the states that are kept, and how long they are kept [s].
-    min_span : float
-        Time that positions must span to give a velocity [s].
-    max_delay, max_lead : float
-        A stamp that lies further behind its receipt, or further ahead of it, shows that the
-        clocks of the robot and of this computer differ [s].
-    """
-
-    rest_velocity: float = 0.01
-    rest_slope: float = 0.003
-    clear_velocity: float = 0.1
-    spacing: float = 0.008
-    window: float = 0.3
-    min_span: float = 0.08
-    max_delay: float = 0.1
-    max_lead: float = 0.005
 
 
 class StateReader(Protocol):
@@ -126,7 +96,7 @@ class MeasuredStates:
         receipt_clock: Clock,
         motion_clock: Clock,
         fetch: Callable[[], None] = lambda: None,
-        options: MeasuringOptions | None = None,
+        options: FollowingOptions | None = None,
     ) -> None:
         self.joint_names: tuple[str, ...] = ()
         self.n_incomplete = self.n_unusable = 0
@@ -134,7 +104,7 @@ class MeasuredStates:
         self._receipt_clock = receipt_clock
         self._motion_clock = motion_clock
         self._fetch = fetch
-        self._options = options = options or MeasuringOptions()
+        self._options = options = options or FollowingOptions()
         # The planning thread reads a copy of them.
         self._kept: deque[_Message] = deque(maxlen=int(options.window / options.spacing))
         self._newest: _Message | None = None
@@ -187,7 +157,9 @@ class MeasuredStates:
     @property
     def clocks_agree(self) -> bool:
         """Whether the stamps are compatible with the clock of motions."""
-        return -self._options.max_lead <= self.clock_difference <= self._options.max_delay
+        return (
+            -self._options.max_stamp_lead <= self.clock_difference <= self._options.max_stamp_delay
+        )
 
     @property
     def clock_difference(self) -> float:

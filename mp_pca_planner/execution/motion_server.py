@@ -10,7 +10,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from functools import partial
 from typing import Any, Protocol
 
@@ -18,19 +18,18 @@ from ..exceptions import GoalError
 from ..motion.goal import Goal, JointGoal, JointState
 from ..motion.trajectory import Trajectory
 from ..motion.validation import check_executable, check_limits
-from .adaptation import AdaptationOptions
 from .assembly import Model
-from .execution_monitor import ExecutionMonitor, ExecutionReport, MonitorOptions
+from .execution_monitor import ExecutionMonitor, ExecutionReport
 from .following import UnconfirmedError
 from .goal_planner import GoalPlanner, PlanRequest
 from .goal_statistics import GoalStatistics
-from .joined import Joined
 from .measured import Clock
+from .options import ServingOptions
 from .preemptive_worker import CancelledError, IsCancelled
-from .published_motion import PublishedMotion
+from .published_motion import Joined, PublishedMotion
 from .served_goal import AnyPlan, Served
 from .start_state import StartStates, TooLateError
-from .stop_planner import StoppingOptions, StopPlanner
+from .stopping import StopPlanner
 
 MakeGoal = Callable[[JointState], Goal]
 """Makes the goal of a motion that starts at a state."""
@@ -43,35 +42,6 @@ class Publish(Protocol):
         self, trajectory: Trajectory, *, stamp: float | None, last_point_only: bool
     ) -> None:
         """Send it; it starts at the stamp [s], or when it is received if there is none."""
-
-
-@dataclass(frozen=True)
-class ServingOptions:
-    """Parameters of the server.
-
-    Attributes
-    ----------
-    max_attempts : int
-        Times that a motion is planned if the robot has moved past its start, ≥ 1. Each time, the
-        start is twice as far ahead as the last planning took.
-    max_lookahead : float
-        Longest time that a joint goal is planned ahead [s]; by then, a displaced motion is
-        published.
-    confirmation_timeout : float
-        Longest time to wait until the states show that the last motion was taken [s].
-    confirmation_period : float
-        Time between these checks [s].
-    adaptation, monitoring, stopping :
-        Parameters of the parts.
-    """
-
-    max_attempts: int = 3
-    max_lookahead: float = 0.25
-    confirmation_timeout: float = 1.5
-    confirmation_period: float = 0.01
-    adaptation: AdaptationOptions = field(default_factory=AdaptationOptions)
-    monitoring: MonitorOptions = field(default_factory=MonitorOptions)
-    stopping: StoppingOptions = field(default_factory=StoppingOptions)
 
 
 class MotionServer:
@@ -111,9 +81,9 @@ class MotionServer:
         self._send = publish
         self._clock = clock
         self._sleep = sleep
-        self._planner = GoalPlanner(states, clock, self._options.adaptation)
-        self._stops = StopPlanner(states, self._options.stopping)
-        self._monitor = ExecutionMonitor(report, self._options.monitoring)
+        self._planner = GoalPlanner(states, clock, self._options)
+        self._stops = StopPlanner(states, self._options)
+        self._monitor = ExecutionMonitor(report, self._options)
         self._served: Served | None = None
         # Goals are served in a thread of their own, stops in that of the callbacks.
         self._publishing = threading.Lock()

@@ -5,44 +5,12 @@
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass
 
 import numpy as np
 
 from ..arrays import FloatArray
+from .options import FollowingOptions
 from .published_motion import PublishedMotion
-
-
-@dataclass(frozen=True)
-class ServoOptions:
-    """Parameters of the servo model.
-
-    Attributes
-    ----------
-    memory : float
-        Time for which older values are kept [s]: a robot that begins to lag is noticed late, and
-        what was learned in the meantime is then discarded.
-    adaptation_time : float
-        Time constant of the offset, > 0 [s].
-    lag_share : float
-        Speed of the lag's adaptation as a share of the offset's, 0 to 1.
-    slow : float
-        Speed below which an offset along the path looks like a lag [rad/s or m/s].
-    lag_noise : float
-        How much longer than learned the lag of a robot on time may be [s].
-    initial_lag : float
-        Lag before anything was learned [s]: arms lag by some milliseconds.
-    max_lag : float
-        Largest lag of servos and messages together [s]; a robot that lags more is late.
-    """
-
-    memory: float = 0.35
-    adaptation_time: float = 0.2
-    lag_share: float = 0.2
-    slow: float = 0.1
-    lag_noise: float = 0.005
-    initial_lag: float = 0.002
-    max_lag: float = 0.1
 
 
 class ServoModel:
@@ -52,7 +20,7 @@ class ServoModel:
     ----------
     n_joints : int
         Number of joints.
-    options : ServoOptions, optional
+    options : FollowingOptions, optional
         Parameters of the model.
 
     Attributes
@@ -65,8 +33,8 @@ class ServoModel:
         Delay with which commands are followed [s].
     """
 
-    def __init__(self, n_joints: int, options: ServoOptions | None = None) -> None:
-        self._options = options or ServoOptions()
+    def __init__(self, n_joints: int, options: FollowingOptions | None = None) -> None:
+        self._options = options or FollowingOptions()
         self.load: FloatArray = np.zeros(n_joints)
         self.offset = self.load
         self.lag = self._options.initial_lag
@@ -97,13 +65,13 @@ class ServoModel:
         """
         options = self._options
         last = self._learned[-1][0] if self._learned else time - 0.01
-        since = min(max(time - last, 0.0), options.adaptation_time)
-        share = 1.0 - np.exp(-since / options.adaptation_time)
+        since = min(max(time - last, 0.0), options.servo_time)
+        share = 1.0 - np.exp(-since / options.servo_time)
         self._learned.append((time, self.offset, self.lag))
-        while self._learned[0][0] < time - options.memory:
+        while self._learned[0][0] < time - options.servo_memory:
             self._learned.popleft()
         q, v, _ = (x[0] for x in motion.sample(np.array([time - motion.began - self.lag])))
-        is_new = self._experience < options.adaptation_time
+        is_new = self._experience < options.servo_time
         speed, slow = float(v @ v), options.slow**2
         fast = speed / (speed + slow)
         self._experience += fast * since
@@ -118,7 +86,7 @@ class ServoModel:
     def longest_lag(self) -> float:
         """Largest lag of a robot that counts as on time [s]."""
         options = self._options
-        is_new = self._experience < 2.0 * options.adaptation_time
+        is_new = self._experience < 2.0 * options.servo_time
         return options.max_lag if is_new else self.lag + options.lag_noise
 
     def unlearn(self) -> bool:

@@ -19,13 +19,10 @@ from .following import (
     ON_TIME,
     Following,
     UnconfirmedError,
-    check_continuable,
-    check_place,
 )
-from .joined import TRANSPORT, USUAL_TRANSPORT, Joined
 from .motion_follower import MotionFollower
 from .parameters import AUTO, MEASURED, Settings
-from .published_motion import PublishedMotion
+from .published_motion import TRANSPORT, USUAL_TRANSPORT, Joined, PublishedMotion
 
 _WORDS = {ON_TIME: "on time", LAGGING: "behind its motion", OFF: "off its path"}
 
@@ -127,17 +124,17 @@ class StartStates(MotionFollower):
         start_from: str,
         settings: Settings,
     ) -> MotionStart:
-        track, options = self._track, self._options
+        last, options = self._published, self._options
         holds = may_settle = False
-        if following is not None and track is not None:
-            if following.how == HELD and now < track.joined.time + options.start_time:
+        if following is not None and last is not None:
+            if following.how == HELD and now < last.joined.time + options.start_time:
                 raise UnconfirmedError(
                     "the robot rests at the start of the motion before this one, which was "
                     f"published less than {options.start_time:g} s ago; send the goal again"
                 )
-            holds = following.is_over and start_from != MEASURED and track.joined.is_path_known
+            holds = following.is_over and start_from != MEASURED and last.joined.is_path_known
             # A robot that has just come to the end of its motion may still settle.
-            may_settle = holds and not track.is_arrived
+            may_settle = holds and not last.is_arrived
         if not may_settle and self.measured.velocities(measured).any():
             raise GoalError(_motion_refusal(start_from, following, settings))
         here, place = measured.positions, 0.0
@@ -220,7 +217,7 @@ class StartStates(MotionFollower):
 
     @property
     def _last(self) -> PublishedMotion | None:
-        return None if self._track is None else self._track.current.motion
+        return None if self._published is None else self._published.current.motion
 
     def _held(self, measured: FloatArray) -> FloatArray:
         """Commanded positions of a robot that rests elsewhere than at the end of its motion."""
@@ -233,18 +230,41 @@ class StartStates(MotionFollower):
         return measured - self._servo.load
 
     def _check_place(self, following: Following, now: float) -> None:
-        check_place(following, now - self.measured.newest_time, self._noise, self._options)
+        """Raise an `UnconfirmedError` if the place of a moving robot is not known precisely."""
+        options, progress = self._options, following.progress
+        age = now - self.measured.newest_time
+        if age > options.max_age:
+            raise UnconfirmedError(
+                f"the newest joint_states message is {age:.3g} s old, at most {options.max_age:g} "
+                "s is accepted while the robot moves; send the goal again"
+            )
+        is_precise = progress.error <= options.precision + self._noise
+        is_steady = abs(progress.change) <= options.max_change
+        if following.how == LAGGING and not (is_precise and is_steady):
+            raise UnconfirmedError(
+                "the speed of the robot changes (speed scaling), so its place on the motion is not "
+                "known precisely; send the goal again"
+            )
 
     def _check_taken(self, following: Following, then: float) -> None:
-        """Raise an `UnconfirmedError` if the controller may execute another motion."""
-        track, options = self._track, self._options
-        if track is None:
+        """Raise an `UnconfirmedError` if the robot stops or may follow another motion."""
+        last, options, progress = self._published, self._options, following.progress
+        if last is None:
             return
-        check_continuable(following, track.joined.is_path_known, options.min_rate)
-        if track.previous is None:
+        if following.how == LAGGING and progress.rate < options.min_rate:
+            raise UnconfirmedError(
+                "the robot comes to rest short of the end of its motion; send the goal again when "
+                "it is at rest"
+            )
+        if not last.joined.is_path_known:
+            raise UnconfirmedError(
+                "the robot is being stopped by a single point, so its path is not known; send the "
+                "goal again when it is at rest"
+            )
+        if last.previous is None:
             return
-        new = following.motion.state(following.progress.at(then)).positions
-        old = track.previous.state(then, self._servo.lag).positions
+        new = following.motion.state(progress.at(then)).positions
+        old = last.previous.state(then, self._servo.lag).positions
         if np.abs(new - old).max() > options.same_distance:
             raise UnconfirmedError(
                 "joint_states do not show yet whether the controller has taken the motion before "

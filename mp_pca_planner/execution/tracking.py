@@ -15,46 +15,11 @@ import numpy as np
 
 from ..motion.goal import JointState
 from .measured import Samples
+from .options import FollowingOptions
 from .published_motion import PublishedMotion
 
-
-@dataclass(frozen=True)
-class TrackingOptions:
-    """Parameters of the estimation. All values were tuned in benchmarks/moving_robot.py.
-
-    Attributes
-    ----------
-    position_noise : float
-        Standard deviation of measured positions, > 0 [rad or m].
-    prior : tuple of four floats
-        Standard deviations of the prior, > 0: of the place [s], the rate [1], the change of the
-        rate [1/s], and the change of that change [1/s²].
-    n_iterations : int
-        Gauss-Newton steps of each fit, ≥ 1.
-    max_step : float
-        Largest change of the place in a step [s].
-    good_cost : float
-        Cost per sample above which the whole motion is searched for a better initial place.
-    n_searched : int
-        Places of that search.
-    max_rate : float
-        Largest rate of a robot, > 1.
-    n_newest : int
-        Samples that the stated error is averaged over.
-    good_error : float
-        Error above which the newer half of the window is fitted alone [rad or m]: the rate may
-        have changed too fast for one fit.
-    """
-
-    position_noise: float = 0.002
-    prior: tuple[float, float, float, float] = (1.0, 0.3, 2.0, 40.0)
-    n_iterations: int = 6
-    max_step: float = 0.2
-    good_cost: float = 1.0
-    n_searched: int = 100
-    max_rate: float = 1.2
-    n_newest: int = 5
-    good_error: float = 3e-5
+# Samples that the error of an estimated place is averaged over.
+_N_NEWEST = 5
 
 
 @dataclass(frozen=True)
@@ -107,7 +72,7 @@ def locate(
     samples: Samples,
     prior: Progress,
     now: float,
-    options: TrackingOptions,
+    options: FollowingOptions,
 ) -> Progress:
     """Estimate where on a motion a robot is.
 
@@ -121,21 +86,22 @@ def locate(
         The last estimate.
     now : float
         The time that the progress is stated for [s].
-    options : TrackingOptions
+    options : FollowingOptions
         Parameters of the estimation.
     """
     known, n = Progress(now, prior.at(now), prior.rate), len(samples.times)
     if n == 0:
         return known
     cost, found = _fit(motion, samples, known, known, options)
-    if cost > options.good_cost * n:
-        places = np.linspace(0.0, motion.duration, options.n_searched)
+    if cost > n:
+        # A poor fit: the prior misled, so the nearest place of the whole motion is tried, too.
+        places = np.linspace(0.0, motion.duration, 100)
         away = motion.sample(places)[0] - samples.positions[-1]
         nearest = float(places[np.square(away).sum(axis=1).argmin()])
         start = Progress(now, nearest, known.rate)
         other_cost, other = _fit(motion, samples, known, start, options)
         found = other if other_cost < cost else found
-    if found.error <= options.good_error or n < 4 * options.n_newest:
+    if found.error <= options.good_error or n < 4 * _N_NEWEST:
         return found
     newer = Samples(samples.times[-(n // 2) :], samples.positions[-(n // 2) :])
     _, other = _fit(motion, newer, known, found, options)
@@ -148,7 +114,7 @@ def _fit(
     samples: Samples,
     prior: Progress,
     start: Progress,
-    options: TrackingOptions,
+    options: FollowingOptions,
 ) -> tuple[float, Progress]:
     """Gauss-Newton steps for the place, the rate and its changes; returns cost and progress."""
     since, noise = samples.times - prior.time, options.position_noise
@@ -156,18 +122,19 @@ def _fit(
     precision = np.array(options.prior) ** -2.0
     known, x = (np.array([one.place, one.rate, 0.0, 0.0]) for one in (prior, start))
     best = float("inf"), start
-    for _ in range(options.n_iterations):
+    for _ in range(6):
         q, v, _ = motion.sample(x @ powers)
         away = samples.positions - q
         error = away / noise
         cost = float(np.square(error).sum() + precision @ (x - known) ** 2)
         if cost < best[0]:
-            distance = float(np.abs(away[-options.n_newest :].mean(axis=0)).max())
+            distance = float(np.abs(away[-_N_NEWEST:].mean(axis=0)).max())
             place, rate, change = (float(value) for value in x[:3])
             best = cost, Progress(prior.time, place, rate, change, distance)
         slopes = (powers[:, :, None] * v).reshape(len(x), -1) / noise
         gradient = slopes @ error.ravel() + precision * (known - x)
         step = np.linalg.solve(slopes @ slopes.T + np.diag(precision), gradient)
-        x = x + step * min(1.0, options.max_step / max(abs(step[0]), 1e-9))
+        # A longer step than 0.2 s leaves the range in which the motion is nearly linear.
+        x = x + step * min(1.0, 0.2 / max(abs(step[0]), 1e-9))
         x[:2] = np.clip(x[:2], 0.0, [np.inf, options.max_rate])
     return best

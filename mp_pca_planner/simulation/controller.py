@@ -8,48 +8,14 @@ measured, messages by topic. Times are integer nanoseconds, as in ROS.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from ..arrays import FloatArray
-from ..exceptions import SimulationError
 from .message import TrajectoryMessage, TrajectoryPoint
-from .rejection import rejection
+from .rejection import ControllerOptions, rejection
 from .splines import BoolArray, Splines, States
-
-
-@dataclass(frozen=True)
-class ControllerOptions:
-    """Parameters of the controller; names and defaults are those of the original.
-
-    Attributes
-    ----------
-    allow_nonzero_velocity_at_trajectory_end : bool
-        Whether the last point may have a velocity.
-    allow_partial_joints_goal : bool
-        Whether joints may be missing; they hold their commanded positions.
-    state_tolerance : float
-        Largest deviation of a joint while moving [rad or m]; 0 allows any. Where it is exceeded,
-        the measured position is held.
-
-    Raises
-    ------
-    SimulationError
-        If the tolerance is negative or not finite.
-    """
-
-    allow_nonzero_velocity_at_trajectory_end: bool = False
-    allow_partial_joints_goal: bool = False
-    state_tolerance: float = 0.0
-
-    def __post_init__(self) -> None:
-        if not 0.0 <= self.state_tolerance < math.inf:
-            raise SimulationError(
-                f"state_tolerance is {self.state_tolerance}, expected a finite number from 0 on"
-            )
 
 
 class TrajectoryController:
@@ -124,13 +90,7 @@ class TrajectoryController:
         reason : str or None
             Why it is rejected; None if it is accepted.
         """
-        reason = rejection(
-            message,
-            self._names,
-            now,
-            allow_partial=self._options.allow_partial_joints_goal,
-            allow_moving_end=self._options.allow_nonzero_velocity_at_trajectory_end,
-        )
+        reason = rejection(message, self._names, now, self._options)
         if reason is None and not self.is_active:
             reason = "the controller is not active"
         if reason is None:

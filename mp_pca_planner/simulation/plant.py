@@ -8,7 +8,6 @@ late, as those of industrial arms do.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -168,16 +167,3 @@ def _solve(matrix: FloatArray, right: FloatArray) -> FloatArray:
             "the robot description a valid inertial"
         )
     return np.asarray(solution)
-
-
-def _mujoco_plant(robot: Robot, start: FloatArray) -> Plant:
-    from .mujoco_plant import MujocoPlant
-
-    return MujocoPlant(robot, start)
-
-
-PLANTS: dict[str, Callable[[Robot, FloatArray], Plant]] = {
-    "pinocchio": PinocchioPlant,
-    "mujoco": _mujoco_plant,
-}
-"""Physics engines by name."""

@@ -9,8 +9,6 @@ import numpy as np
 from ..arrays import FloatArray
 
 _FIRST_SIZE = 4096
-_PER_CYCLE = ("times", "clock", "scaling")
-_PER_JOINT = ("q", "v", "a", "measured")
 
 
 class Record:
@@ -32,19 +30,21 @@ class Record:
     """
 
     def __init__(self, n_joints: int) -> None:
-        per_cycle = [(name, float) for name in _PER_CYCLE]
-        per_joint = [(name, float, (n_joints,)) for name in _PER_JOINT]
+        self._n = n_joints
         self._size = 0
-        self._rows = np.empty(_FIRST_SIZE, dtype=[*per_cycle, *per_joint])
+        self._rows = np.empty((_FIRST_SIZE, 3 + 4 * n_joints))
+        self._columns: dict[str, int | slice] = {"times": 0, "clock": 1, "scaling": 2}
+        for k, name in enumerate(("q", "v", "a", "measured")):
+            self._columns[name] = slice(3 + k * n_joints, 3 + (k + 1) * n_joints)
         self.cuts: list[int] = []
 
     def __len__(self) -> int:
         return self._size
 
     def __getattr__(self, name: str) -> FloatArray:
-        if name not in (*_PER_CYCLE, *_PER_JOINT):
+        if name.startswith("_") or name not in self._columns:
             raise AttributeError(name)
-        return np.asarray(self._rows[name][: self._size])
+        return self._rows[: self._size, self._columns[name]]
 
     def append(
         self, stamps: tuple[float, float, float], command: FloatArray, measured: FloatArray
@@ -52,7 +52,10 @@ class Record:
         """Add a cycle: its time, clock and scaling; q, v and a in a row; measured positions."""
         if self._size == len(self._rows):
             self._rows = np.concatenate([self._rows, np.empty_like(self._rows)])
-        self._rows[self._size] = (*stamps, *command.reshape(3, -1), measured)
+        row = self._rows[self._size]
+        row[:3] = stamps
+        row[3 : -self._n] = command
+        row[-self._n :] = measured
         self._size += 1
 
     def clear(self) -> None:
@@ -62,5 +65,5 @@ class Record:
 
     def arrays(self) -> dict[str, FloatArray]:
         """Every array by name, for :func:`numpy.savez`."""
-        arrays = {name: getattr(self, name) for name in (*_PER_CYCLE, *_PER_JOINT)}
+        arrays = {name: getattr(self, name) for name in self._columns}
         return arrays | {"cuts": np.array(self.cuts)}

@@ -16,11 +16,13 @@ from ..arrays import FloatArray, frozen_array
 from ..exceptions import SimulationError, unknown_name
 from ..motion.trajectory import Trajectory
 from ..robot.model import Robot
-from .controller import ControllerOptions, TrajectoryController
+from .controller import TrajectoryController
 from .faults import Faults
 from .message import NANOSECONDS, TrajectoryMessage, to_message
-from .plant import PLANTS
+from .mujoco_plant import MujocoPlant
+from .plant import PinocchioPlant
 from .record import Record
+from .rejection import ControllerOptions
 
 _CYCLE = 1_000_000  # of the controller and the plant [ns]
 _START = 1000 * NANOSECONDS  # of the virtual clock; 0 would mean "on arrival" as a stamp
@@ -32,7 +34,7 @@ STATE_RATE = 500.0
 _FILTER = 0.001 / 0.05
 _ARRIVED = 1e-6
 _VELOCITY_NOISE = 100.0
-_NOISE_BLOCK = 1024
+_PLANTS = {"pinocchio": PinocchioPlant, "mujoco": MujocoPlant}
 
 
 class SimulatedRobot:
@@ -97,8 +99,8 @@ class SimulatedRobot:
         if isinstance(urdf, Path):
             urdf = Robot.from_file(urdf, joint_names)
         robot = urdf if isinstance(urdf, Robot) else Robot(urdf, joint_names)
-        if plant not in PLANTS:
-            raise SimulationError(unknown_name("physics engine", plant, PLANTS))
+        if plant not in _PLANTS:
+            raise SimulationError(unknown_name("physics engine", plant, _PLANTS))
         if not 0.0 < state_rate <= 1000.0:
             reason = f"the rate of joint states is {state_rate} Hz, expected over 0, up to 1000"
             raise SimulationError(reason)
@@ -108,7 +110,7 @@ class SimulatedRobot:
         self.rejections: list[tuple[float, str]] = []
         self.n_received = 0
         self.taken: list[tuple[int, int]] = []
-        self._plant = PLANTS[plant](robot, q)
+        self._plant = _PLANTS[plant](robot, q)
         self._controller = TrajectoryController(self.joint_names, q, options, robot.continuous)
         self._now = self._state_time = time_ns
         self.state_period_ns = round(NANOSECONDS / state_rate)
@@ -117,7 +119,6 @@ class SimulatedRobot:
         self._under_way: deque[tuple[int, TrajectoryMessage]] = deque()
         # Noise draws from a stream of its own: it leaves delays as they are.
         self._chance, self._noise = (np.random.default_rng([seed, k]) for k in range(2))
-        self._noise_rows: list[FloatArray] = []
         self._measured = self._state = self._measure()
 
     @property
@@ -230,7 +231,5 @@ class SimulatedRobot:
         q, v = self._plant.q, self._plant.v
         if self.faults.noise == 0.0:
             return q, v
-        if not self._noise_rows:
-            self._noise_rows = list(self._noise.standard_normal((_NOISE_BLOCK, 2, len(q))))
-        row = self.faults.noise * self._noise_rows.pop()
-        return q + row[0], v + _VELOCITY_NOISE * row[1]
+        noise = self.faults.noise * self._noise.standard_normal((2, len(q)))
+        return q + noise[0], v + _VELOCITY_NOISE * noise[1]

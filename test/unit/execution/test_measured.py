@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 
 from mp_pca_planner.exceptions import GoalError
-from mp_pca_planner.execution.measured import MeasuredStates, MeasuringOptions
+from mp_pca_planner.execution.measured import MeasuredStates
+from mp_pca_planner.execution.options import FollowingOptions
 from mp_pca_planner.motion.goal import JointState
 
 JOINTS = ("a", "b")
-REST_VELOCITY = MeasuringOptions.rest_velocity
+REST_VELOCITY = FollowingOptions.rest_velocity
 
 
 class Reader:

@@ -13,12 +13,11 @@ from dense import assert_keeps, minimum_jerk_motion, spline
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mp_pca_planner.execution.published_motion import PublishedMotion
+from mp_pca_planner.execution.published_motion import PublishedMotion, hold
 from mp_pca_planner.execution.stopping import (
     braking_ends,
     ends_at,
     ends_on_path,
-    hold,
     stop_at_point,
     stop_on_path,
 )
