@@ -55,7 +55,7 @@ class ExecutionReport:
 
 @dataclass(eq=False)
 class _Execution:
-    """A motion that is being executed, and what was seen of it."""
+    """A motion that is being executed, and how the robot has followed it."""
 
     goal: Any
     motion: PublishedMotion

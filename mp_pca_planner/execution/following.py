@@ -78,17 +78,17 @@ class Seen:
 
 @dataclass(eq=False)
 class Publication:
-    """A published motion, and what is known of the robot since.
+    """A published motion, and how the robot has followed it since.
 
     Attributes
     ----------
     joined : Joined
-        What was published.
+        The motion with the time of its first point.
     current : TrackedMotion
         The motion that the robot follows as far as is known.
     previous : TrackedMotion or None
-        What the robot does if the controller has not taken that motion; None once it is seen to
-        have taken it.
+        What the robot follows if the controller has not taken that motion; None once the robot
+        is seen on it.
     unconfirmed_since : float
         Since when that is unknown [s].
     is_lagging, is_arrived : bool
@@ -212,3 +212,45 @@ class Publication:
         # motion; unless a load made the lag of its servos look longer.
         is_usual = abs(lag - servo.lag) <= options.load_lag and has_its_rate
         return has_no_lag and (is_near or is_usual)
+
+    def check_taken(
+        self, following: Following, then: float, lag: float, options: FollowingOptions
+    ) -> None:
+        """Check that a running motion may be continued at a later time.
+
+        Parameters
+        ----------
+        following : Following
+            How the robot follows the motion.
+        then : float
+            When it is to be continued [s].
+        lag : float
+            Lag of the servos [s].
+        options : FollowingOptions
+            Thresholds.
+
+        Raises
+        ------
+        UnconfirmedError
+            If the robot is being stopped, or may follow another motion.
+        """
+        progress = following.progress
+        if following.how == LAGGING and progress.rate < options.min_rate:
+            raise UnconfirmedError(
+                "the robot comes to rest short of the end of its motion; send the goal again when "
+                "it is at rest"
+            )
+        if not self.joined.is_path_known:
+            raise UnconfirmedError(
+                "the robot is being stopped by a single point, so its path is not known; send the "
+                "goal again when it is at rest"
+            )
+        if self.previous is None:
+            return
+        new = following.motion.state(progress.at(then)).positions
+        old = self.previous.state(then, lag).positions
+        if np.abs(new - old).max() > options.same_distance:
+            raise UnconfirmedError(
+                "joint_states do not show yet whether the controller has taken the motion before "
+                "this one; check that it is active, then send the goal again"
+            )

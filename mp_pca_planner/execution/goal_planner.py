@@ -38,7 +38,7 @@ class UnexecutablePlanError(TrajectoryError):
 
 @dataclass(frozen=True, eq=False)
 class PlanRequest:
-    """What a goal is planned with.
+    """The start and the context of a goal.
 
     Attributes
     ----------

@@ -24,7 +24,7 @@ class GoalStatistics:
     n_served, n_refused : int
         Goals with and without a published motion.
     n_under_way : int
-        Goals that repeat the one under way.
+        Goals that were the same as the one under way.
     n_overtaken : int
         Goals that were preempted by newer ones, or by a stop.
     """
@@ -63,7 +63,7 @@ class GoalStatistics:
             self.n_refused += 1
 
     def under_way(self) -> None:
-        """Count a goal that repeats the one under way."""
+        """Count a goal that is the same as the one under way."""
         with self._lock:
             self.n_under_way += 1
 

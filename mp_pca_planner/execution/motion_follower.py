@@ -69,7 +69,7 @@ class MotionFollower:
         self._noise = 0.0
 
     def expect(self, joint_names: tuple[str, ...]) -> None:
-        """Set the joints whose state is needed, and discard what is known of other joints."""
+        """Set the joints whose state is needed, and discard the states of other joints."""
         if self.measured.joint_names != tuple(joint_names):
             with self._lock:
                 self.measured.expect(joint_names)
@@ -147,7 +147,7 @@ class MotionFollower:
             return following if is_near else replace(following, how=OFF)
 
     def _follow(self, published: Publication, on_time: Progress, seen: Seen) -> Following | None:
-        """How the robot follows a motion; None if what was known of it has proved wrong."""
+        """How the robot follows a motion; None if the motion or the servo model was wrong."""
         if published.is_arrived:
             return self._following(published, ON_TIME, on_time, seen)
         motion, samples, servo = published.current.motion, seen.samples, self._servo

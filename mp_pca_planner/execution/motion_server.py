@@ -105,7 +105,7 @@ class MotionServer:
         make_goal :
             The goal, for a motion that starts at this state.
         model :
-            What to plan with.
+            The planner and its settings.
         is_cancelled :
             Whether the goal was preempted.
         name :
@@ -199,7 +199,7 @@ class MotionServer:
         start, model, settings = request.start, request.model, request.model.settings
         check, first = plan.limit_check, start.state
         if start.is_in_motion:
-            # What is published a moment later is the end of the same trajectory.
+            # The trajectory that is published a moment later is a part of this one.
             joined = self._states.join(plan.trajectory, start, settings)
             check = check_limits(joined.trajectory, model.planning_robot, model.limits)
         with self._publishing:

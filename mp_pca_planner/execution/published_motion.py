@@ -133,7 +133,7 @@ class Joined:
     Attributes
     ----------
     trajectory : Trajectory
-        What to publish: it starts where the robot is commanded to be.
+        The trajectory to publish. It starts where the robot is commanded to be.
     motion : PublishedMotion
         The same, preceded by the last moments of the motion that it continues.
     time : float

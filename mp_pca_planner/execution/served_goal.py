@@ -38,9 +38,9 @@ class Served:
     plan : Plan, SequencePlan or AdaptedPlan
         The plan.
     model : Model
-        What it was made with.
+        The model it was planned with.
     motion : PublishedMotion
-        What was published.
+        The published motion.
     trial : ServedTrial or None
         The trial that it is, if the goal is learned by trials.
     under_way : str
@@ -98,7 +98,7 @@ def is_same_configuration(one: JointState, other: JointState) -> bool:
 
 
 def _timing(goal: Goal) -> tuple[Any, ...]:
-    """What two goals must share exactly; there are as many times as targets."""
+    """Options that two goals must share exactly; there are as many times as targets."""
     if isinstance(goal, SequenceGoal):
         return goal.primitive, goal.times, goal.stops
     # Vias are compared by identity: goals of the node have none.

@@ -108,7 +108,8 @@ class StartStates(MotionFollower):
                 if start_from == MEASURED:
                     raise GoalError(_motion_refusal(start_from, following, settings))
                 then = now + latency + 2.0 * TRANSPORT
-                self._check_taken(following, then)
+                if self._published is not None:
+                    self._published.check_taken(following, then, self._servo.lag, self._options)
                 if not at_once:
                     self._check_place(following, now)
                 place = following.progress.at(then)
@@ -244,31 +245,6 @@ class StartStates(MotionFollower):
             raise UnconfirmedError(
                 "the speed of the robot changes (speed scaling), so its place on the motion is not "
                 "known precisely; send the goal again"
-            )
-
-    def _check_taken(self, following: Following, then: float) -> None:
-        """Raise an `UnconfirmedError` if the robot stops or may follow another motion."""
-        last, options, progress = self._published, self._options, following.progress
-        if last is None:
-            return
-        if following.how == LAGGING and progress.rate < options.min_rate:
-            raise UnconfirmedError(
-                "the robot comes to rest short of the end of its motion; send the goal again when "
-                "it is at rest"
-            )
-        if not last.joined.is_path_known:
-            raise UnconfirmedError(
-                "the robot is being stopped by a single point, so its path is not known; send the "
-                "goal again when it is at rest"
-            )
-        if last.previous is None:
-            return
-        new = following.motion.state(progress.at(then)).positions
-        old = last.previous.state(then, self._servo.lag).positions
-        if np.abs(new - old).max() > options.same_distance:
-            raise UnconfirmedError(
-                "joint_states do not show yet whether the controller has taken the motion before "
-                "this one; check that it is active, then send the goal again"
             )
 
     def _check_rest(self, planned: JointState, present: JointState) -> None:

@@ -56,7 +56,7 @@ class StopPlanner:
         message : str
             How the robot stops, one sentence.
         joined : Joined
-            What to publish.
+            The motion to publish.
 
         Raises
         ------
@@ -93,9 +93,9 @@ class StopPlanner:
         if not v.any():
             return _holding(measured, q, now)
         # Since it was measured it has moved, at this velocity or a lower one.
-        way = v * max(now - self._states.measured.newest_time, 0.0)
+        moved_by = v * max(now - self._states.measured.newest_time, 0.0)
         here, *moved = [
-            JointState(measured.joint_names, q + share * way, v) for share in (0.0, 0.5, 1.0)
+            JointState(measured.joint_names, q + share * moved_by, v) for share in (0.0, 0.5, 1.0)
         ]
         # The controller itself starts from the reported velocities.
         reported = [measured] if measured.velocities.any() else []
@@ -266,8 +266,8 @@ def _interpolated(state: JointState, end: FloatArray, time: float) -> list[Traje
     """How a controller leads to a single point: a quintic, or a cubic without accelerations."""
     q, v, a = state.positions, state.velocities, state.accelerations
     zero = np.zeros_like(q)
-    way = (end - q) / time
-    cubic = [(6.0 * way - 4.0 * v) / time, (2.0 * v - 6.0 * way) / time]
+    mean = (end - q) / time
+    cubic = [(6.0 * mean - 4.0 * v) / time, (2.0 * v - 6.0 * mean) / time]
     return [
         Trajectory(state.joint_names, [0.0, time], [q, end], [v, zero], accelerations)
         for accelerations in ([a, zero], cubic)

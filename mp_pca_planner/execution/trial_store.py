@@ -146,7 +146,7 @@ class TrialStore:
         plan : Plan
             An executable plan for it, from rest.
         model : Model
-            What it was made with.
+            The model it was planned with.
 
         Returns
         -------
@@ -167,7 +167,7 @@ class TrialStore:
         segments, options, collision = [plan.motion], _options(model), model.planner.collision
         judge = ExecutableMotions(segments, learned.robot, model.limits, options, collision)
         trajectory, check, parameters = plan.trajectory, plan.limit_check, 0.0 * proposed
-        # A proposal may break limits from another start nearby; then less of it is tried.
+        # A proposal may break limits from another start nearby. Then a share of it is tried.
         for share in (1.0, 0.5, 0.25):
             try:
                 accepted = judge.accept(RefinedMotion(segments, share * proposed))
@@ -242,7 +242,7 @@ def _options(model: Model) -> RefinementOptions:
 
 
 def _request(goal: JointGoal) -> dict[str, Any]:
-    """What two goals must share to be the same, of JSON types."""
+    """The facts that make two goals the same, of JSON types."""
     state = goal.state
     order = np.argsort(state.joint_names)
     return {

@@ -110,7 +110,7 @@ class TrajectoryController:
         Returns
         -------
         command : array, shape (3 n_joints,)
-            Positions to be driven to by the next cycle, then velocities and accelerations of the
+            Positions to reach by the next cycle, then the velocities and accelerations of the
             trajectory there, by its own clock.
         """
         if not self.is_active:
@@ -125,7 +125,7 @@ class TrajectoryController:
         if not self._is_holding and self._is_violated(measured[0], period, message is not None):
             self._hold(measured[0])
             return self._command
-        # What is to be reached by the next cycle.
+        # The command is to be reached by the next cycle.
         self._command = self._splines.sample(self._time + period)
         return self._command
 

@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""What a trajectory controller receives: ``trajectory_msgs/JointTrajectory`` without ROS."""
+"""Messages to a trajectory controller: ``trajectory_msgs/JointTrajectory`` without ROS."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class TrajectoryPoint:
 
 @dataclass(frozen=True)
 class TrajectoryMessage:
-    """A message as it is received; nothing about it has been checked.
+    """A message as it is received, without any check.
 
     Attributes
     ----------

@@ -20,11 +20,6 @@ from ..robot.model import Robot
 PERIOD = 1e-3
 """Time of one step [s]."""
 
-# Configurations by which inertias are judged, and the inertia of drives and gears as a share of
-# that of the heaviest joint: the wrist of a geared arm is far from weightless.
-_N_CONFIGURATIONS = 64
-_DRIVE_SHARE = 0.05
-
 
 @dataclass(frozen=True, eq=False)
 class Drives:
@@ -49,17 +44,28 @@ class Drives:
     lag: float = 0.003
 
     @classmethod
-    def of(cls, robot: Robot, bandwidth: float = 100.0) -> Drives:
-        """Gains for a bandwidth [rad/s] at the largest inertias that the joints meet."""
+    def of(cls, robot: Robot, bandwidth: float = 100.0, inertia_share: float = 0.05) -> Drives:
+        """Gains at the largest inertias of 64 random configurations.
+
+        Parameters
+        ----------
+        robot : Robot
+            The arm.
+        bandwidth : float
+            Bandwidth of the drives [rad/s].
+        inertia_share : float
+            Inertia of each drive and gear as a share of that of the heaviest joint: the wrist of
+            a geared arm is far from weightless.
+        """
         limits = robot.limits()
         low, high = np.clip(limits.lower, -np.pi, None), np.clip(limits.upper, None, np.pi)
-        draws = np.random.default_rng(0).uniform(size=(_N_CONFIGURATIONS, robot.n_joints))
+        draws = np.random.default_rng(0).uniform(size=(64, robot.n_joints))
         zero = np.zeros(robot.n_joints)
         inertias = [
             np.diag(robot.motion_equation(low + (high - low) * draw, zero)[0]) for draw in draws
         ]
         own = np.max(inertias, axis=0)
-        inertia = np.full(robot.n_joints, _DRIVE_SHARE * own.max())
+        inertia = np.full(robot.n_joints, inertia_share * own.max())
         total = own + inertia
         return cls(inertia, bandwidth**2 * total, 2.0 * bandwidth * total, limits.effort)
 
@@ -128,7 +134,7 @@ class PinocchioPlant(Plant):
     def _move(self, command: FloatArray, rate: FloatArray, gravity: FloatArray) -> None:
         d, q, v = self.drives, self.q, self.v
         M, h = self._loaded.motion_equation(q, v)
-        # What is due at the end of the step, without the part that depends on the velocity there.
+        # The goal at the end of the step, without the part that depends on the velocity there.
         due = command - (d.lag - PERIOD) * rate
         tau = gravity + d.kp * (due - q) + d.kd * rate
         momentum = (M + self._inertia) @ v

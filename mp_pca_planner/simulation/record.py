@@ -1,14 +1,12 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Record of what a controller commanded and what became of it, in a buffer that grows."""
+"""Record of commanded and measured states, in a buffer that grows."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from ..arrays import FloatArray
-
-_FIRST_SIZE = 4096
 
 
 class Record:
@@ -25,14 +23,14 @@ class Record:
     measured : array, shape (n_cycles, n_joints)
         Positions before the command, without noise [rad or m].
     cuts : list of int
-        Cycles whose commands don't continue those before: the controller was restarted,
+        Cycles whose commands may jump: the controller was restarted,
         deactivated, or held the measured position.
     """
 
     def __init__(self, n_joints: int) -> None:
         self._n = n_joints
         self._size = 0
-        self._rows = np.empty((_FIRST_SIZE, 3 + 4 * n_joints))
+        self._rows = np.empty((4096, 3 + 4 * n_joints))
         self._columns: dict[str, int | slice] = {"times": 0, "clock": 1, "scaling": 2}
         for k, name in enumerate(("q", "v", "a", "measured")):
             self._columns[name] = slice(3 + k * n_joints, 3 + (k + 1) * n_joints)
