@@ -30,12 +30,13 @@ DURATION = 2.0
 class World:
     """A robot, and what is known of where its motions start."""
 
-    def __init__(self):
+    def __init__(self, options=None):
         self.now = 1000.0
         self.load = np.zeros(2)
         self.clock_ahead = 0.0
         self.here = np.zeros(2)
-        self.states = StartStates(StateReader(), lambda: self.now, lambda: self.now)
+        clock = lambda: self.now  # noqa: E731
+        self.states = StartStates(StateReader(), clock, clock, options=options)
         self.states.expect(JOINTS)
 
     def measure(self, positions, velocities=(0.0, 0.0)):
@@ -167,6 +168,17 @@ def test_measured_start_may_move_by_the_tolerance_while_planning(world, moved, a
     else:
         with pytest.raises(TrajectoryError, match="joint 'b'"):
             world.join(standing(start), start)
+
+
+def test_tolerance_of_a_start_is_an_option():
+    world = World(FollowingOptions(start_tolerance=0.001))
+    world.rest()
+    start = world.choose("measured")
+    world.measure([0.0, 0.0005])
+    world.join(standing(start), start)
+    world.measure([0.0, 0.002])
+    with pytest.raises(TooLateError, match="at most 0.001"):
+        world.join(standing(start), start)
 
 
 def test_start_is_refused_when_the_state_became_too_old(world):
