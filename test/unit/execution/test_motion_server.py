@@ -185,7 +185,7 @@ def test_motion_that_continues_another_one_is_stamped_with_the_moment_it_was_joi
     node.assert_smooth()
 
 
-def test_no_motion_is_stamped_where_that_is_not_wanted():
+def test_no_motion_is_stamped_where_stamps_are_disabled():
     node = Node(model(stamp_trajectories=False))
     node.ask(GOAL)
     node.run(0.4)

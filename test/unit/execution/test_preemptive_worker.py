@@ -22,7 +22,7 @@ TIMEOUT = HANG
 
 
 class Kitchen:
-    """Serves numbers; one at a time, until it is told to go on or is cancelled."""
+    """Serves numbers; one at a time, until it is released or cancelled."""
 
     def __init__(self) -> None:
         self.begun: list[int] = []

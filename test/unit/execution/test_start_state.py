@@ -198,7 +198,7 @@ def test_motion_from_rest_waits_as_long_as_a_message_may_take(world):
 
 
 @pytest.mark.parametrize(("may_stamp", "clock_ahead"), [(False, 0.0), (True, 5.0), (True, -5.0)])
-def test_motion_is_not_stamped_unless_that_is_wanted_and_clocks_agree(may_stamp, clock_ahead):
+def test_motion_is_stamped_only_if_that_is_enabled_and_clocks_agree(may_stamp, clock_ahead):
     world = World()
     world.clock_ahead = clock_ahead
     world.rest()

@@ -90,7 +90,7 @@ def assert_is_allowed_from(states, stop, limits):
     """A controller may lead to the last point from each state, with or without accelerations."""
     for state in states:
         zero = np.zeros(4)
-        way = Trajectory(
+        path = Trajectory(
             JOINTS,
             [0.0, stop.duration],
             [state.positions, stop.positions[-1]],
@@ -98,7 +98,7 @@ def assert_is_allowed_from(states, stop, limits):
             [state.accelerations, zero],
         )
         for n_derivatives in (2, 3):
-            assert_keeps(spline(way, n_derivatives), limits)
+            assert_keeps(spline(path, n_derivatives), limits)
 
 
 @pytest.mark.parametrize("shares", [(0.1, 0.3), (0.3, 0.7), (0.5, 0.55), (0.8, 0.95)])
