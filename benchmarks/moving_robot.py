@@ -58,7 +58,7 @@ ARRIVED = 1e-3  # from where the controller should be at last [rad]
 
 @dataclass
 class Run:
-    """A node, its robot, and the events that they meet."""
+    """A node, its robot, and the events of a run."""
 
     scene: Scene
     model: Model
@@ -71,7 +71,7 @@ class Run:
         self.ends = np.array([m.positions[[0, -1]] for m in self.scene.demonstrations])
         self.node = VirtualNode(self.model, self.ends[0, 0], seed=self.seed)
         self.faults = self.node.robot.faults
-        # Until its first motion, a node knows nothing of the servos and the load.
+        # Before its first motion, a node has no model of the servos and the load.
         self.node.run(0.2)
         self.send(self.target())
         self.node.run(4.0)
@@ -82,7 +82,7 @@ class Run:
         return self.model.robot.joint_names
 
     def target(self) -> Any:
-        """Where a demonstration ends, or between two of these."""
+        """The start or end of a demonstration, or a point between two of them."""
         one, other = self.random.choice(self.ends.reshape(-1, len(self.joints)), 2)
         return one + self.random.choice([0.0, self.random.uniform()]) * (other - one)
 
@@ -94,14 +94,14 @@ class Run:
         self.node.goal(JointGoal(state), (self.seed, self.n_goals))
 
     def happen(self) -> None:
-        """Let one random event happen, and some time pass."""
+        """Apply one random event, then advance the time."""
         event = str(self.random.choice(list(EVENTS)))
         self.events.append(event)
         EVENTS[event](self)
         self.node.run(self.random.uniform(0.05, 1.5))
 
     def end(self) -> None:
-        """Clear all faults, send a last goal, and let it arrive."""
+        """Clear all faults, send a last goal, and wait until it is reached."""
         self.faults.speed_scaling, self.faults.held, self.faults.silent = 1.0, False, False
         self.faults.delay = self.faults.jitter = self.faults.drop = 0.0
         self.faults.active = True
@@ -122,7 +122,7 @@ def part_of_a_goal(run: Run) -> None:
 
 
 def stream(run: Run, target: Callable[[float], Any]) -> None:
-    """Goals again and again, the time since the first gives each."""
+    """Goals at some rate, as a function of the time since the first."""
     rate = float(run.random.choice(RATES))
     for k in range(max(int(rate * run.random.uniform(0.5, 2.0)), 1)):
         run.send(target(k / rate))
@@ -138,9 +138,9 @@ def repeated_goal(run: Run) -> None:
 def drifting_goal(run: Run) -> None:
     """A goal that moves."""
     there, towards = run.target(), run.target()
-    way = (towards - there) / max(np.abs(towards - there).max(), 1e-3)
+    direction = (towards - there) / max(np.abs(towards - there).max(), 1e-3)
     most = np.abs(towards - there).max()
-    stream(run, lambda time: there + min(DRIFT * time, most) * way)
+    stream(run, lambda time: there + min(DRIFT * time, most) * direction)
 
 
 def alternating_goals(run: Run) -> None:
@@ -233,7 +233,7 @@ EVENTS: dict[str, Callable[[Run], None]] = {
 
 @dataclass(frozen=True)
 class Result:
-    """What a run came to."""
+    """Outcome of a run."""
 
     run: Run
     verdict: Verdict
@@ -324,7 +324,7 @@ def unanswered(run: Run) -> list[str]:
 
 
 def main() -> int:
-    """Print a row per robot, and what went wrong with its seed."""
+    """Print a row per robot, and each problem with its seed."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--events", type=int, default=1000, help="of each robot")
     parser.add_argument("--robots", default="panda,ur5")

@@ -1,8 +1,8 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""What the planner's node does and a simulated robot, stepped together in virtual time.
+"""The core of the node and a simulated robot, stepped together in virtual time.
 
-Planning takes as long as it is said to, so a busy machine changes nothing.
+The planning time is simulated, too, so results do not depend on the load of the machine.
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ from mp_pca_planner.execution.assembly import Model, assemble_model
 from mp_pca_planner.execution.execution_monitor import ExecutionReport
 from mp_pca_planner.execution.goal_statistics import GoalStatistics
 from mp_pca_planner.execution.motion_server import MotionServer
-from mp_pca_planner.execution.newest_goal import CancelledError
 from mp_pca_planner.execution.parameters import Settings
+from mp_pca_planner.execution.preemptive_worker import CancelledError
 from mp_pca_planner.execution.start_state import StartStates
 from mp_pca_planner.motion.goal import Goal, JointState
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
-from mp_pca_planner.simulation import ControllerOptions, SimulatedRobot
+from mp_pca_planner.simulation import SimulatedRobot
 
 STATE_PERIOD, WATCH_PERIOD = 2, 50  # in ticks of a millisecond
 JERK_OF_ACCELERATION = 20.0
@@ -36,7 +36,7 @@ MAX_ACCELERATION = {"panda": (3.75, 1.875, 2.5, 3.125, 3.75, 5.0, 5.0), "ur5": (
 
 
 def scene_and_model(name: str, **settings: Any) -> tuple[Scene, Model]:
-    """A robot with acceleration and jerk limits, and what a node plans with."""
+    """A robot with acceleration and jerk limits, and the planner of its node."""
     scene = scene_of(*robot_file(name), n_motions=30)
     joints = scene.robot.joint_names
     limits = {
@@ -68,7 +68,7 @@ class StateReader:
 
 @dataclass(frozen=True)
 class PlanReport:
-    """What the node said of a goal: 'served', 'under_way', 'overtaken' or 'refused', and why."""
+    """Outcome of a goal: 'served', 'under_way', 'overtaken' or 'refused', and the reason."""
 
     name: Any
     status: str
@@ -82,15 +82,13 @@ class VirtualNode:
     Parameters
     ----------
     model : Model
-        What to plan with.
+        The planner and its settings.
     start : array, shape (n_joints,)
-        Where the robot is [rad or m].
+        Positions of the robot [rad or m].
     seed : int
-        Of the robot, and of how long planning takes.
+        Seed of the robot and of the planning times.
     planning_time : tuple of float
-        The least and the most that planning takes [s].
-    options : ControllerOptions, optional
-        Those of the robot's controller.
+        Shortest and longest planning time [s].
     """
 
     def __init__(
@@ -100,9 +98,8 @@ class VirtualNode:
         *,
         seed: int = 0,
         planning_time: tuple[float, float] = (0.005, 0.05),
-        options: ControllerOptions | None = None,
     ) -> None:
-        self.robot = SimulatedRobot(model.robot, model.robot.joint_names, start, options, seed=seed)
+        self.robot = SimulatedRobot(model.robot, model.robot.joint_names, start, seed=seed)
         self.plan_reports: list[PlanReport] = []
         self.execution_reports: list[tuple[float, ExecutionReport]] = []
         self.stops: list[float] = []
@@ -125,7 +122,7 @@ class VirtualNode:
         return self.robot.time
 
     def restart(self) -> None:
-        """Start the node anew: it knows nothing of what was published."""
+        """Restart the node; it forgets what was published."""
         self.restarts.append(self.now)
         self._pending, self._may_cancel = None, True
         self.states = StartStates(StateReader(), lambda: self.now, lambda: self.now)
@@ -135,11 +132,11 @@ class VirtualNode:
         )
 
     def at(self, delay: float, action: Callable[[], None]) -> None:
-        """Do something later; the delay in s."""
+        """Call a function after a delay [s]."""
         heapq.heappush(self._events, (self.now + delay, next(self._order), action))
 
     def goal(self, goal: Goal, name: Any) -> None:
-        """A goal arrives, and takes the place of one that waits."""
+        """Receive a goal, which replaces a waiting one."""
         if self._pending is not None:
             self._answer(self._pending[0], "overtaken", "")
         self._pending = name, goal
@@ -157,7 +154,7 @@ class VirtualNode:
             return f"nothing was published: {error}"
 
     def run(self, duration: float) -> None:
-        """Let time pass, and serve goals that come [s]."""
+        """Advance the time [s] and serve goals."""
         end = self.now + duration
         while self.now < end:
             if self._pending is None:
@@ -166,7 +163,7 @@ class VirtualNode:
                 self._serve()
 
     def advance(self, duration: float) -> None:
-        """Let time pass while the node plans [s]."""
+        """Advance the time while the node plans [s]."""
         for _ in range(max(round(duration * 1e3), 1)):
             self._tick()
 
@@ -195,7 +192,7 @@ class VirtualNode:
             self.advance(0.001)
 
     def _slow(self, planner: Any, name: str) -> Any:
-        """A planner that takes its time, and may be cancelled meanwhile."""
+        """A planner with a simulated planning time, in which it may be cancelled."""
 
         def plan(*request: Any) -> Any:
             robot = self._model.planning_robot

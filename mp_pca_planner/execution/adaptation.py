@@ -2,18 +2,18 @@
 # SPDX-License-Identifier: Apache-2.0
 """Online goal adaptation: a running motion plus a smooth displacement of its end.
 
-The displacement is the minimum-jerk polynomial from 0 to the change of the goal. Dynamic movement
-primitives adapt to changed goals likewise. Goals that repeat or drift are reached, whatever their
-rate, since no motion begins anew.
+The displacement is the minimum-jerk polynomial from 0 to the change of the goal, similar to how
+dynamic movement primitives adapt to changed goals. No motion starts anew, so goals that repeat or
+drift are reached at any rate.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 
-from ..arrays import FloatArray
 from ..motion.goal import JointState
 from ..motion.interpolation import hermite_functions
 from ..motion.trajectory import Trajectory
@@ -21,12 +21,12 @@ from ..motion.validation import LimitCheck, check_limits
 from ..planning.plan import SOLVED
 from ..robot.limits import JointLimits
 from ..robot.model import Robot
-from .commanded import CommandedMotion
+from .published_motion import PublishedMotion
 
-# Shortest displacement [s], and how much longer each next one is that is tried.
-_SHORTEST, _GROWTH, _N_TRIED = 0.25, 1.25, 7
-# The greatest velocity, acceleration and jerk of the minimum-jerk polynomial from 0 to 1 in a unit
-# of time, and the orders of time that they fall with.
+# Duration of the shortest displacement [s]: even a small one should not be abrupt.
+_MIN_DURATION = 0.25
+# Peaks of velocity, acceleration and jerk of the minimum-jerk polynomial from 0 to 1 in a unit of
+# time, and the power of the duration that divides them.
 _PEAKS = ((1.875, 1), (5.7735, 2), (60.0, 3))
 
 
@@ -39,13 +39,11 @@ class AdaptedPlan:
     trajectory : Trajectory
         The motion, with its efforts.
     limit_check : LimitCheck
-        That it keeps the limits.
+        Its comparison with the limits.
     primitive : str
         Name of the primitive of the motion that was displaced.
     in_span_score : float
         That of the motion that was displaced.
-    message : str
-        One sentence for a person.
     solve_time : float
         Time taken to find it [s].
     """
@@ -54,10 +52,9 @@ class AdaptedPlan:
     limit_check: LimitCheck
     primitive: str
     in_span_score: float
-    message: str
     solve_time: float
-    status: str = SOLVED
-    is_executable: bool = True
+    status: ClassVar[str] = SOLVED
+    message: ClassVar[str] = "the motion is continued to the new goal"
 
     @property
     def effort_cost(self) -> float:
@@ -89,18 +86,18 @@ def effort_cost(trajectory: Trajectory) -> float:
 
 
 def displaced(
-    motion: CommandedMotion,
+    motion: PublishedMotion,
     place: float,
     goal: JointState,
     robot: Robot,
     limits: JointLimits,
     period: float,
 ) -> tuple[Trajectory, LimitCheck] | None:
-    """Displace a motion to another end, within the limits and no sooner than it ends.
+    """Displace the end of a motion, within the limits and without shortening it.
 
     Parameters
     ----------
-    motion : CommandedMotion
+    motion : PublishedMotion
         The motion.
     place : float
         Where on it the displacement begins [s].
@@ -114,54 +111,40 @@ def displaced(
     Returns
     -------
     trajectory, check :
-        The motion from the place on with its efforts, and that it keeps the limits; None if no
-        displacement does.
+        The displaced motion from the place on with its efforts, and its comparison with the
+        limits; None if every displacement breaks a limit.
     """
-    change = goal.positions - motion.end
+    change = np.abs(goal.positions - motion.end)
     bounds = (limits.velocity, limits.acceleration, limits.jerk)
     needed = [
-        float(np.max(peak * np.abs(change) / bound)) ** (1.0 / order)
+        float(np.max(peak * change / bound)) ** (1.0 / order)
         for (peak, order), bound in zip(_PEAKS, bounds, strict=True)
     ]
-    duration = max(motion.duration - place, _SHORTEST, *needed)
-    for _ in range(_N_TRIED):
-        trajectory = _add(motion, place, goal, duration, period)
+    duration = max(motion.duration - place, _MIN_DURATION, *needed)
+    # Up to four times as long: limits also hold for the sum with the motion.
+    for _ in range(7):
+        trajectory = _displaced_in(duration, motion, place, goal, period)
         check = check_limits(trajectory, robot, limits)
         if not check.violations:
-            columns = (trajectory.positions, trajectory.velocities, trajectory.accelerations)
-            efforts = robot.inverse_dynamics(*columns)
-            names = trajectory.joint_names
-            return Trajectory(names, trajectory.times, *columns, efforts), check
-        duration *= _GROWTH
+            q, v, a = trajectory.positions, trajectory.velocities, trajectory.accelerations
+            return replace(trajectory, efforts=robot.inverse_dynamics(q, v, a)), check
+        duration *= 1.25
     return None
 
 
-def _add(
-    motion: CommandedMotion, place: float, goal: JointState, duration: float, period: float
+def _displaced_in(
+    duration: float, motion: PublishedMotion, place: float, goal: JointState, period: float
 ) -> Trajectory:
-    n_steps = max(int(np.ceil(duration / period)), 5)
-    times = np.linspace(0.0, duration, n_steps + 1)
-    boundary = _boundary(motion, goal, duration)
-    sums = [
+    """The motion from a place on, plus the polynomial to the change of its end."""
+    times = np.linspace(0.0, duration, max(int(np.ceil(duration / period)), 5) + 1)
+    last = motion.state(motion.duration)
+    old, new = ((end.positions, end.velocities, end.accelerations) for end in (last, goal))
+    change = [(y - x) * duration**d for d, (x, y) in enumerate(zip(old, new, strict=True))]
+    boundary = np.vstack([np.zeros((3, len(goal.positions))), change])
+    columns = [
         x + hermite_functions(times / duration, d) @ boundary / duration**d
         for d, x in enumerate(motion.sample(place + times))
     ]
-    for x, end in zip(sums, (goal.positions, goal.velocities, goal.accelerations), strict=True):
+    for x, end in zip(columns, new, strict=True):
         x[-1] = end
-    return Trajectory(motion.trajectory.joint_names, times, *sums)
-
-
-def _boundary(motion: CommandedMotion, goal: JointState, duration: float) -> FloatArray:
-    """The change at both ends by phase, shape (6, n_joints): none at the first."""
-    last = motion.state(motion.duration)
-    change = [
-        (new - old) * duration**d
-        for d, (new, old) in enumerate(
-            (
-                (goal.positions, last.positions),
-                (goal.velocities, last.velocities),
-                (goal.accelerations, last.accelerations),
-            )
-        )
-    ]
-    return np.vstack([np.zeros((3, len(last.positions))), change])
+    return Trajectory(motion.trajectory.joint_names, times, *columns)

@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Files, robot description and settings → planner."""
+"""Assembly of a planner from primitives, a robot description and settings."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ from ..planning.sequence import SequencePlanner
 from ..primitives.primitive import MovementPrimitive
 from ..robot.limits import JointLimits, read_limits_file
 from ..robot.model import Robot
-from .newest_goal import CancelledError
 from .parameters import ParameterError, Settings
+from .preemptive_worker import CancelledError
 
-# Time [s] for practice with primitives, which a node that starts has to wait for.
-_LONGEST_PRACTICE = 0.5
+# Longest time to precompute warm starts [s]: a starting node waits for it.
+_MAX_PRACTICE = 0.5
 
 
 class InterruptibleRobot(Robot):
-    """A robot that can refuse to answer, which ends a solve: every pass of it asks for efforts.
+    """A robot whose dynamics raise an error when a solve is cancelled; each pass computes efforts.
 
     Attributes
     ----------
     is_cancelled : callable
-        Whether to raise a `CancelledError` instead of an answer.
+        Whether to raise a `CancelledError`.
     """
 
     is_cancelled: Callable[[], bool] = staticmethod(lambda: False)
@@ -52,7 +52,7 @@ class InterruptibleRobot(Robot):
 
 @dataclass(frozen=True, eq=False)
 class Model:
-    """What motions are planned with.
+    """The planner of a node, and what it was made of.
 
     Attributes
     ----------
@@ -61,13 +61,13 @@ class Model:
     planning_robot : InterruptibleRobot
         The planner's robot.
     robot : Robot
-        The same robot for everybody else.
+        The same robot for all other threads.
     limits : JointLimits
         The limits of its joints.
     settings : Settings
-        What it was made with.
+        The parameters.
     end_effector : str
-        The link of the robot that poses and previews are about.
+        The link of pose goals and previews.
     urdf : str
         The robot description.
     """
@@ -82,7 +82,7 @@ class Model:
 
     @cached_property
     def sequence_planner(self) -> SequencePlanner:
-        """For the planning thread alone; set up when the first sequence is asked for."""
+        """For the planning thread alone; set up for the first sequence."""
         return SequencePlanner(
             self.planning_robot,
             self.planner.primitives,
@@ -109,12 +109,12 @@ def assemble_model(urdf: str, primitives: Sequence[MovementPrimitive], settings:
     Raises
     ------
     PlannerError
-        If these don't fit together.
+        If these are inconsistent.
     """
     planning_robot = InterruptibleRobot(urdf, primitives[0].joint_names)
     robot = Robot(urdf, primitives[0].joint_names)
     file = settings.limits_file
-    # Such a file describes the whole robot, the primitives may move a part of it.
+    # The file describes the whole robot; the primitives may move a part of it.
     overrides = read_limits_file(file, robot.movable_joints) if file else {}
     limits = robot.limits(overrides, settings.limits)
     collision = None
@@ -123,7 +123,7 @@ def assemble_model(urdf: str, primitives: Sequence[MovementPrimitive], settings:
         srdf = settings.srdf or None
         collision = CollisionModel(planning_robot, srdf=srdf, package_dirs=folders)
     planner = Planner(planning_robot, primitives, limits, settings.planner_options, collision)
-    planner.practise(_LONGEST_PRACTICE)
+    planner.practise(_MAX_PRACTICE)
     frame = settings.end_effector_frame
     if frame and frame not in robot.frame_names:
         reason = unknown_name("link of the robot description", frame, robot.frame_names)

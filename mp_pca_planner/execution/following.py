@@ -1,60 +1,32 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""How a robot follows the motion that was published last."""
+"""The motion that was published last, and how a robot follows it."""
 
 from __future__ import annotations
 
-import threading
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from ..arrays import FloatArray
 from ..exceptions import TrajectoryError
 from ..motion.goal import JointState
-from .commanded import CommandedMotion
-from .joined import Joined
-from .measured import Clock, MeasuredStates, StateReader
+from .measured import Samples
+from .options import FollowingOptions
+from .published_motion import Joined, PublishedMotion, hold
 from .servo import ServoModel
-from .stopping import hold
-from .tracking import Progress, locate
+from .tracking import Progress, TrackedMotion
 
 ON_TIME, LAGGING, HELD, OFF = "on_time", "lagging", "held", "off"
-"""A robot runs on time, moves behind its place by the clock, rests short of the end of its motion,
-or is away from its path."""
+"""The robot is at its place by the clock, moves along the path behind that place, rests short of
+the end of the motion, or is away from the path."""
 
-# The cycle of a controller, by which its commands are ahead whatever their speed [s].
-_CYCLE = 0.001
-# A robot is on time where that moves its commanded positions by less [rad or m], or at this rate
-# and lag [s], which servos and messages account for.
-_SAME_POSITION, _RATE_TOLERANCE = 5e-4, 0.07
-# The same in the first moments of a motion from rest.
-_SAME_AT_FIRST = 0.002
-# From so much difference on it is seen that a robot follows the newer of two motions, that it
-# follows the older, and that it rests at the end of the older, but for noise; up to so much it does
-# not matter [rad or m].
-_CONFIRMED, _DIFFERENCE, _RESTS, _NO_JUMP = 0.0015, 0.006, 4e-4, 1.5e-4
-# A load that is not known yet looks like so much more or less lag of the servos [s].
-_LAG_OF_LOAD = 0.003
-# To continue a motion, states may be this old [s], this far from where a lagging robot is
-# estimated to be [rad or m] but for their noise, and its rate may change so fast [1/s].
-_FRESH, _PRECISE, _STEADY = 0.1, 1e-4, 0.5
-# A robot at rest so far from the end of its motion is elsewhere, whatever its load [rad or m].
-_MISSED = 0.02
-# A robot that rests short of the end of its motion is beside its path by less than this share of
-# the way that is left; a load that is not known yet pulls it away from the end in any direction.
-_BESIDE = 0.15
-# A robot that is slower than this share of its motion's speed has been stopped by something else.
-_SLOWEST = 0.05
-# A robot that begins to move is seen to do so by then [s].
-_BEGINNING = 0.5
-# What was measured shows a motion so long after it was published [s].
-_VISIBLE = 0.05
+TAKEN, REFUSED, DOUBTFUL, ALIKE = "taken", "refused", "doubtful", "alike"
+"""The robot follows the newest motion, or the one before; it may follow either, and they differ;
+or they do not differ noticeably."""
 
 
 class UnconfirmedError(TrajectoryError):
-    """It is not known yet where the robot is on the motion that was published last."""
+    """The place of the robot on the motion that was published last is not known yet."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,21 +35,21 @@ class Following:
 
     Attributes
     ----------
-    motion : CommandedMotion
+    motion : PublishedMotion
         That motion.
     how : {'on_time', 'lagging', 'held', 'off'}
-        Whether it does.
+        How the robot follows it.
     progress : Progress
-        Where its command is.
+        The place of its command.
     distance : float
-        How far the farthest joint is from there [rad or m].
+        Largest distance of a joint from there [rad or m].
     joint : str
-        Which joint that is.
+        The joint with that distance.
     at_rest : bool
         Whether the robot rests.
     """
 
-    motion: CommandedMotion
+    motion: PublishedMotion
     how: str
     progress: Progress
     distance: float
@@ -95,313 +67,189 @@ class Following:
         return self.how in (ON_TIME, LAGGING) and not self.is_over
 
 
-class MotionFollower:
-    """Knows the motion that was published last, and how the robot follows it.
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """The measured state, whether the robot rests, and its positions in the last moments."""
 
-    Parameters
-    ----------
-    reader, receipt_clock, motion_clock, fetch :
-        See `MeasuredStates`.
+    state: JointState
+    at_rest: bool
+    samples: Samples
+
+
+@dataclass(eq=False)
+class Publication:
+    """A published motion, and how the robot has followed it since.
 
     Attributes
     ----------
-    measured : MeasuredStates
-        The measured states.
+    joined : Joined
+        The motion with the time of its first point.
+    current : TrackedMotion
+        The motion that the robot follows as far as is known.
+    previous : TrackedMotion or None
+        What the robot follows if the controller has not taken that motion; None once the robot
+        is seen on it.
+    unconfirmed_since : float
+        Since when that is unknown [s].
+    is_lagging, is_arrived : bool
+        Whether the robot was seen to lag, or to rest at the end.
     """
 
-    def __init__(
+    joined: Joined
+    current: TrackedMotion
+    previous: TrackedMotion | None
+    unconfirmed_since: float
+    is_lagging: bool = False
+    is_arrived: bool = False
+
+    @classmethod
+    def after(cls, old: Publication | None, joined: Joined, lag: float) -> Publication:
+        """The publication that replaces another one, for servos with this lag [s]."""
+        motion, now = joined.motion, joined.time
+        is_lagging = old is not None and old.is_lagging
+        rate = old.current.progress.rate if old is not None and is_lagging else 1.0
+        if old is None or motion.began >= now:
+            # A robot at rest stays there if the controller does not take the motion.
+            start = hold(joined.trajectory.joint_names, joined.trajectory.positions[0])
+            previous = TrackedMotion(PublishedMotion(start, now), Progress(now, 0.0))
+            since = now
+        elif old.previous is None:
+            previous, since = old.current, now
+        else:
+            previous, since = old.previous, old.unconfirmed_since
+        progress = Progress(now, now - motion.began - lag * rate, rate)
+        return cls(joined, TrackedMotion(motion, progress), previous, since, is_lagging)
+
+    def give_up(self) -> None:
+        """Note that the controller has not taken the motion."""
+        if self.previous is not None:
+            self.current, self.previous = self.previous, None
+            self.is_arrived = self.is_lagging = False
+
+    def confirm(
         self,
-        reader: StateReader,
-        receipt_clock: Clock,
-        motion_clock: Clock,
-        fetch: Callable[[], None] = lambda: None,
-    ) -> None:
-        self.measured = MeasuredStates(reader, receipt_clock, motion_clock, fetch)
-        self._motion_clock = motion_clock
-        # Goals are served in one thread, stops and reports in another.
-        self._lock = threading.RLock()
-        self._commanded: CommandedMotion | None
-        self._progress: Progress
-        # What the robot does if the controller has not taken the commanded motion; none once it is
-        # seen that it has.
-        self._previous: CommandedMotion | None
-        self._previous_progress: Progress
-        self._servo: ServoModel
-        self._unconfirmed_since: float
-        self._commanded_since: float
-        # That of positions at rest [rad or m].
-        self._noise: float
-        self._is_path_known: bool
-        self._is_timed: bool
-        self._is_lagging: bool
-        self._is_arrived: bool
-        # Whether that motion continues another one.
-        self._is_joined: bool
-        # Whether the robot may follow the motion before, elsewhere than on this one.
-        self._is_doubtful: bool
-        self._forget()
-
-    def expect(self, joint_names: tuple[str, ...]) -> None:
-        """Set the joints whose state is needed; what is known of other joints is forgotten."""
-        if self.measured.joint_names != tuple(joint_names):
-            with self._lock:
-                self.measured.expect(joint_names)
-                self._forget()
-
-    def command(self, joined: Joined) -> CommandedMotion:
-        """Note that a motion was published."""
-        with self._lock:
-            rate = self._progress.rate if self._is_lagging else 1.0
-            if joined.motion.began >= joined.time or self._commanded is None:
-                # A robot at rest stays there if the controller does not take the motion.
-                start = hold(joined.trajectory.joint_names, joined.trajectory.positions[0])
-                self._previous = CommandedMotion(start, joined.time)
-                self._previous_progress = Progress(joined.time, 0.0)
-                self._unconfirmed_since = joined.time
-            elif self._previous is None:
-                self._previous, self._previous_progress = self._commanded, self._progress
-                self._unconfirmed_since = joined.time
-            self._commanded, self._is_arrived = joined.motion, False
-            self._commanded_since = joined.time
-            self._is_joined = joined.motion.began < joined.time
-            self._is_path_known, self._is_timed = joined.is_path_known, joined.is_on_time
-            place = joined.time - joined.motion.began - self._servo.lag * rate
-            self._progress = Progress(joined.time, place, rate)
-        return joined.motion
-
-    @property
-    def motion_time(self) -> float:
-        """The time by the clock of motions [s]; simulated time goes at its own rate."""
-        return self._motion_clock()
-
-    @property
-    def commanded(self) -> CommandedMotion | None:
-        """The motion that was published last, unless time was set back since."""
-        motion = self._commanded
-        return None if motion is None or self._motion_clock() < motion.began - 1.0 else motion
-
-    @property
-    def last_place(self) -> float:
-        """Where on that motion the robot was when it was heard of last [s]."""
-        return self._progress.place
-
-    @property
-    def load_offset(self) -> FloatArray:
-        """What a load pulls the robot away from where it is commanded to be [rad or m]."""
-        return self._servo.load
-
-    @property
-    def alternatives(self) -> list[JointState]:
-        """Where the robot is commanded to be if the controller has not taken that motion."""
-        with self._lock:
-            previous, progress = self._previous, self._previous_progress
-            return [previous.state(progress.at(self._motion_clock()))] if previous else []
-
-    def follow(self, timeout: float, tolerance: float) -> Following | None:
-        """How the robot follows the motion that was published last; None if there is none.
+        found: Progress,
+        seen: Seen,
+        servo: ServoModel,
+        noise: float,
+        options: FollowingOptions,
+    ) -> str:
+        """See from the measured positions which motion was taken, and note it.
 
         Parameters
         ----------
-        timeout : float
-            Age at which a measured state is too old [s]; 0: never.
-        tolerance : float
-            How far from its motion a robot still follows it [rad or m].
+        found : Progress
+            Place of the robot on the newest motion.
+        seen : Seen
+            The measured positions.
+        servo : ServoModel
+            Offset and lag of the servos.
+        noise : float
+            Noise of measured positions [rad or m].
+        options : FollowingOptions
+            Thresholds.
 
-        Raises
-        ------
-        GoalError
-            If there is no usable measured state.
+        Returns
+        -------
+        {'taken', 'refused', 'doubtful', 'alike'}
+            The conclusion.
         """
-        with self._lock:
-            motion = self.commanded
-            measured = self.measured.newest(timeout)
-            if motion is None:
-                return None
-            now = self._motion_clock()
-            on_time = Progress(now, now - motion.began)
-            at_rest = not self.measured.velocities(measured).any()
-            if self._is_arrived:
-                return self._following(motion, ON_TIME, on_time, measured, tolerance, at_rest)
-            times, positions = self.measured.history()
-            known = times >= motion.began
-            found = locate(
-                motion, times[known], positions[known] - self._servo.offset, self._progress, now
-            )
-            if self._was_refused(motion, found, times, positions, at_rest):
-                return self.follow(timeout, tolerance)
-            self._progress = found
-            is_late = not self._is_on_time(motion, on_time, found)
-            is_over = on_time.place >= motion.duration
-            if is_late and at_rest and is_over:
-                left = np.abs(motion.state(found.place).positions - motion.end).max()
-                is_late = found.error < _BESIDE * left
-            if is_late and self._servo.unlearn():
-                return self.follow(timeout, tolerance)
-            if at_rest and len(positions) > 2:
-                # By differences of neighbours: a robot that still settles is not noise.
-                self._noise = float(np.diff(positions, axis=0).std(axis=0).max()) / np.sqrt(2.0)
-            self._is_lagging = is_late and not at_rest
-            ahead = self._servo.lag * found.rate - _CYCLE * (1.0 - found.rate)
-            command = replace(found, place=found.place + ahead)
-            if is_late:
-                how = HELD if at_rest else LAGGING
-                return self._following(motion, how, command, measured, tolerance, at_rest)
-            is_sure = self._is_path_known and self._is_timed and not self._is_doubtful
-            if known.any() and is_sure and not is_over:
-                lag = on_time.place - found.place
-                self._servo.learn(motion, float(times[-1]), measured.positions, lag)
-            # When a motion began that a controller started on receipt is not known by the clock.
-            progress = on_time if self._is_timed or is_over else command
-            seen = self._following(motion, ON_TIME, progress, measured, tolerance, at_rest)
-            return self._arrival(seen, measured) if at_rest and is_over else seen
-
-    def _arrival(self, following: Following, measured: JointState) -> Following:
-        """Note that a robot that rests after a motion has arrived, or see that it has not."""
-        motion = following.motion
-        if np.abs(measured.positions - motion.end - self._servo.offset).max() > _MISSED:
-            return replace(following, how=OFF)
-        # That it rested before the end of the motion says nothing of after it.
-        self._is_arrived = self.measured.newest_time >= motion.began + motion.duration
-        if self._is_arrived:
-            self._previous = None
-        return following
-
-    def _forget(self) -> None:
-        self._commanded = self._previous = None
-        self._progress = self._previous_progress = Progress(0.0, 0.0)
-        self._servo = ServoModel(len(self.measured.joint_names))
-        self._is_lagging = self._is_arrived = self._is_doubtful = self._is_joined = False
-        self._unconfirmed_since = self._commanded_since = 0.0
-        self._is_path_known = self._is_timed = True
-        self._noise = 0.0
-
-    def _following(
-        self,
-        motion: CommandedMotion,
-        how: str,
-        progress: Progress,
-        measured: JointState,
-        tolerance: float,
-        at_rest: bool,
-    ) -> Following:
-        # A robot on time is measured where its servos and the messages of its state leave it.
-        # What is measured lags behind the command of its own moment.
-        when = self.measured.newest_time
-        place = progress.at(when)
-        if how == ON_TIME and place < motion.duration:
-            place = self._progress.at(when)
-        away = np.abs(measured.positions - motion.state(place).positions)
-        worst = int(away.argmax())
-        how = how if away[worst] <= tolerance else OFF
-        is_known = progress.place < motion.duration or when >= motion.began + motion.duration
-        joint = measured.joint_names[worst]
-        return Following(motion, how, progress, float(away[worst]), joint, is_known and at_rest)
-
-    def _is_on_time(self, motion: CommandedMotion, on_time: Progress, found: Progress) -> bool:
-        places = np.array([on_time.place, found.place + self._servo.lag * found.rate])
-        clock, path = motion.sample(places)[0]
-        # Where a motion begins, it is so slow that any error of the servos looks like a lag.
-        begins = self._is_timed and on_time.time < self._commanded_since + _BEGINNING
-        begins = begins and not self._is_joined
-        is_near = np.abs(clock - path).max() <= (_SAME_AT_FIRST if begins else _SAME_POSITION)
-        lag = abs(on_time.place - found.place)
-        has_no_lag = lag <= self._servo.longest_lag
-        has_its_rate = abs(found.rate - 1.0) <= _RATE_TOLERANCE
-        # A robot that has lagged, and moves at the rate of the clock again, is late still, though
-        # it may be near where the motion ends: unless a load made a servo's lag look longer.
-        if self._is_lagging:
-            is_usual = abs(lag - self._servo.lag) <= _LAG_OF_LOAD and has_its_rate
-            return bool(has_no_lag and (is_near or is_usual))
-        return bool(is_near or (has_no_lag and has_its_rate))
-
-    def give_up(self) -> None:
-        """Note that the controller has not taken the motion that was published last."""
-        with self._lock:
-            if self._previous is None:
-                return
-            self._commanded, self._previous = self._previous, None
-            self._progress = self._previous_progress
-            self._is_arrived = self._is_lagging = False
-
-    def _was_refused(
-        self,
-        motion: CommandedMotion,
-        found: Progress,
-        times: FloatArray,
-        positions: FloatArray,
-        at_rest: bool,
-    ) -> bool:
-        """See which motion the robot follows, where the newest and the one before differ enough."""
-        self._is_doubtful = False
-        if self._previous is None or not len(times):
-            return False
-        when = float(times[-1])
-        if when < self._unconfirmed_since + _VISIBLE:
-            return False
-        measured = positions[-1] - self._servo.offset
-        new = motion.state(found.at(when)).positions
-        old = self._previous.state(self._previous_progress.at(when)).positions
-        # Motions to goals that changed a little share their path: then they differ by their timing,
-        # unless the robot is late on either.
+        times, previous = seen.samples.times, self.previous
+        if previous is None or not len(times):
+            return ALIKE
+        motion, when = self.current.motion, float(times[-1])
+        if when < self.unconfirmed_since + options.visible_time:
+            return ALIKE
+        measured = seen.samples.positions[-1] - servo.offset
+        new, old = motion.state(found.at(when)).positions, previous.state(when).positions
+        # Motions to goals that differ little share their path and differ by their timing, unless
+        # the robot is late on either.
         due = new
-        if self._is_timed and not self._is_lagging:
-            due = motion.state(when - motion.began - self._servo.lag).positions
+        if self.joined.is_on_time and not self.is_lagging:
+            due = motion.state(when - motion.began - servo.lag).positions
         to_new, to_due, to_old, between = (
             float(np.abs(x).max())
             for x in (measured - new, measured - due, measured - old, due - old)
         )
-        # What is learned from the wrong motion would hide that it is the wrong one.
-        self._is_doubtful = between > _NO_JUMP
-        noise = 4.0 * self._noise
-        if between >= _CONFIRMED + noise and max(to_new, to_due) < 0.5 * to_old:
-            self._previous, self._is_doubtful = None, False
-        elif to_new >= (_RESTS + noise if at_rest else _DIFFERENCE) and to_old < 0.5 * to_new:
+        margin = 4.0 * noise
+        if between >= options.taken_distance + margin and max(to_new, to_due) < 0.5 * to_old:
+            self.previous = None
+            return TAKEN
+        at_rest = options.refused_rest_distance + margin
+        refused = at_rest if seen.at_rest else options.refused_distance
+        if to_new >= refused and to_old < 0.5 * to_new:
             self.give_up()
-            return True
-        return False
+            return REFUSED
+        return DOUBTFUL if between > options.same_distance else ALIKE
 
-    def _check_known(self, following: Following, now: float) -> None:
-        """Refuse to continue a motion if it is not known precisely where on it the robot is."""
-        age = now - self.measured.newest_time
-        if age > _FRESH:
-            raise UnconfirmedError(
-                f"the newest joint_states message is {age:.3g} s old, at most {_FRESH:g} s is "
-                "accepted while the robot moves; send the goal again"
-            )
+    def is_on_time(
+        self, on_time: Progress, found: Progress, servo: ServoModel, options: FollowingOptions
+    ) -> bool:
+        """Whether the robot is at its place by the clock, except for the lag of its servos.
+
+        Parameters
+        ----------
+        on_time, found : Progress
+            The place by the clock, and that of the robot.
+        servo : ServoModel
+            Lag of the servos.
+        options : FollowingOptions
+            Thresholds.
+        """
+        joined = self.joined
+        places = np.array([on_time.place, found.place + servo.lag * found.rate])
+        clock, path = self.current.motion.sample(places)[0]
+        is_start = joined.is_on_time and on_time.time < joined.time + options.start_time
+        is_start = is_start and joined.motion.began >= joined.time
+        near = options.start_distance if is_start else options.on_time_distance
+        is_near = bool(np.abs(clock - path).max() <= near)
+        lag = abs(on_time.place - found.place)
+        has_no_lag = lag <= servo.longest_lag
+        has_its_rate = abs(found.rate - 1.0) <= options.on_time_rate
+        if not self.is_lagging:
+            return is_near or (has_no_lag and has_its_rate)
+        # A robot that has lagged stays late at full rate, even where it is near the end of its
+        # motion; unless a load made the lag of its servos look longer.
+        is_usual = abs(lag - servo.lag) <= options.load_lag and has_its_rate
+        return has_no_lag and (is_near or is_usual)
+
+    def check_taken(
+        self, following: Following, then: float, lag: float, options: FollowingOptions
+    ) -> None:
+        """Check that a running motion may be continued at a later time.
+
+        Parameters
+        ----------
+        following : Following
+            How the robot follows the motion.
+        then : float
+            When it is to be continued [s].
+        lag : float
+            Lag of the servos [s].
+        options : FollowingOptions
+            Thresholds.
+
+        Raises
+        ------
+        UnconfirmedError
+            If the robot is being stopped, or may follow another motion.
+        """
         progress = following.progress
-        is_steady = progress.error <= _PRECISE + self._noise and abs(progress.change) <= _STEADY
-        if following.how == LAGGING and not is_steady:
-            raise UnconfirmedError(
-                "the speed of the robot changes (speed scaling), so its place on the motion is not "
-                "known precisely; send the goal again"
-            )
-
-    def _check_resting(self, following: Following, now: float) -> None:
-        """Refuse to start where a robot rests that may just begin to move."""
-        if following.how == HELD and now < self._commanded_since + _BEGINNING:
-            raise UnconfirmedError(
-                "the robot rests at the start of the motion before this one, which was published "
-                f"less than {_BEGINNING:g} s ago; send the goal again"
-            )
-
-    def _check_confirmed(self, following: Following, then: float) -> None:
-        """Refuse to continue a motion that may not be the one that is executed."""
-        if following.how == LAGGING and following.progress.rate < _SLOWEST:
+        if following.how == LAGGING and progress.rate < options.min_rate:
             raise UnconfirmedError(
                 "the robot comes to rest short of the end of its motion; send the goal again when "
                 "it is at rest"
             )
-        if not self._is_path_known:
+        if not self.joined.is_path_known:
             raise UnconfirmedError(
                 "the robot is being stopped by a single point, so its path is not known; send the "
                 "goal again when it is at rest"
             )
-        if self._previous is None:
+        if self.previous is None:
             return
-        before = self._previous_progress
-        new = following.motion.state(following.progress.at(then)).positions
-        old = self._previous.state(before.at(then) + self._servo.lag * before.rate).positions
-        if np.abs(new - old).max() > _NO_JUMP:
+        new = following.motion.state(progress.at(then)).positions
+        old = self.previous.state(then, lag).positions
+        if np.abs(new - old).max() > options.same_distance:
             raise UnconfirmedError(
                 "joint_states do not show yet whether the controller has taken the motion before "
                 "this one; check that it is active, then send the goal again"

@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""What became of the goals so far."""
+"""Counts of goals and the times they took."""
 
 from __future__ import annotations
 
@@ -11,13 +11,9 @@ import numpy as np
 
 from ..motion.goal import Goal
 
-# Enough for a 99th percentile; older ones say little about the present.
-_N_REMEMBERED = 1000
-# The latest of each kind tell how long the next one of it may take, …
-_N_RECENT = 100
-# … with a margin; before the first there is only this guess [s].
-_MARGIN = 1.5
-_FIRST_LATENCY = 0.1
+# Latencies are expected to stay below this multiple of the 90th percentile; before the first goal
+# of a kind, below the second number [s].
+_MARGIN, _INITIAL_LATENCY = 1.5, 0.1
 
 
 class GoalStatistics:
@@ -28,23 +24,19 @@ class GoalStatistics:
     n_served, n_refused : int
         Goals with and without a published motion.
     n_under_way : int
-        Goals that asked for what was under way already.
+        Goals that were the same as the one under way.
     n_overtaken : int
-        Goals that were given up for newer ones, or by a stop.
+        Goals that were preempted by newer ones, or by a stop.
     """
 
     def __init__(self) -> None:
-        self.n_served = 0
-        self.n_refused = 0
-        self.n_under_way = 0
-        self.n_overtaken = 0
+        self.n_served = self.n_refused = self.n_under_way = self.n_overtaken = 0
         self._lock = threading.Lock()
-        self._solve_times: deque[float] = deque(maxlen=_N_REMEMBERED)
-        # Sequences take longer than single goals.
-        self._latencies: defaultdict[type[Goal], deque[float]] = defaultdict(
-            lambda: deque(maxlen=_N_RECENT)
-        )
-        self._expected: defaultdict[type[Goal], float] = defaultdict(lambda: _FIRST_LATENCY)
+        # Enough for a 99th percentile; older times say little about the present.
+        self._solve_times: deque[float] = deque(maxlen=1000)
+        # By kind: sequences take longer than single goals.
+        self._latencies: dict[type[Goal], deque[float]] = defaultdict(lambda: deque(maxlen=100))
+        self._expected: dict[type[Goal], float] = {}
 
     def served(self, kind: type[Goal], solve_time: float, latency: float) -> None:
         """Count a goal whose motion was published.
@@ -71,18 +63,18 @@ class GoalStatistics:
             self.n_refused += 1
 
     def under_way(self) -> None:
-        """Count a goal that asked for what was under way already."""
+        """Count a goal that is the same as the one under way."""
         with self._lock:
             self.n_under_way += 1
 
     def overtaken(self) -> None:
-        """Count a goal that was given up."""
+        """Count a goal that was preempted."""
         with self._lock:
             self.n_overtaken += 1
 
     def expected_latency(self, kind: type[Goal]) -> float:
-        """Time from choosing a start to publishing that a kind of goal hardly ever exceeds [s]."""
-        return self._expected[kind]
+        """Time from choosing a start to publishing that few goals of a kind exceed [s]."""
+        return self._expected.get(kind, _INITIAL_LATENCY)
 
     def solve_time_percentiles(self) -> dict[str, float]:
         """Percentiles of the latest solve times by name [s]; none before the first goal."""
@@ -90,6 +82,4 @@ class GoalStatistics:
             times = list(self._solve_times)
         if not times:
             return {}
-        ranks = (50, 90, 99)
-        values = np.percentile(times, ranks)
-        return {f"solve_time_p{r}_s": float(v) for r, v in zip(ranks, values, strict=True)}
+        return {f"solve_time_p{rank}_s": float(np.percentile(times, rank)) for rank in (50, 90, 99)}

@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Keeps a motion that was published as a primitive file of its own."""
+"""Storage of a published motion as a primitive file."""
 
 from __future__ import annotations
 
@@ -16,22 +16,22 @@ from ..learning.refined_motion import RefinedMotion
 from ..planning.sequence import SequencePlan
 from ..primitives.file import save_primitive
 from .adaptation import AdaptedPlan
-from .motion_server import Served
+from .served_goal import Served
 
 
 def keep_motion(served: Served, folder: Path, provenance: Mapping[str, Any]) -> Path:
-    """Write the family of motions around a published one as a new primitive file.
+    """Write a primitive of the motions around a published one to a new file.
 
-    Of a goal that is learned by trials, the best trial is kept, and its trials are over.
+    If the goal is learned by trials, the best trial is kept, and its trials end.
 
     Parameters
     ----------
     served : Served
-        What was published.
+        The published motion.
     folder : Path
-        Where to; the file is called after the primitive with the first number that is free.
+        Folder of the file, which is named after the primitive with the first free number.
     provenance : mapping
-        What to keep of where it comes from, of JSON types.
+        Origin of the motion, of JSON types.
 
     Raises
     ------
@@ -39,26 +39,20 @@ def keep_motion(served: Served, folder: Path, provenance: Mapping[str, Any]) -> 
         If the motion is a sequence, no trial was better than the planned motion, or the file
         can't be written.
     """
-    plan = served.plan
+    plan, trial = served.plan, served.trial
     if isinstance(plan, SequencePlan):
-        raise GoalError(
-            "the last motion can't be kept: it is a sequence, and a primitive is made of the "
-            "motion to a single goal"
-        )
+        reason = "it is a sequence, and a primitive is made of the motion to a single goal"
+        raise GoalError(f"the last motion can't be kept: {reason}")
     if isinstance(plan, AdaptedPlan):
-        raise GoalError(
-            "the last motion can't be kept: it continues a running motion to a new goal; send the "
-            "goal again when the robot is at rest"
-        )
+        reason = "it continues a running motion; send the goal again when the robot is at rest"
+        raise GoalError(f"the last motion can't be kept: {reason}")
     known = {primitive.name: primitive for primitive in served.model.planner.primitives}
     primitive = known[plan.primitive]
     # Names may hold anything, a path for example.
     stem = re.sub(r"[^A-Za-z0-9_-]+", "_", primitive.name)[:100]
-    for number in count(1):
-        name, file = f"{primitive.name}_{number}", folder / f"{stem}_{number}.npz"
-        if name not in known and not file.exists():
-            break
-    trial, parameters = served.trial, None
+    names = ((f"{primitive.name}_{k}", folder / f"{stem}_{k}.npz") for k in count(1))
+    name, file = next((n, f) for n, f in names if n not in known and not f.exists())
+    parameters = None
     if trial is not None:
         parameters, facts = trial.to_keep()
         provenance = {**provenance, **facts}

@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""The measured states of the last moments, read from messages only when they are needed."""
+"""Measured states of the last moments, deserialised only when they are needed."""
 
 from __future__ import annotations
 
@@ -15,42 +15,45 @@ import numpy as np
 from ..arrays import FloatArray
 from ..exceptions import GoalError, quote_names
 from ..motion.goal import JointState
-
-REST_VELOCITY = 0.01
-"""Velocity up to which a robot counts as at rest [rad/s or m/s]: the noise of encoders."""
-
-# The same of the slope of positions in the last moments, which has less noise.
-_REST_SLOPE = 0.3 * REST_VELOCITY
-# A reported velocity that no noise explains, whatever the positions did before [rad/s or m/s].
-_CLEAR_VELOCITY = 10.0 * REST_VELOCITY
-# States that are kept: as far apart as this [s], for as long.
-_SPACING, _WINDOW = 0.008, 0.3
-# Positions say how fast a robot moves if they span this time [s].
-_SHORTEST_SPAN = 0.08
-# The stamp of a state may lie so far behind its receipt, or before it, when clocks agree [s].
-_OLDEST_STAMP, _NEWEST_STAMP = 0.1, 0.005
+from .options import FollowingOptions
 
 Clock = Callable[[], float]
 
 
 class StateReader(Protocol):
-    """Reads states from messages, which may stay serialised until they are needed."""
+    """Reads states from serialised messages."""
 
     def names_all(self, message: bytes, joint_names: Sequence[str]) -> bool:
         """Whether the message has all of these joints."""
 
     def read(self, message: bytes, joint_names: Sequence[str]) -> JointState:
-        """Read the state of these joints; a `GoalError` says what is wrong with it."""
+        """Read the state of these joints; raises a `GoalError` if it is unusable."""
 
     def stamp(self, message: bytes) -> float:
-        """When the state was measured by the clock of the robot [s]; 0 if it isn't said."""
+        """When the state was measured by the clock of the robot [s]; 0 if unknown."""
+
+
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """Measured positions of the last moments.
+
+    Attributes
+    ----------
+    times : array, shape (n_samples,)
+        Times on the clock of motions [s], the newest last.
+    positions : array, shape (n_samples, n_joints)
+        Positions [rad or m].
+    """
+
+    times: FloatArray
+    positions: FloatArray
 
 
 @dataclass(eq=False)
-class _Sample:
-    """A message, when it was received (never set back), and when that was for motions."""
+class _Message:
+    """A message, and when it was received by the receipt clock and by the clock of motions."""
 
-    message: bytes
+    content: bytes
     received: float
     time: float
     reader: StateReader
@@ -58,11 +61,11 @@ class _Sample:
 
     @cached_property
     def state(self) -> JointState:
-        return self.reader.read(self.message, self.joint_names)
+        return self.reader.read(self.content, self.joint_names)
 
 
 class MeasuredStates:
-    """Keeps the states of the last moments, unread.
+    """Keeps the serialised states of the last moments.
 
     Parameters
     ----------
@@ -73,14 +76,18 @@ class MeasuredStates:
     motion_clock :
         The clock of motions [s].
     fetch :
-        Called before the newest state is used: has those handed over that wait elsewhere.
+        Called before the newest state is used; hands over messages that wait elsewhere.
+    options :
+        Parameters.
 
     Attributes
     ----------
+    joint_names : tuple of str
+        The joints whose state is needed.
     n_incomplete : int
         Messages ignored because they lack a joint.
     n_unusable : int
-        Messages that were refused when a goal needed them.
+        Messages that were rejected when a goal needed them.
     """
 
     def __init__(
@@ -89,56 +96,51 @@ class MeasuredStates:
         receipt_clock: Clock,
         motion_clock: Clock,
         fetch: Callable[[], None] = lambda: None,
+        options: FollowingOptions | None = None,
     ) -> None:
-        self.n_incomplete = 0
-        self.n_unusable = 0
-        self._joint_names: tuple[str, ...] = ()
+        self.joint_names: tuple[str, ...] = ()
+        self.n_incomplete = self.n_unusable = 0
         self._reader = reader
         self._receipt_clock = receipt_clock
         self._motion_clock = motion_clock
         self._fetch = fetch
-        # Planning reads them in a thread of its own, and gets copies.
-        self._kept: deque[_Sample] = deque(maxlen=int(_WINDOW / _SPACING))
-        self._newest: _Sample | None = None
-        # How far stamps lie behind the receipt, by the clock of motions.
+        self._options = options = options or FollowingOptions()
+        # The planning thread reads a copy of them.
+        self._kept: deque[_Message] = deque(maxlen=int(options.window / options.spacing))
+        self._newest: _Message | None = None
+        # Times from the stamps to the receipts, by the clock of motions.
         self._delays: deque[float] = deque(maxlen=20)
 
-    @property
-    def joint_names(self) -> tuple[str, ...]:
-        """The joints whose state is needed."""
-        return self._joint_names
-
     def expect(self, joint_names: Sequence[str]) -> None:
-        """Set the joints whose state is needed, and forget what is known of others."""
-        self._joint_names = tuple(joint_names)
+        """Set the joints whose state is needed, and discard the states of others."""
+        self.joint_names = tuple(joint_names)
         self._newest = None
         self._kept.clear()
 
-    def receive(self, message: bytes, age: float = 0.0) -> None:
-        """Keep a message, unless it is of other joints, as that of a gripper's own publisher.
+    def receive(self, content: bytes, age: float = 0.0) -> None:
+        """Keep a message that has all joints; the publisher of a gripper sends others, too.
 
         Parameters
         ----------
-        message : bytes
-            What the reader reads.
+        content : bytes
+            The serialised message.
         age : float
-            How long ago it was received [s].
+            Time since it was received [s].
         """
-        if not self._reader.names_all(message, self._joint_names):
+        if not self._reader.names_all(content, self.joint_names):
             self.n_incomplete += 1
             return
-        received = self._receipt_clock() - age
-        time = self._motion_clock() - age
-        sample = _Sample(message, received, time, self._reader, self._joint_names)
-        stamp = self._reader.stamp(message)
-        is_kept = not self._kept or received - self._kept[-1].received >= _SPACING
+        received, time = self._receipt_clock() - age, self._motion_clock() - age
+        message = _Message(content, received, time, self._reader, self.joint_names)
+        stamp = self._reader.stamp(content)
+        is_kept = not self._kept or received - self._kept[-1].received >= self._options.spacing
         if is_kept and stamp != 0.0:
             self._delays.append(time - stamp)
         if stamp != 0.0 and self.clocks_agree:
-            sample.time = stamp
+            message.time = stamp
         if is_kept:
-            self._kept.append(sample)
-        self._newest = sample
+            self._kept.append(message)
+        self._newest = message
 
     @property
     def age(self) -> float | None:
@@ -148,28 +150,29 @@ class MeasuredStates:
 
     @property
     def newest_time(self) -> float:
-        """When the newest state was measured, by the clock of motions [s]; 0 if there is none."""
+        """Time of the newest state on the clock of motions [s]; 0 if there is none."""
         newest = self._newest
         return 0.0 if newest is None else newest.time
 
     @property
     def clocks_agree(self) -> bool:
-        """Whether nothing shows that the clock of the robot is another one than that of motions."""
-        delays = list(self._delays)
-        return not delays or -_NEWEST_STAMP <= min(delays) <= _OLDEST_STAMP
+        """Whether the stamps are compatible with the clock of motions."""
+        return (
+            -self._options.max_stamp_lead <= self.clock_difference <= self._options.max_stamp_delay
+        )
 
     @property
     def clock_difference(self) -> float:
-        """How far stamps lie behind the clock of motions [s]."""
+        """Shortest time from a stamp to the receipt of its message [s]."""
         return min(list(self._delays), default=0.0)
 
     def newest(self, timeout: float) -> JointState:
-        """The newest state, or a refusal.
+        """The newest state.
 
         Parameters
         ----------
         timeout : float
-            Age at which a message is too old [s]; 0: never.
+            Age above which a message is too old [s]; 0 accepts any.
 
         Raises
         ------
@@ -182,7 +185,7 @@ class MeasuredStates:
             ignored = f" ({self.n_incomplete} without them were ignored)" * bool(self.n_incomplete)
             raise GoalError(
                 "the present state is not known: no joint_states message with the joints "
-                f"{quote_names(self._joint_names)} has arrived{ignored}"
+                f"{quote_names(self.joint_names)} has arrived{ignored}"
             )
         age = self._receipt_clock() - newest.received
         if 0.0 < timeout < age:
@@ -196,47 +199,39 @@ class MeasuredStates:
             self.n_unusable += 1
             raise
 
-    def history(self) -> tuple[FloatArray, FloatArray]:
-        """When the robot was where in the last moments.
-
-        Returns
-        -------
-        times : array, shape (n_samples,)
-            Times on the clock of motions [s], the newest last; none if nothing is usable.
-        positions : array, shape (n_samples, n_joints)
-            Positions [rad or m].
-        """
-        samples, last = list(self._kept), self._newest
-        if last is not None and samples and last is not samples[-1]:
-            samples.append(last)
+    def history(self) -> Samples:
+        """The usable states of the last moments."""
+        messages, last = list(self._kept), self._newest
+        if last is not None and messages and last is not messages[-1]:
+            messages.append(last)
         times, positions = [], []
-        for sample in samples:
-            if last is None or last.received - sample.received > _WINDOW:
+        for message in messages:
+            if last is None or last.received - message.received > self._options.window:
                 continue
             try:
-                positions.append(sample.state.positions)
+                positions.append(message.state.positions)
             except GoalError:
                 continue
-            times.append(sample.time)
-        return np.array(times), np.reshape(positions, (-1, len(self._joint_names)))
+            times.append(message.time)
+        return Samples(np.array(times), np.reshape(positions, (-1, len(self.joint_names))))
 
     def velocities(self, state: JointState) -> FloatArray:
-        """How fast the robot moves [rad/s or m/s], shape (n_joints,); exactly 0 where it rests.
+        """Velocities of the robot [rad/s or m/s], shape (n_joints,); exactly 0 for joints at rest.
 
-        Positions of the last moments say it, since reported velocities are noisy, and many
-        robots report none.
+        They are computed from positions: reported velocities are noisy, and many robots report
+        none.
         """
-        times, positions = self.history()
+        options, samples = self._options, self.history()
+        times, positions = samples.times, samples.positions
         v = np.array(state.velocities)
-        clear = np.abs(v) > _CLEAR_VELOCITY
-        if len(times) > 2 and times[-1] - times[0] >= _SHORTEST_SPAN:
-            since = times - times.mean()
-            slope = since @ positions / (since @ since)
-            moving = np.abs(slope) > _REST_SLOPE
-            if moving.any():
-                # How fast a robot is now that slows down, a mean over all that time does not say.
-                newest = times >= times[-1] - _SHORTEST_SPAN
-                now = np.linalg.pinv(np.vander(times[newest] - times[-1], 3))[1] @ positions[newest]
-                slope = np.where(moving, now, 0.0)
-            return np.where(clear, v, np.where(moving, slope, 0.0))
-        return np.where(np.abs(v) <= REST_VELOCITY, 0.0, v)
+        if len(times) < 3 or times[-1] - times[0] < options.min_span:
+            return np.where(np.abs(v) <= options.rest_velocity, 0.0, v)
+        since = times - times.mean()
+        slope = since @ positions / (since @ since)
+        moving = np.abs(slope) > options.rest_slope
+        if moving.any():
+            # The mean slope of a robot that slows down is not its present velocity.
+            newest = times >= times[-1] - options.min_span
+            now = np.linalg.pinv(np.vander(times[newest] - times[-1], 3))[1] @ positions[newest]
+            slope = np.where(moving, now, 0.0)
+        return np.where(np.abs(v) > options.clear_velocity, v, np.where(moving, slope, 0.0))

@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Model of measured less commanded positions: the offset of a load and the lag of servos."""
+"""Model of measured minus commanded positions: the offset of a load and the lag of servos."""
 
 from __future__ import annotations
 
@@ -9,18 +9,8 @@ from collections import deque
 import numpy as np
 
 from ..arrays import FloatArray
-from .commanded import CommandedMotion
-
-# What is learned is kept for this time [s] until it counts: that a robot begins to lag shows late.
-_DELAY = 0.35
-# The offset of a load is adapted in this time [s], and the lag in so many times that, up to a
-# longest one [s]. Slower than this [rad/s or m/s], an offset along the path looks like a lag.
-_ADAPTATION, _LAG_SHARE, _SLOW, _LAG_NOISE = 0.2, 0.2, 0.1, 0.005
-# Until it is learned: servos of arms lag by some milliseconds [s].
-_USUAL_LAG = 0.002
-
-LONGEST_LAG = 0.1
-"""Largest lag of servos and messages together [s]; a robot that lags more is late."""
+from .options import FollowingOptions
+from .published_motion import PublishedMotion
 
 
 class ServoModel:
@@ -30,22 +20,25 @@ class ServoModel:
     ----------
     n_joints : int
         Number of joints.
+    options : FollowingOptions, optional
+        Parameters of the model.
 
     Attributes
     ----------
     load : array, shape (n_joints,)
-        Measured less commanded positions when the robot rested last [rad or m].
+        Measured minus commanded positions at the last rest [rad or m].
     offset : array, shape (n_joints,)
-        The same of the last moments, in which servos yield to accelerations, too [rad or m].
+        The same in the last moments, accelerations included [rad or m].
     lag : float
-        How late commands are followed [s].
+        Delay with which commands are followed [s].
     """
 
-    def __init__(self, n_joints: int) -> None:
+    def __init__(self, n_joints: int, options: FollowingOptions | None = None) -> None:
+        self._options = options or FollowingOptions()
         self.load: FloatArray = np.zeros(n_joints)
         self.offset = self.load
-        self.lag = _USUAL_LAG
-        # How long a fast motion was learned from [s].
+        self.lag = self._options.initial_lag
+        # Duration of fast motions that were learned from [s].
         self._experience = 0.0
         self._learned: deque[tuple[float, FloatArray, float]] = deque()
 
@@ -55,45 +48,49 @@ class ServoModel:
         self._learned.clear()
 
     def learn(
-        self, motion: CommandedMotion, time: float, positions: FloatArray, lag: float
+        self, motion: PublishedMotion, time: float, positions: FloatArray, lag: float
     ) -> None:
         """Learn from a robot that runs on time.
 
         Parameters
         ----------
-        motion : CommandedMotion
-            What it follows.
+        motion : PublishedMotion
+            The motion that it follows.
         time : float
             When it was measured [s].
         positions : array, shape (n_joints,)
-            What was measured [rad or m].
+            Measured positions [rad or m].
         lag : float
             How far behind the clock it was located [s].
         """
+        options = self._options
         last = self._learned[-1][0] if self._learned else time - 0.01
-        since = min(max(time - last, 0.0), _ADAPTATION)
-        share = 1.0 - np.exp(-since / _ADAPTATION)
+        since = min(max(time - last, 0.0), options.servo_time)
+        share = 1.0 - np.exp(-since / options.servo_time)
         self._learned.append((time, self.offset, self.lag))
-        while self._learned[0][0] < time - _DELAY:
+        while self._learned[0][0] < time - options.servo_memory:
             self._learned.popleft()
         q, v, _ = (x[0] for x in motion.sample(np.array([time - motion.began - self.lag])))
-        is_new = self._experience < _ADAPTATION
-        fast = float(v @ v) / (float(v @ v) + _SLOW**2)
+        is_new = self._experience < options.servo_time
+        speed, slow = float(v @ v), options.slow**2
+        fast = speed / (speed + slow)
         self._experience += fast * since
-        gain = fast * (1.0 if is_new else _LAG_SHARE * share)
-        self.lag = float(np.clip(self.lag + gain * (lag - self.lag), 0.0, LONGEST_LAG))
+        gain = fast * (1.0 if is_new else options.lag_share * share)
+        self.lag = float(np.clip(self.lag + gain * (lag - self.lag), 0.0, options.max_lag))
         if not is_new:
             error = positions - q - self.offset
-            along = float(v @ error) / (float(v @ v) + _SLOW**2)
+            along = float(v @ error) / (speed + slow)
             self.offset = self.offset + share * (error - v * along)
 
     @property
     def longest_lag(self) -> float:
         """Largest lag of a robot that counts as on time [s]."""
-        return LONGEST_LAG if self._experience < 2.0 * _ADAPTATION else self.lag + _LAG_NOISE
+        options = self._options
+        is_new = self._experience < 2.0 * options.servo_time
+        return options.max_lag if is_new else self.lag + options.lag_noise
 
     def unlearn(self) -> bool:
-        """Forget what was learned last, if anything was: the robot was no longer on time."""
+        """Discard what was learned last, if anything was: the robot was no longer on time."""
         if not self._learned:
             return False
         _, self.offset, self.lag = self._learned[0]

@@ -12,23 +12,19 @@ from ..arrays import FloatArray
 from ..exceptions import GoalError, TrajectoryError
 from ..motion.goal import JointState
 from ..motion.trajectory import Trajectory
-from .commanded import CommandedMotion
-from .following import LAGGING, OFF, ON_TIME, Following, MotionFollower
-from .joined import TRANSPORT, USUAL_TRANSPORT, Joined
-from .parameters import MEASURED
+from .following import (
+    HELD,
+    LAGGING,
+    OFF,
+    ON_TIME,
+    Following,
+    UnconfirmedError,
+)
+from .motion_follower import MotionFollower
+from .parameters import AUTO, MEASURED, Settings
+from .published_motion import TRANSPORT, USUAL_TRANSPORT, Joined, PublishedMotion
 
-START_TOLERANCE = 0.005
-"""How far a joint may have come from a measured start before its motion is published [rad or m].
-
-It bounds the jump that the controller has to absorb.
-"""
-
-# A motion that continues another one leaves it so long after planning is expected to end [s].
-_PLANNED_TRANSPORT = 2.0 * TRANSPORT
-# So near to 1 the rate is that of the clock.
-_FULL_RATE = 0.01
-# What is kept of a motion that another one continues [s].
-_LEAD = 0.35
+_WORDS = {ON_TIME: "on time", LAGGING: "behind its motion", OFF: "off its path"}
 
 
 class TooLateError(TrajectoryError):
@@ -36,7 +32,7 @@ class TooLateError(TrajectoryError):
 
 
 @dataclass(frozen=True, eq=False)
-class Start:
+class MotionStart:
     """A state to plan from.
 
     Attributes
@@ -45,21 +41,21 @@ class Start:
         The state.
     following : Following or None
         The motion that it is on, if the robot follows one; None at a rest elsewhere.
-    last : CommandedMotion or None
+    last : PublishedMotion or None
         The motion that was published last, whether the robot follows it or not.
     place : float
-        Where on it the state is [s].
+        The place of the state on that motion [s].
     time : float
         When the robot is there [s].
     measured : JointState
-        What was measured when it was chosen.
+        The measured state at the time of the choice.
     at_once : bool
-        Whether the place need not be known to the fraction of a millisecond.
+        Whether an approximate place is accepted.
     """
 
     state: JointState
     following: Following | None
-    last: CommandedMotion | None
+    last: PublishedMotion | None
     place: float
     time: float
     measured: JointState
@@ -67,7 +63,7 @@ class Start:
 
     @property
     def deadline(self) -> float:
-        """When a motion from a start in motion must be sent at last [s]."""
+        """Latest time to send a motion that starts on a running one [s]."""
         return self.time - TRANSPORT
 
     @property
@@ -82,89 +78,88 @@ class StartStates(MotionFollower):
     See `MotionFollower` for its parameters.
     """
 
-    def choose(
-        self,
-        start_from: str,
-        timeout: float,
-        latency: float,
-        tolerance: float,
-        *,
-        at_once: bool = False,
-    ) -> Start:
+    def choose(self, settings: Settings, latency: float, *, at_once: bool = False) -> MotionStart:
         """Choose the start of the next motion.
 
         Parameters
         ----------
-        start_from : {'auto', 'measured', 'commanded'}
-            See the parameter of this name.
-        timeout, tolerance : float
-            See :meth:`follow`.
+        settings : Settings
+            With `start_from`, and the parameters of :meth:`follow`.
         latency : float
             Time that planning may take [s].
         at_once : bool
-            Whether to take a place that is not known to the fraction of a millisecond.
+            For stops: accepts an approximate place, whatever `start_from`.
 
         Raises
         ------
         GoalError
-            If there is no usable measured state, which a motion that starts on another one needs,
-            too: a robot without fresh states may have stopped. Or if the robot moves and follows
-            no motion of ours.
+            If there is no usable measured state, or the robot moves and follows no motion of this
+            node. A motion that starts on another one needs a measured state, too: a robot without
+            fresh states may have stopped.
+        UnconfirmedError
+            If it is not known yet where on its motion the robot is.
         """
         with self._lock:
-            following = self.follow(timeout, tolerance)
+            following = self.follow(settings)
             now = self._motion_clock()
-            measured = self.measured.newest(timeout)
-            last = self._commanded
+            measured = self.measured.newest(settings.state_timeout)
+            start_from = AUTO if at_once else settings.start_from
             if following is not None and following.is_running:
                 if start_from == MEASURED:
-                    raise GoalError(_refusal_of_moving(start_from, following, tolerance))
-                then = now + latency + _PLANNED_TRANSPORT
-                place = following.progress.at(then)
-                self._check_confirmed(following, then)
+                    raise GoalError(_motion_refusal(start_from, following, settings))
+                then = now + latency + 2.0 * TRANSPORT
+                if self._published is not None:
+                    self._published.check_taken(following, then, self._servo.lag, self._options)
                 if not at_once:
-                    self._check_known(following, now)
-                state = following.motion.state(place)
-                return Start(state, following, last, place, then, measured, at_once)
-            if following is not None:
-                self._check_resting(following, now)
-            holds = following is not None and following.is_over and start_from != MEASURED
-            holds = holds and self._is_path_known
-            # A robot that has just come to the end of its motion may still settle.
-            if not (holds and not self._is_arrived) and self.measured.velocities(measured).any():
-                raise GoalError(_refusal_of_moving(start_from, following, tolerance))
-            here, place = measured.positions, 0.0
-            if holds and following is not None:
-                place = following.progress.place
-                here = following.motion.end
-                if following.at_rest:
-                    self._servo.rest(measured.positions - here)
-            elif start_from != MEASURED:
-                here = self._held(measured.positions)
-            state = JointState(measured.joint_names, here)
-            return Start(state, following if holds else None, last, place, now, measured)
+                    self._check_place(following, now)
+                place = following.progress.at(then)
+                state, last = following.motion.state(place), self._last
+                return MotionStart(state, following, last, place, then, measured, at_once)
+            return self._choose_at_rest(following, measured, now, start_from, settings)
 
-    def join(
+    def _choose_at_rest(
         self,
-        rest: Trajectory,
-        start: Start,
-        timeout: float,
-        tolerance: float,
-        *,
-        may_stamp: bool,
-    ) -> Joined:
+        following: Following | None,
+        measured: JointState,
+        now: float,
+        start_from: str,
+        settings: Settings,
+    ) -> MotionStart:
+        last, options = self._published, self._options
+        holds = may_settle = False
+        if following is not None and last is not None:
+            if following.how == HELD and now < last.joined.time + options.start_time:
+                raise UnconfirmedError(
+                    "the robot rests at the start of the motion before this one, which was "
+                    f"published less than {options.start_time:g} s ago; send the goal again"
+                )
+            holds = following.is_over and start_from != MEASURED and last.joined.is_path_known
+            # A robot that has just come to the end of its motion may still settle.
+            may_settle = holds and not last.is_arrived
+        if not may_settle and self.measured.velocities(measured).any():
+            raise GoalError(_motion_refusal(start_from, following, settings))
+        here, place = measured.positions, 0.0
+        if holds and following is not None:
+            here, place = following.motion.end, following.progress.place
+            if following.at_rest:
+                self._servo.rest(measured.positions - here)
+        elif start_from != MEASURED:
+            here = self._held(measured.positions)
+        state = JointState(measured.joint_names, here)
+        held = following if holds else None
+        return MotionStart(state, held, self._last, place, now, measured)
+
+    def join(self, rest: Trajectory, start: MotionStart, settings: Settings) -> Joined:
         """Lead to a motion from where the robot is by now.
 
         Parameters
         ----------
         rest : Trajectory
             The motion from the chosen start.
-        start : Start
+        start : MotionStart
             Its start.
-        timeout, tolerance : float
-            See :meth:`follow`.
-        may_stamp : bool
-            Whether a motion may carry the time at which its first point is commanded.
+        settings : Settings
+            With `stamp_trajectories`, and the parameters of :meth:`follow`.
 
         Raises
         ------
@@ -174,78 +169,97 @@ class StartStates(MotionFollower):
             If the measured state is too old by now.
         """
         with self._lock:
-            following = self.follow(timeout, tolerance)
+            following, old = self.follow(settings), start.following
             now = self._motion_clock()
-            if self._commanded is not start.last:
+            if self._last is not start.last:
                 raise TooLateError(
                     "another motion was published while this one was planned; send the goal again"
                 )
-            may_stamp = may_stamp and self.measured.clocks_agree
-            old = start.following
+            may_stamp = settings.stamp_trajectories and self.measured.clocks_agree
             if old is None or following is None:
-                self._check_rest(start.measured, self.measured.newest(timeout))
+                self._check_rest(start.measured, self.measured.newest(settings.state_timeout))
             if old is None or following is None or (following.is_over and old.is_over):
                 return (Joined.after_wait if may_stamp else Joined.on_receipt)(rest, now)
             if following.how != old.how:
                 raise TooLateError(
-                    f"the robot was {_in_words(old.how)} when planning began and is "
-                    f"{_in_words(following.how)} now; send the goal again"
-                )
-            # Computing how the robot follows has taken a moment, too.
-            here = following.progress.at(now)
-            left = start.place - here
-            if left < TRANSPORT * following.progress.rate:
-                raise TooLateError(
-                    "planning took too long: the motion should have been sent "
-                    f"{TRANSPORT - left:.3g} s ago; send the goal again"
+                    f"the robot was {_WORDS.get(old.how, old.how)} when planning began and is "
+                    f"{_WORDS.get(following.how, following.how)} now; send the goal again"
                 )
             if not start.at_once:
-                self._check_known(following, now)
-            rate = following.progress.rate
-            is_timed = may_stamp and rate > 0.5
-            # While a message takes its usual time, the robot advances at its rate; the motion does
-            # at that of the clock if it is stamped, and not at all if it is not.
-            here += USUAL_TRANSPORT * (rate - is_timed) * (following.how == LAGGING)
-            # The last moments say where the robot is, and how fast.
-            lead = min(_LEAD, here)
-            motion = following.motion.followed_by(rest, start.place, here - lead)
-            return Joined(
-                following.motion.followed_by(rest, start.place, here),
-                CommandedMotion(motion, now - lead),
-                now,
-                is_timed,
-                # A robot at the rate of the clock is on time again once it takes a stamped motion.
-                is_timed and abs(rate - 1.0) <= _FULL_RATE,
+                self._check_place(following, now)
+            return self._continued(rest, start, following, now, may_stamp)
+
+    def _continued(
+        self, rest: Trajectory, start: MotionStart, following: Following, now: float, stamp: bool
+    ) -> Joined:
+        """The running motion up to a start on it, and the rest from there."""
+        rate, here = following.progress.rate, following.progress.at(now)
+        left = start.place - here
+        if left < TRANSPORT * rate:
+            raise TooLateError(
+                "planning took too long: the motion should have been sent "
+                f"{TRANSPORT - left:.3g} s ago; send the goal again"
             )
+        is_timed = stamp and rate > 0.5
+        # Until the message arrives, the robot advances at its rate. A stamped motion advances
+        # meanwhile at the rate of the clock, another one not at all.
+        here += USUAL_TRANSPORT * (rate - is_timed) * (following.how == LAGGING)
+        # The last moments before show the place of the robot and its rate.
+        lead = min(self._options.lead, here)
+        motion = following.motion.followed_by(rest, start.place, here - lead)
+        return Joined(
+            following.motion.followed_by(rest, start.place, here),
+            PublishedMotion(motion, now - lead),
+            now,
+            is_timed,
+            # A robot at full rate is on time again once it takes a stamped motion.
+            is_timed and abs(rate - 1.0) <= self._options.full_rate,
+        )
+
+    @property
+    def _last(self) -> PublishedMotion | None:
+        return None if self._published is None else self._published.current.motion
 
     def _held(self, measured: FloatArray) -> FloatArray:
-        """Where a robot that rests elsewhere than its motion ends is commanded to be."""
+        """Commanded positions of a robot that rests elsewhere than at the end of its motion."""
         for before in self.alternatives:
-            is_near = np.abs(measured - before.positions).max() <= START_TOLERANCE
-            if is_near and not before.velocities.any():
-                # The controller has not taken the last motion: what it holds is known.
+            away = np.abs(measured - before.positions).max()
+            if away <= self._options.start_tolerance and not before.velocities.any():
+                # The controller has not taken the last motion, so what it holds is known.
                 self._servo.rest(measured - before.positions)
                 return before.positions
         return measured - self._servo.load
 
+    def _check_place(self, following: Following, now: float) -> None:
+        """Raise an `UnconfirmedError` if the place of a moving robot is not known precisely."""
+        options, progress = self._options, following.progress
+        age = now - self.measured.newest_time
+        if age > options.max_age:
+            raise UnconfirmedError(
+                f"the newest joint_states message is {age:.3g} s old, at most {options.max_age:g} "
+                "s is accepted while the robot moves; send the goal again"
+            )
+        is_precise = progress.error <= options.precision + self._noise
+        is_steady = abs(progress.change) <= options.max_change
+        if following.how == LAGGING and not (is_precise and is_steady):
+            raise UnconfirmedError(
+                "the speed of the robot changes (speed scaling), so its place on the motion is not "
+                "known precisely; send the goal again"
+            )
+
     def _check_rest(self, planned: JointState, present: JointState) -> None:
-        """Refuse a motion from rest if the robot has left it meanwhile."""
-        moved = np.abs(present.positions - planned.positions)
+        """Raise a `TooLateError` if the robot has left the rest that a motion starts from."""
+        moved, most = np.abs(present.positions - planned.positions), self._options.start_tolerance
         worst = int(moved.argmax())
-        if not moved[worst] <= START_TOLERANCE or self.measured.velocities(present).any():
+        if not moved[worst] <= most or self.measured.velocities(present).any():
             raise TooLateError(
-                f"planning took too long: joint '{present.joint_names[worst]}' has come "
+                f"planning took too long: joint '{present.joint_names[worst]}' has moved "
                 f"{moved[worst]:.3g} rad (or m) away from the start of the motion meanwhile, at "
-                f"most {START_TOLERANCE} at rest is accepted; send the goal again"
+                f"most {most} at rest is accepted; send the goal again"
             )
 
 
-def _in_words(how: str) -> str:
-    words = {ON_TIME: "on time", LAGGING: "behind its motion", OFF: "off its path"}
-    return words.get(how, how)
-
-
-def _refusal_of_moving(start_from: str, following: Following | None, tolerance: float) -> str:
+def _motion_refusal(start_from: str, following: Following | None, settings: Settings) -> str:
     """Why no motion can start on a robot that moves."""
     if start_from == MEASURED:
         return (
@@ -258,6 +272,6 @@ def _refusal_of_moving(start_from: str, following: Following | None, tolerance: 
         )
     return (
         f"joint '{following.joint}' is {following.distance:.3g} rad (or m) away from the running "
-        f"motion, at most {tolerance:g} (parameter commanded_tolerance) is accepted while the "
-        "robot moves; send the goal again when it is at rest"
+        f"motion, at most {settings.commanded_tolerance:g} (parameter commanded_tolerance) is "
+        "accepted while the robot moves; send the goal again when it is at rest"
     )

@@ -1,11 +1,10 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Where on its motion a robot is, by what was measured of it in the last moments.
+"""Estimation of a robot's place on its motion from the measured positions of a short window.
 
-A robot under speed scaling, or one that is held, lags on its path: then its place on the path says
-where it is commanded to be, and the clock does not. Place and rate are estimated together, by least
-squares from the measured positions of a short window and what was known before; that prior alone
-counts where the motion is slow.
+A robot under speed scaling, or one that is held, lags along its path. Its place on the path then
+says where it is commanded to be; the clock does not. Place and rate are estimated together by
+regularised least squares. Where the motion is slow, positions say little and the prior decides.
 """
 
 from __future__ import annotations
@@ -14,38 +13,31 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..arrays import FloatArray
-from .commanded import CommandedMotion
+from ..motion.goal import JointState
+from .measured import Samples
+from .options import FollowingOptions
+from .published_motion import PublishedMotion
 
-# Standard deviations of measured positions [rad or m], and of what was known before: the place
-# [s], the rate, its change [1/s], and how that changes [1/s²].
-_POSITION_NOISE = 0.002
-_PRIOR = np.array([1.0, 0.3, 2.0, 40.0])
-_ITERATIONS = 6
-# Longest step of an iteration [s], cost of a sample up to which a fit is good, and the places that
-# are searched where the prior misleads.
-_LONGEST_STEP, _GOOD, _N_SEARCHED = 0.2, 1.0, 100
-_HIGHEST_RATE = 1.2
-# The newest samples, and how far in their mean they are from a good fit [rad or m].
-_N_NEWEST, _GOOD_ERROR = 5, 3e-5
+# Samples that the error of an estimated place is averaged over.
+_N_NEWEST = 5
 
 
 @dataclass(frozen=True)
 class Progress:
-    """Where on a motion a robot is.
+    """Place of a robot on a motion.
 
     Attributes
     ----------
     time : float
-        When that was [s].
+        When the robot was there [s].
     place : float
-        How far on the motion it was [s].
+        The place [s].
     rate : float
-        How fast the place advances: 1 for a robot that runs on time, 0 for one that is held.
+        Rate at which the place advances: 1 for a robot on time, 0 for one that is held.
     change : float
-        How fast the rate changes [1/s].
+        Rate at which the rate changes [1/s].
     error : float
-        How far the newest samples are from there in their mean [rad or m].
+        Mean distance of the newest samples from that place [rad or m].
     """
 
     time: float
@@ -58,91 +50,91 @@ class Progress:
         """The place at another time [s]."""
         since = time - self.time
         if self.change < 0.0:
-            # A robot that is slowed down stops, and does not turn back.
+            # A robot that slows down stops; it does not reverse.
             since = min(since, -self.rate / self.change)
         return self.place + self.rate * since + 0.5 * self.change * since**2
 
 
+@dataclass(frozen=True, eq=False)
+class TrackedMotion:
+    """A published motion and the place of a robot that follows it."""
+
+    motion: PublishedMotion
+    progress: Progress
+
+    def state(self, time: float, lag: float = 0.0) -> JointState:
+        """The commanded state at a time [s], for servos with this lag [s]."""
+        return self.motion.state(self.progress.at(time) + lag * self.progress.rate)
+
+
 def locate(
-    motion: CommandedMotion,
-    times: FloatArray,
-    positions: FloatArray,
+    motion: PublishedMotion,
+    samples: Samples,
     prior: Progress,
     now: float,
+    options: FollowingOptions,
 ) -> Progress:
     """Estimate where on a motion a robot is.
 
     Parameters
     ----------
-    motion : CommandedMotion
+    motion : PublishedMotion
         The motion.
-    times : array, shape (n_samples,)
-        When the robot was measured [s].
-    positions : array, shape (n_samples, n_joints)
-        Where it was measured, less what its load pulls it away [rad or m].
+    samples : Samples
+        Measured positions without the offset of the load.
     prior : Progress
-        What was known before.
+        The last estimate.
     now : float
         The time that the progress is stated for [s].
+    options : FollowingOptions
+        Parameters of the estimation.
     """
-    known = Progress(now, prior.at(now), prior.rate)
-    if not len(times):
+    known, n = Progress(now, prior.at(now), prior.rate), len(samples.times)
+    if n == 0:
         return known
-    cost, found = _fit(motion, times, positions, known, known)
-    if cost <= _GOOD * len(times):
-        return _refined(motion, times, positions, known, found)
-    searched = np.linspace(0.0, motion.duration, _N_SEARCHED)
-    away = motion.sample(searched)[0] - positions[-1]
-    nearest = float(searched[np.square(away).sum(axis=1).argmin()])
-    other_cost, other = _fit(motion, times, positions, known, Progress(now, nearest, known.rate))
-    best = other if other_cost < cost else found
-    return _refined(motion, times, positions, known, best)
-
-
-def _refined(
-    motion: CommandedMotion,
-    times: FloatArray,
-    positions: FloatArray,
-    prior: Progress,
-    found: Progress,
-) -> Progress:
-    """The better of a fit and one of the last moments alone, where the rate changes fast."""
-    newest = slice(-(len(times) // 2), None)
-    if found.error <= _GOOD_ERROR or len(times) < 4 * _N_NEWEST:
+    cost, found = _fit(motion, samples, known, known, options)
+    if cost > n:
+        # A poor fit: the prior misled, so the nearest place of the whole motion is tried, too.
+        places = np.linspace(0.0, motion.duration, 100)
+        away = motion.sample(places)[0] - samples.positions[-1]
+        nearest = float(places[np.square(away).sum(axis=1).argmin()])
+        start = Progress(now, nearest, known.rate)
+        other_cost, other = _fit(motion, samples, known, start, options)
+        found = other if other_cost < cost else found
+    if found.error <= options.good_error or n < 4 * _N_NEWEST:
         return found
-    _, other = _fit(motion, times[newest], positions[newest], prior, found)
-    # So few samples say little of how the rate changes.
+    newer = Samples(samples.times[-(n // 2) :], samples.positions[-(n // 2) :])
+    _, other = _fit(motion, newer, known, found, options)
+    # Half a window says little about the change of the rate.
     return replace(other, change=found.change) if other.error < found.error else found
 
 
 def _fit(
-    motion: CommandedMotion,
-    times: FloatArray,
-    positions: FloatArray,
+    motion: PublishedMotion,
+    samples: Samples,
     prior: Progress,
     start: Progress,
+    options: FollowingOptions,
 ) -> tuple[float, Progress]:
-    """Gauss-Newton steps for the place, the rate and its change; the cost and the progress."""
-    since = times - prior.time
+    """Gauss-Newton steps for the place, the rate and its changes; returns cost and progress."""
+    since, noise = samples.times - prior.time, options.position_noise
     powers = np.stack([np.ones_like(since), since, since**2 / 2.0, since**3 / 6.0])
-    precision = _PRIOR**-2.0
+    precision = np.array(options.prior) ** -2.0
     known, x = (np.array([one.place, one.rate, 0.0, 0.0]) for one in (prior, start))
     best = float("inf"), start
-    for _ in range(_ITERATIONS):
+    for _ in range(6):
         q, v, _ = motion.sample(x @ powers)
-        error = (positions - q) / _POSITION_NOISE
+        away = samples.positions - q
+        error = away / noise
         cost = float(np.square(error).sum() + precision @ (x - known) ** 2)
         if cost < best[0]:
+            distance = float(np.abs(away[-_N_NEWEST:].mean(axis=0)).max())
             place, rate, change = (float(value) for value in x[:3])
-            best = cost, Progress(prior.time, place, rate, change, _error(positions - q))
-        slopes = (powers[:, :, None] * v).reshape(len(x), -1) / _POSITION_NOISE
+            best = cost, Progress(prior.time, place, rate, change, distance)
+        slopes = (powers[:, :, None] * v).reshape(len(x), -1) / noise
         gradient = slopes @ error.ravel() + precision * (known - x)
         step = np.linalg.solve(slopes @ slopes.T + np.diag(precision), gradient)
-        x = x + step * min(1.0, _LONGEST_STEP / max(abs(step[0]), 1e-9))
-        x[:2] = np.clip(x[:2], 0.0, [np.inf, _HIGHEST_RATE])
+        # A longer step than 0.2 s leaves the range in which the motion is nearly linear.
+        x = x + step * min(1.0, 0.2 / max(abs(step[0]), 1e-9))
+        x[:2] = np.clip(x[:2], 0.0, [np.inf, options.max_rate])
     return best
-
-
-def _error(away: FloatArray) -> float:
-    """How far the newest samples are away in their mean [rad or m]."""
-    return float(np.abs(away[-_N_NEWEST:].mean(axis=0)).max())

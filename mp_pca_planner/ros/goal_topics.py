@@ -15,9 +15,11 @@ from sensor_msgs.msg import JointState as JointStateMessage
 from trajectory_msgs.msg import JointTrajectory
 
 from ..execution.assembly import Model
+from ..execution.goal_planner import UnexecutablePlanError
 from ..execution.goal_statistics import GoalStatistics
-from ..execution.motion_server import MakeGoal, MotionServer, Served, UnexecutablePlanError
-from ..execution.newest_goal import CancelledError, IsCancelled, NewestGoalThread
+from ..execution.motion_server import MakeGoal, MotionServer
+from ..execution.preemptive_worker import CancelledError, IsCancelled, PreemptiveWorker
+from ..execution.served_goal import Served
 from ..motion.goal import Goal, JointGoal
 from . import messages
 from .guarded_node import LOG_PERIOD, GuardedNode
@@ -85,7 +87,7 @@ class GoalTopics:
         self._node, self._setup, self._server = node, setup, server
         self._statistics, self._on_served = statistics, on_served
         self._reports = node.create_publisher(DiagnosticStatus, "~/plan_report", EVERY)
-        self._worker = NewestGoalThread(self._serve, self._on_preempted, node.guarded(rest))
+        self._worker = PreemptiveWorker(self._serve, self._on_preempted, node.guarded(rest))
         group = ThreadGroup()
         for message_type, topic in (
             (JointStateMessage, "~/goal"),

@@ -11,8 +11,8 @@ from visualization_msgs.msg import MarkerArray
 
 from ..exceptions import GoalError
 from ..execution.kept_motion import keep_motion
-from ..execution.motion_server import Served
 from ..execution.parameters import ParameterError
+from ..execution.served_goal import Served
 from .preview import to_preview
 
 

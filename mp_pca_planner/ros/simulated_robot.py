@@ -16,7 +16,7 @@ from std_msgs.msg import String
 from trajectory_msgs.msg import JointTrajectory
 
 from ..exceptions import SimulationError
-from ..simulation.message import NANOSECONDS, Point, TrajectoryMessage
+from ..simulation.message import NANOSECONDS, TrajectoryMessage, TrajectoryPoint
 from ..simulation.robot import SimulatedRobot
 from .process import spin_until
 from .process import start_ros as start_ros
@@ -35,7 +35,7 @@ def to_controller_message(message: JointTrajectory) -> TrajectoryMessage:
         return int(time.sec * NANOSECONDS + time.nanosec)  # type: ignore[attr-defined]
 
     points = tuple(
-        Point(
+        TrajectoryPoint(
             nanoseconds(point.time_from_start),
             tuple(point.positions),
             tuple(point.velocities),

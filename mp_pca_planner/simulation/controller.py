@@ -8,61 +8,14 @@ measured, messages by topic. Times are integer nanoseconds, as in ROS.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from ..arrays import FloatArray
-from ..exceptions import SimulationError
-from .message import Point, TrajectoryMessage
-from .rejection import rejection
+from .message import TrajectoryMessage, TrajectoryPoint
+from .rejection import ControllerOptions, rejection
 from .splines import BoolArray, Splines, States
-
-
-@dataclass(frozen=True)
-class ControllerOptions:
-    """Parameters of the controller; names and defaults are those of the original.
-
-    Attributes
-    ----------
-    allow_nonzero_velocity_at_trajectory_end : bool
-        Whether the last point may have a velocity.
-    allow_partial_joints_goal : bool
-        Whether joints may be missing; they hold their commanded positions.
-    interpolate_from_desired_state : bool
-        Whether a trajectory that starts later is approached from the commanded state, not from
-        the measured one.
-    state_tolerance, goal_tolerance : float
-        Largest deviation of a joint while moving, and after the end [rad or m]; 0 allows any.
-        Where it is exceeded, the measured position is held.
-    goal_time : float
-        Time after the end by which the goal tolerance has to be met [s]; 0 allows any.
-    uptime_clock : bool
-        Whether speed scaling slows a clock that all trajectories share, as in the scaled
-        controller of UR's driver up to Iron; else that of the running trajectory, which starts
-        anew with each message.
-
-    Raises
-    ------
-    SimulationError
-        If a tolerance is negative or not finite.
-    """
-
-    allow_nonzero_velocity_at_trajectory_end: bool = False
-    allow_partial_joints_goal: bool = False
-    interpolate_from_desired_state: bool = False
-    state_tolerance: float = 0.0
-    goal_tolerance: float = 0.0
-    goal_time: float = 0.0
-    uptime_clock: bool = False
-
-    def __post_init__(self) -> None:
-        for name in ("state_tolerance", "goal_tolerance", "goal_time"):
-            value = getattr(self, name)
-            if not 0.0 <= value < math.inf:
-                raise SimulationError(f"{name} is {value}, expected a finite number from 0 on")
 
 
 class TrajectoryController:
@@ -88,7 +41,7 @@ class TrajectoryController:
     is_active : bool
         Whether commands follow messages.
     n_holds : int
-        How often a tolerance was exceeded and the measured position held.
+        How often the tolerance was exceeded and the measured position held.
     """
 
     def __init__(
@@ -101,7 +54,6 @@ class TrajectoryController:
         self._names = tuple(joint_names)
         self._options = options or ControllerOptions()
         self._continuous = np.flatnonzero(() if continuous is None else continuous)
-        self._checks = max(self._options.state_tolerance, self._options.goal_time) > 0.0
         self._command = np.concatenate([positions, np.zeros(2 * len(self._names))])
         self.speed_scaling = 1.0
         self.clock_ns = 0
@@ -113,9 +65,7 @@ class TrajectoryController:
         n = len(self._names)
         self._command = np.concatenate([self._command[:n], np.zeros(2 * n)])
         self._new: TrajectoryMessage | None = None
-        self._commanded_at: int | None = None
-        self._uptime: int | None = None
-        self._traj_time = 0
+        self._time = 0
         self._is_holding = self.is_active = True
         values = self._command.reshape(1, 3, n)
         self._splines = Splines(States([0], values, np.ones((1, 3), dtype=bool)))
@@ -140,13 +90,7 @@ class TrajectoryController:
         reason : str or None
             Why it is rejected; None if it is accepted.
         """
-        reason = rejection(
-            message,
-            self._names,
-            now,
-            allow_partial=self._options.allow_partial_joints_goal,
-            allow_moving_end=self._options.allow_nonzero_velocity_at_trajectory_end,
-        )
+        reason = rejection(message, self._names, now, self._options)
         if reason is None and not self.is_active:
             reason = "the controller is not active"
         if reason is None:
@@ -166,74 +110,45 @@ class TrajectoryController:
         Returns
         -------
         command : array, shape (3 n_joints,)
-            Positions to be driven to by the next cycle, then velocities and accelerations of the
+            Positions to reach by the next cycle, then the velocities and accelerations of the
             trajectory there, by its own clock.
         """
         if not self.is_active:
             self.clock_ns += period
             return self._command
         message, self._new = self._new, None
-        self._advance(now, period, is_new=message is not None)
+        step = int(period * self.speed_scaling) if message is None else period
+        self._time = now if message is not None else self._time + step
+        self.clock_ns += step
         if message is not None:
-            self._adopt(message, now, measured)
-        if (
-            self._checks
-            and not self._is_holding
-            and self._is_violated(measured[0], period, is_first=message is not None)
-        ):
+            self._adopt(message, measured)
+        if not self._is_holding and self._is_violated(measured[0], period, message is not None):
             self._hold(measured[0])
             return self._command
-        self._command = self._splines.sample(self._traj_time + self._ahead(period))
-        self._commanded_at = now
+        # The command is to be reached by the next cycle.
+        self._command = self._splines.sample(self._time + period)
         return self._command
 
-    def _ahead(self, period: int) -> int:
-        # The original commands what is to be reached at the next cycle; UR's, what is due now.
-        return 0 if self._options.uptime_clock else period
-
-    def _advance(self, now: int, period: int, *, is_new: bool) -> None:
-        step = int(period * self.speed_scaling)
-        if self._options.uptime_clock:
-            uptime = now - period if self._uptime is None else self._uptime
-            self._uptime = uptime + step
-            before, self._traj_time = self._traj_time or uptime, uptime + period
-            step = self._traj_time - before
-        elif is_new:
-            self._traj_time, step = now, period
-        else:
-            self._traj_time += step
-        self.clock_ns += step
-
-    def _adopt(
-        self, message: TrajectoryMessage, now: int, measured: tuple[FloatArray, FloatArray]
-    ) -> None:
-        """Interpolate the points, and from the present state to the first of them."""
-        start = message.stamp_ns or self._traj_time
+    def _adopt(self, message: TrajectoryMessage, measured: tuple[FloatArray, FloatArray]) -> None:
+        """Interpolate the points, and from the measured state to the first of them."""
+        start = message.stamp_ns or self._time
         times = [start + point.time_from_start_ns for point in message.points]
         values, given = self._in_order(message)
-        if self._traj_time < times[0]:
-            before, before_time = self._state_before(values[0, 0], now, measured)
-            times.insert(0, before_time)
+        if self._time < times[0]:
+            before = np.stack([*measured, np.zeros_like(measured[0])])
+            k = self._continuous
+            before[0, k] = values[0, 0, k] - self._shorter(values[0, 0, k] - before[0, k])
+            times.insert(0, self._time)
             values = np.concatenate([before[None], values])
-            # What the first point has, the state before it has: measured, commanded, or 0.
+            # The state before has accelerations if the first point has them.
             first = given[:1] | (np.arange(3) == 1)
             given = np.concatenate([first, given])
         self._splines = Splines(States(times, values, given))
 
-    def _state_before(
-        self, first: FloatArray, now: int, measured: tuple[FloatArray, FloatArray]
-    ) -> tuple[FloatArray, int]:
-        """State from which the first point is approached, shape (3, n_joints), and its time."""
-        if self._options.interpolate_from_desired_state:
-            state = self._command.reshape(3, -1).copy()
-            time = now if self._commanded_at is None else self._commanded_at
-            if self._options.uptime_clock:
-                time = self._traj_time
-        else:
-            state, time = np.stack([*measured, np.zeros_like(measured[0])]), self._traj_time
-        k = self._continuous
-        state[0, k] = first[k] - np.remainder(first[k] - state[0, k] + np.pi, 2 * np.pi) + np.pi
-        return state, time
+    @staticmethod
+    def _shorter(angle: FloatArray) -> FloatArray:
+        """The same rotation of a continuous joint, by at most half a turn."""
+        return np.asarray(np.remainder(angle + np.pi, 2 * np.pi) - np.pi)
 
     def _in_order(self, message: TrajectoryMessage) -> tuple[FloatArray, BoolArray]:
         """The points by joints of the controller; joints that are missing hold their positions."""
@@ -251,18 +166,15 @@ class TrajectoryController:
                 values[has] = block
         return values, given
 
-    def _is_violated(self, q: FloatArray, period: int, *, is_first: bool) -> bool:
-        options, n = self._options, len(self._names)
-        error = self._splines.sample(self._traj_time)[:n] - q
-        k = self._continuous
-        error[k] = np.remainder(error[k] + np.pi, 2 * np.pi) - np.pi
-        worst, late = float(np.abs(error).max()), self._traj_time - self._splines.end
-        if (late + self._ahead(period) < 0 or is_first) and 0.0 < options.state_tolerance < worst:
-            return True
-        is_late = late > options.goal_time * 1e9 > 0.0
-        return is_late and 0.0 < options.goal_tolerance < worst
+    def _is_violated(self, q: FloatArray, period: int, is_first: bool) -> bool:
+        tolerance = self._options.state_tolerance
+        if tolerance == 0.0 or not (self._time + period < self._splines.end or is_first):
+            return False
+        error = self._splines.sample(self._time)[: len(self._names)] - q
+        error[self._continuous] = self._shorter(error[self._continuous])
+        return bool(np.abs(error).max() > tolerance)
 
     def _hold(self, q: FloatArray) -> None:
-        self._new = TrajectoryMessage(self._names, (Point(0, tuple(q.tolist())),))
+        self._new = TrajectoryMessage(self._names, (TrajectoryPoint(0, tuple(q.tolist())),))
         self._is_holding = True
         self.n_holds += 1

@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Faults that a simulated robot can have, on demand."""
+"""Faults of a simulated robot, set on demand."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 
 from ..exceptions import SimulationError, unknown_name
 
-# What each may be.
+# Ranges of the numbers.
 RANGES = {
     "speed_scaling": (0.0, 1.0),
     "delay": (0.0, 1.0),
@@ -34,7 +34,7 @@ class Faults:
     silent : bool
         Whether no joint states are published.
     delay, jitter : float
-        Time that a message takes, and the most that chance adds to it [s].
+        Transport time of a message, and its largest random addition [s].
     active : bool
         Whether the controller is active; it rejects messages unless it is.
     drop : float

@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""What a trajectory controller receives: ``trajectory_msgs/JointTrajectory`` without ROS."""
+"""Messages to a trajectory controller: ``trajectory_msgs/JointTrajectory`` without ROS."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ NANOSECONDS = 10**9
 
 
 @dataclass(frozen=True)
-class Point:
+class TrajectoryPoint:
     """One point of a message; every sequence holds one number per joint, or is empty.
 
     Attributes
@@ -33,20 +33,20 @@ class Point:
 
 @dataclass(frozen=True)
 class TrajectoryMessage:
-    """A message as it is received; nothing about it has been checked.
+    """A message as it is received, without any check.
 
     Attributes
     ----------
     joint_names : tuple of str
         Joints in the order of the numbers of every point.
-    points : tuple of Point
+    points : tuple of TrajectoryPoint
         The points.
     stamp_ns : int
         Time at which the trajectory starts [ns]; 0 means on arrival.
     """
 
     joint_names: tuple[str, ...]
-    points: tuple[Point, ...]
+    points: tuple[TrajectoryPoint, ...]
     stamp_ns: int = 0
 
 
@@ -71,7 +71,7 @@ def to_message(
         trajectory.accelerations.tolist(),
         strict=True,
     )
-    points = tuple(Point(*row) for row in rows)
+    points = tuple(TrajectoryPoint(*row) for row in rows)
     return TrajectoryMessage(
         trajectory.joint_names,
         points[-1:] if last_point_only else points,

@@ -8,9 +8,7 @@ late, as those of industrial arms do.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from scipy.linalg import lapack
@@ -21,11 +19,6 @@ from ..robot.model import Robot
 
 PERIOD = 1e-3
 """Time of one step [s]."""
-
-# Configurations by which inertias are judged, and the inertia of drives and gears as a share of
-# that of the heaviest joint: the wrist of a geared arm is far from weightless.
-_N_CONFIGURATIONS = 64
-_DRIVE_SHARE = 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,44 +44,34 @@ class Drives:
     lag: float = 0.003
 
     @classmethod
-    def of(cls, robot: Robot, bandwidth: float = 100.0) -> Drives:
-        """Gains for a bandwidth [rad/s] at the largest inertias that the joints meet."""
+    def of(cls, robot: Robot, bandwidth: float = 100.0, inertia_share: float = 0.05) -> Drives:
+        """Gains at the largest inertias of 64 random configurations.
+
+        Parameters
+        ----------
+        robot : Robot
+            The arm.
+        bandwidth : float
+            Bandwidth of the drives [rad/s].
+        inertia_share : float
+            Inertia of each drive and gear as a share of that of the heaviest joint: the wrist of
+            a geared arm is far from weightless.
+        """
         limits = robot.limits()
         low, high = np.clip(limits.lower, -np.pi, None), np.clip(limits.upper, None, np.pi)
-        draws = np.random.default_rng(0).uniform(size=(_N_CONFIGURATIONS, robot.n_joints))
+        draws = np.random.default_rng(0).uniform(size=(64, robot.n_joints))
         zero = np.zeros(robot.n_joints)
         inertias = [
             np.diag(robot.motion_equation(low + (high - low) * draw, zero)[0]) for draw in draws
         ]
         own = np.max(inertias, axis=0)
-        inertia = np.full(robot.n_joints, _DRIVE_SHARE * own.max())
+        inertia = np.full(robot.n_joints, inertia_share * own.max())
         total = own + inertia
         return cls(inertia, bandwidth**2 * total, 2.0 * bandwidth * total, limits.effort)
 
 
-class Plant(Protocol):
-    """An arm that moves.
-
-    Attributes
-    ----------
-    q, v : array, shape (n_joints,)
-        Positions [rad or m] and velocities [/s].
-    """
-
-    q: FloatArray
-    v: FloatArray
-
-    def set_payload(self, mass: float) -> None:
-        """Attach a mass [kg] to the last link; gravity compensation doesn't know it."""
-
-    def step(self, command: FloatArray) -> None:
-        """Move for one period towards commanded positions, shape (n_joints,)."""
-
-
-class PinocchioPlant:
-    """An arm at rest, computed by Pinocchio, integrated by the semi-implicit Euler method.
-
-    The drives act on the state at the end of each step, which is stable for gains of any size.
+class Plant:
+    """An arm at rest that follows commanded positions.
 
     Parameters
     ----------
@@ -96,35 +79,64 @@ class PinocchioPlant:
         The arm.
     start : array, shape (n_joints,)
         Its positions [rad or m].
-    drives : Drives, optional
+
+    Attributes
+    ----------
+    drives : Drives
         The drives.
+    q, v : array, shape (n_joints,)
+        Positions [rad or m] and velocities [/s].
     """
 
-    def __init__(self, robot: Robot, start: FloatArray, drives: Drives | None = None) -> None:
-        self._robot = self._loaded = robot
-        self.drives = drives or Drives.of(robot)
+    def __init__(self, robot: Robot, start: FloatArray) -> None:
+        self.drives = Drives.of(robot)
         self.q, self.v = np.array(start), np.zeros(robot.n_joints)
+        self._robot = robot
         self._commanded = self.q
+        self._load(robot)
+
+    def set_payload(self, mass: float) -> None:
+        """Attach a mass [kg] to the last link; gravity compensation doesn't know it."""
+        self._load(self._robot.with_payload(mass))
+
+    def step(self, command: FloatArray) -> None:
+        """Move for one period towards commanded positions, shape (n_joints,)."""
+        rate = (command - self._commanded) / PERIOD
+        self._commanded = command
+        self._move(command, rate, self._robot.gravity_efforts(self.q))
+
+    def _load(self, robot: Robot) -> None:
+        """Set the inertias of an arm."""
+        raise NotImplementedError
+
+    def _move(self, command: FloatArray, rate: FloatArray, gravity: FloatArray) -> None:
+        """Move for one period towards commands that change at a rate [/s]."""
+        raise NotImplementedError
+
+
+class PinocchioPlant(Plant):
+    """An arm computed by Pinocchio, integrated by the semi-implicit Euler method.
+
+    The drives act on the state at the end of each step, which is stable for gains of any size.
+    """
+
+    def __init__(self, robot: Robot, start: FloatArray) -> None:
+        super().__init__(robot, start)
         d = self.drives
         self._stiffness = PERIOD * d.kd + PERIOD**2 * d.kp
         self._inertia = np.diag(d.inertia)
         self._total = np.diag(d.inertia + self._stiffness)
         self._has_limits = bool(np.isfinite(d.effort).any())
 
-    def set_payload(self, mass: float) -> None:
-        """Attach a mass [kg] to the last link; gravity compensation doesn't know it."""
-        self._loaded = self._robot.with_payload(mass)
+    def _load(self, robot: Robot) -> None:
+        self._loaded = robot
 
-    def step(self, command: FloatArray) -> None:
-        """Move for one period towards commanded positions, shape (n_joints,)."""
+    def _move(self, command: FloatArray, rate: FloatArray, gravity: FloatArray) -> None:
         d, q, v = self.drives, self.q, self.v
-        rate = (command - self._commanded) / PERIOD
-        self._commanded = command
-        g = self._robot.gravity_efforts(q)
         M, h = self._loaded.motion_equation(q, v)
-        # What is due at the end of the step, without the part that depends on the velocity there.
+        # The goal at the end of the step, without the part that depends on the velocity there.
         due = command - (d.lag - PERIOD) * rate
-        tau = g + d.kp * (due - q) + d.kd * rate
+        tau = gravity + d.kp * (due - q) + d.kd * rate
         momentum = (M + self._inertia) @ v
         after = _solve(M + self._total, momentum + PERIOD * (tau - h))
         if self._has_limits:
@@ -161,16 +173,3 @@ def _solve(matrix: FloatArray, right: FloatArray) -> FloatArray:
             "the robot description a valid inertial"
         )
     return np.asarray(solution)
-
-
-def _mujoco_plant(robot: Robot, start: FloatArray) -> Plant:
-    from .mujoco_plant import MujocoPlant
-
-    return MujocoPlant(robot, start)
-
-
-PLANTS: dict[str, Callable[[Robot, FloatArray], Plant]] = {
-    "pinocchio": PinocchioPlant,
-    "mujoco": _mujoco_plant,
-}
-"""Physics engines by name."""

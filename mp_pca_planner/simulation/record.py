@@ -1,14 +1,12 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Record of what a controller commanded and what became of it, in a buffer that grows."""
+"""Record of commanded and measured states, in a buffer that grows."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from ..arrays import FloatArray
-
-_FIRST_SIZE = 4096
 
 
 class Record:
@@ -25,24 +23,29 @@ class Record:
     measured : array, shape (n_cycles, n_joints)
         Positions before the command, without noise [rad or m].
     cuts : list of int
-        Cycles whose commands don't continue those before: the controller was restarted,
+        Cycles whose commands may jump: the controller was restarted,
         deactivated, or held the measured position.
     """
 
     def __init__(self, n_joints: int) -> None:
         self._n = n_joints
         self._size = 0
-        self._rows = np.empty((_FIRST_SIZE, 3 + 4 * n_joints))
+        self._rows = np.empty((4096, 3 + 4 * n_joints))
+        self._columns: dict[str, int | slice] = {"times": 0, "clock": 1, "scaling": 2}
+        for k, name in enumerate(("q", "v", "a", "measured")):
+            self._columns[name] = slice(3 + k * n_joints, 3 + (k + 1) * n_joints)
         self.cuts: list[int] = []
 
     def __len__(self) -> int:
         return self._size
 
+    def __getattr__(self, name: str) -> FloatArray:
+        if name.startswith("_") or name not in self._columns:
+            raise AttributeError(name)
+        return self._rows[: self._size, self._columns[name]]
+
     def append(
-        self,
-        stamps: tuple[float, float, float],
-        command: FloatArray,
-        measured: FloatArray,
+        self, stamps: tuple[float, float, float], command: FloatArray, measured: FloatArray
     ) -> None:
         """Add a cycle: its time, clock and scaling; q, v and a in a row; measured positions."""
         if self._size == len(self._rows):
@@ -54,42 +57,11 @@ class Record:
         self._size += 1
 
     def clear(self) -> None:
-        """Forget every cycle."""
+        """Discard all cycles."""
         self._size = 0
         self.cuts.clear()
 
     def arrays(self) -> dict[str, FloatArray]:
         """Every array by name, for :func:`numpy.savez`."""
-        names = ("times", "clock", "scaling", "q", "v", "a", "measured")
-        return {name: getattr(self, name) for name in names} | {"cuts": np.array(self.cuts)}
-
-    @property
-    def times(self) -> FloatArray:  # noqa: D102  # described by the class, as those below
-        return self._rows[: self._size, 0]
-
-    @property
-    def clock(self) -> FloatArray:  # noqa: D102
-        return self._rows[: self._size, 1]
-
-    @property
-    def scaling(self) -> FloatArray:  # noqa: D102
-        return self._rows[: self._size, 2]
-
-    @property
-    def q(self) -> FloatArray:  # noqa: D102
-        return self._block(0)
-
-    @property
-    def v(self) -> FloatArray:  # noqa: D102
-        return self._block(1)
-
-    @property
-    def a(self) -> FloatArray:  # noqa: D102
-        return self._block(2)
-
-    @property
-    def measured(self) -> FloatArray:  # noqa: D102
-        return self._block(3)
-
-    def _block(self, k: int) -> FloatArray:
-        return self._rows[: self._size, 3 + k * self._n : 3 + (k + 1) * self._n]
+        arrays = {name: getattr(self, name) for name in self._columns}
+        return arrays | {"cuts": np.array(self.cuts)}

@@ -1,27 +1,58 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Validation of messages, as ``joint_trajectory_controller`` (Jazzy) does it."""
+"""Parameters of the controller, and its validation of messages.
+
+Both are those of ``joint_trajectory_controller`` (Jazzy).
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 
-from ..exceptions import quote_names, unknown_name
+from ..exceptions import SimulationError, quote_names, unknown_name
 from .message import NANOSECONDS, TrajectoryMessage
 
 _STANDSTILL = float(np.finfo(np.float32).eps)
 
 
+@dataclass(frozen=True)
+class ControllerOptions:
+    """Parameters of the controller; names and defaults are those of the original.
+
+    Attributes
+    ----------
+    allow_nonzero_velocity_at_trajectory_end : bool
+        Whether the last point may have a velocity.
+    allow_partial_joints_goal : bool
+        Whether joints may be missing; they hold their commanded positions.
+    state_tolerance : float
+        Largest deviation of a joint while moving [rad or m]; 0 allows any. Where it is exceeded,
+        the measured position is held.
+
+    Raises
+    ------
+    SimulationError
+        If the tolerance is negative or not finite.
+    """
+
+    allow_nonzero_velocity_at_trajectory_end: bool = False
+    allow_partial_joints_goal: bool = False
+    state_tolerance: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.state_tolerance < math.inf:
+            raise SimulationError(
+                f"state_tolerance is {self.state_tolerance}, expected a finite number from 0 on"
+            )
+
+
 def rejection(
-    message: TrajectoryMessage,
-    joint_names: Sequence[str],
-    now_ns: int,
-    *,
-    allow_partial: bool,
-    allow_moving_end: bool,
+    message: TrajectoryMessage, joint_names: Sequence[str], now_ns: int, options: ControllerOptions
 ) -> str | None:
     """Why a message is rejected, as a sentence; None if it is accepted.
 
@@ -35,15 +66,13 @@ def rejection(
         Joints of the controller.
     now_ns : int
         The present time [ns].
-    allow_partial : bool
-        Whether joints may be missing.
-    allow_moving_end : bool
-        Whether the last point may have a velocity.
+    options : ControllerOptions
+        Parameters of the controller.
     """
     return (
-        _wrong_joints(message.joint_names, joint_names, allow_partial)
+        _wrong_joints(message.joint_names, joint_names, options.allow_partial_joints_goal)
         or ("the trajectory has no points" if not message.points else None)
-        or (None if allow_moving_end else _moving_end(message))
+        or (None if options.allow_nonzero_velocity_at_trajectory_end else _moving_end(message))
         or _ended(message, now_ns)
         or _wrong_times(message)
         or _wrong_numbers(message)
@@ -69,11 +98,10 @@ def _moving_end(message: TrajectoryMessage) -> str | None:
 
 
 def _ended(message: TrajectoryMessage, now_ns: int) -> str | None:
-    end = message.stamp_ns + message.points[-1].time_from_start_ns
-    if message.stamp_ns != 0 and end < now_ns:
-        late = (now_ns - end) / NANOSECONDS
-        return f"the trajectory ended {late:g} s before it arrived"
-    return None
+    late = now_ns - message.stamp_ns - message.points[-1].time_from_start_ns
+    if message.stamp_ns == 0 or late <= 0:
+        return None
+    return f"the trajectory ended {late / NANOSECONDS:g} s before it arrived"
 
 
 def _wrong_times(message: TrajectoryMessage) -> str | None:

@@ -16,23 +16,18 @@ from ..arrays import FloatArray, frozen_array
 from ..exceptions import SimulationError, unknown_name
 from ..motion.trajectory import Trajectory
 from ..robot.model import Robot
-from .controller import ControllerOptions, TrajectoryController
+from .controller import TrajectoryController
 from .faults import Faults
 from .message import NANOSECONDS, TrajectoryMessage, to_message
-from .plant import PLANTS
+from .mujoco_plant import MujocoPlant
+from .plant import PERIOD, PinocchioPlant
 from .record import Record
+from .rejection import ControllerOptions
 
-_CYCLE = 1_000_000  # of the controller and the plant [ns]
+_CYCLE = round(PERIOD * NANOSECONDS)
 _START = 1000 * NANOSECONDS  # of the virtual clock; 0 would mean "on arrival" as a stamp
-STATE_RATE = 500.0
-"""Usual rate of joint states [Hz]."""
-
-# Three first-order filters bring the speed scaling to its target in about 0.4 s. Its first two
-# derivatives are bounded: a step would be a step of the velocity, which no planner can prevent.
-_FILTER = 0.001 / 0.05
-_ARRIVED = 1e-6
-_VELOCITY_NOISE = 100.0
-_NOISE_BLOCK = 1024
+_SCALING_TIME = 0.05  # time constant of each of the three filters of the speed scaling [s]
+_PLANTS = {"pinocchio": PinocchioPlant, "mujoco": MujocoPlant}
 
 
 class SimulatedRobot:
@@ -41,11 +36,11 @@ class SimulatedRobot:
     Parameters
     ----------
     urdf : str, Path or Robot
-        The robot description: its text, its file, or what was made of it.
+        The robot description: its text, its file, or the model.
     joint_names : sequence of str
         Joints of the controller, n_joints of them.
     start : array, shape (n_joints,)
-        Where the robot is at rest [rad or m].
+        Positions at the start, at rest [rad or m].
     options : ControllerOptions
         Parameters of the controller.
     seed : int
@@ -53,7 +48,7 @@ class SimulatedRobot:
     plant : str
         The physics engine, ``pinocchio`` or ``mujoco``.
     time_ns : int
-        When the virtual clock starts [ns].
+        First time of the virtual clock [ns].
     state_rate : float
         Rate of joint states [Hz], up to 1000.
 
@@ -64,7 +59,7 @@ class SimulatedRobot:
     faults : Faults
         Present faults; set its attributes at any time.
     record : Record
-        What was commanded and measured in every cycle.
+        Commanded and measured states of every cycle.
     rejections : list of (float, str)
         Time [s] and reason of each message that was rejected or dropped.
     state_period_ns : int
@@ -92,35 +87,31 @@ class SimulatedRobot:
         seed: int = 0,
         plant: str = "pinocchio",
         time_ns: int = _START,
-        state_rate: float = STATE_RATE,
+        state_rate: float = 500.0,
     ) -> None:
         if isinstance(urdf, Path):
             urdf = Robot.from_file(urdf, joint_names)
         robot = urdf if isinstance(urdf, Robot) else Robot(urdf, joint_names)
-        if plant not in PLANTS:
-            raise SimulationError(unknown_name("physics engine", plant, PLANTS))
+        if plant not in _PLANTS:
+            raise SimulationError(unknown_name("physics engine", plant, _PLANTS))
         if not 0.0 < state_rate <= 1000.0:
-            raise SimulationError(
-                f"the rate of joint states is {state_rate} Hz, expected over 0, up to 1000"
-            )
+            reason = f"the rate of joint states is {state_rate} Hz, expected over 0, up to 1000"
+            raise SimulationError(reason)
         q = frozen_array(start, (robot.n_joints,), "the start of the robot", SimulationError)
         self.joint_names = robot.joint_names
         self.faults, self.record = Faults(), Record(robot.n_joints)
         self.rejections: list[tuple[float, str]] = []
         self.n_received = 0
         self.taken: list[tuple[int, int]] = []
-        self._plant = PLANTS[plant](robot, q)
-        self._controller = TrajectoryController(
-            self.joint_names, q, options or ControllerOptions(), robot.continuous
-        )
+        self._plant = _PLANTS[plant](robot, q)
+        self._controller = TrajectoryController(self.joint_names, q, options, robot.continuous)
         self._now = self._state_time = time_ns
         self.state_period_ns = round(NANOSECONDS / state_rate)
-        self._filter = [1.0, 1.0, 1.0]
+        self._filters = [1.0, 1.0, 1.0]
         self._payload = 0.0
         self._under_way: deque[tuple[int, TrajectoryMessage]] = deque()
         # Noise draws from a stream of its own: it leaves delays as they are.
         self._chance, self._noise = (np.random.default_rng([seed, k]) for k in range(2))
-        self._noise_rows: list[FloatArray] = []
         self._measured = self._state = self._measure()
 
     @property
@@ -132,11 +123,6 @@ class SimulatedRobot:
     def time_ns(self) -> int:
         """The present time [ns]."""
         return self._now
-
-    @property
-    def scaling(self) -> float:
-        """Present speed scaling, which follows that of the faults smoothly."""
-        return self._filter[-1]
 
     def send(
         self, trajectory: Trajectory, stamp: float | None = None, *, last_point_only: bool = False
@@ -179,7 +165,10 @@ class SimulatedRobot:
         while self._under_way and self._under_way[0][0] <= self._now:
             self._deliver(self._under_way.popleft()[1])
         self._measured = self._measure()
-        controller.speed_scaling = self._scale(0.0 if faults.held else faults.speed_scaling)
+        target = 0.0 if faults.held else faults.speed_scaling
+        if self._filters[-1] != target:
+            self._filters = _smoothed(self._filters, target)
+        controller.speed_scaling = self._filters[-1]
         n_holds = controller.n_holds
         command = controller.update(self._now, _CYCLE, self._measured)
         if controller.n_holds != n_holds:
@@ -189,10 +178,10 @@ class SimulatedRobot:
         self.record.append((self.time, clock, controller.speed_scaling), command, self._plant.q)
         if not faults.silent and self._now - self._state_time >= self.state_period_ns:
             self._state, self._state_time = self._measured, self._now
-        target = command[: len(self.joint_names)]
-        # Drives refuse what is no number.
-        if math.isfinite(target.sum()):
-            self._plant.step(target)
+        positions = command[: len(self.joint_names)]
+        # Drives ignore NaN.
+        if math.isfinite(positions.sum()):
+            self._plant.step(positions)
 
     def newest_state(self) -> tuple[float, FloatArray, FloatArray]:
         """The newest joint state that was published: its stamp [s], positions, velocities."""
@@ -223,22 +212,25 @@ class SimulatedRobot:
         else:
             self.taken.append((len(self.record), len(message.points)))
 
-    def _scale(self, target: float) -> float:
-        x, y, z = self._filter
-        if z != target:
-            x += _FILTER * (target - x)
-            y += _FILTER * (x - y)
-            z += _FILTER * (y - z)
-            # A filter approaches its target for ever.
-            is_there = max(abs(x - target), abs(y - target), abs(z - target)) < _ARRIVED
-            self._filter = [target] * 3 if is_there else [x, y, z]
-        return self._filter[-1]
-
     def _measure(self) -> tuple[FloatArray, FloatArray]:
         q, v = self._plant.q, self._plant.v
         if self.faults.noise == 0.0:
             return q, v
-        if not self._noise_rows:
-            self._noise_rows = list(self._noise.standard_normal((_NOISE_BLOCK, 2, len(q))))
-        row = self.faults.noise * self._noise_rows.pop()
-        return q + row[0], v + _VELOCITY_NOISE * row[1]
+        noise = self.faults.noise * self._noise.standard_normal((2, len(q)))
+        # As of differences of positions over 10 ms.
+        return q + noise[0], v + 100.0 * noise[1]
+
+
+def _smoothed(filters: list[float], target: float) -> list[float]:
+    """The next values of three first-order filters, which reach the target in about 0.4 s.
+
+    The first two derivatives of the last one are bounded. A step of the speed scaling would be a
+    step of the velocity, which no planner can prevent.
+    """
+    share, before, result = PERIOD / _SCALING_TIME, target, []
+    for value in filters:
+        before = value + share * (before - value)
+        result.append(before)
+    # Filters never reach their target exactly.
+    is_there = max(abs(value - target) for value in result) < 1e-6
+    return [target] * 3 if is_there else result

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Polynomials through the points of a message, of the degree that the points determine.
 
-The code shares nothing with :mod:`mp_pca_planner.interpolation`, so that an error there shows in
-the simulation.
+The code shares nothing with :mod:`mp_pca_planner.motion.interpolation`, so that the simulation
+reveals errors there.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ class Splines:
     Parameters
     ----------
     states : States
-        What is interpolated.
+        The states to interpolate.
     """
 
     def __init__(self, states: States) -> None:

@@ -123,11 +123,11 @@ def drift(rate):
     robot = Robot()
     robot.send(robot.ends[3])
     robot.run(6.0)
-    way = robot.ends[4] - robot.ends[3]
-    way *= DRIFT / np.abs(way).max()
+    displacement = robot.ends[4] - robot.ends[3]
+    displacement *= DRIFT / np.abs(displacement).max()
     away = []
     for k in range(1, n_goals(rate)):
-        goal = robot.ends[3] + way * k / rate
+        goal = robot.ends[3] + displacement * k / rate
         robot.send(goal)
         robot.run(1.0 / rate)
         away.append(np.abs(robot.record.q[-1] - goal).max())

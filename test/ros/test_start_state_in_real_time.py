@@ -5,16 +5,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from mp_pca_planner.execution.start_state import Joined, StartStates
+from mp_pca_planner.execution.parameters import Settings
+from mp_pca_planner.execution.published_motion import Joined
+from mp_pca_planner.execution.start_state import StartStates
 from mp_pca_planner.motion.goal import JointState
 from mp_pca_planner.motion.trajectory import Trajectory
 
 JOINTS = ("a",)
-TOLERANCE = 0.1
+SETTINGS = Settings(state_timeout=0.5, commanded_tolerance=0.1)
 
 
 class Reader:
@@ -71,10 +74,10 @@ def test_stamp_is_that_of_the_first_point_however_long_computing_takes(world: Wo
         world.now += 0.01
         world.measure(float(motion.state(world.now - motion.began).positions[0]))
     world.tick = 0.002
-    start = world.states.choose("auto", 0.5, 0.1, TOLERANCE)
+    start = world.states.choose(SETTINGS, 0.1)
     assert start.is_in_motion
     rest = minimum_jerk(float(start.state.positions[0]), 2.0, 2.0)
-    joined = world.states.join(rest, start, 0.5, TOLERANCE, may_stamp=True)
+    joined = world.states.join(rest, start, SETTINGS)
     assert joined.is_timed
     there = motion.state(joined.time - motion.began).positions
     np.testing.assert_allclose(joined.trajectory.positions[0], there, atol=2e-6)
@@ -87,11 +90,11 @@ def test_robot_that_was_last_heard_of_before_its_motion_ended_has_not_arrived(
         Joined.after_wait(minimum_jerk(0.0, 1.0, 2.0), world.states.motion_time)
     )
     world.now += 10.0
-    following = world.states.follow(0.0, TOLERANCE)
+    following = world.states.follow(replace(SETTINGS, state_timeout=0.0))
     assert following is not None
     assert not following.at_rest
     world.measure(float(motion.end[0]))
-    following = world.states.follow(0.0, TOLERANCE)
+    following = world.states.follow(replace(SETTINGS, state_timeout=0.0))
     assert following is not None
     assert following.is_over
     assert following.at_rest

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from scipy.integrate import simpson
 
 from mp_pca_planner.execution.adaptation import AdaptedPlan, displaced, effort_cost
-from mp_pca_planner.execution.commanded import CommandedMotion
+from mp_pca_planner.execution.published_motion import PublishedMotion
 from mp_pca_planner.motion.goal import JointState
 
 ROBOT = arm_robot()
@@ -22,7 +22,7 @@ LIMITS = ROBOT.limits(
 )
 START, SHIFT = np.array([-1.0, 0.2, 0.0, -1.6]), np.array([0.6, -0.4, 0.5, 0.7])
 DURATION, PERIOD, PLACE = 1.5, 0.01, 0.55
-MOTION = CommandedMotion(minimum_jerk_motion(JOINTS, START, START + SHIFT, DURATION), 0.0)
+MOTION = PublishedMotion(minimum_jerk_motion(JOINTS, START, START + SHIFT, DURATION), 0.0)
 OLD = spline(MOTION.trajectory)
 CHANGE = np.array([0.05, -0.1, 0.08, 0.02])
 
@@ -91,7 +91,7 @@ def test_efforts_are_those_of_the_motion_and_their_cost_is_its_integral():
     np.testing.assert_allclose(trajectory.efforts, efforts, atol=1e-9)
     integral = simpson(np.square(efforts).sum(axis=1), x=trajectory.times)
     assert effort_cost(trajectory) == pytest.approx(0.5 * integral, rel=1e-4)
-    plan = AdaptedPlan(trajectory, check, "reach", 0.5, "led to the new goal", 0.01)
+    plan = AdaptedPlan(trajectory, check, "reach", 0.5, 0.01)
     summary = plan.summary()
     assert summary["effort_cost"] == plan.effort_cost == effort_cost(trajectory)
     assert (summary["status"], summary["limit_violation"]) == ("solved", 0.0)

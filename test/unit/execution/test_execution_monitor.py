@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 from dense import minimum_jerk_motion
 
-from mp_pca_planner.execution.commanded import CommandedMotion
-from mp_pca_planner.execution.execution_monitor import HELD, OFF, ExecutionMonitor, Following
+from mp_pca_planner.execution.execution_monitor import ExecutionMonitor
+from mp_pca_planner.execution.following import HELD, OFF, Following
+from mp_pca_planner.execution.options import ServingOptions
+from mp_pca_planner.execution.published_motion import PublishedMotion
 from mp_pca_planner.execution.tracking import Progress
 
 DURATION, PERIOD = 2.0, 0.05
@@ -19,14 +21,14 @@ ON_TIME, LAGGING = "on_time", "lagging"
 class World:
     """A monitor, and a robot of which the tests say how it follows its motion."""
 
-    def __init__(self):
+    def __init__(self, options=None):
         self.reports = []
-        self.monitor = ExecutionMonitor(self.reports.append)
+        self.monitor = ExecutionMonitor(self.reports.append, options)
         self.now = 100.0
 
     def motion(self):
         trajectory = minimum_jerk_motion(("a", "b"), [0.0, 0.0], [1.0, -0.5], DURATION)
-        return CommandedMotion(trajectory, self.now)
+        return PublishedMotion(trajectory, self.now)
 
     def begin(self, goal="goal"):
         self.current = self.motion()
@@ -149,6 +151,16 @@ def test_robot_that_is_held_on_its_path_for_long_does_not_follow(world):
     world.run(2.0, HELD, place=1.0)
     report = world.only_report()
     assert report.outcome == "not_followed" and "50%" in report.message
+
+
+def test_longest_hold_is_an_option():
+    world = World(ServingOptions(max_hold=2.0))
+    world.begin()
+    world.run(1.0)
+    world.run(1.9, HELD, place=1.0)
+    assert not world.reports
+    world.run(0.3, HELD, place=1.0)
+    assert world.only_report().outcome == "not_followed"
 
 
 def test_robot_that_is_released_in_time_arrives(world):

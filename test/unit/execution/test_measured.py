@@ -8,10 +8,12 @@ import numpy as np
 import pytest
 
 from mp_pca_planner.exceptions import GoalError
-from mp_pca_planner.execution.measured import REST_VELOCITY, MeasuredStates
+from mp_pca_planner.execution.measured import MeasuredStates
+from mp_pca_planner.execution.options import FollowingOptions
 from mp_pca_planner.motion.goal import JointState
 
 JOINTS = ("a", "b")
+REST_VELOCITY = FollowingOptions.rest_velocity
 
 
 class Reader:
@@ -102,14 +104,14 @@ def test_unusable_state_is_counted_each_time_it_is_needed_and_left_out_of_the_hi
         with pytest.raises(GoalError, match="nan"):
             world.states.newest(0.5)
     assert world.states.n_unusable == 2
-    assert len(world.states.history()[0]) == 1
+    assert len(world.states.history().times) == 1
 
 
 def test_state_of_former_joints_is_forgotten(world):
     world.receive(a=1.0, b=2.0)
     world.states.expect(("a",))
     assert world.states.age is None
-    assert world.states.history()[1].shape == (0, 1)
+    assert world.states.history().positions.shape == (0, 1)
 
 
 def test_message_is_as_old_as_it_was_when_it_was_handed_over(world):
@@ -120,7 +122,8 @@ def test_message_is_as_old_as_it_was_when_it_was_handed_over(world):
 
 def test_history_holds_the_last_moments_and_the_newest_state(world):
     world.move(1.0, seconds=1.0, period=0.002)
-    times, positions = world.states.history()
+    samples = world.states.history()
+    times, positions = samples.times, samples.positions
     np.testing.assert_allclose(positions[:, 0], times)
     assert times[-1] == pytest.approx(world.motion)
     assert 0.25 < times[-1] - times[0] <= 0.3
@@ -165,7 +168,7 @@ def test_stamps_say_when_a_state_was_measured_if_clocks_agree(world):
     world.move(1.0, delay=0.003)
     assert world.states.clocks_agree
     assert world.states.newest_time == pytest.approx(world.motion - 0.003)
-    np.testing.assert_allclose(world.states.history()[0][-1], world.motion - 0.003)
+    np.testing.assert_allclose(world.states.history().times[-1], world.motion - 0.003)
 
 
 @pytest.mark.parametrize("delay", [-3.0, -0.01, 0.2, 1e9])

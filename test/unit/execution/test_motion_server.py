@@ -20,8 +20,8 @@ from mp_pca_planner.exceptions import GoalError
 from mp_pca_planner.execution.assembly import assemble_model
 from mp_pca_planner.execution.goal_statistics import GoalStatistics
 from mp_pca_planner.execution.motion_server import MotionServer
-from mp_pca_planner.execution.newest_goal import CancelledError
 from mp_pca_planner.execution.parameters import Settings
+from mp_pca_planner.execution.preemptive_worker import CancelledError
 from mp_pca_planner.motion.goal import JointGoal, JointState, Pose, PoseGoal, SequenceGoal
 from mp_pca_planner.resources import config_file
 
@@ -185,7 +185,7 @@ def test_motion_that_continues_another_one_is_stamped_with_the_moment_it_was_joi
     node.assert_smooth()
 
 
-def test_no_motion_is_stamped_where_that_is_not_wanted():
+def test_no_motion_is_stamped_where_stamps_are_disabled():
     node = Node(model(stamp_trajectories=False))
     node.ask(GOAL)
     node.run(0.4)

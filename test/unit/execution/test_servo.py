@@ -7,8 +7,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mp_pca_planner.execution.commanded import CommandedMotion
-from mp_pca_planner.execution.servo import LONGEST_LAG, ServoModel
+from mp_pca_planner.execution.options import FollowingOptions
+from mp_pca_planner.execution.published_motion import PublishedMotion
+from mp_pca_planner.execution.servo import ServoModel
 from mp_pca_planner.motion.trajectory import Trajectory
 
 V = np.array([0.8, -0.6, 0.0])
@@ -21,7 +22,7 @@ def even(duration=10.0, rate=1.0):
     ends = np.array([np.zeros(3), V * rate * duration])
     velocities = np.tile(rate * V, (2, 1))
     trajectory = Trajectory("abc", [0.0, duration], ends, velocities, np.zeros((2, 3)))
-    return CommandedMotion(trajectory, 0.0)
+    return PublishedMotion(trajectory, 0.0)
 
 
 def learned(servo, seconds, *, begin=1.0, lag=LAG, load=LOAD, motion=None):
@@ -49,7 +50,7 @@ def test_lag_is_not_learned_from_a_robot_that_hardly_moves():
     assert servo.lag < 0.003
 
 
-@pytest.mark.parametrize(("lag", "expected"), [(-0.5, 0.0), (0.5, LONGEST_LAG)])
+@pytest.mark.parametrize(("lag", "expected"), [(-0.5, 0.0), (0.5, FollowingOptions.max_lag)])
 def test_lag_stays_within_what_servos_do(lag, expected):
     servo = ServoModel(3)
     for time in 1.0 + PERIOD * np.arange(500):
@@ -77,6 +78,6 @@ def test_what_was_learned_of_the_last_moments_is_forgotten_at_once():
 
 def test_robot_may_be_little_later_than_it_was_learned_to_be():
     servo = ServoModel(3)
-    assert servo.longest_lag == LONGEST_LAG
+    assert servo.longest_lag == FollowingOptions.max_lag
     learned(servo, 2.0)
     assert LAG < servo.longest_lag < LAG + 0.02

@@ -4,23 +4,24 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from dense import minimum_jerk_motion, spline
 from virtual_node import StateReader
 
 from mp_pca_planner.exceptions import GoalError, TrajectoryError
-from mp_pca_planner.execution.motion_server import UnconfirmedError
-from mp_pca_planner.execution.start_state import (
-    START_TOLERANCE,
-    Joined,
-    StartStates,
-    TooLateError,
-)
+from mp_pca_planner.execution.following import UnconfirmedError
+from mp_pca_planner.execution.options import FollowingOptions
+from mp_pca_planner.execution.parameters import Settings
+from mp_pca_planner.execution.published_motion import Joined
+from mp_pca_planner.execution.start_state import StartStates, TooLateError
 from mp_pca_planner.motion.trajectory import Trajectory
 
 JOINTS = ("a", "b")
-TIMEOUT, TOLERANCE = 0.5, 0.1
+TIMEOUT = 0.5
+SETTINGS = Settings(state_timeout=TIMEOUT, commanded_tolerance=0.1)
 TRANSPORT, PLANNED_TRANSPORT = 0.02, 0.04  # of a message, and of one that is still to be planned
 SERVO = 0.003  # by which the robot lags behind its commands [s]
 DURATION = 2.0
@@ -29,12 +30,13 @@ DURATION = 2.0
 class World:
     """A robot, and what is known of where its motions start."""
 
-    def __init__(self):
+    def __init__(self, options=None):
         self.now = 1000.0
         self.load = np.zeros(2)
         self.clock_ahead = 0.0
         self.here = np.zeros(2)
-        self.states = StartStates(StateReader(), lambda: self.now, lambda: self.now)
+        clock = lambda: self.now  # noqa: E731
+        self.states = StartStates(StateReader(), clock, clock, options=options)
         self.states.expect(JOINTS)
 
     def measure(self, positions, velocities=(0.0, 0.0)):
@@ -52,7 +54,7 @@ class World:
             self.now += 0.004
             self.measure(where(self.now))
             if see and k % 10 == 9:
-                self.states.follow(TIMEOUT, TOLERANCE)
+                self.states.follow(SETTINGS)
 
     def begin(self, goal=(1.0, -1.0)):
         """Publish a motion from here."""
@@ -67,14 +69,14 @@ class World:
             place += 0.004 * rate(self.now)
             self.measure(self.motion.state(place - SERVO * rate(self.now)).positions)
             if k % 10 == 9:
-                self.states.follow(TIMEOUT, TOLERANCE)
+                self.states.follow(SETTINGS)
         return place
 
     def choose(self, start_from="auto", latency=0.05, **options):
-        return self.states.choose(start_from, TIMEOUT, latency, TOLERANCE, **options)
+        return self.states.choose(replace(SETTINGS, start_from=start_from), latency, **options)
 
     def join(self, rest, start, may_stamp=True):
-        return self.states.join(rest, start, TIMEOUT, TOLERANCE, may_stamp=may_stamp)
+        return self.states.join(rest, start, replace(SETTINGS, stamp_trajectories=may_stamp))
 
 
 @pytest.fixture
@@ -160,12 +162,23 @@ def test_robot_that_rests_away_from_its_motion_starts_where_it_is(moving):
 @pytest.mark.parametrize(("moved", "accepted"), [(0.9, True), (1.1, False)])
 def test_measured_start_may_move_by_the_tolerance_while_planning(world, moved, accepted):
     start = world.choose("measured")
-    world.measure([0.0, moved * START_TOLERANCE])
+    world.measure([0.0, moved * FollowingOptions.start_tolerance])
     if accepted:
         world.join(standing(start), start)
     else:
         with pytest.raises(TrajectoryError, match="joint 'b'"):
             world.join(standing(start), start)
+
+
+def test_tolerance_of_a_start_is_an_option():
+    world = World(FollowingOptions(start_tolerance=0.001))
+    world.rest()
+    start = world.choose("measured")
+    world.measure([0.0, 0.0005])
+    world.join(standing(start), start)
+    world.measure([0.0, 0.002])
+    with pytest.raises(TooLateError, match="at most 0.001"):
+        world.join(standing(start), start)
 
 
 def test_start_is_refused_when_the_state_became_too_old(world):
@@ -185,7 +198,7 @@ def test_motion_from_rest_waits_as_long_as_a_message_may_take(world):
 
 
 @pytest.mark.parametrize(("may_stamp", "clock_ahead"), [(False, 0.0), (True, 5.0), (True, -5.0)])
-def test_motion_is_not_stamped_unless_that_is_wanted_and_clocks_agree(may_stamp, clock_ahead):
+def test_motion_is_stamped_only_if_that_is_enabled_and_clocks_agree(may_stamp, clock_ahead):
     world = World()
     world.clock_ahead = clock_ahead
     world.rest()

@@ -13,12 +13,11 @@ from dense import assert_keeps, minimum_jerk_motion, spline
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mp_pca_planner.execution.commanded import CommandedMotion
+from mp_pca_planner.execution.published_motion import PublishedMotion, hold
 from mp_pca_planner.execution.stopping import (
     braking_ends,
     ends_at,
     ends_on_path,
-    hold,
     stop_at_point,
     stop_on_path,
 )
@@ -45,7 +44,7 @@ def curved():
         x + np.outer((bump.deriv(d) if d else bump)(s), side) / DURATION**d
         for d, x in enumerate(columns)
     )
-    return CommandedMotion(Trajectory(JOINTS, straight.times, q, v, a), 0.0)
+    return PublishedMotion(Trajectory(JOINTS, straight.times, q, v, a), 0.0)
 
 
 @pytest.mark.parametrize("place", np.linspace(0.02, 0.98, 13) * DURATION)
@@ -91,7 +90,7 @@ def assert_is_allowed_from(states, stop, limits):
     """A controller may lead to the last point from each state, with or without accelerations."""
     for state in states:
         zero = np.zeros(4)
-        way = Trajectory(
+        path = Trajectory(
             JOINTS,
             [0.0, stop.duration],
             [state.positions, stop.positions[-1]],
@@ -99,7 +98,7 @@ def assert_is_allowed_from(states, stop, limits):
             [state.accelerations, zero],
         )
         for n_derivatives in (2, 3):
-            assert_keeps(spline(way, n_derivatives), limits)
+            assert_keeps(spline(path, n_derivatives), limits)
 
 
 @pytest.mark.parametrize("shares", [(0.1, 0.3), (0.3, 0.7), (0.5, 0.55), (0.8, 0.95)])

@@ -8,11 +8,13 @@ import numpy as np
 import pytest
 from dense import minimum_jerk_motion, spline
 
-from mp_pca_planner.execution.commanded import CommandedMotion
+from mp_pca_planner.execution.measured import Samples
+from mp_pca_planner.execution.options import FollowingOptions
+from mp_pca_planner.execution.published_motion import PublishedMotion
 from mp_pca_planner.execution.tracking import Progress, locate
 
 DURATION, NOW = 2.0, 11.0
-MOTION = CommandedMotion(
+MOTION = PublishedMotion(
     minimum_jerk_motion(("a", "b", "c"), [0.0, 0.0, 0.0], [1.0, -0.7, 0.4], DURATION), 10.0
 )
 PATH = spline(MOTION.trajectory)
@@ -20,6 +22,10 @@ PLACES = np.linspace(0.5, 1.5, 6)
 # Rate, and its change [1/s].
 CONSTANT = [(1.0, 0.0), (0.5, 0.0), (0.1, 0.0), (0.0, 0.0)]
 CHANGING = [(0.7, -1.0), (0.5, 0.8)]
+
+
+def located(times, positions, prior, motion=MOTION):
+    return locate(motion, Samples(times, positions), prior, NOW, FollowingOptions())
 
 
 def track(place, rate, change=0.0, noise=0.0, prior=None):
@@ -30,7 +36,7 @@ def track(place, rate, change=0.0, noise=0.0, prior=None):
     random = np.random.default_rng(round(1e3 * place))
     positions = PATH(places) + noise * random.normal(size=(len(times), 3))
     prior = prior or Progress(NOW - 0.05, place - 0.05 * rate, min(rate + 0.1, 1.0))
-    return locate(MOTION, times, positions, prior, NOW)
+    return located(times, positions, prior)
 
 
 def errors(rates, noise):
@@ -75,16 +81,16 @@ def test_held_robot_is_found_whatever_was_believed_before(place, prior):
 
 def test_what_was_known_counts_where_nothing_was_measured():
     prior = Progress(NOW - 0.1, 0.5, 0.8)
-    found = locate(MOTION, np.empty(0), np.empty((0, 3)), prior, NOW)
+    found = located(np.empty(0), np.empty((0, 3)), prior)
     assert (found.time, found.place, found.rate) == (NOW, pytest.approx(0.58), 0.8)
 
 
 @pytest.mark.parametrize("place", [0.0, DURATION])
 def test_what_was_known_counts_where_the_motion_does_not_move(place):
     times = NOW - np.arange(0.3, -1e-9, -0.008)
-    rest = CommandedMotion(MOTION.trajectory, NOW - place)
+    rest = PublishedMotion(MOTION.trajectory, NOW - place)
     positions = np.tile(PATH(place), (len(times), 1))
-    found = locate(rest, times, positions, Progress(NOW, place, 0.0), NOW)
+    found = located(times, positions, Progress(NOW, place, 0.0), rest)
     assert (found.place, found.rate) == (pytest.approx(place, abs=1e-6), pytest.approx(0, abs=1e-6))
 
 
@@ -94,11 +100,9 @@ def test_error_is_the_distance_from_the_path_less_the_noise():
     positions = PATH(1.0 + times - NOW) + 0.05 * normal
     noise = 1e-3 * np.random.default_rng(0).normal(size=positions.shape)
     prior = Progress(NOW, 1.0)
-    away = locate(MOTION, times, positions, prior, NOW).error
+    away = located(times, positions, prior).error
     assert away == pytest.approx(0.05 * normal.max(), rel=0.02)
-    assert locate(MOTION, times, positions + noise, prior, NOW).error == pytest.approx(
-        away, abs=3e-3
-    )
+    assert located(times, positions + noise, prior).error == pytest.approx(away, abs=3e-3)
 
 
 def test_robot_that_is_slowed_down_stops_and_does_not_turn_back():

@@ -163,10 +163,10 @@ def test_without_mujoco_the_message_names_the_extra(monkeypatch):
         MujocoPlant(arm_robot(), START)
 
 
-def test_mass_matrix_that_is_not_positive_definite_is_refused():
-    robot = arm_robot()
-    robot = robot.with_link_inertias(np.zeros((len(robot.link_inertias.links), 4)))
+def test_mass_matrix_that_is_not_positive_definite_is_refused(monkeypatch):
+    robot = arm_robot().with_inertias(np.zeros(len(JOINTS)))
     drives = Drives(*(np.zeros(4),) * 3, np.full(4, np.inf))
-    plant = PinocchioPlant(robot, START, drives)
+    monkeypatch.setattr(Drives, "of", lambda _: drives)
+    plant = PinocchioPlant(robot, START)
     with pytest.raises(SimulationError, match="valid inertial"):
         plant.step(START)

@@ -117,7 +117,7 @@ def test_hold_and_release_leave_the_motion_smooth_and_let_it_end():
     simulated.faults.held = True
     steps(simulated, 1500)
     held = simulated.record.q[-1]
-    assert simulated.scaling == 0.0
+    assert simulated.record.scaling[-1] == 0.0
     steps(simulated, 500)
     np.testing.assert_array_equal(simulated.record.q[-1], held)
     simulated.faults.held = False

@@ -17,7 +17,7 @@ pytest.importorskip("cmaes", reason="cmaes (extra 'learn') is not installed")
 from mp_pca_planner.exceptions import LearningError
 from mp_pca_planner.execution.assembly import Model, assemble_model
 from mp_pca_planner.execution.parameters import ParameterError, Settings
-from mp_pca_planner.execution.trial_book import ServedTrial, TrialBook
+from mp_pca_planner.execution.trial_store import ServedTrial, TrialStore
 from mp_pca_planner.motion.collision import CollisionModel
 from mp_pca_planner.motion.goal import JointGoal, JointState
 from mp_pca_planner.motion.validation import check_executable, check_limits
@@ -38,21 +38,21 @@ def model(tmp_path: Path) -> Model:
 
 
 def serve(
-    book: TrialBook, model: Model, goal: np.ndarray = GOAL, start: np.ndarray = START
+    store: TrialStore, model: Model, goal: np.ndarray = GOAL, start: np.ndarray = START
 ) -> tuple[Plan, ServedTrial]:
-    wanted, here = JointGoal(JointState(JOINTS, goal)), JointState(JOINTS, start)
-    plan, trial = book.vary(wanted, model.planner.plan(wanted, here), model)
+    request, here = JointGoal(JointState(JOINTS, goal)), JointState(JOINTS, start)
+    plan, trial = store.vary(request, model.planner.plan(request, here), model)
     check_executable(plan.trajectory, plan.limit_check, here)
     assert not check_limits(plan.trajectory, arm_robot(), model.limits).violations
     return plan, trial
 
 
 def test_trials_lower_the_cost_and_start_wherever_the_robot_is(model: Model) -> None:
-    book, random = TrialBook(), np.random.default_rng(0)
+    store, random = TrialStore(), np.random.default_rng(0)
     costs = []
     for number in range(1, 21):
         start = START + 0.005 * random.uniform(-1.0, 1.0, 4)
-        plan, trial = serve(book, model, start=start)
+        plan, trial = serve(store, model, start=start)
         assert trial.number == trial.facts["trial"] == number
         assert np.array_equal(plan.trajectory.positions[0], start)
         assert np.array_equal(plan.trajectory.positions[-1], GOAL)
@@ -65,11 +65,13 @@ def test_trials_lower_the_cost_and_start_wherever_the_robot_is(model: Model) -> 
     assert parameters.any()
 
 
-def test_first_trial_is_the_planned_motion_and_repeats_until_its_cost_is_told(model: Model) -> None:
-    book = TrialBook()
+def test_first_trial_is_the_planned_motion_and_repeats_until_its_cost_is_reported(
+    model: Model,
+) -> None:
+    store = TrialStore()
     planned = model.planner.plan(JointGoal(JointState(JOINTS, GOAL)), JointState(JOINTS, START))
     for _ in range(2):
-        plan, trial = serve(book, model)
+        plan, trial = serve(store, model)
         assert (trial.number, trial.best_cost) == (1, None)
         np.testing.assert_allclose(
             plan.trajectory.positions, planned.trajectory.positions, atol=1e-9
@@ -77,9 +79,9 @@ def test_first_trial_is_the_planned_motion_and_repeats_until_its_cost_is_told(mo
         assert plan.solution.effort_cost == pytest.approx(planned.solution.effort_cost, rel=1e-3)
     assert trial.to_keep()[1] == {}
     trial.tell(3.0)
-    with pytest.raises(LearningError, match="cost of trial 1 was told before"):
+    with pytest.raises(LearningError, match="cost of trial 1 was reported before"):
         trial.tell(2.0)
-    second, trial = serve(book, model)
+    second, trial = serve(store, model)
     assert (trial.number, trial.best_cost) == (2, 3.0)
     assert np.abs(second.trajectory.positions - plan.trajectory.positions).max() > 1e-3
     trial.tell(4.0)
@@ -87,37 +89,37 @@ def test_first_trial_is_the_planned_motion_and_repeats_until_its_cost_is_told(mo
         trial.to_keep()
 
 
-def test_trials_keep_the_robot_from_hitting_itself_where_that_is_wanted(tmp_path: Path) -> None:
+def test_trials_avoid_self_collision_where_that_is_enabled(tmp_path: Path) -> None:
     # Past the chest, as near as it may be.
     start, end = arm_primitive().boundary_states[11][[0, 3]]
     goal, here = JointGoal(JointState(JOINTS, end)), JointState(JOINTS, start)
     collision, n_collisions = CollisionModel(arm_robot()), {}
-    for wanted in (False, True):
+    for is_enabled in (False, True):
         settings = Settings(
             learn_trials=True,
             save_folder=str(tmp_path),
             naturalness=0.0,
-            collision=wanted,
+            collision=is_enabled,
             max_solve_time=NODE_EVER,
         )
         model = assemble_model(URDF, [arm_primitive()], settings)
         planned = replace(model.planner, collision=collision).plan(goal, here)
-        n_collisions[wanted], book = 0, TrialBook()
+        n_collisions[is_enabled], store = 0, TrialStore()
         for number in range(1, 4):
-            plan, trial = book.vary(goal, planned, model)
-            n_collisions[wanted] += len(collision.collisions(plan.trajectory))
+            plan, trial = store.vary(goal, planned, model)
+            n_collisions[is_enabled] += len(collision.collisions(plan.trajectory))
             trial.tell(1.0 / number)
         trial.close()
     assert n_collisions[False] > 0
     assert n_collisions[True] == 0
 
 
-def test_process_that_was_killed_goes_on_with_the_very_next_trial(model: Model) -> None:
-    book = TrialBook()
+def test_process_that_was_killed_continues_with_the_next_trial(model: Model) -> None:
+    store = TrialStore()
     for number in range(1, 6):
-        _, trial = serve(book, model)
+        _, trial = serve(store, model)
         if number in (2, 5):
-            _, again = serve(TrialBook(), model)
+            _, again = serve(TrialStore(), model)
             assert again.number == number
             assert again.best_cost == trial.best_cost == 1.0 / (number - 1)
             np.testing.assert_allclose(again.parameters, trial.parameters, atol=1e-12)
@@ -125,45 +127,45 @@ def test_process_that_was_killed_goes_on_with_the_very_next_trial(model: Model) 
 
 
 def test_other_goals_and_starts_have_trials_of_their_own(model: Model, tmp_path: Path) -> None:
-    book = TrialBook()
+    store = TrialStore()
     for goal, start in ((GOAL, START), (0.9 * GOAL, START), (GOAL, START + 0.05)):
-        _, trial = serve(book, model, goal, start)
+        _, trial = serve(store, model, goal, start)
         assert trial.number == 1
         trial.tell(1.0)
     assert len(list(tmp_path.iterdir())) == 3
     # From files, too.
-    assert serve(TrialBook(), model, GOAL, START + 0.049)[1].number == 2
+    assert serve(TrialStore(), model, GOAL, START + 0.049)[1].number == 2
 
 
 def test_trials_begin_anew_when_the_best_was_kept(model: Model, tmp_path: Path) -> None:
-    book = TrialBook()
+    store = TrialStore()
     for cost in (2.0, 1.0):
-        _, trial = serve(book, model)
+        _, trial = serve(store, model)
         trial.tell(cost)
     trial.close()
     assert not list(tmp_path.iterdir())
     with pytest.raises(LearningError, match="over"):
         trial.tell(1.0)
-    assert serve(book, model)[1].number == 1
+    assert serve(store, model)[1].number == 1
 
 
-def test_trials_that_cannot_go_on_are_refused(model: Model, tmp_path: Path) -> None:
-    _, trial = serve(TrialBook(), model)
+def test_trials_that_cannot_be_continued_are_refused(model: Model, tmp_path: Path) -> None:
+    _, trial = serve(TrialStore(), model)
     trial.tell(1.0)
     (file,) = tmp_path.iterdir()
     other = assemble_model(URDF, [arm_primitive()], replace(model.settings, naturalness=9.0))
     with pytest.raises(LearningError, match="with other options: remove it"):
-        serve(TrialBook(), other)
+        serve(TrialStore(), other)
     text = file.read_text()
     file.write_text(text.replace('"start"', '"begin"'))
-    with pytest.raises(LearningError, match="don't say where their motions start"):
-        serve(TrialBook(), model)
+    with pytest.raises(LearningError, match="have no start of their motions"):
+        serve(TrialStore(), model)
     file.write_text(text[:100])
     with pytest.raises(LearningError, match="can't be read"):
-        serve(TrialBook(), model)
+        serve(TrialStore(), model)
     nowhere = replace(model.settings, save_folder=str(tmp_path / "nowhere"))
     with pytest.raises(LearningError, match="no folder"):
-        serve(TrialBook(), assemble_model(URDF, [arm_primitive()], nowhere))
+        serve(TrialStore(), assemble_model(URDF, [arm_primitive()], nowhere))
 
 
 def test_learning_without_a_folder_is_refused() -> None:

@@ -9,7 +9,7 @@ import pytest
 from numpy.polynomial import Polynomial
 from scipy.interpolate import BPoly
 
-from mp_pca_planner.execution.commanded import CommandedMotion
+from mp_pca_planner.execution.published_motion import PublishedMotion
 from mp_pca_planner.motion.trajectory import Trajectory
 
 JOINTS = ("a", "b")
@@ -25,7 +25,7 @@ def columns(times, derivative=0):
 
 def motion(times=TIMES, **options):
     states = [columns(times, d) for d in range(3)]
-    return CommandedMotion(Trajectory(JOINTS, times - times[0], *states, **options), began=10.0)
+    return PublishedMotion(Trajectory(JOINTS, times - times[0], *states, **options), began=10.0)
 
 
 def test_states_between_points_are_those_of_the_polynomial():
@@ -38,7 +38,7 @@ def test_states_between_points_are_the_quintic_through_both_neighbours():
     random = np.random.default_rng(0)
     times = np.array([0.0, 0.4, 1.1])
     states = random.normal(size=(3, 3, 1))
-    found = CommandedMotion(Trajectory(("a",), times, *states), 0.0).state(0.9)
+    found = PublishedMotion(Trajectory(("a",), times, *states), 0.0).state(0.9)
     quintic = BPoly.from_derivatives(times, states.transpose(1, 0, 2))
     expected = [quintic(0.9, d)[0] for d in range(3)]
     actual = [found.positions[0], found.velocities[0], found.accelerations[0]]
@@ -51,7 +51,7 @@ def test_places_outside_the_motion_count_as_its_nearest_end(place, nearest):
 
 
 def test_motion_of_one_point_is_there_at_every_place():
-    one = CommandedMotion(Trajectory(JOINTS, [0.0], [[1.0, 2.0]], [[0.0] * 2], [[0.0] * 2]), 0.0)
+    one = PublishedMotion(Trajectory(JOINTS, [0.0], [[1.0, 2.0]], [[0.0] * 2], [[0.0] * 2]), 0.0)
     q, v, a = one.sample(np.array([-1.0, 0.0, 3.0]))
     assert q.tolist() == [[1.0, 2.0]] * 3
     assert not v.any() and not a.any()
@@ -61,7 +61,7 @@ def test_motion_of_one_point_is_there_at_every_place():
 @pytest.mark.parametrize(("here", "switch"), [(0.1, 0.9), (0.1, 0.3), (0.302, 0.707), (0.0, 1.999)])
 def test_followed_motion_is_the_old_one_up_to_the_switch_and_then_the_rest(here, switch):
     rest = Trajectory(JOINTS, [0.0, 1.0], *(columns([switch, switch + 1.0], d) for d in range(3)))
-    joined = CommandedMotion(motion().followed_by(rest, switch, here), 0.0)
+    joined = PublishedMotion(motion().followed_by(rest, switch, here), 0.0)
     assert joined.duration == pytest.approx(switch - here + 1.0, abs=1e-6)
     since = np.linspace(0.0, joined.duration, 400)
     for d, found in enumerate(joined.sample(since)):

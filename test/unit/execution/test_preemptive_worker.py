@@ -11,18 +11,18 @@ from collections.abc import Iterator
 import pytest
 from patience import HANG
 
-from mp_pca_planner.execution.newest_goal import (
+from mp_pca_planner.execution.preemptive_worker import (
     PAUSE,
     CancelledError,
     IsCancelled,
-    NewestGoalThread,
+    PreemptiveWorker,
 )
 
 TIMEOUT = HANG
 
 
 class Kitchen:
-    """Serves numbers; one at a time, until it is told to go on or is cancelled."""
+    """Serves numbers; one at a time, until it is released or cancelled."""
 
     def __init__(self) -> None:
         self.begun: list[int] = []
@@ -31,7 +31,7 @@ class Kitchen:
         self._changed = threading.Condition()
         self._n_allowed = 0
         self.n_rests = 0
-        self.thread = NewestGoalThread(self._serve, self._drop, self._rest)
+        self.thread = PreemptiveWorker(self._serve, self._drop, self._rest)
 
     def allow(self) -> None:
         """Let one more be served to its end."""

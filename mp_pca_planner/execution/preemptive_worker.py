@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""A thread that serves goals, of which the newest wins."""
+"""A thread that serves goals and is preempted by newer ones."""
 
 from __future__ import annotations
 
@@ -12,27 +12,25 @@ T = TypeVar("T")
 
 IsCancelled = Callable[[], bool]
 
-
 PAUSE = 0.02
 """Time without goals after which there is time for other work [s]."""
 
 
 class CancelledError(Exception):
-    """Work was given up because nobody wants its result any more."""
+    """Work was given up because its result is no longer needed."""
 
 
-class NewestGoalThread(Generic[T]):
-    """Serves one goal at a time; a newer one takes the place of the waiting and the served one.
+class PreemptiveWorker(Generic[T]):
+    """Serves one goal at a time; a newer one replaces the waiting one and cancels the served one.
 
-    A goal that comes while another is served cancels it. Goals may come faster than any can be
-    served, so the one that is served next after a cancelled one is not cancelled in its turn:
-    at least every second goal that is begun is finished.
+    Goals may arrive faster than they can be served. Therefore, the goal after a cancelled one is
+    not cancelled in turn: at least every second goal that is begun is finished.
 
     Parameters
     ----------
     serve :
-        Serves a goal. When the second argument says that it is cancelled, it may return at any
-        time or raise `CancelledError`.
+        Serves a goal. Once its second argument returns True, it may return at any time or raise
+        `CancelledError`.
     drop :
         Called with each goal that was not served to its end.
     rest :
@@ -50,23 +48,15 @@ class NewestGoalThread(Generic[T]):
         self._rest = rest
         self._changed = threading.Condition()
         self._waiting: T | None = None
-        self._is_serving = False
+        self._is_serving = self._is_cancelled = self._is_closed = False
         self._may_cancel = True
-        self._is_cancelled = False
-        self._is_closed = False
-        # A defect that keeps it from ending must not keep the process from it.
+        # A daemon: a goal that never ends must not keep the process alive.
         self._thread = threading.Thread(target=self._run, name="planning", daemon=True)
         self._thread.start()
 
     def submit(self, goal: T) -> None:
-        """Have a goal served as soon as possible."""
-        with self._changed:
-            overtaken, self._waiting = self._waiting, goal
-            if self._is_serving and self._may_cancel:
-                self._is_cancelled = True
-            self._changed.notify_all()
-        if overtaken is not None:
-            self._drop(overtaken)
+        """Serve a goal as soon as possible."""
+        self._replace(goal)
 
     @property
     def is_idle(self) -> bool:
@@ -74,20 +64,24 @@ class NewestGoalThread(Generic[T]):
         return self._waiting is None and not self._is_serving
 
     def cancel(self) -> None:
-        """Give up what waits and what is served."""
-        with self._changed:
-            dropped, self._waiting = self._waiting, None
-            self._is_cancelled = True
-        if dropped is not None:
-            self._drop(dropped)
+        """Give up the waiting and the served goal."""
+        self._replace(None, always_cancel=True)
 
     def close(self, timeout: float = 5.0) -> None:
-        """Give up everything and end the thread, within the timeout [s] if goals let it."""
+        """Give up all goals and end the thread, within the timeout [s] if the served goal ends."""
+        self._is_closed = True
         self.cancel()
-        with self._changed:
-            self._is_closed = True
-            self._changed.notify_all()
         self._thread.join(timeout)
+
+    def _replace(self, goal: T | None, *, always_cancel: bool = False) -> None:
+        """Replace the waiting goal, and cancel the served one."""
+        with self._changed:
+            dropped, self._waiting = self._waiting, goal
+            if self._is_serving and (always_cancel or self._may_cancel):
+                self._is_cancelled = True
+            self._changed.notify_all()
+        if dropped is not None:
+            self._drop(dropped)
 
     def _run(self) -> None:
         may_rest = False
@@ -101,11 +95,10 @@ class NewestGoalThread(Generic[T]):
                     return
                 goal, self._waiting = self._waiting, None
                 self._is_serving, self._is_cancelled = goal is not None, False
+            may_rest = goal is not None
             if goal is None:
                 self._rest()
-                may_rest = False
                 continue
-            may_rest = True
             try:
                 self._serve(goal, lambda: self._is_cancelled)
                 self._may_cancel = True

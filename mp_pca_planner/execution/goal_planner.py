@@ -1,0 +1,203 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Planning for goals: anew, or as a continuation of the motion that the robot follows."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TYPE_CHECKING, TypeVar
+
+import numpy as np
+
+from ..exceptions import TrajectoryError
+from ..motion.goal import Goal, JointGoal, JointState, PoseGoal, SequenceGoal
+from ..planning.plan import Plan
+from ..planning.sequence import SequencePlan
+from .adaptation import AdaptedPlan, displaced, effort_cost
+from .assembly import Model
+from .measured import Clock
+from .options import ServingOptions
+from .preemptive_worker import CancelledError, IsCancelled
+from .served_goal import AnyPlan, Served
+from .start_state import MotionStart, StartStates
+
+if TYPE_CHECKING:
+    from .trial_store import ServedTrial, TrialStore
+
+_P = TypeVar("_P", Plan, SequencePlan)
+
+
+class UnexecutablePlanError(TrajectoryError):
+    """A plan that must not be published."""
+
+    def __init__(self, plan: Plan | SequencePlan) -> None:
+        super().__init__(plan.message)
+        self.plan = plan
+
+
+@dataclass(frozen=True, eq=False)
+class PlanRequest:
+    """The start and the context of a goal.
+
+    Attributes
+    ----------
+    start : MotionStart
+        Where the motion starts.
+    model : Model
+        The planner and the robot.
+    is_cancelled : callable
+        Whether the goal was preempted.
+    last : Served or None
+        The goal that was served last.
+    """
+
+    start: MotionStart
+    model: Model
+    is_cancelled: IsCancelled
+    last: Served | None
+
+
+class GoalPlanner:
+    """Plans executable motions for goals.
+
+    Parameters
+    ----------
+    states :
+        Where motions start.
+    clock :
+        The clock of planning times [s].
+    options :
+        Parameters.
+    """
+
+    def __init__(
+        self, states: StartStates, clock: Clock, options: ServingOptions | None = None
+    ) -> None:
+        self._states = states
+        self._clock = clock
+        self._options = options or ServingOptions()
+
+    def plan(self, goal: Goal, request: PlanRequest) -> tuple[AnyPlan, ServedTrial | None]:
+        """Plan an executable motion.
+
+        Returns
+        -------
+        plan : Plan, SequencePlan or AdaptedPlan
+            The plan.
+        trial : ServedTrial or None
+            The trial that it is, if the goal is learned by trials.
+
+        Raises
+        ------
+        PlannerError
+            If there is no executable plan.
+        CancelledError
+            If the goal is preempted.
+        """
+        start, model = request.start, request.model
+        if isinstance(goal, SequenceGoal):
+            mode = model.settings.sequence_mode
+            return _executable(model.sequence_planner.plan(goal, start.state, mode)), None
+        adapted = None
+        if start.following is not None and not goal.vias:
+            adapted = self._continued(goal, request)
+        plan = adapted or _executable(model.planner.plan(goal, start.state))
+        may_learn = model.settings.learn_trials and not start.is_in_motion
+        if may_learn and isinstance(goal, JointGoal) and isinstance(plan, Plan):
+            return self._trials.vary(goal, plan, model)
+        return plan, None
+
+    def _continued(
+        self, goal: JointGoal | PoseGoal, request: PlanRequest
+    ) -> Plan | AdaptedPlan | None:
+        """Continue the motion that the robot follows to another goal; None if that is impossible.
+
+        A planned motion takes no longer than the displaced one, so streams of goals do not delay
+        the arrival. Planning ends when it is time to publish. To a goal near the end of the
+        motion, the displaced one is the answer: planned motions swing as demonstrated ones do.
+        """
+        start, model, began = request.start, request.model, self._clock()
+        following = start.following
+        assert following is not None
+        if isinstance(goal, PoseGoal):
+            if following.is_over:
+                return None
+            goal = _reaching(goal, start, model)
+        target = model.planner.target(goal, start.state)
+        change = float(np.abs(target.positions - following.motion.end).max())
+        near = self._options.near_at_rest if following.is_over else self._options.near
+        is_near = not goal.duration and goal.primitive is None and change <= near
+        is_known = request.last is not None and request.last.model is model
+        if following.is_over and not (is_near and is_known):
+            return None
+        adapted = self._displaced(target, request, began)
+        if adapted is None or is_near:
+            return adapted
+        planned = self._plan_in_time(goal, adapted, request)
+        if planned is None or not planned.is_executable:
+            return adapted
+        if not goal.duration and effort_cost(planned.trajectory) > adapted.effort_cost:
+            return adapted
+        return planned
+
+    def _displaced(
+        self, target: JointState, request: PlanRequest, began: float
+    ) -> AdaptedPlan | None:
+        """The running motion displaced to a target, if that keeps the limits and clearances."""
+        start, model, last = request.start, request.model, request.last
+        assert start.following is not None
+        motion, period = start.following.motion, model.settings.sample_period
+        place = min(start.place, motion.duration)
+        robot, limits = model.planning_robot, model.limits
+        found = displaced(motion, place, target, robot, limits, period)
+        collision = model.planner.collision
+        if found is None or (collision is not None and collision.collisions(found[0])):
+            return None
+        primitive, score = "none", float("nan")
+        if last is not None:
+            primitive, score = getattr(last.plan, "primitive", "none"), last.plan.in_span_score
+        return AdaptedPlan(*found, primitive, score, self._clock() - began)
+
+    def _plan_in_time(
+        self, goal: JointGoal, adapted: AdaptedPlan, request: PlanRequest
+    ) -> Plan | None:
+        """A plan as long as the displaced motion, or None if it would come too late."""
+        start, robot = request.start, request.model.planning_robot
+        deadline = start.deadline - self._options.publishing_time
+        if not goal.duration:
+            goal = replace(goal, duration=adapted.trajectory.duration)
+
+        def is_over() -> bool:
+            return request.is_cancelled() or self._states.motion_time > deadline
+
+        robot.is_cancelled = is_over
+        try:
+            return request.model.planner.plan(goal, start.state)
+        except CancelledError:
+            if request.is_cancelled():
+                raise
+            return None
+        finally:
+            robot.is_cancelled = request.is_cancelled
+
+    @cached_property
+    def _trials(self) -> TrialStore:
+        # The import is slow, and few nodes learn.
+        from .trial_store import TrialStore
+
+        return TrialStore()
+
+
+def _executable(plan: _P) -> _P:
+    """The plan, if it may be executed."""
+    if not plan.is_executable:
+        raise UnexecutablePlanError(plan)
+    return plan
+
+
+def _reaching(goal: PoseGoal, start: MotionStart, model: Model) -> JointGoal:
+    """The goal for the configuration in which a planned motion reaches a pose."""
+    plan = _executable(model.planner.plan(goal, start.state))
+    end = JointState(start.state.joint_names, plan.trajectory.positions[-1])
+    return JointGoal(end, goal.duration, goal.primitive)

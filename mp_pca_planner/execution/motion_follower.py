@@ -1,0 +1,213 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Estimation of how the robot follows the motion that was published last."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from ..arrays import FloatArray
+from ..motion.goal import JointState
+from .following import (
+    DOUBTFUL,
+    HELD,
+    LAGGING,
+    OFF,
+    ON_TIME,
+    REFUSED,
+    Following,
+    Publication,
+    Seen,
+)
+from .measured import Clock, MeasuredStates, Samples, StateReader
+from .options import FollowingOptions
+from .parameters import Settings
+from .published_motion import Joined, PublishedMotion
+from .servo import ServoModel
+from .tracking import Progress, TrackedMotion, locate
+
+
+class MotionFollower:
+    """Knows the motion that was published last, and how the robot follows it.
+
+    Parameters
+    ----------
+    reader, receipt_clock, motion_clock, fetch :
+        See `MeasuredStates`.
+    options :
+        Thresholds.
+
+    Attributes
+    ----------
+    measured : MeasuredStates
+        The measured states.
+    """
+
+    def __init__(
+        self,
+        reader: StateReader,
+        receipt_clock: Clock,
+        motion_clock: Clock,
+        fetch: Callable[[], None] = lambda: None,
+        options: FollowingOptions | None = None,
+    ) -> None:
+        self._options = options or FollowingOptions()
+        self.measured = MeasuredStates(reader, receipt_clock, motion_clock, fetch, self._options)
+        self._motion_clock = motion_clock
+        # Goals are served in one thread, stops and reports in another.
+        self._lock = threading.RLock()
+        self._forget()
+
+    def _forget(self) -> None:
+        self._published: Publication | None = None
+        self._servo = ServoModel(len(self.measured.joint_names), self._options)
+        # Of positions at rest [rad or m].
+        self._noise = 0.0
+
+    def expect(self, joint_names: tuple[str, ...]) -> None:
+        """Set the joints whose state is needed, and discard the states of other joints."""
+        if self.measured.joint_names != tuple(joint_names):
+            with self._lock:
+                self.measured.expect(joint_names)
+                self._forget()
+
+    def command(self, joined: Joined) -> PublishedMotion:
+        """Note that a motion was published."""
+        with self._lock:
+            self._published = Publication.after(self._published, joined, self._servo.lag)
+        return joined.motion
+
+    def give_up(self) -> None:
+        """Note that the controller has not taken the motion that was published last."""
+        with self._lock:
+            if self._published is not None:
+                self._published.give_up()
+
+    @property
+    def motion_time(self) -> float:
+        """The time by the clock of motions [s]; simulated time has its own rate."""
+        return self._motion_clock()
+
+    @property
+    def commanded(self) -> PublishedMotion | None:
+        """The motion that was published last, unless time was set back since."""
+        published = self._published
+        if published is None or self._motion_clock() < published.current.motion.began - 1.0:
+            return None
+        return published.current.motion
+
+    @property
+    def last_place(self) -> float:
+        """The place on that motion at which the robot was seen last [s]."""
+        return 0.0 if self._published is None else self._published.current.progress.place
+
+    @property
+    def load_offset(self) -> FloatArray:
+        """Distance that a load pulls the robot away from its commanded position [rad or m]."""
+        return self._servo.load
+
+    @property
+    def alternatives(self) -> list[JointState]:
+        """The commanded state if the controller has not taken that motion; none if it has."""
+        with self._lock:
+            previous = None if self._published is None else self._published.previous
+            return [] if previous is None else [previous.state(self._motion_clock())]
+
+    def follow(self, settings: Settings) -> Following | None:
+        """How the robot follows the motion that was published last; None if there is none.
+
+        Parameters
+        ----------
+        settings : Settings
+            With `state_timeout` and `commanded_tolerance`.
+
+        Raises
+        ------
+        GoalError
+            If there is no usable measured state.
+        """
+        with self._lock:
+            motion = self.commanded
+            measured = self.measured.newest(settings.state_timeout)
+            published = self._published
+            if motion is None or published is None:
+                return None
+            now = self._motion_clock()
+            at_rest = not self.measured.velocities(measured).any()
+            seen = Seen(measured, at_rest, self.measured.history())
+            on_time = Progress(now, now - motion.began)
+            following = self._follow(published, on_time, seen)
+            if following is None:
+                return self.follow(settings)
+            is_near = following.distance <= settings.commanded_tolerance
+            return following if is_near else replace(following, how=OFF)
+
+    def _follow(self, published: Publication, on_time: Progress, seen: Seen) -> Following | None:
+        """How the robot follows a motion; None if the motion or the servo model was wrong."""
+        if published.is_arrived:
+            return self._following(published, ON_TIME, on_time, seen)
+        motion, samples, servo = published.current.motion, seen.samples, self._servo
+        options = self._options
+        known = samples.times >= motion.began
+        window = Samples(samples.times[known], samples.positions[known] - servo.offset)
+        progress = published.current.progress
+        found = locate(motion, window, progress, on_time.time, options)
+        confirmation = published.confirm(found, seen, servo, self._noise, options)
+        if confirmation == REFUSED:
+            return None
+        published.current = TrackedMotion(motion, found)
+        is_over = on_time.place >= motion.duration
+        is_late = not published.is_on_time(on_time, found, servo, options)
+        if is_late and seen.at_rest and is_over:
+            left = np.abs(motion.state(found.place).positions - motion.end).max()
+            is_late = bool(found.error < options.beside_share * left)
+        if is_late and servo.unlearn():
+            return None
+        if seen.at_rest and len(samples.positions) > 2:
+            # Differences of neighbours: a robot that still settles is not noise.
+            steps = np.diff(samples.positions, axis=0)
+            self._noise = float(steps.std(axis=0).max()) / np.sqrt(2.0)
+        published.is_lagging = is_late and not seen.at_rest
+        ahead = servo.lag * found.rate - options.cycle * (1.0 - found.rate)
+        command = replace(found, place=found.place + ahead)
+        if is_late:
+            return self._following(published, HELD if seen.at_rest else LAGGING, command, seen)
+        is_timed = published.joined.is_on_time
+        is_sure = published.joined.is_path_known and is_timed and confirmation != DOUBTFUL
+        if known.any() and is_sure and not is_over:
+            lag = on_time.place - found.place
+            servo.learn(motion, float(samples.times[-1]), seen.state.positions, lag)
+        # The clock does not say where a motion is that the controller started on receipt.
+        command = on_time if is_timed or is_over else command
+        following = self._following(published, ON_TIME, command, seen)
+        return self._arrival(published, following, seen) if seen.at_rest and is_over else following
+
+    def _arrival(self, published: Publication, following: Following, seen: Seen) -> Following:
+        """Note that a robot that rests after a motion has arrived, unless it is elsewhere."""
+        motion = following.motion
+        away = np.abs(seen.state.positions - motion.end - self._servo.offset).max()
+        if away > self._options.missed_distance:
+            return replace(following, how=OFF)
+        # A state from before the end of the motion says nothing about after it.
+        published.is_arrived = self.measured.newest_time >= motion.began + motion.duration
+        if published.is_arrived:
+            published.previous = None
+        return following
+
+    def _following(
+        self, published: Publication, how: str, progress: Progress, seen: Seen
+    ) -> Following:
+        motion, when = published.current.motion, self.measured.newest_time
+        place = progress.at(when)
+        if how == ON_TIME and place < motion.duration:
+            # The measured position lags behind the command of its own time.
+            place = published.current.progress.at(when)
+        away = np.abs(seen.state.positions - motion.state(place).positions)
+        worst = int(away.argmax())
+        is_known = progress.place < motion.duration or when >= motion.began + motion.duration
+        joint, at_rest = seen.state.joint_names[worst], is_known and seen.at_rest
+        return Following(motion, how, progress, float(away[worst]), joint, at_rest)

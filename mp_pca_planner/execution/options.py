@@ -1,0 +1,187 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Parameters of following, serving and stopping, with their units.
+
+The values were tuned in campaigns of benchmarks/moving_robot.py. Distances are the largest of all
+joints [rad or m].
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class FollowingOptions:
+    """How it is judged from measured states how a robot follows its motion.
+
+    Attributes
+    ----------
+    rest_velocity : float
+        Reported velocity up to which a robot is at rest [rad/s or m/s]: the noise of encoders.
+    rest_slope : float
+        The same for the slope of positions over the window, which has less noise.
+    clear_velocity : float
+        Reported velocity that no noise explains: the robot moves, whatever its positions say.
+    spacing, window : float
+        Shortest time between the states that are kept, and how long they are kept [s].
+    min_span : float
+        Time that positions must span to give a velocity [s].
+    max_stamp_delay, max_stamp_lead : float
+        A stamp that lies further behind its receipt, or further ahead of it, shows that the
+        clocks of the robot and of this computer differ [s].
+    position_noise : float
+        Standard deviation of measured positions in the estimation of the place, > 0.
+    prior : tuple of four floats
+        Standard deviations of its prior, > 0: of the place [s], the rate [1], the change of the
+        rate [1/s], and the change of that change [1/s²].
+    max_rate : float
+        Largest rate of a robot, > 1.
+    good_error : float
+        Error above which the newer half of the window is fitted alone: the rate may have changed
+        too fast for one fit.
+    servo_memory : float
+        Time for which older values of the servo model are kept [s]: a robot that begins to lag is
+        noticed late, and what was learned in the meantime is discarded.
+    servo_time : float
+        Time constant with which the offset of the servos is learned, > 0 [s].
+    lag_share : float
+        Speed of learning the lag as a share of that of the offset, 0 to 1.
+    slow : float
+        Speed below which an offset along the path looks like a lag [rad/s or m/s].
+    lag_noise : float
+        How much longer than learned the lag of a robot on time may be [s].
+    initial_lag : float
+        Lag before anything was learned [s]: arms lag by some milliseconds.
+    max_lag : float
+        Largest lag of servos and messages together [s]; a robot that lags more is late.
+    cycle : float
+        Cycle of the controller, by which commands are ahead of their time at any rate [s].
+    on_time_distance, on_time_rate : float
+        A robot is on time if its commanded position differs less from that of the clock, or if
+        its rate differs less from 1 and its lag is one of servos.
+    start_distance, start_time : float
+        The same distance in this time after a motion from rest was published [s]: a robot starts
+        so slowly that servo errors look like a lag. By then it is seen to move.
+    taken_distance : float
+        Distance between the newest motion and the one before at which the robot's position shows
+        that the newest one was taken.
+    refused_distance, refused_rest_distance : float
+        Distance from the newest motion at which a robot in motion, or at rest, shows that the
+        newest one was not taken.
+    same_distance : float
+        Distance between both motions that makes no difference.
+    load_lag : float
+        Change of the servo lag that an unknown load may cause [s].
+    max_age : float
+        Age of the newest state up to which a motion may be continued [s].
+    precision, max_change : float
+        A lagging robot's motion is continued if its place is known to this distance, beside the
+        noise, and its rate changes more slowly [1/s].
+    missed_distance : float
+        A robot that rests farther from the end of its motion has left it, whatever its load.
+    beside_share : float
+        A robot that rests short of the end is this near to its path, as a share of the distance
+        left. An unknown load pulls it away from the end in any direction.
+    min_rate : float
+        Rate below which a robot is being stopped by something else.
+    visible_time : float
+        Time after publishing from which states show the motion [s].
+    start_tolerance : float
+        Distance that a robot at rest may move between the choice of a start and publishing. It
+        bounds the jump that the controller has to absorb.
+    full_rate : float
+        Difference from 1 up to which a rate is that of the clock.
+    lead : float
+        Part of a motion that is kept when another one continues it [s].
+    """
+
+    rest_velocity: float = 0.01
+    rest_slope: float = 0.003
+    clear_velocity: float = 0.1
+    spacing: float = 0.008
+    window: float = 0.3
+    min_span: float = 0.08
+    max_stamp_delay: float = 0.1
+    max_stamp_lead: float = 0.005
+    position_noise: float = 0.002
+    prior: tuple[float, float, float, float] = (1.0, 0.3, 2.0, 40.0)
+    max_rate: float = 1.2
+    good_error: float = 3e-5
+    servo_memory: float = 0.35
+    servo_time: float = 0.2
+    lag_share: float = 0.2
+    slow: float = 0.1
+    lag_noise: float = 0.005
+    initial_lag: float = 0.002
+    max_lag: float = 0.1
+    cycle: float = 0.001
+    on_time_distance: float = 5e-4
+    on_time_rate: float = 0.07
+    start_distance: float = 0.002
+    start_time: float = 0.5
+    taken_distance: float = 0.0015
+    refused_distance: float = 0.006
+    refused_rest_distance: float = 4e-4
+    same_distance: float = 1.5e-4
+    load_lag: float = 0.003
+    max_age: float = 0.1
+    precision: float = 1e-4
+    max_change: float = 0.5
+    missed_distance: float = 0.02
+    beside_share: float = 0.15
+    min_rate: float = 0.05
+    visible_time: float = 0.05
+    start_tolerance: float = 0.005
+    full_rate: float = 0.01
+    lead: float = 0.35
+
+
+@dataclass(frozen=True)
+class ServingOptions:
+    """How goals are served, motions continued and stopped, and their execution monitored.
+
+    Attributes
+    ----------
+    max_attempts : int
+        Times that a motion is planned if the robot has moved past its start, ≥ 1. Each time, the
+        start is twice as far ahead as the last planning took.
+    max_lookahead : float
+        Longest time that a joint goal is planned ahead [s]; by then, a displaced motion is
+        published.
+    publishing_time : float
+        Part of the time for planning that is left for the checks before publishing [s].
+    confirmation_timeout, confirmation_period : float
+        Longest time to wait until states show that the last motion was taken, and the time
+        between these checks [s].
+    near, near_at_rest : float
+        Change of the goal up to which a motion is displaced without planning, while it runs and
+        at its end.
+    stop_latency : float
+        Time to find a stop [s].
+    acceleration_share, jerk_share : float
+        Shares of the limits for stops of a robot whose velocity is estimated, 0 to 1.
+    away_time : float
+        Time away from the path after which a motion is not followed [s].
+    start_delay, left_start : float
+        Time at rest at the start after which a motion never started [s], and the distance at
+        which a joint has left the start.
+    max_hold : float
+        Time at rest elsewhere on the path, or of silence after the end, after which a motion is
+        not followed [s].
+    """
+
+    max_attempts: int = 3
+    max_lookahead: float = 0.25
+    publishing_time: float = 0.02
+    confirmation_timeout: float = 1.5
+    confirmation_period: float = 0.01
+    near: float = 0.15
+    near_at_rest: float = 0.03
+    stop_latency: float = 0.02
+    acceleration_share: float = 0.7
+    jerk_share: float = 0.5
+    away_time: float = 0.2
+    start_delay: float = 1.0
+    left_start: float = 0.006
+    max_hold: float = 10.0

@@ -1,0 +1,191 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Motions as they are published and as the controller interpolates them.
+
+The controller interpolates between points by quintic polynomials, so a published trajectory says
+where the robot is commanded to be at every moment.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from ..arrays import FloatArray
+from ..motion.goal import JointState
+from ..motion.interpolation import hermite_functions, segment_ends
+from ..motion.trajectory import Trajectory
+
+# Messages state times in nanoseconds. Between points closer than this [s], that rounding is a
+# noticeable jerk.
+_MIN_STEP = 5e-3
+# Two motions closer than this [s] are joined without points in between.
+_MIN_LEAD = 1e-4
+
+
+TRANSPORT = 0.02
+"""Longest time that a message takes to the controller [s]."""
+
+USUAL_TRANSPORT = 0.001
+"""Usual time of a message to the next cycle of a controller on the same machine [s]."""
+
+
+def states_of(trajectory: Trajectory) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Positions, velocities and accelerations of a trajectory."""
+    return trajectory.positions, trajectory.velocities, trajectory.accelerations
+
+
+@dataclass(frozen=True, eq=False)
+class PublishedMotion:
+    """A trajectory that was published.
+
+    Attributes
+    ----------
+    trajectory : Trajectory
+        As it was published.
+    began : float
+        When its first point is commanded [s].
+    """
+
+    trajectory: Trajectory
+    began: float
+
+    @property
+    def duration(self) -> float:
+        """Its duration [s]."""
+        return self.trajectory.duration
+
+    @property
+    def end(self) -> FloatArray:
+        """Its last positions [rad or m], shape (n_joints,)."""
+        return np.asarray(self.trajectory.positions[-1])
+
+    def state(self, place: float) -> JointState:
+        """The commanded state at a place [s]; after the end, the last positions are held."""
+        q, v, a = (x[0] for x in self.sample(np.array([place])))
+        return JointState(self.trajectory.joint_names, q, v, a)
+
+    def sample(self, places: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """The commanded states at places.
+
+        Parameters
+        ----------
+        places : array, shape (n_places,)
+            Times since the start [s], clipped to the duration of the motion.
+
+        Returns
+        -------
+        q, v, a : array, shape (n_places, n_joints)
+            Positions and their derivatives [rad or m, /s, /s²].
+        """
+        points = self.trajectory
+        if points.n_steps == 1:
+            q, v, a = (np.repeat(x, len(places), axis=0) for x in states_of(points))
+            return q, v, a
+        places = np.clip(places, 0.0, points.duration)
+        segment = np.searchsorted(points.times, places, "right") - 1
+        segment = np.clip(segment, 0, points.n_steps - 2)
+        steps = np.diff(points.times)[segment]
+        phases, ends = (places - points.times[segment]) / steps, self._ends[segment]
+        q, v, a = (
+            np.einsum("ki,kij->kj", hermite_functions(phases, d), ends) / steps[:, None] ** d
+            for d in range(3)
+        )
+        return q, v, a
+
+    def followed_by(self, rest: Trajectory, switch: float, here: float) -> Trajectory:
+        """The motion from one place up to another one, and then another trajectory.
+
+        Parameters
+        ----------
+        rest : Trajectory
+            Starts at the state of this motion at the place `switch`.
+        switch, here : float
+            Places [s], the switch not before here.
+        """
+        lead = round(switch - here, 6)
+        if lead < _MIN_LEAD:
+            return rest
+        old, begin = self.trajectory, switch - lead
+        inside = (old.times > begin + _MIN_STEP) & (old.times < switch - _MIN_STEP)
+        times = np.concatenate([[0.0], old.times[inside] - begin, rest.times + lead])
+        first = self.sample(np.array([begin]))
+        columns = zip(first, states_of(old), states_of(rest), strict=True)
+        q, v, a = (np.vstack([x, y[inside], z]) for x, y, z in columns)
+        efforts = None
+        if old.efforts is not None and rest.efforts is not None:
+            effort = [np.interp(begin, old.times, one) for one in old.efforts.T]
+            efforts = np.vstack([effort, old.efforts[inside], rest.efforts])
+        return Trajectory(old.joint_names, times, q, v, a, efforts)
+
+    @cached_property
+    def _ends(self) -> FloatArray:
+        return segment_ends(self.trajectory.times, *states_of(self.trajectory))
+
+
+@dataclass(frozen=True, eq=False)
+class Joined:
+    """A motion that may be published at once.
+
+    Attributes
+    ----------
+    trajectory : Trajectory
+        The trajectory to publish. It starts where the robot is commanded to be.
+    motion : PublishedMotion
+        The same, preceded by the last moments of the motion that it continues.
+    time : float
+        When its first point is commanded [s].
+    is_timed : bool
+        Whether its first point belongs to that time, not to the arrival of the message.
+    is_on_time : bool
+        Whether that time is known precisely. It is not if the motion starts on arrival or
+        continues the motion of a robot that lags.
+    is_path_known : bool
+        Whether the controller follows its path, not only leads to its end.
+    """
+
+    trajectory: Trajectory
+    motion: PublishedMotion
+    time: float
+    is_timed: bool = False
+    is_on_time: bool = False
+    is_path_known: bool = True
+
+    @property
+    def last_point_only(self) -> bool:
+        """Whether only the last point is sent, to which the controller interpolates by itself."""
+        return self.trajectory.n_steps == 1 or not self.is_path_known
+
+    @classmethod
+    def on_receipt(cls, trajectory: Trajectory, time: float) -> Joined:
+        """A motion that starts when the controller receives it."""
+        return cls(trajectory, PublishedMotion(trajectory, time + USUAL_TRANSPORT), time)
+
+    @classmethod
+    def to_last_point(cls, trajectory: Trajectory, time: float) -> Joined:
+        """A motion of which only the last point is sent."""
+        return replace(cls.on_receipt(trajectory, time), is_path_known=False)
+
+    @classmethod
+    def after_wait(cls, trajectory: Trajectory, time: float) -> Joined:
+        """A motion from rest that starts after a hold of its first point.
+
+        The hold lasts as long as a message may take, so the start is known precisely. Without it,
+        an error of each millisecond would be a jump where another motion continues this one.
+        """
+        times = np.concatenate([[0.0], trajectory.times + TRANSPORT])
+        q, v, a = (np.vstack([x[:1], x]) for x in states_of(trajectory))
+        efforts = trajectory.efforts
+        if efforts is not None:
+            efforts = np.vstack([efforts[:1], efforts])
+        held = Trajectory(trajectory.joint_names, times, q, v, a, efforts)
+        return cls(held, PublishedMotion(held, time), time, is_timed=True, is_on_time=True)
+
+
+def hold(joint_names: Sequence[str], positions: FloatArray) -> Trajectory:
+    """A trajectory of one point at rest."""
+    zero = np.zeros((1, len(positions)))
+    return Trajectory(joint_names, [0.0], [positions], zero, zero)
