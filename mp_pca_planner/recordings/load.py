@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterable, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -36,10 +36,9 @@ from .bags import (
 )
 from .cluster import map_on_cluster
 from .demonstration import Demonstration
-from .joint_states import RawJointStates, joined
 from .joint_trajectories import read_trajectories, repair_trajectories
 from .processes import Outcome, map_in_processes
-from .repair import CleanRecording, Piece, repair, repair_parts
+from .repair import CleanRecording, Piece, repair
 from .segmentation import (
     MIN_EXTENT,
     SegmentationOptions,
@@ -649,14 +648,8 @@ def _cleaned_motions(
             return repair_trajectories(read_trajectories(bag, chosen), joints)
         topic = chosen.name
 
-    def clean_parts(parts: Iterator[RawJointStates]) -> CleanRecording | None:
-        return repair_parts(parts, joints, max_gap=max_gap)
-
-    clean = bag.joint_states(topic, clean_parts, field=state_field, progress=progress)
-    if clean is None:
-        raw = bag.joint_states(topic, joined, field=state_field)
-        clean = repair(raw, joints, max_gap=max_gap)
-    return clean
+    raw = bag.joint_states(topic, field=state_field, progress=progress)
+    return repair(raw, joints, max_gap=max_gap)
 
 
 def _chosen_topic(bag: Bag, topic: str | None) -> Topic:
