@@ -155,7 +155,7 @@ def _walk(message: bytes, ros1: bool) -> ByteLayout:
     n_empty = (n_positions, n_velocities, n_efforts).count(0)
     spare = len(message) - cursor.position
     if not 0 <= spare <= (0 if ros1 else most_spare_bytes(n_empty)):
-        raise ValueError(f"{spare} bytes follow a joint state")
+        raise ValueError(f"size mismatch: {spare} bytes follow a joint state")
     return ByteLayout(
         joint_names=names,
         template=np.frombuffer(message, dtype=np.uint8),

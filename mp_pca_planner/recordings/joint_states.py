@@ -15,8 +15,8 @@ from .byte_layout import ByteLayout, Bytes, read_layout
 
 IntArray = NDArray[np.int64]
 
-PART_MESSAGES = 1 << 14
-PART_BYTES = 8 << 20
+PART_MESSAGES = 4096
+PART_BYTES = 4 << 20
 """Serialised joint states are kept until there are this many messages or bytes."""
 
 MAX_LAYOUTS = 8
@@ -164,7 +164,7 @@ def _concatenated(names: tuple[str, ...], parts: Sequence[JointLayout]) -> Joint
 
 
 def slice_in_parts(
-    topic: str, messages: Iterable[tuple[int, bytes]], *, ros1: bool
+    topic: str, messages: Iterable[tuple[object, int, bytes]], *, ros1: bool
 ) -> Iterator[RawJointStates]:
     """Slice joint states part by part, so that not all of them are in memory as messages.
 
@@ -173,7 +173,7 @@ def slice_in_parts(
     topic, ros1 :
         See :func:`slice_joint_states`.
     messages :
-        Times of reception [ns] and serialised messages.
+        Whatever they come from, times of reception [ns] and serialised messages.
 
     Yields
     ------
@@ -183,7 +183,7 @@ def slice_in_parts(
     stamps: list[int] = []
     waiting: list[bytes] = []
     n_bytes = n_parts = 0
-    for stamp, message in messages:
+    for _, stamp, message in messages:
         stamps.append(stamp)
         waiting.append(message)
         n_bytes += len(message)

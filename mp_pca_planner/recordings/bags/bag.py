@@ -179,13 +179,11 @@ class Bag:
         n_all = max(1, sum(item.count for item in chosen))
 
         def gathered(stored: Iterator[Stored]) -> RawJointStates:
-            messages = (
-                (stamp, extract[source](data) if extract else data)
-                for source, stamp, data in stored
-            )
+            if extract:
+                stored = ((source, t, extract[source](data)) for source, t, data in stored)
             parts: list[RawJointStates] = []
             with self._damage_reported():
-                for part in slice_in_parts(topic, messages, ros1=self.format == "rosbag1"):
+                for part in slice_in_parts(topic, stored, ros1=self.format == "rosbag1"):
                     parts.append(part)
                     if progress is not None:
                         progress(sum(part.n_messages for part in parts) / n_all)

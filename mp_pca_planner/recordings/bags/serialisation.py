@@ -86,7 +86,7 @@ def _decode_cdr(types: Types, data: bytes, name: str) -> Any:
     message, end = decode(data[ENCAPSULATION:], 0, about.cls, types)
     spare = len(data) - ENCAPSULATION - end
     if spare < 0 or (spare > MAX_PADDING and spare > most_spare_bytes(_n_empty(message))):
-        raise ValueError(f"{spare} bytes follow the message")
+        raise ValueError(f"size mismatch: {spare} bytes follow the message")
     return message
 
 

@@ -36,22 +36,21 @@ class Sqlite3File:
         """Messages up to the damage, or to the end."""
         with _opened(self._path, cut_off=True) as database:
             channels = _channels(database)
-            chosen = [n for n, c in channels.items() if keys is None or c.key in keys]
-            # Only their data is read: other topics may hold images.
-            numbers = ", ".join(str(int(number)) for number in chosen)
+            chosen = {n for n, c in channels.items() if keys is None or c.key in keys}
+            # Data of other topics, such as images, is not read. Columns may hold any type.
             rows = database.execute(
-                "SELECT id, topic_id, timestamp, "
-                f"CASE WHEN topic_id IN ({numbers}) THEN data END FROM messages ORDER BY id"
+                "SELECT id, topic_id, timestamp, CASE WHEN typeof(timestamp) = 'integer' "
+                "AND typeof(data) = 'blob' "
+                f"AND topic_id IN ({', '.join(map(str, chosen))}) THEN data END "
+                "FROM messages ORDER BY id"
             )
             last = 0
             for row, number, stamp, data in rows:
                 # A page that is cut off is read as zeros.
-                if row <= last or number not in channels:
+                if row <= last or number not in channels or (data is None and number in chosen):
                     raise DamageError(f"there is no message behind row {last}")
                 last = row
-                if number in chosen:
-                    if not isinstance(stamp, int) or not isinstance(data, bytes):
-                        raise DamageError(f"row {row} holds no message")
+                if data is not None:
                     yield channels[number], stamp, data
 
 
@@ -81,8 +80,8 @@ def _channels(database: sqlite3.Connection) -> dict[int, Channel]:
     definitions = _definitions(database)
     channels = {}
     for number, name, kind in database.execute("SELECT id, name, type FROM topics"):
-        if not isinstance(name, str) or not isinstance(kind, str):
-            raise DamageError(f"topic {number} or its type has a name that is no text")
+        if (type(number), type(name), type(kind)) != (int, str, str):
+            raise DamageError(f"topic {number!r:.40} has a name or type that is no text")
         channels[number] = Channel(name, ros2_type(kind), definitions.get(kind, ""))
     return channels
 
