@@ -22,7 +22,7 @@ MAGIC = b"\x89MCAP0\r\n"
 
 # Codes of records.
 _FOOTER, _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK = 0x02, 0x03, 0x04, 0x05, 0x06
-_CHUNK_INDEX, _STATISTICS, _DATA_END = 0x08, 0x0B, 0x0F
+_STATISTICS, _DATA_END = 0x0B, 0x0F
 
 _HEAD = struct.Struct("<BQ")
 _MESSAGE_HEAD = struct.Struct("<HIQQ")
@@ -36,7 +36,6 @@ class McapFile:
         self._path = path
         self._schemas: dict[int, tuple[str, str]] = {0: ("__schemaless__", "")}
         self._channels: dict[int, Channel] = {}
-        self._chunks: dict[int, set[int]] = {}
 
     def index(self) -> Counter[Channel]:
         """Count messages by the statistics at the end, or one by one where there are none."""
@@ -48,8 +47,6 @@ class McapFile:
                     self._channels[number] = channel
                 elif kind == _SCHEMA:
                     self._add_schema(content, start)
-                elif kind == _CHUNK_INDEX:
-                    self._add_chunk(content, start)
                 elif kind == _STATISTICS:
                     counts = dict(struct.iter_unpack("<HQ", content[start + 46 : end]))
         if counts is None or not set(counts) <= set(self._channels):
@@ -81,8 +78,7 @@ class McapFile:
             elif kind == _CHANNEL:
                 state.add(*self._channel(content, start))
             elif kind == _CHUNK:
-                if state.needs(self._chunks.get(start - _HEAD.size)):
-                    yield from self._chunk(content, start, state)
+                yield from self._chunk(content, start, state)
             elif kind == _DATA_END:
                 return
 
@@ -111,13 +107,6 @@ class McapFile:
     def _channel(self, content: Buffer, start: int) -> tuple[int, Channel]:
         number, schema = struct.unpack_from("<HH", content, start)
         return number, Channel(_text(content, start + 4)[0], *self._schemas[schema])
-
-    def _add_chunk(self, content: Buffer, start: int) -> None:
-        """Note which channels have messages in a chunk, where the index says so."""
-        place, size = struct.unpack_from("<Q8xI", content, start + 16)
-        if size:
-            offsets = struct.iter_unpack("<HQ", content[start + 36 : start + 36 + size])
-            self._chunks[place] = {number for number, _ in offsets}
 
 
 def _summary(content: Buffer) -> tuple[int, int]:

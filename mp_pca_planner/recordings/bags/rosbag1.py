@@ -76,7 +76,9 @@ class Rosbag1File:
                     yield channel, seconds * NS_PER_S + nanoseconds, content[start:end]
             elif kind == _CONNECTION:
                 state.add(_number(fields), _channel(fields, content[start:end]))
-            elif kind == _CHUNK and state.needs(self._chunks.get(place)):
+            elif kind == _CHUNK and (
+                place not in self._chunks or self._chunks[place] & state.channels.keys()
+            ):
                 yield from self._chunk(fields, content[start:end], state)
 
     def _chunk(self, fields: Fields, stored: bytes, state: Pass) -> Iterator[StoredMessage]:

@@ -84,10 +84,6 @@ class Pass:
         if self.keys is None or channel.key in self.keys:
             self.channels[identifier] = channel
 
-    def needs(self, identifiers: set[int] | None) -> bool:
-        """Whether a chunk with messages of these channels (None: unknown) must be read."""
-        return identifiers is None or not identifiers.isdisjoint(self.channels)
-
 
 @contextmanager
 def mapped(path: Path) -> Iterator[mmap.mmap]:
