@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import argparse
 import time
+from collections.abc import Collection
 from dataclasses import replace
 from pathlib import Path
 
@@ -24,7 +25,6 @@ from mp_pca_planner.arrays import FloatArray
 from mp_pca_planner.cli.common import rms
 from mp_pca_planner.mocap.marker_joint_states import (
     MarkerSource,
-    SolvedMarkers,
     marker_source,
     solve_trajectories,
 )
@@ -37,6 +37,7 @@ from mp_pca_planner.recordings.bags import (
     read_joint_states,
     recording_names,
 )
+from mp_pca_planner.recordings.reports import MarkerResidual
 from mp_pca_planner.resources import config_file
 
 
@@ -70,9 +71,9 @@ def _measured(
     recorded = read_markers(path, source.topic, (*source.on_base, *source.moved))
     if noise or drop:
         recorded = _spoilt(recorded, noise, drop)
-    solved = solve_trajectories(recorded, source)
+    joint_states, residuals = solve_trajectories(recorded, source)
     seconds = time.perf_counter() - start
-    q = solved.joint_states.layouts[0].positions
+    q = joint_states.layouts[0].positions
     usable = np.isfinite(q).all(axis=1)
     differences = [""] * len(source.joint_names)
     if theirs is not None:
@@ -81,14 +82,13 @@ def _measured(
         str(len(q)),
         str(np.count_nonzero(usable)),
         f"{len(q) / seconds:.0f}",
-        *_worst(solved),
+        *_worst(residuals.values()),
         *differences,
     ]
 
 
-def _worst(solved: SolvedMarkers) -> list[str]:
+def _worst(residuals: Collection[MarkerResidual]) -> list[str]:
     """The largest median and 95th percentile of all markers [mm]."""
-    residuals = solved.residuals.values()
     figures = (max(r.median for r in residuals), max(r.percentile_95 for r in residuals))
     return [f"{1000.0 * figure:.3f}" for figure in figures]
 

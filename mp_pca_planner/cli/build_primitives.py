@@ -29,7 +29,7 @@ from ..primitives.motion_statistics import MotionStatistics
 from ..primitives.options import PrimitiveOptions
 from ..primitives.primitive import COUPLINGS, MovementPrimitive
 from ..recordings.load import RecordingSet, load_recordings
-from ..recordings.repair import MAX_GAP, MAX_GAP_PERIODS
+from ..recordings.repair import RepairOptions
 from ..recordings.segmentation import SegmentationOptions
 from ..recordings.segments_file import segments_table
 from ..robot.model import Robot
@@ -96,8 +96,8 @@ def _add_input(group: argparse._ArgumentGroup) -> None:
         "--max-gap",
         type=seconds,
         metavar="S",
-        help=f"cut where no message comes for longer [s] (default: {MAX_GAP}, or "
-        f"{MAX_GAP_PERIODS} usual periods)",
+        help=f"cut where no message comes for longer [s] (default: {RepairOptions.gap_time}, or "
+        f"{RepairOptions.gap_periods} usual periods)",
     )
     group.add_argument(
         "--salvage", action="store_true", help="of a damaged bag, take what is before the damage"
@@ -219,7 +219,7 @@ def _build(arguments: argparse.Namespace) -> int:
             dask=arguments.dask,
             markers=markers,
             state_field=arguments.field,
-            max_gap=arguments.max_gap,
+            repair=RepairOptions(max_gap=arguments.max_gap),
             salvage=arguments.salvage,
             progress=progress,
         )

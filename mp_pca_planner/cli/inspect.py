@@ -13,14 +13,18 @@ import numpy as np
 
 from ..control.statement import control_statement
 from ..exceptions import MAX_NAMES, PlannerError
-from ..mocap.markers import MarkerFinding
+from ..mocap.markers import find_markers
 from ..plotting.text import table
 from ..plotting.units import prismatic_joints, unit_of
 from ..plotting.variance import variance_report
 from ..primitives.file import load_primitive
 from ..primitives.primitive import MovementPrimitive
 from ..recordings.bags import find_recordings
-from ..recordings.load import RecordingInspection, inspect_recording
+from ..recordings.inspection import (
+    MarkerFinding,
+    RecordingInspection,
+    inspect_recording,
+)
 from ..recordings.repair import REPAIRS
 from .common import CommandParser, print_json, run
 from .terminal import DONE, REFUSED, complain, say
@@ -69,7 +73,11 @@ def _look_at(name: str, arguments: argparse.Namespace) -> list[tuple[dict[str, A
         return [(_primitive_facts(name, primitive), _primitive_text(name, primitive))]
     found = [
         inspect_recording(
-            path, arguments.topic, state_field=arguments.field, salvage=arguments.salvage
+            path,
+            arguments.topic,
+            state_field=arguments.field,
+            salvage=arguments.salvage,
+            find_markers=find_markers,
         )
         for path in find_recordings([name])
     ]

@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""From a recording of markers to joint states ([P] Section 3), with what the fit leaves over."""
+"""Joint states from a recording of markers ([P] Section 3), with the residuals of the fit."""
 
 from __future__ import annotations
 
@@ -14,7 +14,8 @@ from ..arrays import FloatArray
 from ..exceptions import RecordingError, quote_names
 from ..recordings.bags import NS_PER_S
 from ..recordings.joint_states import JointLayout, RawJointStates
-from ..recordings.repair import MAX_RATE
+from ..recordings.repair.clock import MAX_RATE
+from ..recordings.reports import MarkerResidual
 from ..robot.model import Robot
 from .inverse_kinematics import marker_problem, solve
 from .marker_map import MarkerMap, MarkerPlacement, read_marker_map
@@ -22,47 +23,10 @@ from .markers import MarkerTrajectories, read_markers
 from .origin_fit import FittedModel, check_fits, fit_origins
 from .rigid_fit import MIN_POINTS, fit_poses, fix_a_pose
 
-_AT_LIMIT = 1e-6  # [rad or m]
-_LEAST_LEVER = 1e-9  # [m]
-
-
-@dataclass(frozen=True)
-class MarkerResidual:
-    """How far a marker of the model is from where it was measured.
-
-    Attributes
-    ----------
-    median, percentile_95 : float
-        Of the distances [m].
-    n_frames : int
-        Frames in which it was seen and used.
-    """
-
-    median: float
-    percentile_95: float
-    n_frames: int
-
-
-@dataclass(frozen=True, eq=False)
-class SolvedMarkers:
-    """Joint states found from markers.
-
-    Attributes
-    ----------
-    joint_states : RawJointStates
-        As if they had been recorded; positions are NaN in frames with too few markers. Its notes
-        say what else is worth knowing.
-    residuals : dict
-        Of each marker, by its name.
-    """
-
-    joint_states: RawJointStates
-    residuals: dict[str, MarkerResidual]
-
 
 @dataclass(frozen=True)
 class MarkerSource:
-    """Where markers are recorded, and the model that they sit on; checked against each other.
+    """Topic of recorded markers, and the model to which they are attached.
 
     Attributes
     ----------
@@ -75,7 +39,7 @@ class MarkerSource:
     on_base, moved : tuple of MarkerPlacement
         Markers that no joint moves, and those that joints do.
     marker_map : MarkerMap
-        All of them, and what is fitted.
+        All of them, and the origins to fit.
     """
 
     topic: str
@@ -85,11 +49,24 @@ class MarkerSource:
     moved: tuple[MarkerPlacement, ...]
     marker_map: MarkerMap
 
+    def joint_states(
+        self, path: Path, *, salvage: bool = False
+    ) -> tuple[RawJointStates, dict[str, MarkerResidual]]:
+        """Joint states of a recording of markers, see :func:`solve_trajectories`.
+
+        Raises
+        ------
+        RecordingError
+            If it can't be read, lacks a marker, or no frame has the markers that are needed.
+        """
+        markers = (*self.on_base, *self.moved)
+        return solve_trajectories(read_markers(path, self.topic, markers, salvage=salvage), self)
+
 
 def marker_source(
     topic: str, urdf: str | Path, marker_map: str | Path, joints: Sequence[str] | None = None
 ) -> MarkerSource:
-    """Read the model and the marker map, and see that they can give joint positions.
+    """Read the model and the marker map, and check that they determine the joint positions.
 
     Parameters
     ----------
@@ -116,21 +93,10 @@ def marker_source(
     return MarkerSource(topic, text, robot.joint_names, on_base, moved, chosen)
 
 
-def solve_markers(path: Path, source: MarkerSource, *, salvage: bool = False) -> SolvedMarkers:
-    """Find the joint states of a recording of markers; of a damaged one, before the damage.
-
-    Raises
-    ------
-    RecordingError
-        If it can't be read, lacks a marker, or no frame has the markers that are needed.
-    """
-    return solve_trajectories(
-        read_markers(path, source.topic, (*source.on_base, *source.moved), salvage=salvage), source
-    )
-
-
-def solve_trajectories(recorded: MarkerTrajectories, source: MarkerSource) -> SolvedMarkers:
-    """Find the joint states that bring the model's markers to their recorded places.
+def solve_trajectories(
+    recorded: MarkerTrajectories, source: MarkerSource
+) -> tuple[RawJointStates, dict[str, MarkerResidual]]:
+    """Find the joint states whose markers on the model fit the recorded ones.
 
     Parameters
     ----------
@@ -138,6 +104,13 @@ def solve_trajectories(recorded: MarkerTrajectories, source: MarkerSource) -> So
         Trajectories of the markers on the base, then of those that joints move.
     source :
         The model.
+
+    Returns
+    -------
+    joint_states : RawJointStates
+        As if they had been recorded, with notes; positions are NaN in frames with too few markers.
+    residuals : dict
+        Residual of each marker, by its name.
 
     Raises
     ------
@@ -152,17 +125,29 @@ def solve_trajectories(recorded: MarkerTrajectories, source: MarkerSource) -> So
     problem = marker_problem(robot, source.moved, targets)
     determined = problem.determined()
     if not determined.any():
-        raise RecordingError(_why_undetermined(recorded))
+        raise RecordingError(
+            f"in none of the {len(targets)} frames are enough markers seen at a time; missing are "
+            + ", ".join(f"'{name}' in {count}" for name, count in _missing(recorded).items())
+        )
     q = solve(problem, _period(recorded))
     frames = np.flatnonzero(determined)
     residuals = np.hstack([base_residuals[frames], problem.residuals(frames, q[frames])])
     found = {name: _summary(r) for name, r in zip(recorded.names, residuals.T, strict=True)}
     notes = (*recorded.notes, _residual_note(found), *model.notes, *_notes(recorded, robot, q))
-    return SolvedMarkers(_joint_states(recorded, source.joint_names, q, notes), found)
+    joint_states = RawJointStates(
+        topic=recorded.topic,
+        header_stamps=recorded.header_stamps,
+        receive_stamps=recorded.receive_stamps,
+        layouts=(JointLayout(source.joint_names, np.arange(len(q), dtype=np.int64), q),),
+        n_malformed=0,
+        notes=notes,
+        computed=True,
+    )
+    return joint_states, found
 
 
 def place_markers(q: FloatArray, source: MarkerSource) -> tuple[tuple[str, ...], FloatArray]:
-    """Where the markers are in a motion: what :func:`solve_trajectories` undoes.
+    """Positions of the markers in a motion: the inverse of :func:`solve_trajectories`.
 
     Parameters
     ----------
@@ -174,7 +159,7 @@ def place_markers(q: FloatArray, source: MarkerSource) -> tuple[tuple[str, ...],
     Returns
     -------
     names : tuple of str
-        What the markers are called in recordings, first those on the base.
+        Names of the markers in recordings, first those on the base.
     positions : array, shape (n_frames, n_markers, 3)
         Their positions in the base frame [m].
     """
@@ -193,17 +178,15 @@ def _placed(markers: Sequence[MarkerPlacement], q: FloatArray, source: MarkerSou
 def _split(
     robot: Robot, chosen: MarkerMap
 ) -> tuple[tuple[MarkerPlacement, ...], tuple[MarkerPlacement, ...]]:
-    """Tell the markers on links that no joint moves from the others."""
+    """Markers on links that no joint moves, and the others."""
     moves: dict[str, bool] = {}
     for link in {m.link for m in chosen.markers}:
         # A single point may be on the axis of a joint, but not three.
         attached = robot.attach_points([link] * 3, np.eye(3))
         _, jacobians = attached.positions_and_jacobians(np.zeros((1, robot.n_joints)))
-        moves[link] = bool(np.abs(jacobians).max() > _LEAST_LEVER)
-    return (
-        tuple(m for m in chosen.markers if not moves[m.link]),
-        tuple(m for m in chosen.markers if moves[m.link]),
-    )
+        moves[link] = bool(np.abs(jacobians).max() > 1e-9)
+    on_base = tuple(m for m in chosen.markers if not moves[m.link])
+    return on_base, tuple(m for m in chosen.markers if moves[m.link])
 
 
 def _refuse_loose_base(chosen: MarkerMap, on_base: Sequence[MarkerPlacement]) -> None:
@@ -222,9 +205,8 @@ def _refuse_open_joints(robot: Robot, chosen: MarkerMap, moved: Sequence[MarkerP
     loose = robot.joint_names
     if moved:
         problem = marker_problem(robot, moved, np.zeros((1, len(moved), 3)))
-        loose = tuple(
-            robot.joint_names[i] for i in problem.open_joints(np.ones(len(moved), dtype=bool))
-        )
+        found = problem.open_joints(np.ones(len(moved), dtype=bool))
+        loose = tuple(robot.joint_names[joint] for joint in found)
     if loose:
         raise RecordingError(
             f"{chosen.source}: the markers leave the joints {quote_names(loose)} open: add markers "
@@ -238,9 +220,9 @@ def _in_base_frame(positions: FloatArray, source: MarkerSource) -> tuple[FloatAr
     Returns
     -------
     measured : array, shape (n_frames, n_markers, 3)
-        NaN where a marker or the pose of the base is missing.
+        NaN where a marker or the pose of the base is unknown.
     residuals : array, shape (n_frames, n_base_markers)
-        Distances of the markers on the base from their places on it [m].
+        Distances of the markers on the base from their positions on it [m].
     """
     n_base = len(source.on_base)
     points = _points_on_base(source)
@@ -280,24 +262,16 @@ def _fitted_model(source: MarkerSource, targets: FloatArray) -> FittedModel:
     if not whole.any():
         raise RecordingError(
             "no frame has all markers, so the origins of "
-            f"{quote_names(fits)} can't be fitted to it: take 'fit_origins' out of the marker map"
+            f"{quote_names(fits)} can't be fitted to it: remove 'fit_origins' from the marker map"
         )
     return fit_origins(source.urdf, source.joint_names, source.moved, fits, targets[whole])
 
 
-def _why_undetermined(recorded: MarkerTrajectories) -> str:
-    missing = ", ".join(
-        f"'{name}' in {count}" for name, count in _missing(recorded).items() if count
-    )
-    return (
-        f"in none of the {len(recorded.positions)} frames are enough markers seen at a time; "
-        f"missing are {missing}"
-    )
-
-
 def _missing(recorded: MarkerTrajectories) -> dict[str, int]:
+    """Number of frames without each marker, by name; only of markers that are missing at all."""
     absent = ~np.isfinite(recorded.positions).all(axis=2)
-    return dict(zip(recorded.names, absent.sum(axis=0).tolist(), strict=True))
+    counts = zip(recorded.names, absent.sum(axis=0).tolist(), strict=True)
+    return {name: count for name, count in counts if count}
 
 
 def _period(recorded: MarkerTrajectories) -> float:
@@ -308,23 +282,6 @@ def _period(recorded: MarkerTrajectories) -> float:
     if not steps.size:
         raise RecordingError("all frames of markers have the same stamp: there is no usable time")
     return max(float(np.median(steps)) / NS_PER_S, 1.0 / MAX_RATE)
-
-
-def _joint_states(
-    recorded: MarkerTrajectories,
-    joint_names: tuple[str, ...],
-    q: FloatArray,
-    notes: tuple[str, ...],
-) -> RawJointStates:
-    return RawJointStates(
-        topic=recorded.topic,
-        header_stamps=recorded.header_stamps,
-        receive_stamps=recorded.receive_stamps,
-        layouts=(JointLayout(joint_names, np.arange(len(q), dtype=np.int64), q),),
-        n_malformed=0,
-        notes=notes,
-        computed=True,
-    )
 
 
 def _summary(distances: FloatArray) -> MarkerResidual:
@@ -347,7 +304,6 @@ def _notes(recorded: MarkerTrajectories, robot: Robot, q: FloatArray) -> list[st
     notes = [
         f"marker '{name}' is missing in {count} of {len(q)} frames"
         for name, count in _missing(recorded).items()
-        if count
     ]
     solved = np.asarray(np.isfinite(q).all(axis=1))
     if not solved.all():
@@ -356,10 +312,10 @@ def _notes(recorded: MarkerTrajectories, robot: Robot, q: FloatArray) -> list[st
             "they count as non_finite"
         )
     limits = robot.limits()
-    at_limit = np.asarray((q <= limits.lower + _AT_LIMIT) | (q >= limits.upper - _AT_LIMIT))
+    at_limit = np.asarray((q <= limits.lower + 1e-6) | (q >= limits.upper - 1e-6))
     notes += [
         f"joint '{name}' is at its limit in {count} of {len(q)} frames: its range may be too "
-        "small, or a marker not where the marker map says"
+        "small, or a marker not at its place in the marker map"
         for name, count in zip(robot.joint_names, at_limit.sum(axis=0).tolist(), strict=True)
         if count
     ]

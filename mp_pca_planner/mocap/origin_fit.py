@@ -1,12 +1,12 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Fit where joints sit in their parent links to a recording, so that one model serves many people.
+"""Fit of joint origins to a recording, so that one model serves people of different sizes.
 
 The marker positions are linear in the joints' origins o (or in their distances, along the
 directions that the URDF gives): with the rotation R of the parent link, ∂p/∂o = R for every marker
-beyond the joint. Origins and the joint positions of some frames are found together by Gauss-Newton:
-the joint positions are eliminated frame by frame (the errors are projected to what they can't
-make good), which leaves a small system for the origins alone.
+beyond the joint. Origins and the joint positions of some frames are found together by Gauss-Newton.
+The joint positions are eliminated frame by frame by a projection of the errors, which leaves a
+small system for the origins alone.
 """
 
 from __future__ import annotations
@@ -21,15 +21,33 @@ from ..arrays import FloatArray
 from ..exceptions import RecordingError, unknown_name
 from ..robot.model import Robot
 from .inverse_kinematics import MarkerProblem, marker_problem, solve_each
+from .least_squares import BoolArray, Linearised, minimise
 from .marker_map import MarkerMap, MarkerPlacement, OriginFit
 
-N_FRAMES = 60
-"""Frames that are used, evenly spread over the recording."""
 
-_MAX_ITERATIONS = 30
-_LAST_CHANGE = 1e-7  # [m]
-_LEAST_EFFECT = 1e-4
-"""Directions that change the errors less than that share of the strongest are left as they are."""
+@dataclass(frozen=True)
+class OriginFitOptions:
+    """Options of the fit.
+
+    Attributes
+    ----------
+    n_frames : int
+        Frames that are used, evenly spread over the recording.
+    max_iterations : int
+        Largest number of steps.
+    last_step : float
+        Change of the origins at which the fit ends [m].
+    """
+
+    n_frames: int = 60
+    max_iterations: int = 30
+    last_step: float = 1e-7
+
+
+OPTIONS = OriginFitOptions()
+
+MIN_EFFECT = 1e-4
+"""Directions that change the errors less than this share of the strongest stay unchanged."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,12 +76,12 @@ class FittedModel:
 
 
 def check_fits(urdf: str, marker_map: MarkerMap) -> None:
-    """Refuse fits that this robot description can't have.
+    """Refuse fits that are impossible for this robot description.
 
     Raises
     ------
     RecordingError
-        If it has no such joint, or one whose distance is to be fitted has no direction.
+        If it has no such joint, or a joint whose distance is fitted has no direction.
     """
     joints = _joints(ET.fromstring(urdf))
     for name, kind in marker_map.fit_origins.items():
@@ -84,6 +102,7 @@ def fit_origins(
     markers: Sequence[MarkerPlacement],
     fits: Mapping[str, OriginFit],
     targets: FloatArray,
+    options: OriginFitOptions = OPTIONS,
 ) -> FittedModel:
     """Fit the origins of some joints.
 
@@ -99,6 +118,8 @@ def fit_origins(
         What is fitted, see :class:`.marker_map.MarkerMap`.
     targets : array, shape (n_frames, n_markers, 3)
         Measured positions in the base frame [m]; NaN where missing. The frames must fix all joints.
+    options :
+        Frames and tolerances.
     """
     joints = _joints(ET.fromstring(urdf))
     columns = [
@@ -106,21 +127,61 @@ def fit_origins(
         for name, fit in fits.items()
         for direction in _directions(joints[name], fit)
     ]
-    chosen = np.unique(np.linspace(0, len(targets) - 1, N_FRAMES).round().astype(int))
+    in_parents = [(joints[name].parent, direction) for name, direction in columns]
+    chosen = np.unique(np.linspace(0, len(targets) - 1, options.n_frames).round().astype(int))
     beyond = _beyond(joints, [name for name, _ in columns], markers)
-    origins = {name: joints[name].origin for name in fits}
     q: FloatArray | None = None
-    for _ in range(_MAX_ITERATIONS):
-        robot = Robot(_with_origins(urdf, origins), joint_names)
-        problem = marker_problem(robot, markers, targets[chosen])
-        q = solve_each(problem, q)
-        turned = _turned(robot, q, [(joints[name].parent, d) for name, d in columns])
-        change = _best_change(problem, q, np.einsum("mc,kci->kmic", beyond, turned))
+
+    def fitted(change: FloatArray) -> dict[str, FloatArray]:
+        origins = {name: joints[name].origin for name in fits}
         for (name, direction), amount in zip(columns, change, strict=True):
             origins[name] = origins[name] + amount * direction
-        if np.abs(change).max() < _LAST_CHANGE:
-            break
-    return FittedModel(_with_origins(urdf, origins), _notes(joints, origins))
+        return origins
+
+    def linearise(change: FloatArray) -> Linearised:
+        nonlocal q
+        robot = Robot(_with_origins(urdf, fitted(change)), joint_names)
+        problem = marker_problem(robot, markers, targets[chosen])
+        q = solve_each(problem, q)
+        effects = np.einsum("mc,kci->kmic", beyond, _turned(robot, q, in_parents))
+        return _reduced(problem, q, effects)
+
+    bounds = np.array(-np.inf), np.array(np.inf)
+    start = np.zeros(len(columns))
+    change, _ = minimise(
+        start, linearise, _strong_step, bounds, options.last_step, options.max_iterations
+    )
+    return FittedModel(_with_origins(urdf, fitted(change)), _notes(joints, fitted(change)))
+
+
+def _reduced(problem: MarkerProblem, q: FloatArray, effects: FloatArray) -> Linearised:
+    """Least squares of the origins, from which the joint positions are eliminated.
+
+    Parameters
+    ----------
+    problem, q :
+        Frames and their best joint positions.
+    effects : array, shape (n_frames, n_markers, 3, n_columns)
+        Derivatives of the marker positions by the origins.
+    """
+    frames = np.arange(len(q))
+    errors, jacobians = problem.weighted(frames, q)
+    effects = effects * problem.scale(frames)[..., None, None]
+    removed = jacobians @ np.linalg.pinv(jacobians, rcond=MIN_EFFECT)
+    rest = np.eye(errors.shape[1]) - removed
+    matrix = (rest @ effects.reshape(*errors.shape, -1)).reshape(-1, effects.shape[-1])
+    left = (rest @ errors[..., None]).reshape(-1)
+    return float(np.sum(errors**2)), matrix.T @ left, matrix.T @ matrix
+
+
+def _strong_step(
+    gradient: FloatArray, matrix: FloatArray, held: BoolArray, damping: float
+) -> FloatArray:
+    """Step in the directions that change the errors by more than `MIN_EFFECT`."""
+    values, vectors = np.linalg.eigh(matrix)
+    strong = values > MIN_EFFECT**2 * values[-1]
+    vectors = vectors[:, strong]
+    return np.asarray(-vectors @ ((vectors.T @ gradient) / (values[strong] + damping)))
 
 
 def _joints(root: ET.Element) -> dict[str, _Joint]:
@@ -175,27 +236,6 @@ def _turned(robot: Robot, q: FloatArray, columns: Sequence[tuple[str, FloatArray
     tips, _ = robot.attach_points(links, directions).positions_and_jacobians(q)
     origins, _ = robot.attach_points(links, 0.0 * directions).positions_and_jacobians(q)
     return tips - origins
-
-
-def _best_change(problem: MarkerProblem, q: FloatArray, effects: FloatArray) -> FloatArray:
-    """Change of the origins that is best once the joint positions have followed.
-
-    Parameters
-    ----------
-    problem, q :
-        Frames and their joint positions.
-    effects : array, shape (n_frames, n_markers, 3, n_columns)
-        Derivatives of the marker positions by the origins.
-    """
-    frames = np.arange(len(q))
-    errors, jacobians = problem.weighted(frames, q)
-    effects = effects * problem.scale(frames)[..., None, None]
-    effects = effects.reshape(*errors.shape, -1)
-    made_good = jacobians @ np.linalg.pinv(jacobians, rcond=_LEAST_EFFECT)
-    rest = np.eye(errors.shape[1]) - made_good
-    matrix = (rest @ effects).reshape(-1, effects.shape[-1])
-    right = -(rest @ errors[..., None]).reshape(-1)
-    return np.asarray(np.linalg.lstsq(matrix, right, rcond=_LEAST_EFFECT)[0], dtype=np.float64)
 
 
 def _notes(joints: Mapping[str, _Joint], origins: Mapping[str, FloatArray]) -> tuple[str, ...]:

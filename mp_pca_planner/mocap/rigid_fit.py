@@ -12,18 +12,18 @@ from ..arrays import FloatArray
 MIN_POINTS = 3
 
 _LEAST_WIDTH = 0.05
-"""Points are on one line if they are narrower than that share of their length."""
+"""Points whose width is below this share of their length are on one line."""
 
 
 def fix_a_pose(points: FloatArray, weights: FloatArray) -> NDArray[np.bool_]:
-    """Tell whether points (those with a weight) fix a pose: at least three, not on one line.
+    """Whether points (those with a weight) fix a pose: at least three, not on one line.
 
     Parameters
     ----------
     points : array, shape (n_points, 3)
         Points in the body's frame [m].
     weights : array, shape (n_frames, n_points)
-        How much each counts, 0 if it is missing.
+        Weight of each, 0 if it is missing.
 
     Returns
     -------
@@ -48,7 +48,7 @@ def fit_poses(
     points : array, shape (n_points, 3)
         Points p in the body's frame [m].
     measured : array, shape (n_frames, n_points, 3)
-        Where they were measured, m [m]; anything finite where the weight is 0.
+        Measured positions m [m]; any finite ones where the weight is 0.
     weights : array, shape (n_frames, n_points)
         Weights w.
 

@@ -46,15 +46,6 @@ class JointLayout:
     positions: FloatArray
     velocities: NDArray[np.float32] | None = None
 
-    def rows(self, rows: slice, first_message: int) -> JointLayout:
-        """Some of its messages, counted from the first one of a part."""
-        return JointLayout(
-            self.joint_names,
-            self.messages[rows] - first_message,
-            self.positions[rows],
-            None if self.velocities is None else self.velocities[rows],
-        )
-
 
 @dataclass(frozen=True, eq=False)
 class RawJointStates:
@@ -94,29 +85,6 @@ class RawJointStates:
     def listed_joints(self) -> tuple[str, ...]:
         """All joints that messages list, in the order of first appearance."""
         return listed_names(layout.joint_names for layout in self.layouts)
-
-    def divided(self, place: int) -> tuple[RawJointStates, RawJointStates]:
-        """The messages before and from a place; nobody knows where the malformed ones were."""
-        before, behind = [], []
-        for layout in self.layouts:
-            n = int(np.searchsorted(layout.messages, place))
-            before.append(layout.rows(slice(None, n), 0))
-            behind.append(layout.rows(slice(n, None), place))
-        return (
-            replace(
-                self,
-                header_stamps=self.header_stamps[:place],
-                receive_stamps=self.receive_stamps[:place],
-                layouts=tuple(layout for layout in before if layout.messages.size),
-            ),
-            replace(
-                self,
-                header_stamps=self.header_stamps[place:],
-                receive_stamps=self.receive_stamps[place:],
-                layouts=tuple(layout for layout in behind if layout.messages.size),
-                n_malformed=0,
-            ),
-        )
 
 
 def listed_names(names: Iterable[Sequence[str]]) -> tuple[str, ...]:

@@ -4,6 +4,7 @@
 
 import json
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -13,15 +14,16 @@ from scipy.spatial.transform import Rotation
 
 from mp_pca_planner.cli.main import main
 from mp_pca_planner.exceptions import PlannerError, RecordingError, RobotError
+from mp_pca_planner.mocap.inverse_kinematics import MarkerProblem
 from mp_pca_planner.mocap.marker_joint_states import (
     MarkerSource,
-    SolvedMarkers,
     marker_source,
     place_markers,
-    solve_markers,
 )
 from mp_pca_planner.recordings.bags import read_joint_states, write_markers
+from mp_pca_planner.recordings.joint_states import RawJointStates
 from mp_pca_planner.recordings.load import load_recordings
+from mp_pca_planner.recordings.reports import MarkerResidual
 from mp_pca_planner.resources import config_file
 from mp_pca_planner.robot.model import Robot
 
@@ -57,8 +59,13 @@ def markers(*, small: bool = False, base: str = "moving") -> dict[str, np.ndarra
     return {name: turns.apply(p) + shift for name, p in places.items()}
 
 
-def solved(path: Path, source: MarkerSource) -> tuple[np.ndarray, SolvedMarkers]:
-    found = solve_markers(path, source)
+class Solved(NamedTuple):
+    joint_states: RawJointStates
+    residuals: dict[str, MarkerResidual]
+
+
+def solved(path: Path, source: MarkerSource) -> tuple[np.ndarray, Solved]:
+    found = Solved(*source.joint_states(path))
     (layout,) = found.joint_states.layouts
     assert layout.joint_names == source.joint_names
     return layout.positions, found
@@ -168,6 +175,26 @@ def test_chosen_joints_come_in_the_chosen_order(tmp_path: Path) -> None:
     np.testing.assert_allclose(q[:, ::-1], motion(), atol=2e-3)
 
 
+def test_a_marker_map_that_is_wrong_by_a_metre_takes_bounded_work(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    places = {name: points[::3] for name, points in markers().items()}
+    path = write_marker_arrays(tmp_path / "bag", places)
+    wrong = ("right_elbow: {link: lower_arm, position: [0, 0, 0]}", "position: [-1, 0, 0]")
+    changed = changed_map(tmp_path, (wrong[0], wrong[0].replace("position: [0, 0, 0]", wrong[1])))
+    linearised, calls = MarkerProblem.linearised, []
+
+    def counted(*arguments):
+        calls.append(1)
+        return linearised(*arguments)
+
+    monkeypatch.setattr(MarkerProblem, "linearised", counted)
+    q, found = solved(path, marker_source("/markers", URDF, changed))
+    assert np.isfinite(q).all()
+    assert found.residuals["right_elbow"].median > 0.1
+    assert len(calls) < 20_000
+
+
 def test_a_recording_in_which_nothing_can_be_solved_is_refused(tmp_path: Path) -> None:
     places = markers()
     places["right_wrist"][75:] = np.nan
@@ -176,12 +203,12 @@ def test_a_recording_in_which_nothing_can_be_solved_is_refused(tmp_path: Path) -
     path = write_marker_arrays(tmp_path / "bag", places)
     source = marker_source("/markers", URDF, changed_map(tmp_path, ("elbow: length", "")))
     with pytest.raises(RecordingError, match="no frame has all markers, so the origins of"):
-        solve_markers(path, source)
+        source.joint_states(path)
     text = MAP.read_text(encoding="utf-8")
     fits = text[text.index("fit_origins:") : text.index("\n# link and position")]
     source = marker_source("/markers", URDF, changed_map(tmp_path, (fits, "")))
     with pytest.raises(RecordingError, match="in none of the 150 frames.*'right_wrist' in 75"):
-        solve_markers(path, source)
+        source.joint_states(path)
 
 
 @pytest.mark.parametrize(
