@@ -38,7 +38,7 @@ class JointLayout:
         Joint positions as recorded [rad or m]; may hold NaN.
     velocities : array of float32, shape (n_messages, n_joints), or None
         Joint velocities as recorded [/s], NaN in messages that have not one for each joint;
-        none if no message has. Nobody should trust them: they are kept to be checked.
+        None if no message has. They are not trusted, only checked.
     """
 
     joint_names: tuple[str, ...]

@@ -41,6 +41,8 @@ LAYERS = [
 # Where rosdep calls a dependency otherwise than Python does.
 ROSDEP_NAMES = {
     "lz4": "python3-rosbags-pip",  # which brings it
+    "backports": "python3-rosbags-pip",  # which brings it
+    "compression": "python3-rosbags-pip",  # which brings it
     "matplotlib": "python3-matplotlib",
     "numpy": "python3-numpy",
     "rosbags": "python3-rosbags-pip",

@@ -13,10 +13,9 @@ from typing import Any, TypeVar
 
 from ...exceptions import DamagedRecordingError, RecordingError, quote_names
 from ..joint_states import RawJointStates, joined, slice_in_parts
-from .bag_types import BagTypes
-from .discovery import BagFormat, check_readable, recording_format
+from .discovery import BagFormat, recording_format
 from .files import RecordingFiles, damage_reported
-from .serialisation import JOINT_STATE, JOINT_TRAJECTORY
+from .serialisation import JOINT_STATE, JOINT_TRAJECTORY, BagTypes
 from .storage import Channel, Key
 
 Result = TypeVar("Result")
@@ -59,7 +58,6 @@ def open_bag(path: Path, *, salvage: bool = False) -> Iterator[Bag]:
     RecordingError
         If it can't be read.
     """
-    check_readable(path)
     bag_format = recording_format(path)
     with _hint_at_salvage(salvage), ExitStack() as stack:
         files = RecordingFiles(path, bag_format)

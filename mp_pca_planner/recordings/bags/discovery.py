@@ -112,20 +112,6 @@ def stored_size(path: Path) -> int:
         return sum(file.stat().st_size for file in _storage_files(path))
 
 
-def check_readable(path: Path) -> None:
-    """Check that the storage files exist and may be read.
-
-    Raises
-    ------
-    RecordingError
-        If not; a reader would call them damaged.
-    """
-    with translated_os_errors(path):
-        for file in _storage_files(path):
-            with file.open("rb") as stream:
-                stream.read(1)
-
-
 def recordings_in(path: Path) -> list[Path]:
     """The path itself if it is one recording, else the recordings in the folder."""
     if not path.is_dir() or (path / METADATA).exists():

@@ -8,12 +8,13 @@ import tempfile
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
-from pathlib import Path
+from dataclasses import dataclass
+from pathlib import Path, PurePath
 
-from ...exceptions import DamagedRecordingError, RecordingError
+from ...exceptions import DamagedRecordingError, RecordingError, quote_names
+from ...files import load_yaml, read_bytes
 from .discovery import METADATA, PACKED_SUFFIXES, BagFormat, bag_files
 from .mcap import McapFile
-from .metadata import FolderMetadata, read_metadata
 from .rosbag1 import Rosbag1File
 from .sqlite import Sqlite3File
 from .storage import Channel, DamageError, Key, StorageFile, StoredMessage
@@ -22,11 +23,33 @@ from .unpacking import ZSTD_MAGIC, copy_unpacked, unpacked
 MAX_STAMP = 1 << 63
 """Times of reception are stored in 64 bits; those from here on are none [ns]."""
 
+METADATA_VERSION = 9
+"""Newest version of metadata.yaml that is known."""
+
 _READERS: dict[str, Callable[[Path], StorageFile]] = {
     ".bag": Rosbag1File,
     ".db3": Sqlite3File,
     ".mcap": McapFile,
 }
+
+
+@dataclass(frozen=True)
+class FolderMetadata:
+    """What metadata.yaml says of a folder.
+
+    Attributes
+    ----------
+    files : tuple of Path
+        The storage files, in order.
+    counts : Counter
+        Number of messages by topic and type.
+    packs_messages : bool
+        Whether each message is compressed by itself.
+    """
+
+    files: tuple[Path, ...]
+    counts: Counter[Key]
+    packs_messages: bool
 
 
 class RecordingFiles:
@@ -60,7 +83,7 @@ class RecordingFiles:
         """
         counts: Counter[Channel] = Counter()
         with damage_reported(self._path, self._format):
-            self._metadata = read_metadata(self._path) if self._path.is_dir() else None
+            self._metadata = _read_metadata(self._path) if self._path.is_dir() else None
             files = bag_files(self._path) if self._metadata is None else self._metadata.files
             self._files = [_READERS[file.suffix](file) for file in _plain_files(files, stack)]
             for file in self._files:
@@ -138,3 +161,37 @@ def _plain_files(
             if not damaged:
                 raise
         yield target
+
+
+def _read_metadata(folder: Path) -> FolderMetadata | None:
+    """Read metadata.yaml; None if there is none.
+
+    The metadata of rosbags parses YAML in pure Python, which takes longer than reading a short
+    recording.
+
+    Raises
+    ------
+    DamageError
+        If a file is missing, or the folder is stored in a way that is not known.
+    """
+    try:
+        text = read_bytes(folder / METADATA)
+    except FileNotFoundError:
+        return None
+    content = load_yaml(text)["rosbag2_bagfile_information"]
+    if content["version"] > METADATA_VERSION:
+        raise DamageError(f"version {content['version']} of {METADATA} is not known")
+    counts: Counter[Key] = Counter()
+    for topic in content["topics_with_message_count"]:
+        about = topic["topic_metadata"]
+        if about["serialization_format"] != "cdr":
+            raise DamageError(f"messages are stored as {about['serialization_format']}")
+        counts[about["name"], about["type"]] += topic["message_count"]
+    files = tuple(folder / PurePath(name).name for name in content["relative_file_paths"])
+    missing = [file.name for file in files if not file.is_file()]
+    if missing:
+        raise DamageError(f"files are missing: {quote_names(missing)}")
+    mode = (content.get("compression_mode") or "none").lower()
+    if mode != "none" and content.get("compression_format") != "zstd":
+        raise DamageError(f"compression by {content.get('compression_format')!r} is not known")
+    return FolderMetadata(files, counts, mode == "message")

@@ -11,11 +11,21 @@ from __future__ import annotations
 import struct
 from collections import Counter
 from collections.abc import Container, Iterator
-from operator import itemgetter
 from pathlib import Path
 from zlib import crc32
 
-from .storage import Buffer, Channel, DamageError, Key, Pass, StoredMessage, mapped, ros2_type
+from .storage import (
+    Buffer,
+    Channel,
+    DamageError,
+    Key,
+    Pass,
+    StoredMessage,
+    by_reception,
+    mapped,
+    ros2_type,
+    total,
+)
 from .unpacking import ChunkUnpacker
 
 MAGIC = b"\x89MCAP0\r\n"
@@ -51,10 +61,7 @@ class McapFile:
                     counts = dict(struct.iter_unpack("<HQ", content[start + 46 : end]))
         if counts is None or not set(counts) <= set(self._channels):
             return Counter(channel for channel, _, _ in self.messages())
-        found: Counter[Channel] = Counter()
-        for number, channel in self._channels.items():
-            found[channel] += counts.get(number, 0)
-        return found
+        return total(self._channels, counts)
 
     def messages(self, keys: Container[Key] | None = None) -> Iterator[StoredMessage]:
         """Messages up to the damage, or to the end; those of a chunk in order of reception."""
@@ -87,13 +94,7 @@ class McapFile:
         compression, place = _text(content, start + 28)
         (stored,) = struct.unpack_from("<Q", content, place)
         records = state.unpack(compression, content[place + 8 : place + 8 + stored], size)
-        found = []
-        try:
-            for message in self._messages(records, 0, state):
-                found.append(message)
-        finally:
-            # Also those before the damage.
-            yield from sorted(found, key=itemgetter(1))
+        yield from by_reception(self._messages(records, 0, state))
         if len(records) != size or (checksum and crc32(records) != checksum):
             raise DamageError(f"the chunk at byte {start} is not as written")
 

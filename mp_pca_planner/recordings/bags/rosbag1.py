@@ -8,11 +8,21 @@ import re
 import struct
 from collections import Counter
 from collections.abc import Container, Iterator
-from operator import itemgetter
 from pathlib import Path
 
 from ..byte_layout import NS_PER_S
-from .storage import Buffer, Channel, DamageError, Key, Pass, StoredMessage, mapped, ros2_type
+from .storage import (
+    Buffer,
+    Channel,
+    DamageError,
+    Key,
+    Pass,
+    StoredMessage,
+    by_reception,
+    mapped,
+    ros2_type,
+    total,
+)
 from .unpacking import ChunkUnpacker
 
 MAGIC = b"#ROSBAG V2.0\n"
@@ -53,10 +63,7 @@ class Rosbag1File:
         expected = tuple(_U32.unpack(header[name])[0] for name in (b"conn_count", b"chunk_count"))
         if (len(self._channels), len(self._chunks)) != expected:
             raise DamageError("its index is cut off")
-        found: Counter[Channel] = Counter()
-        for number, channel in self._channels.items():
-            found[channel] += counts[number]
-        return found
+        return total(self._channels, counts)
 
     def messages(self, keys: Container[Key] | None = None) -> Iterator[StoredMessage]:
         """Messages up to the damage, or to the end; those of a chunk in order of reception."""
@@ -84,13 +91,7 @@ class Rosbag1File:
     def _chunk(self, fields: Fields, stored: bytes, state: Pass) -> Iterator[StoredMessage]:
         (size,) = _U32.unpack(fields[b"size"])
         records = state.unpack(fields[b"compression"].decode(), stored, size)
-        found = []
-        try:
-            for message in self._messages(records, 0, state):
-                found.append(message)
-        finally:
-            # Also those before the damage.
-            yield from sorted(found, key=itemgetter(1))
+        yield from by_reception(self._messages(records, 0, state))
 
 
 def _start(content: Buffer) -> int:

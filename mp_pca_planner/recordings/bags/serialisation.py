@@ -1,11 +1,12 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Types of messages, their serialisation, and writers of bags: the part that rosbags does."""
+"""Types of messages, their serialisation, and writers of bags, by the library rosbags."""
 
 from __future__ import annotations
 
 import sqlite3
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import fields, is_dataclass
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -16,9 +17,10 @@ from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Writer2
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from ...exceptions import RecordingError
+from ...exceptions import RecordingError, unknown_name
 from ..byte_layout import ENCAPSULATION, MAX_PADDING, NS_PER_S, most_spare_bytes
 from .discovery import FORMAT_OF_SUFFIX, BagFormat
+from .storage import Key
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
 JOINT_TRAJECTORY = "trajectory_msgs/msg/JointTrajectory"
@@ -43,7 +45,7 @@ def known_types(bag_format: BagFormat) -> Types:
     return types
 
 
-def defined_types(definition: str, name: str) -> Types:
+def _defined_types(definition: str, name: str) -> Types:
     """A type and those within it, as a bag defines them.
 
     Raises
@@ -77,6 +79,61 @@ def encoder(types: Types, bag_format: BagFormat) -> Callable[[object, str], memo
     return encode
 
 
+class BagTypes:
+    """Types of messages, as rosbags knows them or as the bag defines them.
+
+    Parameters
+    ----------
+    bag_format :
+        Format of the bag.
+    definitions :
+        Definitions in the bag as .msg text, by topic and type.
+    """
+
+    def __init__(self, bag_format: BagFormat, definitions: Mapping[Key, str]) -> None:
+        self._format, self._definitions = bag_format, definitions
+        self._defined: dict[Key, Types] = {}
+
+    def decode(self, key: Key, data: bytes) -> Any:
+        """Deserialise a message of a known type, else of a type that the bag defines."""
+        known = known_types(self._format)
+        types = known if key[1] in known.types else self._own(key)
+        return decoder(types, self._format)(data, key[1])
+
+    def states_field(self, key: Key) -> str:
+        """Name of a field that is a JointState, '' if the type has none."""
+        return _field_of_states(self._own(key), key[1])
+
+    def field_reader(self, key: Key, field: str) -> Callable[[bytes], bytes]:
+        """A function from a message to the joint states in a field of it, both serialised."""
+        decode = decoder(self._own(key), self._format)
+        encode = encoder(known_types(self._format), self._format)
+        return lambda data: bytes(encode(_field(decode(data, key[1]), field), JOINT_STATE))
+
+    def _own(self, key: Key) -> Types:
+        """Types as the bag itself defines them."""
+        if key not in self._defined:
+            if key not in self._definitions:
+                raise RecordingError(
+                    f"'{key[0]}' has messages of type {key[1]}, which the bag does not define "
+                    "as .msg text: only fields of defined messages can be read"
+                )
+            self._defined[key] = _defined_types(self._definitions[key], key[1])
+        return self._defined[key]
+
+
+def _field(message: Any, field: str) -> Any:
+    for name in field.split("."):
+        valid = [item.name for item in fields(message)] if is_dataclass(message) else []
+        if name not in valid:
+            raise RecordingError(unknown_name(f"field of '{field}'", name, valid))
+        message = getattr(message, name)
+    kind = getattr(message, "__msgtype__", type(message).__name__)
+    if kind != JOINT_STATE:
+        raise RecordingError(f"the field '{field}' is a {kind}; expected a {JOINT_STATE}")
+    return message
+
+
 def _decode_cdr(types: Types, data: bytes, name: str) -> Any:
     """Deserialise CDR; rosbags itself accepts no spare bytes but padding."""
     if data[:2] not in (b"\x00\x00", b"\x00\x01"):
@@ -99,7 +156,7 @@ def _n_empty(value: Any) -> int:
     return sum(map(_n_empty, vars(value).values())) if hasattr(value, "__msgtype__") else 0
 
 
-def field_of_states(types: Types, name: str) -> str:
+def _field_of_states(types: Types, name: str) -> str:
     """Name of the first field that is a JointState, with dots where it is within others, or ''."""
     paths = {name: ""}
     waiting = [name]

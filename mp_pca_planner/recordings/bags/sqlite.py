@@ -11,7 +11,7 @@ from contextlib import closing, contextmanager
 from pathlib import Path
 from urllib.parse import quote
 
-from .storage import Channel, DamageError, Key, StoredMessage, ros2_type
+from .storage import Channel, DamageError, Key, StoredMessage, ros2_type, total
 from .unpacking import MAX_UNPACKED
 
 
@@ -27,10 +27,7 @@ class Sqlite3File:
             counts = dict(
                 database.execute("SELECT topic_id, COUNT(*) FROM messages GROUP BY topic_id")
             )
-            found: Counter[Channel] = Counter()
-            for number, channel in _channels(database).items():
-                found[channel] += counts.get(number, 0)
-        return found
+            return total(_channels(database), counts)
 
     def messages(self, keys: Container[Key] | None = None) -> Iterator[StoredMessage]:
         """Messages up to the damage, or to the end."""
@@ -63,6 +60,8 @@ def _opened(path: Path, *, cut_off: bool = False) -> Iterator[sqlite3.Connection
     DamageError
         If it has a view, which may have rows without end.
     """
+    # Of a file without permission sqlite3 says what it says of a damaged one.
+    path.open("rb").close()
     where = f"file:{quote(str(path.resolve()))}?immutable=1"
     with closing(sqlite3.connect(where, uri=True)) as database:
         # A computed column may be as large as it says.

@@ -6,9 +6,10 @@ from __future__ import annotations
 
 import mmap
 from collections import Counter
-from collections.abc import Container, Iterator
+from collections.abc import Container, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from operator import itemgetter
 from pathlib import Path
 from typing import NamedTuple, Protocol
 
@@ -83,6 +84,24 @@ class Pass:
         """Add a channel if it is to be read."""
         if self.keys is None or channel.key in self.keys:
             self.channels[identifier] = channel
+
+
+def by_reception(messages: Iterator[StoredMessage]) -> Iterator[StoredMessage]:
+    """Messages of a chunk in order of reception; those before the damage come before its error."""
+    found = []
+    try:
+        for message in messages:
+            found.append(message)
+    finally:
+        yield from sorted(found, key=itemgetter(1))
+
+
+def total(channels: Mapping[int, Channel], counts: Mapping[int, int]) -> Counter[Channel]:
+    """Number of messages of each channel, from those by identifier; also of empty channels."""
+    found: Counter[Channel] = Counter()
+    for identifier, channel in channels.items():
+        found[channel] += counts.get(identifier, 0)
+    return found
 
 
 @contextmanager
