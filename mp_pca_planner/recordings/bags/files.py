@@ -20,9 +20,6 @@ from .sqlite import Sqlite3File
 from .storage import Channel, DamageError, Key, StorageFile, StoredMessage
 from .unpacking import ZSTD_MAGIC, copy_unpacked, unpacked
 
-MAX_STAMP = 1 << 63
-"""Times of reception are stored in 64 bits; those from here on are none [ns]."""
-
 METADATA_VERSION = 9
 """Newest version of metadata.yaml that is known."""
 
@@ -106,11 +103,12 @@ class RecordingFiles:
         """Messages of some channels (all by default), each unpacked."""
         may_be_packed = self._metadata is None or self._metadata.packs_messages
         for file in self._files:
+            if not may_be_packed:
+                yield from file.messages(keys)
+                continue
             for channel, stamp, data in file.messages(keys):
-                if not 0 <= stamp < MAX_STAMP:
-                    raise DamageError(f"a message was received at {stamp} ns")
                 # CDR never begins as zstd does.
-                is_packed = may_be_packed and data.startswith(ZSTD_MAGIC)
+                is_packed = data.startswith(ZSTD_MAGIC)
                 yield channel, stamp, unpacked("zstd", data) if is_packed else data
 
     def notes(self, keys: Collection[Key], indexed: int) -> tuple[str, ...]:

@@ -30,6 +30,9 @@ from .unpacking import ChunkUnpacker
 
 MAGIC = b"\x89MCAP0\r\n"
 
+MAX_STAMP = 1 << 63
+"""Times of reception are stored in 64 bits; those from here on are none [ns]."""
+
 # Codes of records.
 _FOOTER, _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK = 0x02, 0x03, 0x04, 0x05, 0x06
 _STATISTICS, _DATA_END = 0x0B, 0x0F
@@ -79,6 +82,8 @@ class McapFile:
                 number, _, stamp, _ = _MESSAGE_HEAD.unpack_from(content, start)
                 channel = state.channels.get(number)
                 if channel is not None:
+                    if stamp >= MAX_STAMP:
+                        raise DamageError(f"a message was received at {stamp} ns")
                     yield channel, stamp, content[start + _MESSAGE_HEAD.size : end]
             elif kind == _SCHEMA:
                 self._add_schema(content, start)

@@ -37,7 +37,7 @@ class Sqlite3File:
             # Data of other topics, such as images, is not read. Columns may hold any type.
             rows = database.execute(
                 "SELECT id, topic_id, timestamp, CASE WHEN typeof(timestamp) = 'integer' "
-                "AND typeof(data) = 'blob' "
+                "AND timestamp >= 0 AND typeof(data) = 'blob' "
                 f"AND topic_id IN ({', '.join(map(str, chosen))}) THEN data END "
                 "FROM messages ORDER BY id"
             )
