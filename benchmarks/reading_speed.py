@@ -42,7 +42,7 @@ from pathlib import Path
 from mp_pca_planner.recordings.bags import open_bag
 def work(path):
     with open_bag(Path(path)) as bag:
-        bag.joint_states("/joint_states", lambda parts: [part.n_messages for part in parts])
+        bag.joint_states("/joint_states")
 """
 
 LOAD = """

@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Commanded motions: JointTrajectory messages, each of them a motion as the controller makes it.
+"""Commanded motions: JointTrajectory messages, each sampled as the controller executes it.
 
 A message starts at the stamp of its header or, if that is not set, when it was received. The
 joint_trajectory_controller interpolates between its points, and leaves it for a later one at once
@@ -9,6 +9,7 @@ when that one starts.
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -155,7 +156,7 @@ def _row(values: ArrayLike, n_joints: int) -> FloatArray:
 def repair_trajectories(
     raw: RawTrajectories, joints: Sequence[str] | None = None
 ) -> CleanRecording:
-    """Sample commanded motions, a piece each; count every repair, refuse what can't be repaired.
+    """Sample commanded motions, a piece each, and count every repair.
 
     Parameters
     ----------
@@ -184,22 +185,11 @@ def _repaired(
         raise RecordingError("no trajectory lists all of the chosen joints together")
     finite = [motion for motion in motions if _is_finite(motion)]
     repairs["non_finite"] += len(motions) - len(finite)
-    spans, notes = _started(finite)
-    pieces = []
-    for (start, motion), following in zip(spans, [*spans[1:], None], strict=True):
-        end = start + float(motion.times[-1])
-        replaced = following is not None and following[0] < end
-        repairs["replaced"] += replaced
-        if replaced and following is not None:
-            end = following[0]
-        piece = _sampled(motion, names, start, end)
-        if piece is not None:
-            pieces.append(piece)
-        else:
-            repairs["single_points" if motion.times.size == 1 else "short_pieces"] += 1
+    started, notes = _started(finite)
+    pieces = _pieces(started, names, repairs)
     if not pieces:
         raise RecordingError(
-            f"none of the {raw.n_messages} trajectories on '{raw.topic}' is a motion: wanted are "
+            f"none of the {raw.n_messages} trajectories on '{raw.topic}' is a motion; expected "
             "two points or more, finite numbers, and no other trajectory that starts at once"
         )
     refuse_stillness(pieces)
@@ -218,8 +208,25 @@ def _repaired(
     )
 
 
+def _pieces(
+    started: Sequence[tuple[float, CommandedMotion]], names: Sequence[str], repairs: Counter[str]
+) -> list[Piece]:
+    """Sample each motion up to its end or to the start of the next one."""
+    pieces = []
+    nexts = [start for start, _ in started[1:]]
+    for (start, motion), following in zip(started, [*nexts, math.inf], strict=True):
+        end = start + float(motion.times[-1])
+        repairs["replaced"] += following < end
+        piece = _sampled(motion, names, start, min(end, following))
+        if piece is not None:
+            pieces.append(piece)
+        else:
+            repairs["single_points" if motion.times.size == 1 else "short_pieces"] += 1
+    return pieces
+
+
 def _is_finite(motion: CommandedMotion) -> bool:
-    """Tell whether a controller would take the numbers for numbers, of a motion that may be."""
+    """Whether all numbers are finite, and the duration and positions plausible."""
     return bool(
         motion.times[-1] - motion.times[0] < MAX_DURATION
         and (np.abs(motion.positions) < MAX_POSITION).all()

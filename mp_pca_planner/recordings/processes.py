@@ -1,44 +1,51 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""The same work on many items in several processes, which survives the death of one of them."""
+"""The same work on many items by several workers, which survives the death of any of them."""
 
 from __future__ import annotations
 
+import math
 import multiprocessing
 import os
 import signal
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
-from typing import Generic, TypeVar
+from itertools import zip_longest
+from queue import Empty, Queue
+from typing import Any, Generic, TypeVar
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 
 IN_FLIGHT = 2
-"""Bundles handed out for each process: it need not wait for the next one, few are lost with it."""
+"""Bundles handed out for each process: none waits for the next one, and few are lost with it."""
 
-BUNDLE_TIME, MOST_BUNDLED = 0.1, 16
-"""Handing something out takes half a millisecond. Items are bundled up to so much time [s], and up
-to that number, for if their process dies they are all done again."""
+PATIENCE = 60.0
+"""Time without a result after which it is checked whether there are workers [s]."""
+
+MAX_BUNDLED = 16
+BUNDLES = 32
+"""Handing out takes half a millisecond. Items are bundled where each process still gets this many
+bundles, up to that number: if their process dies, they are all done again."""
 
 
 @dataclass(frozen=True)
 class Outcome(Generic[Result]):
-    """What became of an item.
+    """Outcome of an item.
 
     Attributes
     ----------
     index : int
-        Which item it is.
+        Index of the item.
     result : object or None
-        What the function returned; None if every process that tried it died.
+        What the function returned; None if every worker that tried it died.
     repeated : bool
-        Whether it had to be done again because a process died.
+        Whether it was done again because a worker died.
     """
 
     index: int
@@ -46,13 +53,83 @@ class Outcome(Generic[Result]):
     repeated: bool = False
 
 
+Hired = tuple[Callable[[list[int]], Any], Callable[[], object]]
+"""A function from a bundle of indices to its future, and one that raises an error if there are no
+workers left."""
+
+Hire = Callable[[int], AbstractContextManager[Hired]]
+"""Makes workers for a number of bundles."""
+
+
+def map_by(
+    hire: Hire,
+    bundles: Sequence[list[int]],
+    died: type[Exception],
+    max_running: float = math.inf,
+) -> Iterator[Outcome[Any]]:
+    """Have every item done by workers.
+
+    When a worker dies, it is unknown which item killed it. All items that were handed out are done
+    again, each alone.
+
+    Parameters
+    ----------
+    hire :
+        Makes the workers.
+    bundles :
+        Indices of the items that are handed out together.
+    died :
+        Error of a future whose worker died.
+    max_running :
+        Bundles handed out at a time.
+
+    Yields
+    ------
+    :
+        The outcomes, in the order in which they are ready.
+    """
+    left = list(bundles)[::-1]
+    while left:
+        lost = []
+        for index, result in _round(hire, left, died, max_running):
+            if result is None:
+                lost.append(index)
+            else:
+                yield Outcome(index, result)
+        for index in sorted(lost):
+            for _, result in _round(hire, [[index]], died, max_running):
+                yield Outcome(index, result, repeated=True)
+
+
+def _round(
+    hire: Hire, left: list[list[int]], died: type[Exception], max_running: float
+) -> Iterator[tuple[int, Any]]:
+    """Have bundles done from the end of a list until a worker dies; None for lost items."""
+    done: Queue[Any] = Queue()
+    running: dict[Any, list[int]] = {}
+    is_whole = True
+    with hire(len(left)) as (submit, check):
+        while running or (left and is_whole):
+            try:
+                while left and is_whole and len(running) < max_running:
+                    bundle = left.pop()
+                    future = submit(bundle)
+                    running[future] = bundle
+                    future.add_done_callback(done.put)
+                future = done.get(timeout=PATIENCE)
+                bundle = running.pop(future)
+                yield from zip(bundle, future.result(), strict=True)
+            except Empty:
+                check()
+            except died:
+                is_whole = False
+                yield from zip_longest(bundle, ())
+
+
 def map_in_processes(
     function: Callable[[Item], Result], items: Sequence[Item], n_processes: int
 ) -> Iterator[Outcome[Result]]:
-    """Call a function with every item, in other processes.
-
-    When a process dies, nobody knows which item killed it: all that were handed out are done
-    again, each in a process of its own.
+    """Call a function with every item, in other processes, see :func:`map_by`.
 
     Parameters
     ----------
@@ -61,59 +138,24 @@ def map_in_processes(
     items :
         What to call it with.
     n_processes :
-        How many processes to use.
-
-    Yields
-    ------
-    :
-        The outcomes, in the order in which they are ready.
+        Number of processes.
     """
-    left = list(range(len(items)))[::-1]
-    began, n_done = time.perf_counter(), 0
-    while left:
-        lost: list[int] = []
-        with _pool(min(n_processes, len(left))) as pool:
-            running: dict[Future[list[Result]], list[int]] = {}
-            while running or (left and not lost):
-                while left and not lost and len(running) < IN_FLIGHT * n_processes:
-                    rate = n_done / n_processes / (time.perf_counter() - began)
-                    # Towards the end bundles are small, so that no process is left with much.
-                    most = min(MOST_BUNDLED, len(left) // (IN_FLIGHT * n_processes))
-                    bundle = left[-max(min(int(BUNDLE_TIME * rate), most), 1) :][::-1]
-                    try:
-                        future = pool.submit(_map, function, [items[index] for index in bundle])
-                    except BrokenProcessPool:
-                        lost += bundle
-                    else:
-                        running[future] = bundle
-                    del left[-len(bundle) :]
-                for future in wait(running, return_when=FIRST_COMPLETED).done:
-                    bundle = running.pop(future)
-                    if isinstance(future.exception(), BrokenProcessPool):
-                        lost += bundle
-                        continue
-                    n_done += len(bundle)
-                    for index, result in zip(bundle, future.result(), strict=True):
-                        yield Outcome(index, result)
-        for index in sorted(lost):
-            yield _alone(function, items[index], index)
+    size = min(MAX_BUNDLED, max(1, len(items) // (BUNDLES * n_processes)))
+    bundles = [
+        list(range(first, min(first + size, len(items)))) for first in range(0, len(items), size)
+    ]
 
+    @contextmanager
+    def hire(n_bundles: int) -> Iterator[Hired]:
+        with _pool(min(n_processes, n_bundles)) as pool:
+            yield lambda bundle: pool.submit(_map, function, [items[i] for i in bundle]), bool
 
-def _map(function: Callable[[Item], Result], items: Sequence[Item]) -> list[Result]:
-    return [function(item) for item in items]
-
-
-def _alone(function: Callable[[Item], Result], item: Item, index: int) -> Outcome[Result]:
-    with _pool(1) as pool:
-        try:
-            return Outcome(index, pool.submit(function, item).result(), repeated=True)
-        except BrokenProcessPool:
-            return Outcome(index, None, repeated=True)
+    return map_by(hire, bundles, BrokenProcessPool, IN_FLIGHT * n_processes)
 
 
 @contextmanager
 def _pool(n_processes: int) -> Iterator[ProcessPoolExecutor]:
-    """Processes that are ended at once if something goes wrong here, Ctrl-C for example."""
+    """Processes that end at once if something goes wrong here, Ctrl-C for example."""
     others = set(multiprocessing.active_children())
     # Copies of this process have everything imported; new ones would take longer to start than
     # many recordings take to read.
@@ -129,6 +171,10 @@ def _pool(n_processes: int) -> Iterator[ProcessPoolExecutor]:
         pool.shutdown(cancel_futures=True)
 
 
+def _map(function: Callable[[Item], Result], items: Sequence[Item]) -> list[Result]:
+    return [function(item) for item in items]
+
+
 def _prepare_process(parent: int) -> None:
     # Ctrl-C goes to all processes of the terminal: the parent decides, without their tracebacks.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
@@ -137,7 +183,7 @@ def _prepare_process(parent: int) -> None:
 
 
 def _end_with(parent: int) -> None:
-    """End this process when its parent has been killed, which nobody else would tell it."""
+    """End this process when its parent was killed, which nothing else reports to it."""
     while os.getppid() == parent:
         time.sleep(0.5)
     os._exit(1)

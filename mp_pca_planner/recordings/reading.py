@@ -8,7 +8,6 @@ from collections.abc import Callable, Sequence
 
 from ..exceptions import RecordingError
 from .bags import JOINT_TRAJECTORY, Bag, Topic, choose_topic
-from .joint_states import joined
 from .joint_trajectories import read_trajectories, repair_trajectories
 from .repair import CleanRecording, RepairOptions, repair
 
@@ -49,7 +48,7 @@ def read_clean(
         if chosen.type == JOINT_TRAJECTORY:
             return repair_trajectories(read_trajectories(bag, chosen), joints)
         topic = chosen.name
-    raw = bag.joint_states(topic, joined, field=state_field, progress=progress)
+    raw = bag.joint_states(topic, field=state_field, progress=progress)
     return repair(raw, joints, options)
 
 

@@ -25,7 +25,7 @@ from mp_pca_planner.primitives.build import build_from_statistics
 from mp_pca_planner.primitives.file import save_primitive
 from mp_pca_planner.primitives.motion_statistics import MotionStatistics
 from mp_pca_planner.primitives.options import PrimitiveOptions
-from mp_pca_planner.recordings import cluster
+from mp_pca_planner.recordings import cluster, processes
 from mp_pca_planner.recordings.cluster import map_on_cluster
 from mp_pca_planner.recordings.load import load_recordings
 from mp_pca_planner.recordings.processes import Outcome
@@ -179,7 +179,7 @@ def test_worker_of_another_version_is_refused(
 def test_cluster_without_workers_is_refused(
     start: Callable[..., Cluster], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(cluster, "SECONDS_FOR_WORKERS", 0.1)
+    monkeypatch.setattr(processes, "PATIENCE", 0.1)
     with pytest.raises(RecordingError, match="has no workers"):
         on(start([]), abs, [1])
 

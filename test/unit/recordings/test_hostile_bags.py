@@ -13,18 +13,15 @@ import struct
 import tracemalloc
 from collections.abc import Callable
 from pathlib import Path
-from typing import BinaryIO
 
 import numpy as np
 import pytest
 from conftest import EPOCH, FORMATS, S, reaching, stamped, write_bag
 from lz4.frame import compress as compress_lz4
-from rosbags.rosbag2.storage_mcap import zstd
 from test_salvage import compressed_bag
 
 from mp_pca_planner.exceptions import PlannerError, RecordingError
-from mp_pca_planner.recordings import bags, unpacking
-from mp_pca_planner.recordings.bags import read_joint_states, write_joint_states
+from mp_pca_planner.recordings.bags import files, read_joint_states, unpacking, write_joint_states
 from mp_pca_planner.recordings.inspection import inspect_recording
 from mp_pca_planner.recordings.load import load_recordings
 from mp_pca_planner.recordings.repair.joints import MAX_JOINTS
@@ -32,7 +29,7 @@ from mp_pca_planner.recordings.repair.joints import MAX_JOINTS
 MB = 1 << 20
 ZEROS = bytes(400 * MB)
 COMPRESS: dict[str, Callable[[bytes], bytes]] = {
-    "zstd": zstd.compress,
+    "zstd": unpacking.zstd.compress,
     "lz4": compress_lz4,
     "bz2": bz2.compress,
 }
@@ -112,12 +109,12 @@ def test_bomb_of_any_compression_is_unpacked_to_the_limit_only(compression: str)
     stored = COMPRESS[compression](ZEROS[: 40 * MB])
     tracemalloc.start()
     with pytest.raises(unpacking.UnpackingError, match="more than 1,000 bytes"):
-        unpacking.unpacked(bags.DECOMPRESSORS_BY_NAME, compression, stored, 1000)
+        unpacking.unpacked(compression, stored, 1000)
     _, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()
     assert peak < 10 * MB
     twice = 2 * COMPRESS[compression](b"ab")
-    assert unpacking.unpacked(bags.DECOMPRESSORS_BY_NAME, compression, twice) == b"abab"
+    assert unpacking.unpacked(compression, twice) == b"abab"
 
 
 @pytest.mark.parametrize("salvage", [False, True])
@@ -125,17 +122,17 @@ def test_file_that_is_compressed_as_a_whole_does_not_fill_the_disk(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, salvage: bool
 ) -> None:
     (tmp_path / "bomb").mkdir()
-    (tmp_path / "bomb" / "bomb_0.mcap.zstd").write_bytes(zstd.compress(ZEROS))
+    (tmp_path / "bomb" / "bomb_0.mcap.zstd").write_bytes(unpacking.zstd.compress(ZEROS))
     monkeypatch.setattr(unpacking, "MAX_UNPACKED", MB)
     sizes: list[int] = []
 
-    def watched(packed: BinaryIO, target: Path, stored: int) -> None:
+    def watched(source: Path, target: Path) -> None:
         try:
-            unpacking.copy_unpacked(packed, target, stored)
+            unpacking.copy_unpacked(source, target)
         finally:
             sizes.append(target.stat().st_size)
 
-    monkeypatch.setattr(bags, "copy_unpacked", watched)
+    monkeypatch.setattr(files, "copy_unpacked", watched)
     assert "bomb" in refusal(tmp_path / "bomb", salvage=salvage)
     assert 0 < max(sizes) <= len(ZEROS) // 10
 

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -13,9 +14,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from rosbags.typesys import Stores, get_typestore
 
-from mp_pca_planner.recordings import joint_states
+from mp_pca_planner.recordings.bags.serialisation import decoder, known_types
 from mp_pca_planner.recordings.byte_layout import find_layout
-from mp_pca_planner.recordings.joint_states import JointStateCollector, RawJointStates
+from mp_pca_planner.recordings.joint_states import RawJointStates, joined, slice_joint_states
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
 ROS1, ROS2 = get_typestore(Stores.ROS1_NOETIC), get_typestore(Stores.ROS2_JAZZY)
@@ -69,16 +70,13 @@ def serialised(kinds: list[dict[str, Any]], way: str, seed: int) -> list[bytes]:
 
 
 def deserialiser(way: str) -> Callable[[bytes], Any]:
-    if way == "ros1":
-        return lambda data: ROS1.deserialize_ros1(data, JOINT_STATE)
-    return lambda data: ROS2.deserialize_cdr(data, JOINT_STATE)
+    bag_format = "rosbag1" if way == "ros1" else "mcap"
+    decode = decoder(known_types(bag_format), bag_format)
+    return lambda data: decode(data, JOINT_STATE)
 
 
-def collected(messages: list[bytes], way: str) -> RawJointStates:
-    collector = JointStateCollector(deserialiser(way), ros1=way == "ros1")
-    for receive_stamp, message in enumerate(messages):
-        collector.add(receive_stamp, message)
-    return collector.taken("/joint_states")
+def sliced(messages: list[bytes], way: str) -> RawJointStates:
+    return slice_joint_states("/x", range(len(messages)), messages, ros1=way == "ros1")
 
 
 def assert_same_as_deserialised(raw: RawJointStates, messages: list[bytes], way: str) -> None:
@@ -114,14 +112,13 @@ def assert_same_as_deserialised(raw: RawJointStates, messages: list[bytes], way:
 @pytest.mark.filterwarnings("ignore:overflow")
 @pytest.mark.filterwarnings("ignore:invalid value")
 @pytest.mark.parametrize("way", WAYS)
-@given(kinds=publishers(), seed=st.integers(0, 99), block=st.sampled_from([1, 3, 1000]))
+@given(kinds=publishers(), seed=st.integers(0, 99), part=st.sampled_from([1, 3, 1000]))
 def test_slicing_equals_deserialising(
-    way: str, kinds: list[dict[str, Any]], seed: int, block: int
+    way: str, kinds: list[dict[str, Any]], seed: int, part: int
 ) -> None:
     messages = serialised(kinds, way, seed)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(joint_states, "BLOCK_MESSAGES", block)
-        raw = collected(messages, way)
+    parts = [sliced(messages[first : first + part], way) for first in range(0, len(messages), part)]
+    raw = replace(joined(parts), receive_stamps=np.arange(len(messages)))
     assert_same_as_deserialised(raw, messages, way)
 
 
@@ -148,29 +145,19 @@ def test_damaged_messages_are_read_as_the_deserialiser_reads_them_or_not_at_all(
     except Exception:
         # Whatever rosbags raises, the collector must not hide it.
         with pytest.raises(Exception):  # noqa: B017, PT011
-            collected(messages, way)
+            sliced(messages, way)
     else:
-        assert_same_as_deserialised(collected(messages, way), messages, way)
+        assert_same_as_deserialised(sliced(messages, way), messages, way)
 
 
 @pytest.mark.parametrize("way", WAYS)
-def test_alike_messages_are_not_deserialised_one_by_one(way: str) -> None:
-    kind = {"frame": "base", "name": ["a", "b"], "position": [1, 2], "velocity": [], "effort": []}
-    messages = serialised([kind] * 5000, way, 0)
-    seen = []
-
-    def counting(data: bytes) -> Any:
-        seen.append(data)
-        return deserialiser(way)(data)
-
-    collector = JointStateCollector(counting, ros1=way == "ros1")
-    for message in messages:
-        collector.add(0, message)
-    raw = collector.taken("/joint_states")
-    assert len(seen) == 1
-    assert_same_as_deserialised(
-        RawJointStates("", raw.header_stamps, np.arange(5000), raw.layouts, 0), messages, way
-    )
+def test_messages_of_many_kinds_and_one_size_are_all_sliced(way: str) -> None:
+    kinds = [
+        {"frame": "", "name": [f"{i:03}"], "position": [i], "velocity": [], "effort": []}
+        for i in range(100)
+    ]
+    messages = serialised(kinds + kinds, way, 0)
+    assert_same_as_deserialised(sliced(messages, way), messages, way)
 
 
 def test_padding_may_hold_anything() -> None:
@@ -178,14 +165,14 @@ def test_padding_may_hold_anything() -> None:
     messages = serialised([kind] * 3, "cdr little endian", 1)
     layout = find_layout(messages[0], ros1=False)
     assert layout is not None
-    told = np.zeros(len(messages[0]), dtype=bool)
+    same = np.zeros(len(messages[0]), dtype=bool)
     for part in layout.fixed:
-        told[part] = True
+        same[part] = True
     for start, size in ((layout.stamp, 8), (layout.position, 8), (layout.velocity, 8)):
-        told[start : start + size] = True
+        same[start : start + size] = True
     padded = np.frombuffer(messages[1], dtype=np.uint8).copy()
-    padded[~told] = 0xAA
-    assert np.count_nonzero(~told) > 0
+    padded[~same] = 0xAA
+    assert np.count_nonzero(~same) > 0
     assert layout.fits(padded[np.newaxis]).all()
     assert deserialiser("cdr little endian")(padded.tobytes()).name == ["a"]
 

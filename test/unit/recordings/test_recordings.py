@@ -13,7 +13,7 @@ import pytest
 from conftest import EPOCH, FORMATS, Message, reaching, stamped, write_bag
 
 from mp_pca_planner.exceptions import RecordingError
-from mp_pca_planner.recordings import bags
+from mp_pca_planner.recordings import joint_states
 from mp_pca_planner.recordings.bags import find_recordings, stored_size
 from mp_pca_planner.recordings.inspection import inspect_recording
 from mp_pca_planner.recordings.load import load_recordings
@@ -95,13 +95,12 @@ def test_bad_recording_is_refused_by_name_and_the_rest_is_used(tmp_path: Path) -
 def test_progress_is_told_while_a_long_recording_is_read(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(bags, "PART_MESSAGES", 125)
+    monkeypatch.setattr(joint_states, "PART_MESSAGES", 125)
     path = reaches(tmp_path / "x")
     done: list[tuple[int, int]] = []
     loaded = load_recordings([path], progress=lambda n, total: done.append((n, total)))
     assert len(loaded.demonstrations) == 2
     size = stored_size(path)
-    # Read once in parts and, as it is too short to be divided, not again.
     assert done == [(int(share * size), size) for share in (0.25, 0.5, 0.75, 1.0, 1.0)]
 
 

@@ -1,0 +1,195 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""The files of a recording, read one after the other."""
+
+from __future__ import annotations
+
+import tempfile
+from collections import Counter
+from collections.abc import Callable, Collection, Iterable, Iterator
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path, PurePath
+
+from ...exceptions import DamagedRecordingError, RecordingError, quote_names
+from ...files import load_yaml, read_bytes
+from .discovery import METADATA, PACKED_SUFFIXES, BagFormat, bag_files
+from .mcap import McapFile
+from .rosbag1 import Rosbag1File
+from .sqlite import Sqlite3File
+from .storage import Channel, DamageError, Key, StorageFile, StoredMessage
+from .unpacking import ZSTD_MAGIC, copy_unpacked, unpacked
+
+METADATA_VERSION = 9
+"""Newest version of metadata.yaml that is known."""
+
+_READERS: dict[str, Callable[[Path], StorageFile]] = {
+    ".bag": Rosbag1File,
+    ".db3": Sqlite3File,
+    ".mcap": McapFile,
+}
+
+
+@dataclass(frozen=True)
+class FolderMetadata:
+    """What metadata.yaml says of a folder.
+
+    Attributes
+    ----------
+    files : tuple of Path
+        The storage files, in order.
+    counts : Counter
+        Number of messages by topic and type.
+    packs_messages : bool
+        Whether each message is compressed by itself.
+    """
+
+    files: tuple[Path, ...]
+    counts: Counter[Key]
+    packs_messages: bool
+
+
+class RecordingFiles:
+    """The storage files of a recording.
+
+    Parameters
+    ----------
+    path :
+        The recording.
+    bag_format :
+        Its storage format.
+    """
+
+    def __init__(self, path: Path, bag_format: BagFormat) -> None:
+        self._path, self._format = path, bag_format
+        self._files: list[StorageFile] = []
+        self._metadata: FolderMetadata | None = None
+
+    def open_by_index(self, stack: ExitStack) -> Counter[Channel]:
+        """Open the files; return the number of messages of each channel, by their indices.
+
+        Parameters
+        ----------
+        stack :
+            Removes temporary files at its end.
+
+        Raises
+        ------
+        RecordingError
+            If a file or an index is damaged.
+        """
+        counts: Counter[Channel] = Counter()
+        with damage_reported(self._path, self._format):
+            self._metadata = _read_metadata(self._path) if self._path.is_dir() else None
+            files = bag_files(self._path) if self._metadata is None else self._metadata.files
+            self._files = [_READERS[file.suffix](file) for file in _plain_files(files, stack)]
+            for file in self._files:
+                # Channels without messages stay.
+                for channel, count in file.index().items():
+                    counts[channel] += count
+        return counts
+
+    def open_damaged(self, stack: ExitStack) -> Counter[Channel]:
+        """Open the files; return the number of messages of each channel before the damage."""
+        files = _plain_files(bag_files(self._path), stack, damaged=True)
+        self._files = [_READERS[file.suffix](file) for file in files]
+        counts: Counter[Channel] = Counter()
+        with suppress(DamagedRecordingError), damage_reported(self._path, self._format):
+            for channel, _, _ in self.messages():
+                counts[channel] += 1
+        return counts
+
+    def messages(self, keys: Collection[Key] | None = None) -> Iterator[StoredMessage]:
+        """Messages of some channels (all by default), each unpacked."""
+        may_be_packed = self._metadata is None or self._metadata.packs_messages
+        for file in self._files:
+            if not may_be_packed:
+                yield from file.messages(keys)
+                continue
+            for channel, stamp, data in file.messages(keys):
+                # CDR never begins as zstd does.
+                is_packed = data.startswith(ZSTD_MAGIC)
+                yield channel, stamp, unpacked("zstd", data) if is_packed else data
+
+    def notes(self, keys: Collection[Key], indexed: int) -> tuple[str, ...]:
+        """Differences between metadata.yaml and the number of messages by the index."""
+        if not self._path.is_dir():
+            return ()
+        if self._metadata is None:
+            return (f"{METADATA} is missing: the files are read in the order of their numbers",)
+        stated = sum(self._metadata.counts[key] for key in keys)
+        if stated == indexed:
+            return ()
+        return (
+            f"{METADATA} states {stated} messages on the topic, {indexed} are stored: all are used",
+        )
+
+
+@contextmanager
+def damage_reported(path: Path, bag_format: BagFormat) -> Iterator[None]:
+    """Turn whatever goes wrong in reading into a RecordingError that names the recording."""
+    try:
+        yield
+    except RecordingError:
+        raise
+    except PermissionError as error:
+        raise RecordingError(f"'{path}' can't be read: {error.strerror}") from None
+    # Damage shows as errors of many libraries: struct, lz4, zstd, sqlite3, yaml, KeyError,
+    # MemoryError for a huge length … That list is open, and only reading happens inside.
+    except Exception as error:
+        reason = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
+        raise DamagedRecordingError(
+            f"'{path}' can't be read: damaged, cut off or no {bag_format} recording ({reason})"
+        ) from error
+
+
+def _plain_files(
+    files: Iterable[Path], stack: ExitStack, *, damaged: bool = False
+) -> Iterator[Path]:
+    """Files as they are, or unpacked to temporary ones; a damaged one as far as it goes."""
+    for file in files:
+        if file.suffix not in PACKED_SUFFIXES:
+            yield file
+            continue
+        folder = stack.enter_context(tempfile.TemporaryDirectory())
+        target = Path(folder, file.stem)
+        try:
+            copy_unpacked(file, target)
+        except Exception:
+            if not damaged:
+                raise
+        yield target
+
+
+def _read_metadata(folder: Path) -> FolderMetadata | None:
+    """Read metadata.yaml; None if there is none.
+
+    The metadata of rosbags parses YAML in pure Python, which takes longer than reading a short
+    recording.
+
+    Raises
+    ------
+    DamageError
+        If a file is missing, or the folder is stored in a way that is not known.
+    """
+    try:
+        text = read_bytes(folder / METADATA)
+    except FileNotFoundError:
+        return None
+    content = load_yaml(text)["rosbag2_bagfile_information"]
+    if content["version"] > METADATA_VERSION:
+        raise DamageError(f"version {content['version']} of {METADATA} is not known")
+    counts: Counter[Key] = Counter()
+    for topic in content["topics_with_message_count"]:
+        about = topic["topic_metadata"]
+        if about["serialization_format"] != "cdr":
+            raise DamageError(f"messages are stored as {about['serialization_format']}")
+        counts[about["name"], about["type"]] += topic["message_count"]
+    files = tuple(folder / PurePath(name).name for name in content["relative_file_paths"])
+    missing = [file.name for file in files if not file.is_file()]
+    if missing:
+        raise DamageError(f"files are missing: {quote_names(missing)}")
+    mode = (content.get("compression_mode") or "none").lower()
+    if mode != "none" and content.get("compression_format") != "zstd":
+        raise DamageError(f"compression by {content.get('compression_format')!r} is not known")
+    return FolderMetadata(files, counts, mode == "message")

@@ -1,0 +1,208 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Types of messages, their serialisation, and writers of bags, by the library rosbags."""
+
+from __future__ import annotations
+
+import sqlite3
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import fields, is_dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rosbags.rosbag1 import Writer as Writer1
+from rosbags.rosbag2 import StoragePlugin
+from rosbags.rosbag2 import Writer as Writer2
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+from ...exceptions import RecordingError, unknown_name
+from ..byte_layout import ENCAPSULATION, MAX_PADDING, NS_PER_S, most_spare_bytes
+from .discovery import FORMAT_OF_SUFFIX, BagFormat
+from .storage import Key
+
+JOINT_STATE = "sensor_msgs/msg/JointState"
+JOINT_TRAJECTORY = "trajectory_msgs/msg/JointTrajectory"
+MARKER_ARRAY = "visualization_msgs/msg/MarkerArray"
+
+MAX_DEFINITION = 1 << 17
+"""Largest size of a definition of messages [characters]; large ones of ROS have a third of that."""
+
+Types = Any
+"""The typestore of rosbags, whose class is not public."""
+
+
+@cache
+def known_types(bag_format: BagFormat) -> Types:
+    """Types of ROS messages, as far as rosbags knows them."""
+    if bag_format != "rosbag1":
+        return get_typestore(Stores.ROS2_JAZZY)
+    types = get_typestore(Stores.ROS1_NOETIC)
+    # Those of /tf are the only common ones of ROS 1 that rosbags does not know.
+    for name in ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage"):
+        types.register(get_types_from_msg("geometry_msgs/TransformStamped[] transforms", name))
+    return types
+
+
+def _defined_types(definition: str, name: str) -> Types:
+    """A type and those within it, as a bag defines them.
+
+    Raises
+    ------
+    RecordingError
+        If the definition is longer than :data:`MAX_DEFINITION`.
+    """
+    if len(definition) > MAX_DEFINITION:
+        raise RecordingError(
+            f"the definition of {name} has {len(definition):,} characters; accepted are "
+            f"{MAX_DEFINITION:,}"
+        )
+    types = get_typestore(Stores.EMPTY)
+    types.register(get_types_from_msg(definition, name))
+    return types
+
+
+def decoder(types: Types, bag_format: BagFormat) -> Callable[[bytes, str], Any]:
+    """A function from a serialised message and the name of its type to the message."""
+    if bag_format == "rosbag1":
+        decode: Callable[[bytes, str], Any] = types.deserialize_ros1
+        return decode
+    return lambda data, name: _decode_cdr(types, data, name)
+
+
+def encoder(types: Types, bag_format: BagFormat) -> Callable[[object, str], memoryview]:
+    """A function from a message and the name of its type to the serialised message."""
+    encode: Callable[[object, str], memoryview] = (
+        types.serialize_ros1 if bag_format == "rosbag1" else types.serialize_cdr
+    )
+    return encode
+
+
+class BagTypes:
+    """Types of messages, as rosbags knows them or as the bag defines them.
+
+    Parameters
+    ----------
+    bag_format :
+        Format of the bag.
+    definitions :
+        Definitions in the bag as .msg text, by topic and type.
+    """
+
+    def __init__(self, bag_format: BagFormat, definitions: Mapping[Key, str]) -> None:
+        self._format, self._definitions = bag_format, definitions
+        self._defined: dict[Key, Types] = {}
+
+    def decode(self, key: Key, data: bytes) -> Any:
+        """Deserialise a message of a known type, else of a type that the bag defines."""
+        known = known_types(self._format)
+        types = known if key[1] in known.types else self._own(key)
+        return decoder(types, self._format)(data, key[1])
+
+    def states_field(self, key: Key) -> str:
+        """Name of a field that is a JointState, '' if the type has none."""
+        return _field_of_states(self._own(key), key[1])
+
+    def field_reader(self, key: Key, field: str) -> Callable[[bytes], bytes]:
+        """A function from a message to the joint states in a field of it, both serialised."""
+        decode = decoder(self._own(key), self._format)
+        encode = encoder(known_types(self._format), self._format)
+        return lambda data: bytes(encode(_field(decode(data, key[1]), field), JOINT_STATE))
+
+    def _own(self, key: Key) -> Types:
+        """Types as the bag itself defines them."""
+        if key not in self._defined:
+            if key not in self._definitions:
+                raise RecordingError(
+                    f"'{key[0]}' has messages of type {key[1]}, which the bag does not define "
+                    "as .msg text: only fields of defined messages can be read"
+                )
+            self._defined[key] = _defined_types(self._definitions[key], key[1])
+        return self._defined[key]
+
+
+def _field(message: Any, field: str) -> Any:
+    for name in field.split("."):
+        valid = [item.name for item in fields(message)] if is_dataclass(message) else []
+        if name not in valid:
+            raise RecordingError(unknown_name(f"field of '{field}'", name, valid))
+        message = getattr(message, name)
+    kind = getattr(message, "__msgtype__", type(message).__name__)
+    if kind != JOINT_STATE:
+        raise RecordingError(f"the field '{field}' is a {kind}; expected a {JOINT_STATE}")
+    return message
+
+
+def _decode_cdr(types: Types, data: bytes, name: str) -> Any:
+    """Deserialise CDR; rosbags itself accepts no spare bytes but padding."""
+    if data[:2] not in (b"\x00\x00", b"\x00\x01"):
+        raise ValueError("it is no message in CDR")
+    about = types.get_msgdef(name)
+    decode = about.deserialize_cdr_le if data[1] else about.deserialize_cdr_be
+    message, end = decode(data[ENCAPSULATION:], 0, about.cls, types)
+    spare = len(data) - ENCAPSULATION - end
+    if spare < 0 or (spare > MAX_PADDING and spare > most_spare_bytes(_n_empty(message))):
+        raise ValueError(f"size mismatch: {spare} bytes follow the message")
+    return message
+
+
+def _n_empty(value: Any) -> int:
+    """Number of empty sequences of numbers in a message."""
+    if isinstance(value, np.ndarray):
+        return int(value.size == 0)
+    if isinstance(value, list):
+        return sum(map(_n_empty, value))
+    return sum(map(_n_empty, vars(value).values())) if hasattr(value, "__msgtype__") else 0
+
+
+def _field_of_states(types: Types, name: str) -> str:
+    """Name of the first field that is a JointState, with dots where it is within others, or ''."""
+    paths = {name: ""}
+    waiting = [name]
+    for current in waiting:
+        _, fields_of_type = types.fielddefs.get(current, ((), ()))
+        for field, (_, inner) in fields_of_type:
+            # A name stands for a message. Each type is searched once: types may hold themselves.
+            if isinstance(inner, str) and inner not in paths:
+                paths[inner] = f"{paths[current]}.{field}".lstrip(".")
+                waiting.append(inner)
+    return "" if name == JOINT_STATE else paths.get(JOINT_STATE, "")
+
+
+def header(bag_format: BagFormat, stamp_ns: int, frame_id: str = "") -> Any:
+    """Make the header of a message."""
+    types = known_types(bag_format).types
+    stamp = types["builtin_interfaces/msg/Time"](*divmod(stamp_ns, NS_PER_S))
+    sequence = {"seq": 0} if bag_format == "rosbag1" else {}
+    return types["std_msgs/msg/Header"](**sequence, stamp=stamp, frame_id=frame_id)
+
+
+def write_messages(
+    path: Path, bag_format: BagFormat, topic: str, kind: str, messages: Iterable[tuple[int, object]]
+) -> Path:
+    """Write messages with their times of reception [ns] as a new bag; return what was written.
+
+    Raises
+    ------
+    OSError
+        If it can't be written.
+    """
+    types = known_types(bag_format)
+    encode = encoder(types, bag_format)
+    bare = bag_format != "rosbag1" and path.suffix in FORMAT_OF_SUFFIX
+    target = path.with_suffix("") if bare else path
+    writer: Writer1 | Writer2
+    if bag_format == "rosbag1":
+        writer = Writer1(target)
+    else:
+        plugin = StoragePlugin.MCAP if bag_format == "mcap" else StoragePlugin.SQLITE3
+        writer = Writer2(target, version=Writer2.VERSION_LATEST, storage_plugin=plugin)
+    try:
+        with writer:
+            connection = writer.add_connection(topic, kind, typestore=types)
+            for stamp, message in messages:
+                writer.write(connection, stamp, encode(message, kind))
+    except sqlite3.Error as error:
+        raise OSError(str(error)) from None
+    return target / f"{target.name}{path.suffix}" if bare else target
