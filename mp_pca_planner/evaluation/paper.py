@@ -19,9 +19,10 @@ from numpy.polynomial import legendre
 from scipy.linalg import null_space
 
 from ..arrays import FloatArray
-from ..planning.compiler import MotionProgram, QuadratureTables
+from ..planning.compiler import MotionProgram
 from ..planning.constraints import LimitedProgram, LimitTables
 from ..planning.solver import solve
+from ..planning.unknowns import QuadratureTables
 from ..primitives.basis import PolynomialBasis, legendre_values
 from ..primitives.differences import FINE_PHASES
 from ..primitives.pca import PrincipalComponents, fit_components

@@ -13,7 +13,7 @@ from typing import Any
 from ..exceptions import GoalError
 from ..learning.family import family_around
 from ..learning.refined_motion import RefinedMotion
-from ..planning.sequence import SequencePlan
+from ..planning.plan import Plan
 from ..primitives.file import save_primitive
 from .adaptation import AdaptedPlan
 from .motion_server import Served
@@ -40,7 +40,7 @@ def keep_motion(served: Served, folder: Path, provenance: Mapping[str, Any]) -> 
         can't be written.
     """
     plan = served.plan
-    if isinstance(plan, SequencePlan):
+    if isinstance(plan, Plan) and plan.mode:
         raise GoalError(
             "the last motion can't be kept: it is a sequence, and a primitive is made of the "
             "motion to a single goal"

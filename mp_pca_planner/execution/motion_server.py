@@ -239,7 +239,7 @@ class MotionServer:
         start = self._states.choose(
             settings.start_from, settings.state_timeout, latency, settings.commanded_tolerance
         )
-        model.planning_robot.is_cancelled = is_cancelled
+        model.cancellation.is_cancelled = is_cancelled
         goal = make_goal(start.state)
         under_way = self._under_way(goal, start, model)
         if under_way is not None:
@@ -283,16 +283,17 @@ class MotionServer:
 
     def _plan(self, goal: Goal, start: Start, model: Model, is_cancelled: IsCancelled) -> AnyPlan:
         """An executable plan."""
-        if isinstance(goal, SequenceGoal):
-            sequence = model.sequence_planner.plan(goal, start.state, model.settings.sequence_mode)
-            if not sequence.is_executable:
-                raise UnexecutablePlanError(sequence)
-            return sequence
-        if start.following is not None and not goal.vias:
+        if not isinstance(goal, SequenceGoal) and start.following and not goal.vias:
             adapted = self._adapt(goal, start, model, is_cancelled)
             if adapted is not None:
                 return adapted
-        plan = model.planner.plan(goal, start.state)
+        return self._executable_plan(goal, start, model, is_cancelled)
+
+    @staticmethod
+    def _executable_plan(goal: Goal, start: Start, model: Model, is_cancelled: IsCancelled) -> Plan:
+        plan = model.planner.plan(goal, start.state, model.settings.sequence_mode)
+        if is_cancelled():
+            raise CancelledError
         if not plan.is_executable:
             raise UnexecutablePlanError(plan)
         return plan
@@ -311,9 +312,7 @@ class MotionServer:
         if isinstance(goal, PoseGoal):
             if following.is_over:
                 return None
-            posed = model.planner.plan(goal, start.state)
-            if not posed.is_executable:
-                raise UnexecutablePlanError(posed)
+            posed = self._executable_plan(goal, start, model, is_cancelled)
             end = posed.trajectory.positions[-1]
             goal = JointGoal(
                 JointState(start.state.joint_names, end), goal.duration, goal.primitive
@@ -359,20 +358,19 @@ class MotionServer:
         self, goal: JointGoal, start: Start, model: Model, is_cancelled: IsCancelled
     ) -> Plan | None:
         """A plan, or None if the robot would reach its start before."""
-        robot, deadline = model.planning_robot, start.deadline - _TIME_TO_PUBLISH
+        deadline = start.deadline - _TIME_TO_PUBLISH
 
         def is_over() -> bool:
             return is_cancelled() or self._states.motion_time > deadline
 
-        robot.is_cancelled = is_over
+        model.cancellation.is_cancelled = is_over
         try:
-            return model.planner.plan(goal, start.state)
-        except CancelledError:
-            if is_cancelled():
-                raise
-            return None
+            plan = model.planner.plan(goal, start.state)
         finally:
-            robot.is_cancelled = is_cancelled
+            model.cancellation.is_cancelled = is_cancelled
+        if is_cancelled():
+            raise CancelledError
+        return None if is_over() else plan
 
     @staticmethod
     def _collides(trajectory: Trajectory, model: Model) -> bool:

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -68,6 +68,14 @@ class Collision:
     penetration: float
     first_time: float
     last_time: float
+
+    def within(self, began: float, ended: float) -> Collision | None:
+        """The part of it between two times, with times counted from the first; None if none."""
+        first, last = max(self.first_time, began), min(self.last_time, ended)
+        if first > last:
+            return None
+        moment = min(max(self.time, first), last)
+        return replace(self, time=moment - began, first_time=first - began, last_time=last - began)
 
     def __str__(self) -> str:
         return (

@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Goals made complete: what they leave open filled in, and what can't be served refused."""
+"""Single goals resolved: what they leave open is filled in, unusable ones are rejected."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ from .selection import Selection, Selector
 from .states import check_within_limits, completed, in_order, unwrapped
 
 LONGEST_DURATION = 600.0
-"""Longer motions [s] are taken for mistakes."""
+"""Longest duration that is accepted [s]."""
 
-# So are motions of more points, which would exhaust the memory.
-_MOST_POINTS = 100_000
+# More points would exhaust the memory.
+_MAX_POINTS = 100_000
 
 # Configurations that reach a pose to which motions are planned, the most natural first.
 _N_CONFIGURATIONS = 3
@@ -35,7 +35,7 @@ _N_CONFIGURATIONS = 3
 
 @dataclass(frozen=True, eq=False)
 class Request:
-    """A goal made complete: everything the compiler needs to know.
+    """A resolved goal: everything the compiler needs to know.
 
     Attributes
     ----------
@@ -52,7 +52,7 @@ class Request:
     duration_is_free : bool
         Whether nobody fixed the duration.
     expected : ConditionalDistribution
-        What the demonstrations let expect.
+        What the demonstrations predict.
     """
 
     selection: Selection
@@ -65,13 +65,28 @@ class Request:
     expected: ConditionalDistribution
 
     @property
+    def usual_duration(self) -> float:
+        """The duration asked for, or the predicted one [s]."""
+        return self.expected.duration
+
+    @property
+    def primitives(self) -> tuple[MovementPrimitive, ...]:
+        """The primitive."""
+        return (self.primitive,)
+
+    @property
+    def selections(self) -> tuple[Selection, ...]:
+        """Why it was chosen."""
+        return (self.selection,)
+
+    @property
     def n_vias(self) -> int:
         """Number of conditions on the way."""
         return len(self.conditions) - (self.pose is not None)
 
 
-class RequestMaker:
-    """Makes goals complete for a planner.
+class GoalResolver:
+    """Resolves single goals for a planner.
 
     Parameters
     ----------
@@ -90,7 +105,7 @@ class RequestMaker:
         self._anywhere = JointState(robot.joint_names, np.clip(zero, limits.lower, limits.upper))
 
     def check(self, goal: JointGoal) -> None:
-        """Refuse a goal that can't be served from anywhere, see :meth:`.Planner.check`."""
+        """Reject a goal that can't be served from anywhere, see :meth:`.Planner.check`."""
         self._check_size(goal.duration)
         self._selector.check_name(goal.primitive)
         here = self._anywhere
@@ -99,8 +114,8 @@ class RequestMaker:
         q = np.where(self._robot.continuous, here.positions, there.positions)
         self._check_end(JointState(here.joint_names, q, there.velocities, there.accelerations))
 
-    def complete(self, goal: JointGoal | PoseGoal, start: JointState) -> list[Request]:
-        """Fill in what the goal leaves open; refuse what can't be served.
+    def resolve(self, goal: JointGoal | PoseGoal, start: JointState) -> list[Request]:
+        """Fill in what the goal leaves open; reject what can't be served.
 
         A pose can be reached in several configurations: several requests, the most natural first.
         A configuration can be reached with several primitives, the one expected to be cheapest
@@ -130,8 +145,8 @@ class RequestMaker:
         def score(there: JointState) -> float:
             return float(selector.scores(here.positions, there.positions, goal.duration).min())
 
-        # Of several motions to one place the cheapest is wanted, but not of several searches for
-        # the shortest duration, nor of several configurations.
+        # Several primitives are tried for one configuration, but not in the search for the shortest
+        # duration, nor for each of several configurations.
         searches = goal.duration is None and self._options.timing == SHORTEST
         chosen: list[Request] = []
         if len(goals) > 1:
@@ -155,7 +170,7 @@ class RequestMaker:
         return chosen
 
     def target(self, goal: JointGoal, here: JointState) -> JointState:
-        """The whole configuration that a goal asks for; see :meth:`complete`."""
+        """The whole configuration that a goal asks for; see :meth:`resolve`."""
         there = completed(goal.state, here, self._robot, "goal")
         self._check_end(there)
         return there
@@ -227,7 +242,7 @@ class RequestMaker:
         goal: JointState,
         duration: float | None,
     ) -> ConditionalDistribution:
-        """What the demonstrations let expect of a motion, however often joints have turned."""
+        """What the demonstrations predict for a motion, however often joints have turned."""
         # The demonstrations of a joint that turns without end may lie whole turns away.
         mean = primitive.model.mean[: primitive.n_joints]
         turns = np.round((mean - start.positions) / (2.0 * np.pi))
@@ -237,13 +252,13 @@ class RequestMaker:
 
 def longest_duration(options: PlannerOptions) -> float:
     """The longest duration that is accepted [s]."""
-    return min(LONGEST_DURATION, _MOST_POINTS * options.sample_period)
+    return min(LONGEST_DURATION, _MAX_POINTS * options.sample_period)
 
 
 def _windows(
     targets: Sequence[Target], vias: Sequence[Via], phases: FloatArray, usual: FloatArray
 ) -> list[tuple[float, float]]:
-    """Where to look for the free phases of vias: around where the usual motion comes nearest.
+    """Windows of the free phases of vias: around where the usual motion comes nearest.
 
     Parameters
     ----------

@@ -24,9 +24,9 @@ from ..primitives.conditional_model import ConditionalDistribution
 from ..primitives.covariances import marginal_precision
 from ..primitives.primitive import MovementPrimitive
 from ..robot.model import Robot
-from .compiler import QuadratureTables
 from .motion import Motion
 from .objectives import Effort, Nodes, Objective
+from .unknowns import QuadratureTables
 
 # Primitives stay whose score is at most the least one times the first, or below the second: so
 # near, all are like their demonstrations.

@@ -174,8 +174,8 @@ class StopAndGo:
         limits: JointLimits,
         timed: Callable[[StopAndGo], tuple[float, ...]],
         sampled: Callable[[tuple[float, ...]], Trajectory],
-    ) -> tuple[tuple[float, ...], Trajectory, LimitCheck]:
-        """Durations, points and limit check of the motion, slow enough for its points.
+    ) -> tuple[float, ...]:
+        """Durations of the segments, slow enough for the points of the motion.
 
         Parameters
         ----------
@@ -194,10 +194,9 @@ class StopAndGo:
         slower = self
         for _ in range(_MAX_STRETCHES):
             durations = timed(slower)
-            trajectory = sampled(durations)
-            check = check_limits(trajectory, robot, limits)
+            check = check_limits(sampled(durations), robot, limits)
             if not check.violations:
-                return durations, trajectory, check
+                return durations
             slower = replace(slower, legs=slowdown(check) * slower.legs)
         raise TrajectoryError(str(check.violations[0]))
 

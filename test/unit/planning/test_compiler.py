@@ -8,8 +8,9 @@ from arm import JOINTS, arm_primitive, arm_robot
 from scipy.integrate import quad_vec
 
 from mp_pca_planner.motion.goal import JointState
-from mp_pca_planner.planning.compiler import DEFAULT_NODES, MotionProgram, QuadratureTables
+from mp_pca_planner.planning.compiler import MotionProgram
 from mp_pca_planner.planning.motion import Motion
+from mp_pca_planner.planning.unknowns import DEFAULT_NODES, QuadratureTables
 from mp_pca_planner.primitives.basis import BSplineBasis
 from mp_pca_planner.recordings.synthetic import generate_motions
 

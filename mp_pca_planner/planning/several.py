@@ -1,0 +1,116 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Motions through several targets, joined to the second derivative.
+
+Between targets, each segment is a motion q(s) = h(s) + μ(s) + Σ wₖ φₖ(s) of the primitive whose
+demonstrations are nearest. *In real time*, nothing is optimised: the segments have the expected
+weights and durations (see :mod:`.sequence_request`). *Optimal* are the weights, the velocities and
+accelerations at the targets, and the passing times of all segments together: least are the
+objectives and the naturalness of each segment, its distance from the one joined in real time, in
+spreads of the demonstrations (see :mod:`.chain`).
+"""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+
+from .attempt import Attempt, MotionSolver
+from .bases import MotionBasis
+from .budget import Budget
+from .fallback import Fallback, FallbackPlanner
+from .plan import OPTIMAL, REAL_TIME, MotionSolution, PlannerOptions
+from .request import Request
+from .sequence_request import SequenceRequest
+from .single import BasisChooser
+from .verdict import Planned
+
+# Times that durations are stretched for each share of the passing velocities.
+_MAX_STRETCHES = 12
+# Shares to which passing velocities are lowered in turn where a position limit is exceeded.
+_SLOWER = (1.0, 0.5, 0.25, 0.0)
+
+
+class SequencePlannerPart:
+    """Plans motions through several targets.
+
+    Parameters
+    ----------
+    options, solver, fallback, chooser
+        The planner's parts.
+    """
+
+    def __init__(
+        self,
+        options: PlannerOptions,
+        solver: MotionSolver,
+        fallback: FallbackPlanner,
+        chooser: BasisChooser,
+    ) -> None:
+        self._options, self._solver = options, solver
+        self._fallback, self._chooser = fallback, chooser
+
+    def serve(self, request: SequenceRequest, mode: str, budget: Budget) -> Planned:
+        """The best motion for a request.
+
+        Parameters
+        ----------
+        request : SequenceRequest
+            What to do.
+        mode : {'real_time', 'optimal'}
+            Whether to optimise. If that finds no valid motion, the one joined in real time is
+            returned; if that is not valid either, one that rests at each target.
+        budget : Budget
+            The time for it.
+        """
+        bases = self.bases(request)
+        best = self._joined(request, bases, budget)
+        improved = None
+        if mode == OPTIMAL:
+            improved = self._solver.improve(request, bases, best.motions, budget)
+            if improved.is_valid:
+                return Planned(improved, Fallback(), False, mode=OPTIMAL)
+        if best.is_valid:
+            return Planned(best, Fallback(), False, mode=REAL_TIME, improved=improved)
+        ran_out = budget.is_over()
+        fallback = self._fallback.serve_sequence(request, best)
+        return Planned(fallback.attempt or best, fallback, ran_out, mode=REAL_TIME)
+
+    def bases(self, request: SequenceRequest) -> tuple[MotionBasis, ...]:
+        """The basis of each segment."""
+        bases = []
+        for (here, there), selection in zip(
+            pairwise(request.states), request.selections, strict=True
+        ):
+            first = selection.first
+            segment = Request(
+                selection, first.primitive, here, there, None, (), True, first.expected
+            )
+            bases.append(self._chooser.narrowest(segment, is_paced=False))
+        return tuple(bases)
+
+    def _joined(
+        self, request: SequenceRequest, bases: tuple[MotionBasis, ...], budget: Budget
+    ) -> Attempt:
+        """Lengthen free durations, and lower passing velocities, until the limits are kept."""
+        durations, best = list(request.durations), None
+        stretch = self._options.search.max_stretch
+        for share in _SLOWER:
+            for _ in range(_MAX_STRETCHES):
+                motions = request.concatenate(bases, durations, share)
+                ends = np.cumsum(durations)
+                phases = tuple(map(float, ends / ends[-1]))
+                found = self._solver.check(
+                    request, bases, motions, MotionSolution.unknown(), phases
+                )
+                if best is None or found.violation < best.violation:
+                    best = found
+                if not found.check.violations or budget.is_over():
+                    return best
+                longer = request.stretched(found.check, durations, stretch)
+                if longer == durations:
+                    break
+                durations = longer
+        assert best is not None
+        return best
