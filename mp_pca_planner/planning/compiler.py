@@ -61,25 +61,17 @@ class MotionProgram:
         The model, with the joints of the basis.
     tables : QuadratureTables
         The basis at the nodes.
-    boundary : array, shape (6, n_joints)
-        Boundary values with respect to phase.
-    duration : float
-        Duration [s], or where its search begins.
+    unknowns : Unknowns
+        What x means.
     expected : array, shape (n_weights,)
         Expected weights ŵ.
     objectives : sequence of (float, Objective)
         Running costs and their weights; effort alone unless given.
-    free_rows : sequence of int
-        Rows of the boundary values that are unknowns.
-    duration_is_free : bool
-        Whether the duration is an unknown.
     conditions : sequence of Condition
         What to meet on the way or at the end.
 
     Attributes
     ----------
-    unknowns : Unknowns
-        What x means.
     scales : array, shape (n_unknowns,)
         Usual changes of the unknowns.
     precision : array, shape (n_unknowns, n_unknowns)
@@ -90,33 +82,23 @@ class MotionProgram:
         self,
         robot: Robot,
         tables: QuadratureTables,
-        boundary: FloatArray,
-        duration: float,
+        unknowns: Unknowns,
         expected: FloatArray,
         *,
         objectives: Sequence[tuple[float, Objective]] = ((1.0, Effort()),),
-        free_rows: Sequence[int] = (),
-        duration_is_free: bool = False,
         conditions: Sequence[Condition] = (),
     ) -> None:
         self._robot = robot
         self._tables = tables
         self._objectives = tuple(objectives)
         self._conditions = tuple(conditions)
-        self.unknowns = Unknowns(
-            tables.basis.scales,
-            boundary,
-            duration,
-            free_rows=free_rows,
-            duration_is_free=duration_is_free,
-            n_places=sum(condition.phase is None for condition in self._conditions),
-        )
+        self.unknowns = unknowns
         self.scales = self.unknowns.scales
         self.expected = self.unknowns.from_weights(expected)
         self.precision = np.zeros((self.scales.size, self.scales.size))
         functions = tables.functions.transpose(1, 0, 2, 3)
         self._states = StateMap(self.unknowns, tables.hermite, tables.mean, functions)
-        if not duration_is_free:
+        if not unknowns.duration_is_free:
             at_any_x = self._states.jacobian(self.expected, np.zeros(0))
             self._stacked = self._stack(at_any_x)
 

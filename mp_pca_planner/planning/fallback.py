@@ -17,16 +17,18 @@ from ..exceptions import GoalError, TrajectoryError
 from ..motion.goal import JointState
 from ..robot.limits import JointLimits
 from ..robot.model import Robot
-from .attempt import Attempt, MotionSolver
+from .attempt import Attempt, checked
 from .bases import fixed_basis
 from .conditions import PoseTarget, Target
 from .motion import Motion
 from .objectives import Effort
-from .plan import SHORTEST, PlannerOptions
+from .plan import SHORTEST
 from .pose_search import configurations_at
+from .problem import passing_phases
 from .request import Request, longest_duration
 from .selection import cost_of
 from .sequence_request import SequenceRequest, fit_durations
+from .setup import Setup
 from .states import unwrapped
 from .stop_and_go import StopAndGo, stop_and_go
 from .unknowns import QuadratureTables
@@ -59,15 +61,12 @@ class FallbackPlanner:
 
     Parameters
     ----------
-    robot, limits, options, solver
+    setup : Setup
         The planner's.
     """
 
-    def __init__(
-        self, robot: Robot, limits: JointLimits, options: PlannerOptions, solver: MotionSolver
-    ) -> None:
-        self._robot, self._limits, self._options = robot, limits, options
-        self._solver = solver
+    def __init__(self, setup: Setup) -> None:
+        self._setup = setup
 
     def serve(self, requests: Sequence[Request], failed: Attempt) -> Fallback:
         """Serve the first of the requests that a slow motion can serve.
@@ -101,45 +100,44 @@ class FallbackPlanner:
 
     def _timings(self, request: Request) -> list[tuple[float, float]]:
         """Least durations to try, each with the time between the points of its trajectory [s]."""
-        duration, period = request.usual_duration, self._options.sample_period
+        duration, period = request.usual_duration, self._setup.options.sample_period
         if request.duration_is_free:
-            return [(0.0 if self._options.timing == SHORTEST else duration, period)]
+            return [(0.0 if self._setup.options.timing == SHORTEST else duration, period)]
         n_steps = max(np.ceil(duration / period - 1e-9), 1.0)
         return [(duration, duration / n_steps), (0.0, period)]
 
     def serve_sequence(self, request: SequenceRequest, failed: Attempt) -> Fallback:
         """Rest at each target of a sequence."""
-        period = self._options.sample_period
+        period = self._setup.options.sample_period
         try:
-            route = stop_and_go(self._robot, self._limits, request.states, period)
+            route = stop_and_go(self._setup.robot, self._setup.limits, request.states, period)
             if route.moves_at_ends:  # the knots of a brake are points of the trajectory
                 first = request.resting_durations(route.durations, route.step)[0]
                 step = first / float(np.ceil(first / period - 1e-9))
-                route = stop_and_go(self._robot, self._limits, request.states, step)
+                route = stop_and_go(self._setup.robot, self._setup.limits, request.states, step)
             durations = route.slowed(
-                self._robot,
-                self._limits,
+                self._setup.robot,
+                self._setup.limits,
                 lambda slower: request.resting_durations(slower.durations, slower.step),
-                lambda times: self._solver.sample(route.segments(times)),
+                lambda times: self._setup.sample(route.segments(times)),
             )
         except TrajectoryError as error:
             return Fallback(reason=str(error))
-        ends = np.cumsum(durations)
-        phases = tuple(map(float, ends / ends[-1]))
+        phases = passing_phases(durations)
         attempt = self._attempt_of(request, failed, route.segments(durations), phases)
         if attempt.collisions:
             return Fallback(reason=str(attempt.collisions[0]))
         return Fallback(attempt)
 
     def _attempt(self, request: Request, failed: Attempt, at_least: float, step: float) -> Attempt:
-        states = _route(self._robot, self._limits, request)
-        route = stop_and_go(self._robot, self._limits, states, step)
+        states = _route(self._setup.robot, self._setup.limits, request)
+        route = stop_and_go(self._setup.robot, self._setup.limits, states, step)
         phases = [*(via.phase for via in request.conditions[: request.n_vias]), 1.0]
         durations = route.slowed(
-            self._robot,
-            self._limits,
+            self._setup.robot,
+            self._setup.limits,
             lambda slower: self._durations(slower, phases, at_least),
-            lambda times: self._solver.sample([route.motion(times)]),
+            lambda times: self._setup.sample([route.motion(times)]),
         )
         found = route.motion(durations)
         ends = np.cumsum(durations) / found.duration
@@ -154,13 +152,13 @@ class FallbackPlanner:
         phases: tuple[float, ...],
     ) -> Attempt:
         """The attempt of a slow motion, in the place of a failed one."""
-        tables = [QuadratureTables(motion.basis, self._options.n_nodes) for motion in motions]
+        tables = [QuadratureTables(motion.basis, self._setup.options.n_nodes) for motion in motions]
         objective, effort = (
             sum(
-                cost_of(self._robot, motion, table, objectives)
+                cost_of(self._setup.robot, motion, table, objectives)
                 for motion, table in zip(motions, tables, strict=True)
             )
-            for objectives in (self._options.objectives, [(1.0, Effort())])
+            for objectives in (self._setup.options.objectives, [(1.0, Effort())])
         )
         solution = replace(
             failed.solution,
@@ -170,9 +168,8 @@ class FallbackPlanner:
             naturalness_cost=0.0,
             converged=False,
         )
-        return self._solver.check(
-            request, tuple(map(fixed_basis, tables)), motions, solution, phases
-        )
+        bases = tuple(map(fixed_basis, tables))
+        return checked(self._setup, request, bases, motions, solution, phases)
 
     def _durations(
         self, motion: StopAndGo, phases: Sequence[float | None], at_least: float
@@ -187,7 +184,7 @@ class FallbackPlanner:
         if motion.moves_at_ends and total > at_least:
             # The knots of a brake are points of the trajectory.
             total = motion.step * float(np.ceil(total / motion.step - 1e-9))
-        longest = longest_duration(self._options)
+        longest = longest_duration(self._setup.options)
         if total > longest:
             raise TrajectoryError(
                 f"the slow motion would take {total:.4g} s, at most {longest:g} s are accepted"

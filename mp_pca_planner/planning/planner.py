@@ -18,7 +18,7 @@ from ..motion.validation import require_effort_limits
 from ..primitives.primitive import MovementPrimitive
 from ..robot.limits import JointLimits
 from ..robot.model import Robot
-from .attempt import Attempt, MotionSolver, largest
+from .attempt import Attempt, largest
 from .bases import MotionBasis
 from .budget import Budget
 from .conditions import PoseTarget
@@ -29,7 +29,8 @@ from .plan import MODES, OPTIMAL, MotionSolution, Plan, PlannerOptions
 from .request import GoalResolver, Request
 from .route import SequenceResolver
 from .selection import Selector, cost_of
-from .several import SequencePlannerPart
+from .setup import Setup
+from .several import SeveralPlanner
 from .single import BasisChooser, SinglePlanner
 from .unknowns import QuadratureTables
 from .verdict import Judge, Planned, correction
@@ -85,16 +86,14 @@ class Planner:
             others = "choose an objective without efforts, such as jerk"
             self.robot.require_inertias("objectives with efforts", others)
         self._selector = Selector(self.robot, self.primitives, self.options.objectives)
-        self._resolver = GoalResolver(self.robot, self.limits, self.options, self._selector)
-        self._sequences = SequenceResolver(self.robot, self.limits, self._selector)
-        self._solver = solver = MotionSolver(self.robot, self.limits, self.options, self.collision)
-        fallback = FallbackPlanner(self.robot, self.limits, self.options, solver)
-        self._chooser = BasisChooser(self.robot, self.primitives, self.options)
-        self._single = SinglePlanner(
-            self.robot, self.limits, self.options, self._resolver, solver, fallback, self._chooser
-        )
-        self._several = SequencePlannerPart(self.options, solver, fallback, self._chooser)
-        self._judge = Judge(self.limits, self.options, self.collision)
+        self._setup = setup = Setup(self.robot, self.limits, self.options, self.collision)
+        self._resolver = GoalResolver(setup, self._selector)
+        self._sequences = SequenceResolver(setup, self._selector)
+        fallback = FallbackPlanner(setup)
+        self._chooser = BasisChooser(setup, self.primitives)
+        self._single = SinglePlanner(setup, self._resolver, fallback, self._chooser)
+        self._several = SeveralPlanner(setup, fallback, self._chooser)
+        self._judge = Judge(setup)
 
     def check(self, goal: JointGoal) -> None:
         """Reject a goal that can't be served wherever the robot is.

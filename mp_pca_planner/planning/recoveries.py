@@ -10,11 +10,10 @@ from functools import cached_property
 from typing import Protocol
 
 from ..motion.trajectory import Trajectory
-from ..motion.validation import LimitCheck, check_limits
-from ..robot.limits import JointLimits
-from ..robot.model import Robot
-from .attempt import Attempt, MotionSolver
+from ..motion.validation import LimitCheck
+from .attempt import Attempt
 from .bases import MotionBasis
+from .setup import Setup
 from .stop_and_go import slowdown
 
 
@@ -49,22 +48,12 @@ class Failure:
         The attempt, of a single segment.
     setting : Setting
         What it was made with; of a free duration that which was found.
-    solver : MotionSolver
-        Samples motions.
-    robot, limits
+    setup : Setup
         The planner's.
     """
 
-    def __init__(
-        self,
-        attempt: Attempt,
-        setting: Setting,
-        solver: MotionSolver,
-        robot: Robot,
-        limits: JointLimits,
-    ) -> None:
-        self.attempt, self.setting = attempt, setting
-        self._solver, self._robot, self._limits = solver, robot, limits
+    def __init__(self, attempt: Attempt, setting: Setting, setup: Setup) -> None:
+        self.attempt, self.setting, self._setup = attempt, setting, setup
 
     @property
     def is_recoverable(self) -> bool:
@@ -72,18 +61,18 @@ class Failure:
         attempt = self.attempt
         if attempt.is_hopeless or not (attempt.check.violations or attempt.collisions):
             return False
-        return not (attempt.collisions and self._solver.collisions(self._expected))
+        return not (attempt.collisions and self._setup.collisions(self._expected))
 
     @cached_property
     def _expected(self) -> Trajectory:
         """The expected motion of the same duration."""
         motion = self.attempt.motions[0]
-        return self._solver.sample([replace(motion, weights=self.setting.basis.expected)])
+        return self._setup.sample([replace(motion, weights=self.setting.basis.expected)])
 
     @cached_property
     def expected_check(self) -> LimitCheck:
         """Comparison of the expected motion with the limits."""
-        return check_limits(self._expected, self._robot, self._limits)
+        return self._setup.check(self._expected)
 
 
 class Recovery(Protocol):

@@ -15,12 +15,11 @@ from ..motion.goal import JointGoal, JointState, Pose, PoseGoal, Via
 from ..primitives.boundary import hermite_functions
 from ..primitives.conditional_model import ConditionalDistribution
 from ..primitives.primitive import MovementPrimitive
-from ..robot.limits import JointLimits
-from ..robot.model import Robot
 from .conditions import Condition, JointTarget, PoseTarget, Target
 from .plan import SHORTEST, PlannerOptions
 from .pose_search import configurations_at, starts_near
 from .selection import Selection, Selector
+from .setup import Setup
 from .states import check_within_limits, completed, in_order, unwrapped
 
 LONGEST_DURATION = 600.0
@@ -90,17 +89,15 @@ class GoalResolver:
 
     Parameters
     ----------
-    robot, limits, options
+    setup : Setup
         The planner's.
     selector : Selector
         Chooses among its primitives.
     """
 
-    def __init__(
-        self, robot: Robot, limits: JointLimits, options: PlannerOptions, selector: Selector
-    ) -> None:
-        self._robot, self._limits, self._options = robot, limits, options
-        self._selector = selector
+    def __init__(self, setup: Setup, selector: Selector) -> None:
+        self._setup, self._selector = setup, selector
+        robot, limits = setup.robot, setup.limits
         zero = np.zeros(robot.n_joints)
         self._anywhere = JointState(robot.joint_names, np.clip(zero, limits.lower, limits.upper))
 
@@ -109,9 +106,9 @@ class GoalResolver:
         self._check_size(goal.duration)
         self._selector.check_name(goal.primitive)
         here = self._anywhere
-        there = completed(goal.state, here, self._robot, "goal")
+        there = completed(goal.state, here, self._setup.robot, "goal")
         # Which turn of a joint that turns without end is meant depends on the start.
-        q = np.where(self._robot.continuous, here.positions, there.positions)
+        q = np.where(self._setup.robot.continuous, here.positions, there.positions)
         self._check_end(JointState(here.joint_names, q, there.velocities, there.accelerations))
 
     def resolve(self, goal: JointGoal | PoseGoal, start: JointState) -> list[Request]:
@@ -133,8 +130,8 @@ class GoalResolver:
         GoalError, RobotError
             See :meth:`.Planner.plan`.
         """
-        here = in_order(start, self._robot.joint_names)
-        check_within_limits("present", here, self._limits)
+        here = in_order(start, self._setup.robot.joint_names)
+        check_within_limits("present", here, self._setup.limits)
         self._check_size(goal.duration)
         selector = self._selector.among(goal.primitive)
         if isinstance(goal, JointGoal):
@@ -147,7 +144,7 @@ class GoalResolver:
 
         # Several primitives are tried for one configuration, but not in the search for the shortest
         # duration, nor for each of several configurations.
-        searches = goal.duration is None and self._options.timing == SHORTEST
+        searches = goal.duration is None and self._setup.options.timing == SHORTEST
         chosen: list[Request] = []
         if len(goals) > 1:
             goals = sorted(goals, key=score)[:_N_CONFIGURATIONS]
@@ -171,13 +168,13 @@ class GoalResolver:
 
     def target(self, goal: JointGoal, here: JointState) -> JointState:
         """The whole configuration that a goal asks for; see :meth:`resolve`."""
-        there = completed(goal.state, here, self._robot, "goal")
+        there = completed(goal.state, here, self._setup.robot, "goal")
         self._check_end(there)
         return there
 
     def _check_end(self, there: JointState) -> None:
-        check_within_limits("goal", there, self._limits)
-        if not self._options.allow_nonzero_end_velocity and np.any(there.velocities != 0.0):
+        check_within_limits("goal", there, self._setup.limits)
+        if not self._setup.options.allow_nonzero_end_velocity and np.any(there.velocities != 0.0):
             moving = there.joint_names[int(np.abs(there.velocities).argmax())]
             raise GoalError(
                 f"the goal velocity of joint '{moving}' is not 0, which the controller refuses "
@@ -189,21 +186,21 @@ class GoalResolver:
     ) -> list[JointState]:
         """Configurations that reach the pose, from where the demonstrations end and from here."""
         ends = np.concatenate([p.boundary_states[:, 3] for p in candidates])
-        starts = [*starts_near(self._robot, pose, ends), here.positions]
-        found = configurations_at(self._robot, self._limits, pose, starts)
-        return [JointState(here.joint_names, unwrapped(q, here, self._robot)) for q in found]
+        starts = [*starts_near(self._setup.robot, pose, ends), here.positions]
+        found = configurations_at(self._setup.robot, self._setup.limits, pose, starts)
+        return [JointState(here.joint_names, unwrapped(q, here, self._setup.robot)) for q in found]
 
     def _conditions(self, request: Request, vias: Sequence[Via]) -> tuple[Condition, ...]:
         """What to meet on the way, and the pose to reach at the end."""
         conditions = self._via_conditions(request, vias) if vias else []
         if request.pose is not None:
-            conditions.append(Condition(PoseTarget(self._robot, request.pose), 1.0))
+            conditions.append(Condition(PoseTarget(self._setup.robot, request.pose), 1.0))
         return tuple(conditions)
 
     def _via_conditions(self, request: Request, vias: Sequence[Via]) -> list[Condition]:
         targets = [self._target(via, request.start) for via in vias]
         phases = np.linspace(0.0, 1.0, 201)
-        ends = np.zeros((6, self._robot.n_joints))
+        ends = np.zeros((6, self._setup.robot.n_joints))
         ends[0], ends[3] = request.start.positions, request.goal.positions
         usual = hermite_functions(phases) @ ends + request.primitive.basis.shape(
             request.expected.weights, phases
@@ -216,23 +213,23 @@ class GoalResolver:
         ]
 
     def _target(self, via: Via, here: JointState) -> Target:
-        names, target = self._robot.joint_names, via.target
+        names, target = self._setup.robot.joint_names, via.target
         if isinstance(target, Pose):
-            self._robot.frame_positions(here.positions[None], [target.frame])
-            return PoseTarget(self._robot, target)
-        state = completed(target, here, self._robot, "via")
-        check_within_limits("via", JointState(names, state.positions), self._limits)
+            self._setup.robot.frame_positions(here.positions[None], [target.frame])
+            return PoseTarget(self._setup.robot, target)
+        state = completed(target, here, self._setup.robot, "via")
+        check_within_limits("via", JointState(names, state.positions), self._setup.limits)
         index = np.array([names.index(name) for name in target.joint_names])
         return JointTarget(index, state.positions[index], len(names))
 
     def _check_size(self, duration: float | None) -> None:
         if duration is None:
             return
-        longest = longest_duration(self._options)
+        longest = longest_duration(self._setup.options)
         if duration > longest:
             raise GoalError(
                 f"the duration {duration:g} s is too long: with a sample period of "
-                f"{self._options.sample_period:g} s at most {longest:g} s are accepted"
+                f"{self._setup.options.sample_period:g} s at most {longest:g} s are accepted"
             )
 
     def expect(
@@ -246,7 +243,7 @@ class GoalResolver:
         # The demonstrations of a joint that turns without end may lie whole turns away.
         mean = primitive.model.mean[: primitive.n_joints]
         turns = np.round((mean - start.positions) / (2.0 * np.pi))
-        shift = np.where(self._robot.continuous, 2.0 * np.pi * turns, 0.0)
+        shift = np.where(self._setup.robot.continuous, 2.0 * np.pi * turns, 0.0)
         return primitive.model.predict(start.positions + shift, goal.positions + shift, duration)
 
 

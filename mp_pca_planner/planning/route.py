@@ -17,13 +17,12 @@ import numpy as np
 from ..arrays import FloatArray
 from ..exceptions import GoalError
 from ..motion.goal import JointState, Pose, SequenceGoal
-from ..robot.limits import JointLimits
-from ..robot.model import Robot
 from .conditions import JointTarget, PoseTarget, Target
 from .pose_search import configurations_at, starts_near
 from .request import LONGEST_DURATION
 from .selection import Selector
 from .sequence_request import SequenceRequest, duration_groups, fit_durations
+from .setup import Setup
 from .states import check_within_limits, completed, in_order, unwrapped
 
 _MAX_TARGETS = 200
@@ -39,14 +38,14 @@ class SequenceResolver:
 
     Parameters
     ----------
-    robot, limits
+    setup : Setup
         The planner's.
     selector : Selector
         Chooses among its primitives.
     """
 
-    def __init__(self, robot: Robot, limits: JointLimits, selector: Selector) -> None:
-        self.robot, self.limits, self._selector = robot, limits, selector
+    def __init__(self, setup: Setup, selector: Selector) -> None:
+        self.robot, self.limits, self._selector = setup.robot, setup.limits, selector
 
     def resolve(self, goal: SequenceGoal, start: JointState) -> SequenceRequest:
         """Choose configurations, primitives and usual durations.

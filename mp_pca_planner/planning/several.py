@@ -14,42 +14,35 @@ from __future__ import annotations
 
 from itertools import pairwise
 
-import numpy as np
-
-from .attempt import Attempt, MotionSolver
+from .attempt import Attempt, attempt, checked
 from .bases import MotionBasis
 from .budget import Budget
 from .fallback import Fallback, FallbackPlanner
-from .plan import OPTIMAL, REAL_TIME, MotionSolution, PlannerOptions
+from .plan import OPTIMAL, REAL_TIME, MotionSolution
+from .problem import ChainProblem, passing_phases
 from .request import Request
 from .sequence_request import SequenceRequest
+from .setup import Setup
 from .single import BasisChooser
 from .verdict import Planned
 
-# Times that durations are stretched for each share of the passing velocities.
-_MAX_STRETCHES = 12
+# Rounds of stretching durations for each share of the passing velocities.
+_MAX_ROUNDS = 12
 # Shares to which passing velocities are lowered in turn where a position limit is exceeded.
 _SLOWER = (1.0, 0.5, 0.25, 0.0)
 
 
-class SequencePlannerPart:
+class SeveralPlanner:
     """Plans motions through several targets.
 
     Parameters
     ----------
-    options, solver, fallback, chooser
-        The planner's parts.
+    setup, fallback, chooser
+        The planner's.
     """
 
-    def __init__(
-        self,
-        options: PlannerOptions,
-        solver: MotionSolver,
-        fallback: FallbackPlanner,
-        chooser: BasisChooser,
-    ) -> None:
-        self._options, self._solver = options, solver
-        self._fallback, self._chooser = fallback, chooser
+    def __init__(self, setup: Setup, fallback: FallbackPlanner, chooser: BasisChooser) -> None:
+        self._setup, self._fallback, self._chooser = setup, fallback, chooser
 
     def serve(self, request: SequenceRequest, mode: str, budget: Budget) -> Planned:
         """The best motion for a request.
@@ -68,7 +61,7 @@ class SequencePlannerPart:
         best = self._joined(request, bases, budget)
         improved = None
         if mode == OPTIMAL:
-            improved = self._solver.improve(request, bases, best.motions, budget)
+            improved = attempt(ChainProblem(self._setup, request, bases, best.motions), budget)
             if improved.is_valid:
                 return Planned(improved, Fallback(), False, mode=OPTIMAL)
         if best.is_valid:
@@ -95,15 +88,13 @@ class SequencePlannerPart:
     ) -> Attempt:
         """Lengthen free durations, and lower passing velocities, until the limits are kept."""
         durations, best = list(request.durations), None
-        stretch = self._options.search.max_stretch
+        stretch = self._setup.options.search.max_stretch
         for share in _SLOWER:
-            for _ in range(_MAX_STRETCHES):
+            for _ in range(_MAX_ROUNDS):
                 motions = request.concatenate(bases, durations, share)
-                ends = np.cumsum(durations)
-                phases = tuple(map(float, ends / ends[-1]))
-                found = self._solver.check(
-                    request, bases, motions, MotionSolution.unknown(), phases
-                )
+                phases = passing_phases(durations)
+                unknown = MotionSolution.unknown()
+                found = checked(self._setup, request, bases, motions, unknown, phases)
                 if best is None or found.violation < best.violation:
                     best = found
                 if not found.check.violations or budget.is_over():

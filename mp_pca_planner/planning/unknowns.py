@@ -141,6 +141,7 @@ class Unknowns:
         self.scales[: self.n_weights] = weight_scales
         self.scales[self.ends] = np.repeat(END_SCALES[self.free_rows], n_joints)
         self.scales[self.n_linear : self.first_place] = LOG_DURATION_SCALE
+        self.powers = np.repeat(_POWERS[self.free_rows], n_joints)
 
     def from_weights(self, weights: FloatArray) -> FloatArray:
         """Unknowns of these weights, all else as the request has it, shape (n_unknowns,)."""
@@ -175,8 +176,8 @@ class Unknowns:
     def growth(self, x: FloatArray) -> FloatArray:
         """Factors by which the duration scales what weights and boundary values add."""
         growth = np.ones(self.n_linear)
-        powers = np.repeat(_POWERS[self.free_rows], self.boundary.shape[1])
-        growth[self.ends] = (self.duration_at(x) / self.duration) ** powers
+        if self.powers.any():
+            growth[self.ends] = (self.duration_at(x) / self.duration) ** self.powers
         return growth
 
     def accepts(self, duration: float) -> bool:

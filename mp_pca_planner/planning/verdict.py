@@ -9,9 +9,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..exceptions import TrajectoryError
-from ..motion.collision import NOT_CHECKED, CollisionModel
+from ..motion.collision import NOT_CHECKED
 from ..motion.validation import check_executable
-from ..robot.limits import JointLimits
 from .attempt import Attempt
 from .bases import MotionBasis
 from .fallback import Fallback
@@ -23,10 +22,10 @@ from .plan import (
     REAL_TIME,
     SOLVED,
     STOPPED_EARLY,
-    PlannerOptions,
 )
 from .pose_search import POSE_TOLERANCE
 from .request import Request
+from .setup import Setup
 
 _ROUNDED = 1.0 + 1e-9
 
@@ -72,14 +71,12 @@ class Judge:
 
     Parameters
     ----------
-    limits, options, collision
+    setup : Setup
         The planner's.
     """
 
-    def __init__(
-        self, limits: JointLimits, options: PlannerOptions, collision: CollisionModel | None
-    ) -> None:
-        self._limits, self._options, self._collision = limits, options, collision
+    def __init__(self, setup: Setup) -> None:
+        self._setup = setup
 
     def verdict(self, outcome: Planned, missed: float) -> tuple[str, str]:
         """Status and message.
@@ -91,7 +88,7 @@ class Judge:
         missed : float
             Largest distance of the motion from what it must pass [rad or m].
         """
-        attempt, options = outcome.attempt, self._options
+        attempt, options = outcome.attempt, self._setup.options
         try:
             check_executable(
                 attempt.trajectory,
@@ -125,7 +122,7 @@ class Judge:
     def _search(self, outcome: Planned, kind: str) -> str:
         """How the search for a kind of motion ended."""
         if outcome.ran_out:
-            limit = f"max_solve_time = {self._options.max_solve_time:g} s"
+            limit = f"max_solve_time = {self._setup.options.max_solve_time:g} s"
             return f"time ran out ({limit}) before a motion {kind} was found"
         return f"no motion {kind} was found"
 
@@ -178,19 +175,20 @@ class Judge:
         """Why there is no motion in the duration asked for, empty if that is not known."""
         request, asked = attempt.request, attempt.request.usual_duration
         displacement = np.abs(request.goal.positions - request.start.positions)
-        least = displacement / self._limits.velocity
+        limits = self._setup.limits
+        least = displacement / limits.velocity
         j = int(least.argmax())
         if request.pose is not None or not least[j] > asked:
             return ""
         return (
             f"no motion within the limits takes {asked:.4g} s: at its limit of velocity, "
-            f"{self._limits.velocity[j]:.4g}, joint '{self._limits.joint_names[j]}' alone needs "
+            f"{limits.velocity[j]:.4g}, joint '{limits.joint_names[j]}' alone needs "
             f"{least[j]:.4g} s"
         )
 
     def _concessions(self, attempt: Attempt) -> str:
         """What had to be given up to do what was asked, as the end of a sentence."""
-        options, collision = self._options, self._collision
+        options, collision = self._setup.options, self._setup.collision
         usual, duration = attempt.request.usual_duration, attempt.duration
         given_up = []
         if duration > usual * _ROUNDED and options.timing == DEMONSTRATED:

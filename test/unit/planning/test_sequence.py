@@ -18,7 +18,7 @@ from mp_pca_planner.exceptions import GoalError, RobotError
 from mp_pca_planner.motion.goal import JointState, Pose, SequenceGoal
 from mp_pca_planner.motion.validation import check_limits
 from mp_pca_planner.planning.chain import ChainProgram
-from mp_pca_planner.planning.problem import Problem
+from mp_pca_planner.planning.problem import ChainProblem
 from mp_pca_planner.planning.sequence import MODES, OPTIMAL, REAL_TIME, SequencePlan
 from mp_pca_planner.planning.sequence import SequencePlanner as Planner
 from mp_pca_planner.planning.solver import SolverOptions, solve
@@ -109,14 +109,14 @@ def test_optimal_takes_less_effort_in_the_same_time() -> None:
     assert best.effort_cost == pytest.approx(integral, rel=5e-3)
 
 
-def chain(posed: bool, *, with_limits: bool) -> Problem:
+def chain(posed: bool, *, with_limits: bool) -> ChainProblem:
     """The program of a sequence with tight limits, bounded by them or not."""
     goal, start = with_poses() if posed else request(3)
     tight = planner(max_velocity=1.0, max_acceleration=4.0, max_jerk=20.0)
     resolved = tight._sequences.resolve(goal, start)
     bases = tight._several.bases(resolved)
     joined = resolved.concatenate(bases, resolved.durations)
-    problem = tight._solver.chain_problem(resolved, bases, joined)
+    problem = ChainProblem(tight._setup, resolved, bases, joined)
     problem.bound(with_limits=with_limits)
     return problem
 

@@ -12,11 +12,11 @@ from hypothesis import strategies as st
 from scipy.optimize import minimize
 from test_compiler import BASES, compile_motion
 
-from mp_pca_planner.planning.compiler import QuadratureTables
 from mp_pca_planner.planning.constraints import LimitedProgram, LimitTables
 from mp_pca_planner.planning.solver import SolverOptions, solve
 from mp_pca_planner.planning.subproblem import _nearest
 from mp_pca_planner.planning.trust_region import trust_region_step
+from mp_pca_planner.planning.unknowns import QuadratureTables
 
 UNLIMITED = {
     "min_position": -np.inf,
