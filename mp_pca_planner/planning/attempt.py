@@ -154,13 +154,10 @@ def attempt(
     max_iterations : int, optional
         That of the solver's options unless given.
     """
-    setup, search = problem.setup, problem.setup.options.search
-    # Limits hardly ever matter near the expected motion; that they don't is checked.
-    certain = all(basis.precision is not None for basis in problem.bases)
-    problem.bound(with_limits=not (certain and problem.naturalness >= search.near_expected))
+    setup, passes, touched = problem.setup, 0, False
+    problem.bound(with_limits=not problem.is_near_expected)
     first = starts = problem.starts[:n_starts]
-    passes, touched = 0, False
-    for _ in range(search.max_refinements):
+    for _ in range(setup.options.search.max_refinements):
         solutions = _solutions(problem, starts, max_iterations, budget)
         solved_at = time.perf_counter()
         passes += sum(one.iterations for one in solutions)
@@ -185,9 +182,7 @@ def attempt(
         if tight:
             problem.tighten(check.touched, motions)
             touched = not check.violations
-        starts = [StartPoint(best.unknowns, best.memory)]
-        if apart:
-            starts = _detours(problem, best, first[0])
+        starts = _continued(problem, best, first[0] if apart else None)
     return Attempt(
         problem.request,
         problem.bases,
@@ -219,11 +214,13 @@ def _solutions(
     return found
 
 
-def _detours(problem: Problem, best: Solution, first: StartPoint) -> list[StartPoint]:
-    """Starts after clearance constraints were added: here, and where the search began.
+def _continued(problem: Problem, best: Solution, first: StartPoint | None) -> list[StartPoint]:
+    """Starts where the solver stopped; with new clearance constraints also where it began.
 
     The detour on this side may be blocked.
     """
+    if first is None:
+        return [StartPoint(best.unknowns, best.memory)]
     memory = best.memory
     if isinstance(problem, ChainProblem):  # its inequalities are numbered anew
         memory = memory.curvature_alone()

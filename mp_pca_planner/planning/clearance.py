@@ -20,11 +20,30 @@ from ..primitives.basis import Basis
 from .constraints import LimitedPoint, LimitedProgram
 from .unknowns import Rows, StateMap, Unknowns, hermite_tables
 
-# Clearance [m] that leaves room for what happens between the phases, and its largest share of the
-# distance at the fixed ends of the motion.
-_CLEARANCE, _SHARE_OF_ENDS = 3e-3, 0.5
-# Phases at which a pair is constrained at first, and those added where it collides nevertheless.
-_N_PHASES, _N_MORE = 40, 5
+
+@dataclass(frozen=True)
+class ClearanceOptions:
+    """How links are kept apart.
+
+    Attributes
+    ----------
+    distance : float
+        Clearance [m]: it leaves room for what happens between the phases.
+    share_of_ends : float
+        Largest share of the distance at the fixed ends of the motion, 0 to 1.
+    n_phases : int
+        Number of phases at which a pair is constrained at first.
+    n_more : int
+        Number of phases that are added where it collides nevertheless.
+    """
+
+    distance: float = 3e-3
+    share_of_ends: float = 0.5
+    n_phases: int = 40
+    n_more: int = 5
+
+
+_OPTIONS = ClearanceOptions()
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,16 +88,16 @@ def clearances_of(
         Of the motion [s].
     """
     distances = {clearance.pair: clearance.distance for clearance in known}
-    grid = np.linspace(0.0, 1.0, _N_PHASES + 1)
+    grid = np.linspace(0.0, 1.0, _OPTIONS.n_phases + 1)
     grid = grid[ends[0] is not None : None if ends[1] is None else -1]
     added = []
     for one in collisions:
-        phases = np.linspace(one.first_time, one.last_time, _N_MORE) / duration
+        phases = np.linspace(one.first_time, one.last_time, _OPTIONS.n_more) / duration
         if one.pair not in distances:
             phases, pair = grid, np.array([one.pair])
             room = [model.distances(end, pair)[0][0] for end in ends if end is not None]
             at_ends = float(min(room, default=np.inf))
-            distances[one.pair] = min(_CLEARANCE, _SHARE_OF_ENDS * at_ends)
+            distances[one.pair] = min(_OPTIONS.distance, _OPTIONS.share_of_ends * at_ends)
         added.append(Clearance(one.pair, phases, distances[one.pair]))
     return tuple(added)
 

@@ -68,7 +68,7 @@ class MotionProgram:
     objectives : sequence of (float, Objective)
         Running costs and their weights; effort alone unless given.
     conditions : sequence of Condition
-        What to meet on the way or at the end.
+        Targets between the ends or at the end.
 
     Attributes
     ----------

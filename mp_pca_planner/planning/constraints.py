@@ -4,7 +4,7 @@
 
 Positions and their derivatives are linear in the weights, so their constraints are exact and
 cost a product of matrices. Efforts are computed at the quadrature nodes anyway; between them
-they are smooth, so the polynomial through the nodes of each piece tells them everywhere.
+they are smooth, so the polynomial through the nodes of each piece interpolates them.
 """
 
 from __future__ import annotations
@@ -104,14 +104,14 @@ def _interpolation(nodes: bytes, breakpoints: bytes, points: bytes) -> FloatArra
     # Late, so that the node starts fast.
     from scipy.interpolate import BarycentricInterpolator
 
-    known, edges, wanted = (np.frombuffer(x) for x in (nodes, breakpoints, points))
-    matrix = np.zeros((wanted.size, known.size))
-    piece_of_node, piece_of_point = (np.searchsorted(edges[1:-1], x) for x in (known, wanted))
+    known, edges, asked = (np.frombuffer(x) for x in (nodes, breakpoints, points))
+    matrix = np.zeros((asked.size, known.size))
+    piece_of_node, piece_of_point = (np.searchsorted(edges[1:-1], x) for x in (known, asked))
     for piece in range(edges.size - 1):
         of_nodes = np.flatnonzero(piece_of_node == piece)
         of_points = np.flatnonzero(piece_of_point == piece)
         lagrange = BarycentricInterpolator(known[of_nodes], np.eye(of_nodes.size))
-        matrix[np.ix_(of_points, of_nodes)] = lagrange(wanted[of_points])
+        matrix[np.ix_(of_points, of_nodes)] = lagrange(asked[of_points])
     return matrix
 
 

@@ -33,8 +33,6 @@ from .states import unwrapped
 from .stop_and_go import StopAndGo, stop_and_go
 from .unknowns import QuadratureTables
 
-_SAME_DURATION = 1.0 + 1e-9
-
 
 @dataclass(frozen=True)
 class Fallback:
@@ -93,7 +91,7 @@ class FallbackPlanner:
                     reason = reason or str(attempt.collisions[0])
                     continue
                 duration = attempt.duration
-                if request.duration_is_free or duration <= at_least * _SAME_DURATION:
+                if request.duration_is_free or duration <= at_least * (1.0 + 1e-9):
                     return Fallback(attempt)
                 feasible = min(feasible, duration)
         return Fallback(duration=feasible) if np.isfinite(feasible) else Fallback(reason=reason)

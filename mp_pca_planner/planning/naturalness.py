@@ -10,18 +10,15 @@ from ..arrays import FloatArray
 from ..primitives.conditional_model import ConditionalDistribution
 from .bases import MotionBasis
 from .compiler import MotionProgram
+from .plan import SearchOptions
 from .unknowns import END_SCALES, LOG_DURATION_SCALE
-
-# Spread of the logarithm of durations that is as natural as a standard deviation of weights.
-_DURATION_SPREAD = 0.3
-# Passing at speed bends segments by more than demonstrations from rest to rest show: this many of
-# their standard deviations count as one (`benchmarks/sequences.py` shows what comes of it). Where
-# a joint hardly spreads, the deviation is at least this [rad or m].
-_BEND_SPREAD, _MIN_SPREAD = 18.0, 0.01
 
 
 def segment_precision(
-    program: MotionProgram, basis: MotionBasis, expected: ConditionalDistribution
+    program: MotionProgram,
+    basis: MotionBasis,
+    expected: ConditionalDistribution,
+    search: SearchOptions,
 ) -> FloatArray:
     """Precision of the unknowns of a segment, shape (n_unknowns, n_unknowns).
 
@@ -35,7 +32,7 @@ def segment_precision(
         precision[:n, :n] = basis.precision * np.outer(program.scales[:n], program.scales[:n])
     if unknowns.duration_is_free:
         precision[unknowns.n_linear, unknowns.n_linear] = (
-            LOG_DURATION_SCALE / _DURATION_SPREAD
+            LOG_DURATION_SCALE / search.duration_spread
         ) ** 2
     variances = np.zeros(n_joints)
     if basis.n_components:
@@ -44,7 +41,7 @@ def segment_precision(
         variances = np.einsum(
             "k,kji,il,kjl->j", tables.quadrature, functions, expected.covariance, functions
         )
-    spreads = _BEND_SPREAD * np.maximum(np.sqrt(variances), _MIN_SPREAD)
+    spreads = search.bend_spread * np.maximum(np.sqrt(variances), search.min_spread)
     rows = unknowns.free_rows
     bends = tables.hermite[0][:, rows] * END_SCALES[rows]
     gram = bends.T @ (bends * tables.quadrature[:, None])

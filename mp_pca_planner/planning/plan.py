@@ -58,6 +58,26 @@ class SearchOptions:
         last, effort hardly counts.
     n_warm_starts : int
         Number of demonstrations of a primitive between whose ends motions are precomputed.
+    n_configurations : int
+        Number of configurations that reach a pose to which motions are planned, the most natural
+        first.
+    n_route_configurations : int
+        Number of configurations that reach a pose of a sequence that are compared.
+    here : float
+        Initial targets that the robot is this near to are passed already [rad or m].
+    max_stretches : int
+        Largest number of times that durations of joined segments are stretched, for each share.
+    passing_shares : tuple of float
+        Shares to which passing velocities are lowered in turn where joined segments exceed a
+        position limit.
+    duration_spread : float
+        Change of the logarithm of a segment's duration that is as natural as a standard deviation
+        of weights.
+    bend_spread : float
+        Passing at speed bends segments by more than demonstrations from rest to rest show: this
+        many of their standard deviations count as one (benchmarks/sequences.py).
+    min_spread : float
+        Least standard deviation of a joint in that [rad or m].
     warm_start_score : float
         Largest in-span score of a request that starts from them. Requests like the demonstrations
         have at most 2, those from anywhere to anywhere 6 and more, and may end in poor optima.
@@ -73,6 +93,14 @@ class SearchOptions:
     duration_margin: float = 1.002
     max_stretch: float = 10.0
     naturalness_steps: tuple[float, ...] = (1e-3, 1e-2, 1e-1, 1.0, 10.0, 100.0)
+    n_configurations: int = 3
+    n_route_configurations: int = 6
+    here: float = 0.01
+    max_stretches: int = 12
+    passing_shares: tuple[float, ...] = (1.0, 0.5, 0.25, 0.0)
+    duration_spread: float = 0.3
+    bend_spread: float = 18.0
+    min_spread: float = 0.01
     n_warm_starts: int = 20
     warm_start_score: float = 3.0
 
@@ -224,7 +252,7 @@ class Plan:
     selection : str
         Why the primitives were used, in a sentence.
     in_span_score : float
-        How far outside the demonstrations the request lies (about 1: like them); the largest of
+        Distance of the request from the demonstrations (about 1: like them); the largest of
         the segments.
     limit_check : LimitCheck
         Comparison with the limits on a grid of at most 1 ms.
@@ -232,9 +260,9 @@ class Plan:
         Largest distance of the ends from the present and the goal position, or from the goal
         pose [rad or m].
     via_error : float
-        Largest distance from what to pass on the way [rad or m].
+        Largest distance from the vias [rad or m].
     via_phases : tuple of float
-        When that is passed, as shares of the duration.
+        When the vias are passed, as shares of the duration.
     shortest_duration : float
         Shortest duration [s] for which a motion within the limits was found; NaN unless it was
         asked for, or the duration asked for was too short.

@@ -182,7 +182,7 @@ class Planner:
     def _plan(self, planned: Planned, reason: str, solve_time: float) -> Plan:
         attempt = planned.attempt
         request, trajectory = attempt.request, attempt.trajectory
-        via_error, goal_error = self._errors(attempt)
+        via_error, goal_error = _errors(attempt, self.robot)
         status, message = self._judge.verdict(planned, max(via_error, goal_error))
         motions = attempt.motions
         return Plan(
@@ -223,19 +223,6 @@ class Planner:
         )
         return replace(solution, objective_cost=objective, effort_cost=effort)
 
-    def _errors(self, attempt: Attempt) -> tuple[float, float]:
-        """Largest distances from the vias and from the goal [rad or m]."""
-        request = attempt.request
-        n_via_errors = sum(
-            condition.target.error(request.start.positions)[0].size
-            for condition in request.conditions[: request.n_vias]
-        )
-        last = attempt.trajectory.positions[-1]
-        via_error = largest(attempt.condition_errors[:n_via_errors])
-        if request.pose is None:
-            return via_error, _distance(last, request.goal)
-        return via_error, largest(PoseTarget(self.robot, request.pose).error(last)[0])
-
     def _in_span_score(self, attempt: Attempt) -> float:
         """That of the request; of a pose, with the configuration that was chosen for it."""
         request = attempt.request
@@ -248,6 +235,20 @@ class Planner:
             ).in_span_score
             for primitive, motion in zip(request.primitives, attempt.motions, strict=True)
         )
+
+
+def _errors(attempt: Attempt, robot: Robot) -> tuple[float, float]:
+    """Largest distances from the vias and from the goal [rad or m]."""
+    request = attempt.request
+    n_via_errors = sum(
+        condition.target.error(request.start.positions)[0].size
+        for condition in request.conditions[: request.n_vias]
+    )
+    last = attempt.trajectory.positions[-1]
+    via_error = largest(attempt.condition_errors[:n_via_errors])
+    if request.pose is None:
+        return via_error, _distance(last, request.goal)
+    return via_error, largest(PoseTarget(robot, request.pose).error(last)[0])
 
 
 def _reason(goal: Goal, best: Attempt, attempts: Sequence[Attempt]) -> str:

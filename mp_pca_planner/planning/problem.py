@@ -53,7 +53,7 @@ class Part:
     limited : LimitedProgram
         With limits; without until they are found to matter.
     clearances : tuple of Clearance
-        Pairs of links that are kept apart.
+        Clearance constraints.
     """
 
     program: MotionProgram
@@ -111,6 +111,12 @@ class Problem(ABC):
     parts: list[Part]
     starts: list[StartPoint]
     is_bounded = False
+
+    @property
+    def is_near_expected(self) -> bool:
+        """Whether motions stay near the expected one, where limits hardly ever matter."""
+        certain = all(basis.precision is not None for basis in self.bases)
+        return certain and self.naturalness >= self.setup.options.search.near_expected
 
     @abstractmethod
     def program(self) -> Program:
@@ -290,7 +296,9 @@ class ChainProblem(Problem):
                 objectives=setup.options.objectives,
             )
             price = self.naturalness * effort_of(setup.robot, motion)
-            program.precision = price * segment_precision(program, basis, request.expected[i])
+            program.precision = price * segment_precision(
+                program, basis, request.expected[i], setup.options.search
+            )
             self.parts.append(Part(program, basis, (here.fixed_state, there.fixed_state)))
         self._chain = self._joined_parts([])
         self.starts = [StartPoint(self._chain.start)]

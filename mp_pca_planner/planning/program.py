@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""What the solver asks of a nonlinear program: the contract between compiler and solver.
+"""Nonlinear programs: the contract between compiler and solver.
 
 A program is: minimise f(x) subject to l ≤ c(x) ≤ u and e(x) = 0. Its unknowns x (weights, a
 goal configuration, a log duration, …) are to be scaled so that usual steps are of order 1,

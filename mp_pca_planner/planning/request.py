@@ -28,9 +28,6 @@ LONGEST_DURATION = 600.0
 # More points would exhaust the memory.
 _MAX_POINTS = 100_000
 
-# Configurations that reach a pose to which motions are planned, the most natural first.
-_N_CONFIGURATIONS = 3
-
 
 @dataclass(frozen=True, eq=False)
 class Request:
@@ -47,7 +44,7 @@ class Request:
     pose : Pose or None
         The pose to reach, if that is the goal: the goal state is a start then.
     conditions : tuple of Condition
-        What to meet on the way, then at a pose.
+        The vias, then a pose.
     duration_is_free : bool
         Whether nobody fixed the duration.
     expected : ConditionalDistribution
@@ -80,7 +77,7 @@ class Request:
 
     @property
     def n_vias(self) -> int:
-        """Number of conditions on the way."""
+        """Number of vias."""
         return len(self.conditions) - (self.pose is not None)
 
 
@@ -147,7 +144,7 @@ class GoalResolver:
         searches = goal.duration is None and self._setup.options.timing == SHORTEST
         chosen: list[Request] = []
         if len(goals) > 1:
-            goals = sorted(goals, key=score)[:_N_CONFIGURATIONS]
+            goals = sorted(goals, key=score)[: self._setup.options.search.n_configurations]
         for there in goals:
             selection = selector.choose(here.positions, there.positions, goal.duration)
             several = pose is None and not searches
@@ -177,7 +174,7 @@ class GoalResolver:
         if not self._setup.options.allow_nonzero_end_velocity and np.any(there.velocities != 0.0):
             moving = there.joint_names[int(np.abs(there.velocities).argmax())]
             raise GoalError(
-                f"the goal velocity of joint '{moving}' is not 0, which the controller refuses "
+                f"the goal velocity of joint '{moving}' is not 0, which the controller rejects "
                 "unless it and this planner are set to allow a nonzero velocity at the end"
             )
 
@@ -191,7 +188,7 @@ class GoalResolver:
         return [JointState(here.joint_names, unwrapped(q, here, self._setup.robot)) for q in found]
 
     def _conditions(self, request: Request, vias: Sequence[Via]) -> tuple[Condition, ...]:
-        """What to meet on the way, and the pose to reach at the end."""
+        """The vias, and the pose to reach at the end."""
         conditions = self._via_conditions(request, vias) if vias else []
         if request.pose is not None:
             conditions.append(Condition(PoseTarget(self._setup.robot, request.pose), 1.0))

@@ -26,11 +26,8 @@ from .setup import Setup
 from .states import check_within_limits, completed, in_order, unwrapped
 
 _MAX_TARGETS = 200
-# Initial targets that the robot is this near to are passed already, and targets that are this near
-# to each other the same [rad or m].
-_HERE, _SAME = 0.01, 1e-6
-# Configurations that reach a pose which are compared.
-_MAX_CONFIGURATIONS = 6
+# Targets that are this near to each other are the same [rad or m].
+_SAME = 1e-6
 
 
 class SequenceResolver:
@@ -46,6 +43,7 @@ class SequenceResolver:
 
     def __init__(self, setup: Setup, selector: Selector) -> None:
         self.robot, self.limits, self._selector = setup.robot, setup.limits, selector
+        self._search = setup.options.search
 
     def resolve(self, goal: SequenceGoal, start: JointState) -> SequenceRequest:
         """Choose configurations, primitives and usual durations.
@@ -140,7 +138,7 @@ class SequenceResolver:
                 missed = there.positions - here.positions
             else:
                 missed = PoseTarget(self.robot, target).error(here.positions)[0]
-            if np.abs(missed).max() > _HERE:
+            if np.abs(missed).max() > self._search.here:
                 return n_passed
             if when is not None:
                 raise GoalError(
@@ -165,13 +163,13 @@ class SequenceResolver:
         except GoalError as error:
             raise GoalError(f"target {number}: {error}") from None
         longer = []
-        for q in found[:_MAX_CONFIGURATIONS]:
-            ways = []
+        for q in found[: self._search.n_route_configurations]:
+            longer_routes = []
             for route in routes:
                 before = route.states[-1]
                 there = JointState(before.joint_names, unwrapped(q, before, self.robot))
-                ways.append(route.to(there, selector))
-            longer.append(min(ways, key=lambda route: route.cost))
+                longer_routes.append(route.to(there, selector))
+            longer.append(min(longer_routes, key=lambda route: route.cost))
         return longer
 
     def _check_size(self, goal: SequenceGoal) -> None:

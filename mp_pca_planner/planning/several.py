@@ -26,11 +26,6 @@ from .setup import Setup
 from .single import BasisChooser
 from .verdict import Planned
 
-# Rounds of stretching durations for each share of the passing velocities.
-_MAX_ROUNDS = 12
-# Shares to which passing velocities are lowered in turn where a position limit is exceeded.
-_SLOWER = (1.0, 0.5, 0.25, 0.0)
-
 
 class SeveralPlanner:
     """Plans motions through several targets.
@@ -88,9 +83,9 @@ class SeveralPlanner:
     ) -> Attempt:
         """Lengthen free durations, and lower passing velocities, until the limits are kept."""
         durations, best = list(request.durations), None
-        stretch = self._setup.options.search.max_stretch
-        for share in _SLOWER:
-            for _ in range(_MAX_ROUNDS):
+        search = self._setup.options.search
+        for share in search.passing_shares:
+            for _ in range(search.max_stretches):
                 motions = request.concatenate(bases, durations, share)
                 phases = passing_phases(durations)
                 unknown = MotionSolution.unknown()
@@ -99,7 +94,7 @@ class SeveralPlanner:
                     best = found
                 if not found.check.violations or budget.is_over():
                     return best
-                longer = request.stretched(found.check, durations, stretch)
+                longer = request.stretched(found.check, durations, search.max_stretch)
                 if longer == durations:
                     break
                 durations = longer

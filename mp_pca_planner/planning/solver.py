@@ -26,11 +26,6 @@ from .subproblem import TINY, Step, Subproblem, infeasibility
 FEASIBLE = 1e-7
 """Sum of constraint violations that is rounding, in shares of the limits and SI units."""
 
-# Below this cosine of the angle between step and change of the gradient, an update of the curvature
-# would be out of proportion.
-_MIN_COSINE = 0.05
-_MIN_RADIUS = 1e-9
-
 
 @dataclass(frozen=True)
 class SolverOptions:
@@ -55,6 +50,11 @@ class SolverOptions:
         Share of the predicted change of the gradient in the scale of the curvature's update, 0 to
         1: it steadies the update as Powell's damping does. The default took the fewest passes on
         four arms.
+    min_cosine : float
+        Below this cosine of the angle between a step and the change of the gradient, the curvature
+        is not updated: the update would be out of proportion.
+    min_radius : float
+        Radius of the trust region at which the search ends.
     """
 
     tolerance: float = 3e-5
@@ -64,6 +64,8 @@ class SolverOptions:
     first_radius_to_equalities: float = 4.0
     damping_decay: float = 0.25
     expected_share: float = 0.3
+    min_cosine: float = 0.05
+    min_radius: float = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -197,7 +199,7 @@ class _Search:
                 continue
             converged = negligible and self.violated <= FEASIBLE
             restores = self.violated - step.infeasibility > FEASIBLE
-            stuck = (negligible and not restores) or memory.radius < _MIN_RADIUS
+            stuck = (negligible and not restores) or memory.radius < options.min_radius
             if converged or stuck or options.should_stop():
                 break
             self._take(step, subproblem, predicted)
@@ -230,11 +232,11 @@ class _Search:
 
     def _learned(self, step: Step, there: Point) -> Matrix:
         """The estimate of the curvature, updated along a step; block by block if it has blocks."""
-        curvature, share = self.memory.curvature, self._options.expected_share
+        curvature, options = self.memory.curvature, self._options
         if not isinstance(curvature, BlockMatrix):
             hessians = as_array(self.here.hessian) + as_array(there.hessian)
             turned = step.lagrangian_gradient(there) - step.pull
-            return _updated(curvature, step.change, turned, hessians @ step.change, share)
+            return _updated(curvature, step.change, turned, hessians @ step.change, options)
         if not np.isfinite(there.cost):
             return curvature
         assert isinstance(self.here, ChainPoint)
@@ -248,7 +250,9 @@ class _Search:
         for i, where in enumerate(curvature.slices):
             change = step.change[where]
             known = sums.blocks[i] @ change
-            blocks.append(_updated(curvature.blocks[i], change, after[i] - before[i], known, share))
+            blocks.append(
+                _updated(curvature.blocks[i], change, after[i] - before[i], known, options)
+            )
         return replace(curvature, blocks=tuple(blocks))
 
     def _solution(self, converged: bool) -> Solution:
@@ -269,7 +273,7 @@ def _updated(
     change: FloatArray,
     gradient_change: FloatArray,
     known_changes: FloatArray,
-    expected_share: float,
+    options: SolverOptions,
 ) -> FloatArray:
     """Dennis–Gay–Welsch update of S along a step.
 
@@ -281,9 +285,10 @@ def _updated(
         The step, and the change of the Lagrangian's gradient along it.
     known_changes : array, shape (n,)
         The sum of the known Hessians at both ends of the step, times the step.
-    expected_share : float
-        See :class:`SolverOptions`.
+    options : SolverOptions
+        How it is scaled.
     """
+    expected_share = options.expected_share
     # S must map the step to that change of the gradient that the known part leaves open.
     known = 0.5 * known_changes
     unknown = gradient_change - known
@@ -296,7 +301,7 @@ def _updated(
     scale = (1.0 - expected_share) * gradient_change + expected_share * (known + curved)
     along = float(change @ scale)
     lengths = float(change @ change) * float(scale @ scale)
-    if not along > _MIN_COSINE * math.sqrt(lengths):
+    if not along > options.min_cosine * math.sqrt(lengths):
         return curvature
     error = (unknown - curved) / along
     # E cᵀ + c Eᵀ − (E·step/along) c cᵀ, c the scale; the last term shared out to the two others.

@@ -81,7 +81,7 @@ class Tangent(NamedTuple):
         rank = int(np.count_nonzero(singular > _DEPENDENT * singular[0]))
         inverse = right[:rank].T @ (left[:, :rank] / singular[:rank]).T
         normal = -inverse @ here.equalities
-        # Far from the equalities only as much of the way as the trust region allows.
+        # Far from the equalities, the step is shortened to the trust region.
         length = float(np.linalg.norm(normal))
         normal *= min(1.0, _NORMAL_SHARE * radius / max(length, TINY))
         return cls(normal, right[rank:].T, inverse)

@@ -29,12 +29,12 @@ LOG_DURATION_SCALE = 0.2
 GOAL_POSITION = 3
 """Row of the goal positions among the boundary values."""
 # A free duration stays within a factor of 20 of where its search begins.
-_MOST_LOG = np.log(20.0)
+_MAX_LOG = np.log(20.0)
 # How boundary values with respect to phase grow with the duration.
 _POWERS = np.array([0.0, 1.0, 2.0, 0.0, 1.0, 2.0])
 # Six nodes in each piece of a spline keep the integral to 0.02 % even where a motion thrashes
 # (benchmarks/planning_speed.py).
-_FEWEST_NODES_PER_PIECE = 6
+_MIN_NODES_PER_PIECE = 6
 
 
 class QuadratureTables:
@@ -43,7 +43,7 @@ class QuadratureTables:
     Parameters
     ----------
     basis : Basis
-        The family of shapes.
+        The basis of shapes.
     n_nodes : int
         Gauss–Legendre nodes in all, shared evenly by the smooth pieces of the basis; at least
         six in each piece.
@@ -65,7 +65,7 @@ class QuadratureTables:
 
     def __init__(self, basis: Basis, n_nodes: int = DEFAULT_NODES) -> None:
         edges = basis.breakpoints
-        per_piece = max(int(np.ceil(n_nodes / (len(edges) - 1))), _FEWEST_NODES_PER_PIECE)
+        per_piece = max(int(np.ceil(n_nodes / (len(edges) - 1))), _MIN_NODES_PER_PIECE)
         x, w = _gauss_legendre(per_piece)
         widths = np.diff(edges)[:, None]
         phases = (edges[:-1, None] + widths * (x + 1.0) / 2.0).ravel()
@@ -158,12 +158,12 @@ class Unknowns:
         if not self.duration_is_free:
             return self.duration
         change = LOG_DURATION_SCALE * x[self.n_linear]
-        return float(self.duration * np.exp(_MOST_LOG * np.tanh(change / _MOST_LOG)))
+        return float(self.duration * np.exp(_MAX_LOG * np.tanh(change / _MAX_LOG)))
 
     def log_duration_slope(self, x: FloatArray) -> float:
         """Derivative of log T by its unknown, if it is free."""
         change = LOG_DURATION_SCALE * x[self.n_linear]
-        return float(LOG_DURATION_SCALE / np.cosh(change / _MOST_LOG) ** 2)
+        return float(LOG_DURATION_SCALE / np.cosh(change / _MAX_LOG) ** 2)
 
     def boundary_at(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Boundary values by phase, and their derivative by log T, each shape (6, n_joints)."""
@@ -184,12 +184,12 @@ class Unknowns:
         """Whether a duration is in the range of the free one, or is the fixed one."""
         if not self.duration_is_free:
             return True
-        return bool(duration > 0.0 and abs(np.log(duration / self.duration)) < _MOST_LOG)
+        return bool(duration > 0.0 and abs(np.log(duration / self.duration)) < _MAX_LOG)
 
     def log_duration_unknown(self, duration: float) -> float:
         """The unknown of a duration: the inverse of `duration_at`."""
-        change = np.log(duration / self.duration) / _MOST_LOG
-        return float(_MOST_LOG * np.arctanh(change) / LOG_DURATION_SCALE)
+        change = np.log(duration / self.duration) / _MAX_LOG
+        return float(_MAX_LOG * np.arctanh(change) / LOG_DURATION_SCALE)
 
 
 class Rows(NamedTuple):

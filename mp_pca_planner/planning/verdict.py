@@ -27,8 +27,6 @@ from .pose_search import POSE_TOLERANCE
 from .request import Request
 from .setup import Setup
 
-_ROUNDED = 1.0 + 1e-9
-
 
 @dataclass(frozen=True)
 class StatedDuration:
@@ -191,7 +189,7 @@ class Judge:
         options, collision = self._setup.options, self._setup.collision
         usual, duration = attempt.request.usual_duration, attempt.duration
         given_up = []
-        if duration > usual * _ROUNDED and options.timing == DEMONSTRATED:
+        if duration > usual * (1.0 + 1e-9) and options.timing == DEMONSTRATED:
             given_up.append(f"the duration was lengthened from {usual:.3g} to {duration:.3g} s")
         if attempt.naturalness > options.naturalness:
             given_up.append(
