@@ -21,12 +21,10 @@ from .attempt import Attempt, checked
 from .bases import fixed_basis
 from .conditions import PoseTarget, Target
 from .motion import Motion
-from .objectives import Effort
 from .plan import SHORTEST
 from .pose_search import configurations_at
 from .problem import passing_phases
 from .request import Request, longest_duration
-from .selection import cost_of
 from .sequence_request import SequenceRequest, fit_durations
 from .setup import Setup
 from .states import unwrapped
@@ -150,23 +148,18 @@ class FallbackPlanner:
         phases: tuple[float, ...],
     ) -> Attempt:
         """The attempt of a slow motion, in the place of a failed one."""
-        tables = [QuadratureTables(motion.basis, self._setup.options.n_nodes) for motion in motions]
-        objective, effort = (
-            sum(
-                cost_of(self._setup.robot, motion, table, objectives)
-                for motion, table in zip(motions, tables, strict=True)
-            )
-            for objectives in (self._setup.options.objectives, [(1.0, Effort())])
-        )
+        n_nodes = self._setup.options.n_nodes
+        bases = tuple(fixed_basis(QuadratureTables(motion.basis, n_nodes)) for motion in motions)
+        # The costs are computed for the plan alone.
+        unknown = float("nan")
         solution = replace(
             failed.solution,
             weights=np.zeros(0),
-            objective_cost=objective,
-            effort_cost=effort,
+            objective_cost=unknown,
+            effort_cost=unknown,
             naturalness_cost=0.0,
             converged=False,
         )
-        bases = tuple(map(fixed_basis, tables))
         return checked(self._setup, request, bases, motions, solution, phases)
 
     def _durations(

@@ -217,10 +217,10 @@ class MotionSolution:
     kkt_residual: float
 
     @classmethod
-    def unknown(cls) -> MotionSolution:
-        """Of a motion that was not optimised."""
+    def unknown(cls, iterations: int = 0) -> MotionSolution:
+        """Of a motion that was not optimised; its costs are computed for the plan alone."""
         nan = float("nan")
-        return cls(np.zeros(0), nan, nan, 0.0, nan, False, 0, nan)
+        return cls(np.zeros(0), nan, nan, 0.0, nan, False, iterations, nan)
 
     @property
     def cost(self) -> float:

@@ -32,7 +32,6 @@ from .selection import Selector, cost_of
 from .setup import Setup
 from .several import SeveralPlanner
 from .single import BasisChooser, SinglePlanner
-from .unknowns import QuadratureTables
 from .verdict import Judge, Planned, correction
 
 
@@ -216,8 +215,8 @@ class Planner:
             return solution
         objective, effort = (
             sum(
-                cost_of(self.robot, motion, QuadratureTables(motion.basis), objectives)
-                for motion in attempt.motions
+                cost_of(self.robot, motion, basis.tables, objectives)
+                for motion, basis in zip(attempt.motions, attempt.bases, strict=True)
             )
             for objectives in (self.options.objectives, [(1.0, Effort())])
         )

@@ -12,6 +12,7 @@ spreads of the demonstrations (see :mod:`.chain`).
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise
 
 from .attempt import Attempt, attempt, checked
@@ -59,6 +60,8 @@ class SeveralPlanner:
             improved = attempt(ChainProblem(self._setup, request, bases, best.motions), budget)
             if improved.is_valid:
                 return Planned(improved, Fallback(), False, mode=OPTIMAL)
+            unknown = MotionSolution.unknown(improved.solution.iterations)
+            best = replace(best, solution=unknown)
         if best.is_valid:
             return Planned(best, Fallback(), False, mode=REAL_TIME, improved=improved)
         ran_out = budget.is_over()
