@@ -18,7 +18,7 @@ import numpy as np
 from ..arrays import FloatArray
 from ..motion.collision import Collision, CollisionModel
 from ..motion.goal import JointState
-from ..motion.validation import Violation
+from ..motion.validation import GRID_PERIOD, Violation
 from ..robot.limits import JointLimits
 from ..robot.model import Robot
 from .bases import MotionBasis
@@ -146,12 +146,14 @@ class Problem(ABC):
 
     def tighten(self, violations: Sequence[Violation], motions: Sequence[Motion]) -> None:
         """Tighten the bounds of the segments in which limits are violated or touched."""
-        ends = np.cumsum([motion.duration for motion in motions])
-        index = np.minimum(np.searchsorted(ends, [v.time for v in violations]), len(ends) - 1)
-        for k, part in enumerate(self.parts):
-            own = [v for v, i in zip(violations, index, strict=True) if i == k]
+        began = 0.0
+        for part, motion in zip(self.parts, motions, strict=True):
+            # At a target, either segment may be the one that violates a limit.
+            first, last = began - GRID_PERIOD, began + motion.duration + GRID_PERIOD
+            own = [one for one in violations if first <= one.time <= last]
             if own:
                 part.limited = part.limited.tightened(own)
+            began += motion.duration
 
     def separate(self, collisions: Sequence[Collision], motions: Sequence[Motion]) -> bool:
         """Add clearance constraints where links collide; whether there was anything to add."""
