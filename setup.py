@@ -41,7 +41,7 @@ setup(
         "numpy>=1.26",
         "scipy>=1.11",
         "pin>=2.7",
-        "rosbags>=0.11",
+        "rosbags>=0.11.9,<0.12",
         "lz4",  # as rosbags does
         "PyYAML>=6.0",
         "tqdm>=4.66",

@@ -27,9 +27,9 @@ from mp_pca_planner.evaluation.problems import (
     scene_of,
 )
 from mp_pca_planner.motion.goal import JointGoal, JointState
-from mp_pca_planner.planning.compiler import DEFAULT_NODES
 from mp_pca_planner.planning.plan import PlannerOptions
 from mp_pca_planner.planning.planner import Planner
+from mp_pca_planner.planning.unknowns import DEFAULT_NODES
 from mp_pca_planner.plotting.text import table
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
 

@@ -27,9 +27,10 @@ from mp_pca_planner.evaluation.problems import (
     scene_of,
 )
 from mp_pca_planner.motion.goal import JointGoal, JointState
-from mp_pca_planner.planning.compiler import MotionProgram, QuadratureTables
+from mp_pca_planner.planning.compiler import MotionProgram
 from mp_pca_planner.planning.plan import Plan, PlannerOptions
 from mp_pca_planner.planning.planner import Planner
+from mp_pca_planner.planning.unknowns import QuadratureTables, Unknowns
 from mp_pca_planner.plotting.text import table
 from mp_pca_planner.primitives.basis import Basis, BSplineBasis
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
@@ -121,7 +122,8 @@ def quadrature_error(robot: Robot, plan: Plan) -> float:
     """Relative difference of the effort with the chosen nodes and with many."""
     motion, costs = plan.motion, []
     for tables in (QuadratureTables(motion.basis), QuadratureTables(motion.basis, N_MANY_NODES)):
-        program = MotionProgram(robot, tables, motion.boundary, motion.duration, motion.weights)
+        unknowns = Unknowns(tables.basis.scales, motion.boundary, motion.duration)
+        program = MotionProgram(robot, tables, unknowns, motion.weights)
         costs.append(program.effort_costs((motion.weights / program.scales)[None])[0])
     return abs(costs[0] / costs[1] - 1.0)
 

@@ -113,7 +113,6 @@ class VirtualNode:
         self._pending: tuple[Any, Goal] | None = None
         self._may_cancel = True
         self._model = replace(model, planner=self._slow(model.planner, "plan"))
-        vars(self._model)["sequence_planner"] = self._slow(model.sequence_planner, "plan")
         self.restart()
 
     @property
@@ -195,10 +194,10 @@ class VirtualNode:
         """A planner with a simulated planning time, in which it may be cancelled."""
 
         def plan(*request: Any) -> Any:
-            robot = self._model.planning_robot
+            cancellation = self._model.cancellation
             for _ in range(round(self._random.uniform(*self._planning_time) * 1e3)):
-                if robot.is_cancelled():
-                    raise CancelledError
+                if cancellation():
+                    break
                 self._tick()
             return getattr(planner, name)(*request)
 

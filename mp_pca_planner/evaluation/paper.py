@@ -19,9 +19,10 @@ from numpy.polynomial import legendre
 from scipy.linalg import null_space
 
 from ..arrays import FloatArray
-from ..planning.compiler import MotionProgram, QuadratureTables
+from ..planning.compiler import MotionProgram
 from ..planning.constraints import LimitedProgram, LimitTables
 from ..planning.solver import solve
+from ..planning.unknowns import QuadratureTables, Unknowns
 from ..primitives.basis import PolynomialBasis, legendre_values
 from ..primitives.differences import FINE_PHASES
 from ..primitives.pca import PrincipalComponents, fit_components
@@ -105,7 +106,8 @@ def paper_method(robot: Robot) -> Predictor:
         # The basis has the end points in it: there is no boundary part.
         boundary = np.zeros((6, motion.n_joints))
         tables = QuadratureTables(basis)
-        program = MotionProgram(robot, tables, boundary, motion.duration, nothing)
+        unknowns = Unknowns(tables.basis.scales, boundary, motion.duration)
+        program = MotionProgram(robot, tables, unknowns, nothing)
         ends = np.zeros((2, 4, motion.n_joints))
         unlimited = JointLimits(robot.joint_names, {})
         solution = solve(LimitedProgram(program, LimitTables(tables), unlimited, ends), nothing)

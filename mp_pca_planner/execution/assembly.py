@@ -4,50 +4,37 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from functools import cached_property
-from typing import Any
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
-from ..arrays import FloatArray
 from ..exceptions import unknown_name
 from ..motion.collision import CollisionModel, package_folders
 from ..planning.planner import Planner
-from ..planning.sequence import SequencePlanner
+from ..planning.solver import SolverOptions
 from ..primitives.primitive import MovementPrimitive
 from ..robot.limits import JointLimits, read_limits_file
 from ..robot.model import Robot
 from .parameters import ParameterError, Settings
-from .preemptive_worker import CancelledError
+from .preemptive_worker import IsCancelled
 
 # Longest time to precompute warm starts [s]: a starting node waits for it.
 _MAX_PRACTICE = 0.5
 
 
-class InterruptibleRobot(Robot):
-    """A robot whose dynamics raise an error when a solve is cancelled; each pass computes efforts.
+class Cancellation:
+    """Stops the planner when a goal is cancelled.
 
     Attributes
     ----------
     is_cancelled : callable
-        Whether to raise a `CancelledError`.
+        Whether the plan is no longer needed.
     """
 
-    is_cancelled: Callable[[], bool] = staticmethod(lambda: False)
+    is_cancelled: IsCancelled = staticmethod(lambda: False)
 
-    def inverse_dynamics(self, q: FloatArray, v: FloatArray, a: FloatArray) -> FloatArray:
-        """See the base class."""
-        self._check()
-        return super().inverse_dynamics(q, v, a)
-
-    def inverse_dynamics_derivatives(self, *args: Any, **options: Any) -> Any:
-        """See the base class."""
-        self._check()
-        return super().inverse_dynamics_derivatives(*args, **options)
-
-    def _check(self) -> None:
-        if self.is_cancelled():
-            raise CancelledError
+    def __call__(self) -> bool:
+        """See `is_cancelled`."""
+        return self.is_cancelled()
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,8 +45,10 @@ class Model:
     ----------
     planner : Planner
         For the planning thread alone.
-    planning_robot : InterruptibleRobot
+    planning_robot : Robot
         The planner's robot.
+    cancellation : Cancellation
+        Stops the planner.
     robot : Robot
         The same robot for all other threads.
     limits : JointLimits
@@ -73,25 +62,13 @@ class Model:
     """
 
     planner: Planner
-    planning_robot: InterruptibleRobot
+    planning_robot: Robot
+    cancellation: Cancellation
     robot: Robot
     limits: JointLimits
     settings: Settings
     end_effector: str
     urdf: str
-
-    @cached_property
-    def sequence_planner(self) -> SequencePlanner:
-        """For the planning thread alone; set up for the first sequence."""
-        return SequencePlanner(
-            self.planning_robot,
-            self.planner.primitives,
-            self.limits,
-            naturalness=self.settings.naturalness,
-            sample_period=self.settings.sample_period,
-            max_solve_time=self.settings.max_solve_time,
-            collision=self.planner.collision,
-        )
 
 
 def assemble_model(urdf: str, primitives: Sequence[MovementPrimitive], settings: Settings) -> Model:
@@ -111,7 +88,7 @@ def assemble_model(urdf: str, primitives: Sequence[MovementPrimitive], settings:
     PlannerError
         If these are inconsistent.
     """
-    planning_robot = InterruptibleRobot(urdf, primitives[0].joint_names)
+    planning_robot = Robot(urdf, primitives[0].joint_names)
     robot = Robot(urdf, primitives[0].joint_names)
     file = settings.limits_file
     # The file describes the whole robot; the primitives may move a part of it.
@@ -122,11 +99,13 @@ def assemble_model(urdf: str, primitives: Sequence[MovementPrimitive], settings:
         folders = package_folders(settings.package_folders)
         srdf = settings.srdf or None
         collision = CollisionModel(planning_robot, srdf=srdf, package_dirs=folders)
-    planner = Planner(planning_robot, primitives, limits, settings.planner_options, collision)
+    cancellation = Cancellation()
+    options = replace(settings.planner_options, solver=SolverOptions(should_stop=cancellation))
+    planner = Planner(planning_robot, primitives, limits, options, collision)
     planner.practise(_MAX_PRACTICE)
     frame = settings.end_effector_frame
     if frame and frame not in robot.frame_names:
         reason = unknown_name("link of the robot description", frame, robot.frame_names)
         raise ParameterError(f"parameter 'end_effector_frame': {reason}")
     frame = frame or robot.frame_names[-1]
-    return Model(planner, planning_robot, robot, limits, settings, frame, urdf)
+    return Model(planner, planning_robot, cancellation, robot, limits, settings, frame, urdf)

@@ -6,14 +6,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..exceptions import TrajectoryError
 from ..motion.goal import Goal, JointGoal, JointState, PoseGoal, SequenceGoal
 from ..planning.plan import Plan
-from ..planning.sequence import SequencePlan
 from .adaptation import AdaptedPlan, displaced, effort_cost
 from .assembly import Model
 from .measured import Clock
@@ -25,13 +24,11 @@ from .start_state import MotionStart, StartStates
 if TYPE_CHECKING:
     from .trial_store import ServedTrial, TrialStore
 
-_P = TypeVar("_P", Plan, SequencePlan)
-
 
 class UnexecutablePlanError(TrajectoryError):
     """A plan that must not be published."""
 
-    def __init__(self, plan: Plan | SequencePlan) -> None:
+    def __init__(self, plan: Plan) -> None:
         super().__init__(plan.message)
         self.plan = plan
 
@@ -83,7 +80,7 @@ class GoalPlanner:
 
         Returns
         -------
-        plan : Plan, SequencePlan or AdaptedPlan
+        plan : Plan or AdaptedPlan
             The plan.
         trial : ServedTrial or None
             The trial that it is, if the goal is learned by trials.
@@ -96,13 +93,10 @@ class GoalPlanner:
             If the goal is preempted.
         """
         start, model = request.start, request.model
-        if isinstance(goal, SequenceGoal):
-            mode = model.settings.sequence_mode
-            return _executable(model.sequence_planner.plan(goal, start.state, mode)), None
         adapted = None
-        if start.following is not None and not goal.vias:
+        if not isinstance(goal, SequenceGoal) and start.following is not None and not goal.vias:
             adapted = self._continued(goal, request)
-        plan = adapted or _executable(model.planner.plan(goal, start.state))
+        plan = adapted or _executable_plan(goal, request)
         may_learn = model.settings.learn_trials and not start.is_in_motion
         if may_learn and isinstance(goal, JointGoal) and isinstance(plan, Plan):
             return self._trials.vary(goal, plan, model)
@@ -123,7 +117,9 @@ class GoalPlanner:
         if isinstance(goal, PoseGoal):
             if following.is_over:
                 return None
-            goal = _reaching(goal, start, model)
+            end = _executable_plan(goal, request).trajectory.positions[-1]
+            end_state = JointState(start.state.joint_names, end)
+            goal = JointGoal(end_state, goal.duration, goal.primitive)
         target = model.planner.target(goal, start.state)
         change = float(np.abs(target.positions - following.motion.end).max())
         near = self._options.near_at_rest if following.is_over else self._options.near
@@ -163,7 +159,7 @@ class GoalPlanner:
         self, goal: JointGoal, adapted: AdaptedPlan, request: PlanRequest
     ) -> Plan | None:
         """A plan as long as the displaced motion, or None if it would come too late."""
-        start, robot = request.start, request.model.planning_robot
+        start, cancellation = request.start, request.model.cancellation
         deadline = start.deadline - self._options.publishing_time
         if not goal.duration:
             goal = replace(goal, duration=adapted.trajectory.duration)
@@ -171,15 +167,14 @@ class GoalPlanner:
         def is_over() -> bool:
             return request.is_cancelled() or self._states.motion_time > deadline
 
-        robot.is_cancelled = is_over
+        cancellation.is_cancelled = is_over
         try:
-            return request.model.planner.plan(goal, start.state)
-        except CancelledError:
-            if request.is_cancelled():
-                raise
-            return None
+            plan = request.model.planner.plan(goal, start.state)
         finally:
-            robot.is_cancelled = request.is_cancelled
+            cancellation.is_cancelled = request.is_cancelled
+        if request.is_cancelled():
+            raise CancelledError
+        return None if is_over() else plan
 
     @cached_property
     def _trials(self) -> TrialStore:
@@ -189,15 +184,12 @@ class GoalPlanner:
         return TrialStore()
 
 
-def _executable(plan: _P) -> _P:
-    """The plan, if it may be executed."""
+def _executable_plan(goal: Goal, request: PlanRequest) -> Plan:
+    """A plan that may be executed."""
+    model = request.model
+    plan = model.planner.plan(goal, request.start.state, model.settings.sequence_mode)
+    if request.is_cancelled():
+        raise CancelledError
     if not plan.is_executable:
         raise UnexecutablePlanError(plan)
     return plan
-
-
-def _reaching(goal: PoseGoal, start: MotionStart, model: Model) -> JointGoal:
-    """The goal for the configuration in which a planned motion reaches a pose."""
-    plan = _executable(model.planner.plan(goal, start.state))
-    end = JointState(start.state.joint_names, plan.trajectory.positions[-1])
-    return JointGoal(end, goal.duration, goal.primitive)

@@ -13,7 +13,7 @@ from typing import Any
 from ..exceptions import GoalError
 from ..learning.family import family_around
 from ..learning.refined_motion import RefinedMotion
-from ..planning.sequence import SequencePlan
+from ..planning.plan import Plan
 from ..primitives.file import save_primitive
 from .adaptation import AdaptedPlan
 from .served_goal import Served
@@ -40,7 +40,7 @@ def keep_motion(served: Served, folder: Path, provenance: Mapping[str, Any]) -> 
         can't be written.
     """
     plan, trial = served.plan, served.trial
-    if isinstance(plan, SequencePlan):
+    if isinstance(plan, Plan) and plan.mode:
         reason = "it is a sequence, and a primitive is made of the motion to a single goal"
         raise GoalError(f"the last motion can't be kept: {reason}")
     if isinstance(plan, AdaptedPlan):

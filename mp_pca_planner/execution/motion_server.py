@@ -182,7 +182,7 @@ class MotionServer:
     ) -> Served:
         began = self._clock()
         start = self._states.choose(model.settings, latency)
-        model.planning_robot.is_cancelled = is_cancelled
+        model.cancellation.is_cancelled = is_cancelled
         goal, served = make_goal(start.state), self._served
         under_way = served.answer(goal, start, model) if served is not None else ""
         if served is not None and under_way:

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Distances of pairs of links as inequalities of a motion program.
 
-Most pairs never come near each other: a pair is kept apart once a motion was found in which it
-isn't, at phases all along the motion, and later also where it met between them.
+Most pairs never come near each other. A pair is constrained once a motion was found in which it
+collides: at phases all along the motion, and later also where it collided between them.
 """
 
 from __future__ import annotations
@@ -17,75 +17,93 @@ from numpy.typing import NDArray
 from ..arrays import FloatArray
 from ..motion.collision import Collision, CollisionModel
 from ..primitives.basis import Basis
-from .compiler import Rows, StateMap, Unknowns, hermite_tables
 from .constraints import LimitedPoint, LimitedProgram
+from .unknowns import Rows, StateMap, Unknowns, hermite_tables
 
-# Links are kept this far apart [m], so that they don't meet between the phases at which they are,
-# but by no more than this share of what they are apart at the ends of the motion.
-_CLEARANCE, _SHARE_OF_ENDS = 3e-3, 0.5
-# Phases at which a pair is kept apart at first, and those added where it meets nevertheless.
-_N_PHASES, _N_MORE = 40, 5
+
+@dataclass(frozen=True)
+class ClearanceOptions:
+    """How links are kept apart.
+
+    Attributes
+    ----------
+    distance : float
+        Clearance [m]: it leaves room for what happens between the phases.
+    share_of_ends : float
+        Largest share of the distance at the fixed ends of the motion, 0 to 1.
+    n_phases : int
+        Number of phases at which a pair is constrained at first.
+    n_more : int
+        Number of phases that are added where it collides nevertheless.
+    """
+
+    distance: float = 3e-3
+    share_of_ends: float = 0.5
+    n_phases: int = 40
+    n_more: int = 5
+
+
+_OPTIONS = ClearanceOptions()
 
 
 @dataclass(frozen=True, eq=False)
-class Watch:
-    """A pair of links to be kept apart.
+class Clearance:
+    """A clearance constraint: a pair of links and how far apart it is kept.
 
     Attributes
     ----------
     pair : int
-        Which pair of the collision model.
+        Index of the pair in the collision model.
     phases : array, shape (n_phases,)
         When, rising.
-    clearance : float
-        How far apart [m].
+    distance : float
+        Least distance [m].
     """
 
     pair: int
     phases: FloatArray
-    clearance: float
+    distance: float
 
 
-def watches_of(
+def clearances_of(
     collisions: Iterable[Collision],
-    known: Sequence[Watch],
+    known: Sequence[Clearance],
     model: CollisionModel,
-    ends: Sequence[FloatArray],
+    ends: Sequence[FloatArray | None],
     duration: float,
-) -> tuple[Watch, ...]:
-    """What to watch in addition, for pairs that meet in a motion.
+) -> tuple[Clearance, ...]:
+    """Further clearance constraints, for the collisions of a motion.
 
     Parameters
     ----------
-    collisions :
-        Where they meet.
-    known :
-        What is watched already.
+    collisions : iterable of Collision
+        Where pairs collide.
+    known : sequence of Clearance
+        Present constraints.
     model : CollisionModel
         The robot's.
-    ends : sequence of array, shape (n_joints,)
-        The ends of the motion that can't be changed.
+    ends : sequence of (array, shape (n_joints,), or None)
+        Positions at the start and at the goal of the motion, None where they are free.
     duration : float
         Of the motion [s].
     """
-    clearances = {watch.pair: watch.clearance for watch in known}
+    distances = {clearance.pair: clearance.distance for clearance in known}
+    grid = np.linspace(0.0, 1.0, _OPTIONS.n_phases + 1)
+    grid = grid[ends[0] is not None : None if ends[1] is None else -1]
     added = []
     for one in collisions:
-        if one.pair in clearances:
-            phases = np.linspace(one.first_time, one.last_time, _N_MORE) / duration
-            added.append(Watch(one.pair, phases, clearances[one.pair]))
-            continue
-        pair = np.array([one.pair])
-        room = min(float(model.distances(end, pair)[0][0]) for end in ends)
-        clearance = min(_CLEARANCE, _SHARE_OF_ENDS * room)
-        # A free end is at the last phase.
-        phases = np.linspace(0.0, 1.0, _N_PHASES + 1)[1 : None if len(ends) == 1 else -1]
-        added.append(Watch(one.pair, phases, clearance))
+        phases = np.linspace(one.first_time, one.last_time, _OPTIONS.n_more) / duration
+        if one.pair not in distances:
+            phases, pair = grid, np.array([one.pair])
+            room = [model.distances(end, pair)[0][0] for end in ends if end is not None]
+            at_ends = float(min(room, default=np.inf))
+            distances[one.pair] = min(_OPTIONS.distance, _OPTIONS.share_of_ends * at_ends)
+        added.append(Clearance(one.pair, phases, distances[one.pair]))
     return tuple(added)
 
 
 class ClearProgram:
-    """A motion program with limits in which pairs of links are kept apart, too.
+    """A motion program with limits and clearance constraints.
 
     Parameters
     ----------
@@ -94,9 +112,9 @@ class ClearProgram:
     basis : Basis
         Its basis.
     model : CollisionModel
-        Tells the distances.
-    watches : sequence of Watch
-        At least one: what to keep apart.
+        Computes the distances.
+    clearances : sequence of Clearance
+        At least one constraint.
 
     Attributes
     ----------
@@ -109,22 +127,22 @@ class ClearProgram:
         limited: LimitedProgram,
         basis: Basis,
         model: CollisionModel,
-        watches: Sequence[Watch],
+        clearances: Sequence[Clearance],
     ) -> None:
         unknowns = limited.program.unknowns
         self._limited, self._model = limited, model
-        sizes = [watch.phases.size for watch in watches]
-        pairs = np.repeat([watch.pair for watch in watches], sizes)
+        sizes = [one.phases.size for one in clearances]
+        pairs = np.repeat([one.pair for one in clearances], sizes)
         phases, places = np.unique(
-            np.concatenate([watch.phases for watch in watches]), return_inverse=True
+            np.concatenate([one.phases for one in clearances]), return_inverse=True
         )
         # All that is asked at a phase takes one pass of the kinematics.
         self._rows_at = [np.flatnonzero(places == i) for i in range(phases.size)]
         self._pairs_at = [pairs[rows] for rows in self._rows_at]
         self._states = _positions(unknowns, basis, phases)
-        clearances = np.repeat([watch.clearance for watch in watches], sizes)
-        self.lower = np.concatenate([limited.lower, clearances])
-        self.upper = np.concatenate([limited.upper, np.full(clearances.size, np.inf)])
+        least = np.repeat([one.distance for one in clearances], sizes)
+        self.lower = np.concatenate([limited.lower, least])
+        self.upper = np.concatenate([limited.upper, np.full(least.size, np.inf)])
 
     def evaluate(self, x: FloatArray) -> ClearPoint:
         """Objective and inequalities at x, with their derivatives."""

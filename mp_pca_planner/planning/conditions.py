@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""What positions must meet at a phase: a pose at the end, configurations and poses on the way."""
+"""Targets of positions at a phase: a pose at the end, configurations and poses before it."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ class Condition:
     phase : float or None
         When; None: at any phase of the `window`.
     window : (float, float)
-        Phases between which a free one is looked for.
+        Phases between which a free one is searched.
     """
 
     target: Target

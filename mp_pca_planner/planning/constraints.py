@@ -4,7 +4,7 @@
 
 Positions and their derivatives are linear in the weights, so their constraints are exact and
 cost a product of matrices. Efforts are computed at the quadrature nodes anyway; between them
-they are smooth, so the polynomial through the nodes of each piece tells them everywhere.
+they are smooth, so the polynomial through the nodes of each piece interpolates them.
 """
 
 from __future__ import annotations
@@ -19,10 +19,9 @@ from numpy.typing import NDArray
 from ..arrays import FloatArray
 from ..motion.validation import Violation
 from ..robot.limits import JointLimits
-from .compiler import (
+from .compiler import Linearisation, MotionProgram
+from .unknowns import (
     N_RATES,
-    Linearisation,
-    MotionProgram,
     QuadratureTables,
     Rows,
     StateMap,
@@ -105,14 +104,14 @@ def _interpolation(nodes: bytes, breakpoints: bytes, points: bytes) -> FloatArra
     # Late, so that the node starts fast.
     from scipy.interpolate import BarycentricInterpolator
 
-    known, edges, wanted = (np.frombuffer(x) for x in (nodes, breakpoints, points))
-    matrix = np.zeros((wanted.size, known.size))
-    piece_of_node, piece_of_point = (np.searchsorted(edges[1:-1], x) for x in (known, wanted))
+    known, edges, asked = (np.frombuffer(x) for x in (nodes, breakpoints, points))
+    matrix = np.zeros((asked.size, known.size))
+    piece_of_node, piece_of_point = (np.searchsorted(edges[1:-1], x) for x in (known, asked))
     for piece in range(edges.size - 1):
         of_nodes = np.flatnonzero(piece_of_node == piece)
         of_points = np.flatnonzero(piece_of_point == piece)
         lagrange = BarycentricInterpolator(known[of_nodes], np.eye(of_nodes.size))
-        matrix[np.ix_(of_points, of_nodes)] = lagrange(wanted[of_points])
+        matrix[np.ix_(of_points, of_nodes)] = lagrange(asked[of_points])
     return matrix
 
 
@@ -127,9 +126,9 @@ class LimitedProgram:
         Its basis on the grid.
     limits : JointLimits or None
         Limits of its joints. Infinite ones make no constraints; None makes none at all.
-    end_states : array, shape (2, 4, n_joints)
-        Positions, velocities, accelerations and efforts at the start and at the goal, which no
-        weights change: where they leave less room than the margin, the margin is smaller.
+    end_states : array, shape (n_ends, 4, n_joints)
+        Positions, velocities, accelerations and efforts at the fixed ends: where they leave less
+        room than the margin, the margin is smaller.
 
     Attributes
     ----------
@@ -300,7 +299,9 @@ def _bounds(
     # Jerks at the ends are not given: the weights decide them.
     room = np.full(upper.shape, np.inf)
     given = [QUANTITIES.index(name) for name in ("position", "velocity", "acceleration", "effort")]
-    room[given] = np.minimum(upper[given] - end_states, end_states - lower[given]).min(axis=0)
+    room[given] = np.minimum(upper[given] - end_states, end_states - lower[given]).min(
+        axis=0, initial=np.inf
+    )
     room /= scale
     margin = np.clip(0.5 * room, 0.0, MARGIN)
     return lower / scale + margin, upper / scale - margin, scale, room - margin

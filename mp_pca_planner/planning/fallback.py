@@ -1,13 +1,12 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Requests served without optimisation, where that found no motion within the limits.
+"""Requests served without optimisation, where no optimised motion was found within the limits.
 
 The motion brakes, if the robot moves, and goes from rest to rest: see :mod:`.stop_and_go`.
 """
 
 from __future__ import annotations
 
-import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -18,20 +17,19 @@ from ..exceptions import GoalError, TrajectoryError
 from ..motion.goal import JointState
 from ..robot.limits import JointLimits
 from ..robot.model import Robot
-from .attempt import Attempt, MotionSolver, condition_errors
-from .compiler import QuadratureTables
+from .attempt import Attempt, checked
+from .bases import fixed_basis
 from .conditions import PoseTarget, Target
-from .families import fixed_family
-from .objectives import Effort
-from .plan import SHORTEST, PlannerOptions
+from .motion import Motion
+from .plan import SHORTEST
 from .pose_search import configurations_at
+from .problem import passing_phases
 from .request import Request, longest_duration
-from .selection import cost_of
-from .sequence_request import fit_durations
+from .sequence_request import SequenceRequest, fit_durations
+from .setup import Setup
 from .states import unwrapped
 from .stop_and_go import StopAndGo, stop_and_go
-
-_SAME_DURATION = 1.0 + 1e-9
+from .unknowns import QuadratureTables
 
 
 @dataclass(frozen=True)
@@ -59,15 +57,12 @@ class FallbackPlanner:
 
     Parameters
     ----------
-    robot, limits, options, solver
+    setup : Setup
         The planner's.
     """
 
-    def __init__(
-        self, robot: Robot, limits: JointLimits, options: PlannerOptions, solver: MotionSolver
-    ) -> None:
-        self._robot, self._limits, self._options = robot, limits, options
-        self._solver = solver
+    def __init__(self, setup: Setup) -> None:
+        self._setup = setup
 
     def serve(self, requests: Sequence[Request], failed: Attempt) -> Fallback:
         """Serve the first of the requests that a slow motion can serve.
@@ -93,60 +88,79 @@ class FallbackPlanner:
                 if attempt.collisions:
                     reason = reason or str(attempt.collisions[0])
                     continue
-                duration = attempt.motion.duration
-                if request.duration_is_free or duration <= at_least * _SAME_DURATION:
+                duration = attempt.duration
+                if request.duration_is_free or duration <= at_least * (1.0 + 1e-9):
                     return Fallback(attempt)
                 feasible = min(feasible, duration)
         return Fallback(duration=feasible) if np.isfinite(feasible) else Fallback(reason=reason)
 
     def _timings(self, request: Request) -> list[tuple[float, float]]:
         """Least durations to try, each with the time between the points of its trajectory [s]."""
-        duration, period = request.expected.duration, self._options.sample_period
+        duration, period = request.usual_duration, self._setup.options.sample_period
         if request.duration_is_free:
-            return [(0.0 if self._options.timing == SHORTEST else duration, period)]
+            return [(0.0 if self._setup.options.timing == SHORTEST else duration, period)]
         n_steps = max(np.ceil(duration / period - 1e-9), 1.0)
         return [(duration, duration / n_steps), (0.0, period)]
 
+    def serve_sequence(self, request: SequenceRequest, failed: Attempt) -> Fallback:
+        """Rest at each target of a sequence."""
+        period = self._setup.options.sample_period
+        try:
+            route = stop_and_go(self._setup.robot, self._setup.limits, request.states, period)
+            if route.moves_at_ends:  # the knots of a brake are points of the trajectory
+                first = request.resting_durations(route.durations, route.step)[0]
+                step = first / float(np.ceil(first / period - 1e-9))
+                route = stop_and_go(self._setup.robot, self._setup.limits, request.states, step)
+            durations = route.slowed(
+                self._setup.robot,
+                self._setup.limits,
+                lambda slower: request.resting_durations(slower.durations, slower.step),
+                lambda times: self._setup.sample(route.segments(times)),
+            )
+        except TrajectoryError as error:
+            return Fallback(reason=str(error))
+        phases = passing_phases(durations)
+        attempt = self._attempt_of(request, failed, route.segments(durations), phases)
+        if attempt.collisions:
+            return Fallback(reason=str(attempt.collisions[0]))
+        return Fallback(attempt)
+
     def _attempt(self, request: Request, failed: Attempt, at_least: float, step: float) -> Attempt:
-        states = _route(self._robot, self._limits, request)
-        route = stop_and_go(self._robot, self._limits, states, step)
+        states = _route(self._setup.robot, self._setup.limits, request)
+        route = stop_and_go(self._setup.robot, self._setup.limits, states, step)
         phases = [*(via.phase for via in request.conditions[: request.n_vias]), 1.0]
-        durations, trajectory, check = route.slowed(
-            self._robot,
-            self._limits,
+        durations = route.slowed(
+            self._setup.robot,
+            self._setup.limits,
             lambda slower: self._durations(slower, phases, at_least),
-            lambda times: self._solver.sample(route.motion(times)),
+            lambda times: self._setup.sample([route.motion(times)]),
         )
         found = route.motion(durations)
         ends = np.cumsum(durations) / found.duration
         reached = (*map(float, ends[:-1]), 1.0)[: len(request.conditions)]
-        tables = QuadratureTables(found.basis, self._options.n_nodes)
-        costs = [
-            cost_of(self._robot, found, tables, objectives)
-            for objectives in (self._options.objectives, [(1.0, Effort())])
-        ]
-        return Attempt(
-            request=request,
-            family=fixed_family(tables),
-            motion=found,
-            solution=replace(
-                failed.solution,
-                weights=found.weights,
-                objective_cost=costs[0],
-                effort_cost=costs[1],
-                naturalness_cost=0.0,
-                converged=False,
-            ),
-            naturalness=self._options.naturalness,
-            condition_errors=condition_errors(found, request.conditions, reached),
-            phases=reached,
-            trajectory=trajectory,
-            check=check,
-            collisions=self._solver.collisions(trajectory),
-            kept_apart=False,
-            memory=failed.memory,
-            solved_at=time.perf_counter(),
+        return self._attempt_of(request, failed, (found,), reached)
+
+    def _attempt_of(
+        self,
+        request: Request | SequenceRequest,
+        failed: Attempt,
+        motions: tuple[Motion, ...],
+        phases: tuple[float, ...],
+    ) -> Attempt:
+        """The attempt of a slow motion, in the place of a failed one."""
+        n_nodes = self._setup.options.n_nodes
+        bases = tuple(fixed_basis(QuadratureTables(motion.basis, n_nodes)) for motion in motions)
+        # The costs are computed for the plan alone.
+        unknown = float("nan")
+        solution = replace(
+            failed.solution,
+            weights=np.zeros(0),
+            objective_cost=unknown,
+            effort_cost=unknown,
+            naturalness_cost=0.0,
+            converged=False,
         )
+        return checked(self._setup, request, bases, motions, solution, phases)
 
     def _durations(
         self, motion: StopAndGo, phases: Sequence[float | None], at_least: float
@@ -161,7 +175,7 @@ class FallbackPlanner:
         if motion.moves_at_ends and total > at_least:
             # The knots of a brake are points of the trajectory.
             total = motion.step * float(np.ceil(total / motion.step - 1e-9))
-        longest = longest_duration(self._options)
+        longest = longest_duration(self._setup.options)
         if total > longest:
             raise TrajectoryError(
                 f"the slow motion would take {total:.4g} s, at most {longest:g} s are accepted"

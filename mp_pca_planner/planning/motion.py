@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""One motion of a family: q(s) = h(s) + μ(s) + Σ wₖ φₖ(s) in the time it takes."""
+"""A continuous motion: q(s) = h(s) + μ(s) + Σ wₖ φₖ(s) in the time it takes."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class Motion:
     duration : float
         Duration T [s].
     basis : Basis
-        The family of shapes.
+        The basis of shapes.
     weights : array, shape (n_weights,)
         Weights of its functions.
     """

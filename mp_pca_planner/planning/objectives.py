@@ -23,9 +23,6 @@ from ..robot.model import Robot
 QUANTITIES = ("positions", "velocities", "accelerations", "jerks", "efforts")
 """What residuals may depend on."""
 
-# Power of one joint below which its cost is smoothed [W].
-_SMOOTH_POWER = 0.1
-
 
 @dataclass(frozen=True, eq=False)
 class Nodes:
@@ -98,17 +95,24 @@ class Jerk:
 class Energy:
     """Mechanical work Σ∫|τq̇|dt, positive and negative alike [J].
 
-    Near 0 the absolute value of the power p is smoothed to √(p² + ε²) − ε with ε = 0.1 W.
+    Near 0 the absolute value of the power p is smoothed to √(p² + ε²) − ε.
+
+    Attributes
+    ----------
+    smooth_power : float
+        ε [W].
     """
+
+    smooth_power: float = 0.1
 
     def residuals(self, nodes: Nodes) -> Residuals:
         """The signed roots of twice the smoothed power of each joint."""
         power = nodes.efforts * nodes.velocities
-        smooth = np.sqrt(power**2 + _SMOOTH_POWER**2)
-        slope = np.sqrt((smooth + _SMOOTH_POWER) / 2.0) / smooth
+        smooth = np.sqrt(power**2 + self.smooth_power**2)
+        slope = np.sqrt((smooth + self.smooth_power) / 2.0) / smooth
         eye = np.eye(power.shape[1])
         return Residuals(
-            power * np.sqrt(2.0 / (smooth + _SMOOTH_POWER)),
+            power * np.sqrt(2.0 / (smooth + self.smooth_power)),
             {
                 "velocities": (slope * nodes.efforts)[:, :, None] * eye,
                 "efforts": (slope * nodes.velocities)[:, :, None] * eye,
@@ -138,7 +142,7 @@ class Straightness:
     frame: str
 
     def residuals(self, nodes: Nodes) -> Residuals:
-        """The components of the way from the first point that are across the line."""
+        """Components across the line of the displacement from the first point."""
         points = nodes.robot.attach_points([self.frame], np.zeros((1, 3)))
         q = np.vstack([nodes.start, nodes.goal, nodes.positions])
         places, jacobians = points.positions_and_jacobians(q)

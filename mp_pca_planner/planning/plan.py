@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -12,17 +12,97 @@ from ..arrays import FloatArray
 from ..exceptions import GoalError
 from ..motion.trajectory import Trajectory
 from ..motion.validation import LimitCheck
-from .compiler import DEFAULT_NODES
 from .motion import Motion
 from .objectives import Effort, Objective
+from .solver import SolverOptions
 from .starts import MOST_STARTS
+from .unknowns import DEFAULT_NODES
 
 BASES = ("pca", "bspline")
 DEMONSTRATED, SHORTEST, FREE = "demonstrated", "shortest", "free"
 TIMINGS = (DEMONSTRATED, SHORTEST, FREE)
+REAL_TIME, OPTIMAL = "real_time", "optimal"
+MODES = (REAL_TIME, OPTIMAL)
 SOLVED = "solved"
 STOPPED_EARLY = "stopped_early"
 INFEASIBLE = "infeasible"
+
+
+@dataclass(frozen=True)
+class SearchOptions:
+    """How a planner searches; the defaults suit arms of 4 to 14 joints.
+
+    Attributes
+    ----------
+    near_expected : float
+        From this naturalness on, motions stay near the expected one: limits are first left out of
+        the program, one start is enough, and warm starts do not help.
+    max_refinements : int
+        Largest number of times that constraints are refined after a check on the dense grid.
+    share_of_fixed : float
+        Share of the time that goes to a duration that was asked for, 0 to 1. The rest goes to
+        finding a feasible one.
+    max_search_iterations : int
+        Largest number of iterations for each duration in the search for the shortest.
+    first_step, duration_precision : float
+        First factor of that search, and the factor between the longest infeasible and the shortest
+        feasible duration at which it ends.
+    search_naturalness : float
+        Largest naturalness in that search, where it must not stand against the limits.
+    duration_margin : float
+        Factor by which the shortest duration is reported longer, for a motion to fit into it again.
+    max_stretch : float
+        Largest factor of a free duration where an attempt does not meet the limits.
+    naturalness_steps : tuple of float
+        Values to which naturalness is raised where less effort is what violated a limit. At the
+        last, effort hardly counts.
+    n_warm_starts : int
+        Number of demonstrations of a primitive between whose ends motions are precomputed.
+    n_configurations : int
+        Number of configurations that reach a pose to which motions are planned, the most natural
+        first.
+    n_route_configurations : int
+        Number of configurations that reach a pose of a sequence that are compared.
+    here : float
+        Initial targets that the robot is this near to are passed already [rad or m].
+    max_stretches : int
+        Largest number of times that durations of joined segments are stretched, for each share.
+    passing_shares : tuple of float
+        Shares to which passing velocities are lowered in turn where joined segments exceed a
+        position limit.
+    duration_spread : float
+        Change of the logarithm of a segment's duration that is as natural as a standard deviation
+        of weights.
+    bend_spread : float
+        Passing at speed bends segments by more than demonstrations from rest to rest show: this
+        many of their standard deviations count as one (benchmarks/sequences.py).
+    min_spread : float
+        Least standard deviation of a joint in that [rad or m].
+    warm_start_score : float
+        Largest in-span score of a request that starts from them. Requests like the demonstrations
+        have at most 2, those from anywhere to anywhere 6 and more, and may end in poor optima.
+    """
+
+    near_expected: float = 0.1
+    max_refinements: int = 8
+    share_of_fixed: float = 0.6
+    max_search_iterations: int = 30
+    first_step: float = 2.0
+    duration_precision: float = 1.002
+    search_naturalness: float = 1e-2
+    duration_margin: float = 1.002
+    max_stretch: float = 10.0
+    naturalness_steps: tuple[float, ...] = (1e-3, 1e-2, 1e-1, 1.0, 10.0, 100.0)
+    n_configurations: int = 3
+    n_route_configurations: int = 6
+    here: float = 0.01
+    max_stretches: int = 12
+    passing_shares: tuple[float, ...] = (1.0, 0.5, 0.25, 0.0)
+    duration_spread: float = 0.3
+    bend_spread: float = 18.0
+    min_spread: float = 0.01
+    n_warm_starts: int = 20
+    warm_start_score: float = 3.0
 
 
 @dataclass(frozen=True)
@@ -57,6 +137,11 @@ class PlannerOptions:
         Quadrature nodes.
     allow_nonzero_end_velocity : bool
         Whether the controller accepts motions that don't end at rest.
+    solver : SolverOptions
+        When the solver stops. Its `should_stop` cancels planning: the best motion found by then is
+        returned.
+    search : SearchOptions
+        How the planner searches.
 
     Raises
     ------
@@ -73,6 +158,8 @@ class PlannerOptions:
     n_starts: int = 1
     n_nodes: int = DEFAULT_NODES
     allow_nonzero_end_velocity: bool = False
+    solver: SolverOptions = field(default_factory=SolverOptions)
+    search: SearchOptions = field(default_factory=SearchOptions)
 
     def __post_init__(self) -> None:
         if self.basis not in BASES:
@@ -129,6 +216,12 @@ class MotionSolution:
     iterations: int
     kkt_residual: float
 
+    @classmethod
+    def unknown(cls, iterations: int = 0) -> MotionSolution:
+        """Of a motion that was not optimised; its costs are computed for the plan alone."""
+        nan = float("nan")
+        return cls(np.zeros(0), nan, nan, 0.0, nan, False, iterations, nan)
+
     @property
     def cost(self) -> float:
         """The whole objective."""
@@ -148,51 +241,55 @@ class Plan:
         One sentence for a person.
     trajectory : Trajectory
         The sampled motion with its efforts; also of an infeasible plan, to look at.
-    motion : Motion
-        The continuous motion.
+    motions : tuple of Motion
+        The continuous motion, segment by segment; a single goal has one.
+    primitives : tuple of str
+        Names of the primitives of the segments.
     solution : MotionSolution
         What the solver says.
-    primitive : str
-        Name of the primitive used.
     considered : int
         Number of primitives near the request, at most 32, that it was chosen among.
     selection : str
-        Why the primitive was used, in a sentence.
+        Why the primitives were used, in a sentence.
     in_span_score : float
-        How far outside the demonstrations the request lies (about 1: like them).
+        Distance of the request from the demonstrations (about 1: like them); the largest of
+        the segments.
     limit_check : LimitCheck
         Comparison with the limits on a grid of at most 1 ms.
     start_error, goal_error : float
         Largest distance of the ends from the present and the goal position, or from the goal
         pose [rad or m].
     via_error : float
-        Largest distance from what to pass on the way [rad or m].
+        Largest distance from the vias [rad or m].
     via_phases : tuple of float
-        When that is passed, as shares of the duration.
+        When the vias are passed, as shares of the duration.
     shortest_duration : float
         Shortest duration [s] for which a motion within the limits was found; NaN unless it was
         asked for, or the duration asked for was too short.
     n_components_used : int
-        Number of principal components of the motion.
+        Number of principal components of the motion, the largest of the segments.
     correction : float
         Root of the mean square of what B-splines add to the components [rad or m].
     deviation_score : float
-        How far the motion is from the one that the demonstrations let expect: root of the mean
+        How far the motion is from the one that the demonstrations predict: root of the mean
         square of its components' weights, less their expected ones, in standard deviations;
-        NaN without components.
+        the largest of the segments, NaN without components.
     naturalness : float
         The ρ used: that of the options, or a larger one that was needed to meet the limits.
     solve_time : float
-        Time taken to find the weights, [s]; attempts that failed the limits are included, the
+        Time taken to find the weights [s]; attempts that failed the limits are included, the
         check of the motion that is returned is not.
+    mode : str
+        How the segments of a goal of several targets were joined: 'real_time' (without
+        optimisation) or 'optimal'. Empty for a single goal.
     """
 
     status: str
     message: str
     trajectory: Trajectory
-    motion: Motion
+    motions: tuple[Motion, ...]
+    primitives: tuple[str, ...]
     solution: MotionSolution
-    primitive: str
     considered: int
     selection: str
     in_span_score: float
@@ -207,21 +304,50 @@ class Plan:
     deviation_score: float
     naturalness: float
     solve_time: float
+    mode: str = ""
 
     @property
     def is_executable(self) -> bool:
         """Whether the trajectory may be sent to a robot."""
         return self.status != INFEASIBLE
 
+    @property
+    def motion(self) -> Motion:
+        """The motion to a single goal, or the first segment."""
+        return self.motions[0]
+
+    @property
+    def primitive(self) -> str:
+        """Name of the primitive, or names of those of the segments."""
+        return ", ".join(self.primitives)
+
+    @property
+    def duration(self) -> float:
+        """Duration of all segments [s]."""
+        return sum(motion.duration for motion in self.motions)
+
+    @property
+    def effort_cost(self) -> float:
+        """½∫‖τ‖²dt of the whole [N²·m²·s]."""
+        return self.solution.effort_cost
+
+    @property
+    def iterations(self) -> int:
+        """Passes over the quadrature nodes."""
+        return self.solution.iterations
+
     def summary(self) -> dict[str, str | float | int]:
         """Scalar facts, by the names of the package's public interface."""
-        return {
+        several: dict[str, str | float | int] = {}
+        if self.mode:
+            several = {"mode": self.mode, "n_segments": len(self.motions)}
+        return several | {
             "status": self.status,
             "message": self.message,
             "primitive": self.primitive,
             "considered": self.considered,
             "selection": self.selection,
-            "duration": self.motion.duration,
+            "duration": self.duration,
             "shortest_duration": self.shortest_duration,
             "objective_cost": self.solution.objective_cost,
             "effort_cost": self.solution.effort_cost,

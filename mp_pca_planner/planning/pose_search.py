@@ -1,15 +1,16 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Configurations that reach a pose: where the search for the best motion to it begins.
+"""Configurations that reach a pose, as starts of the search for the best motion to it.
 
 Levenberg–Marquardt steps within the joint limits, from several configurations. With fewer
-equations than joints each start finds a solution of its own near by; which is best, and
-where on the way between them, is left to the optimisation of the motion.
+equations than joints each start finds a solution of its own near by; the optimisation of the
+motion chooses among these and between them.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -22,15 +23,37 @@ from ..robot.model import Robot
 POSE_TOLERANCE = 1e-6
 """Largest distance from a pose that counts as none [m or rad]."""
 
-_MOST_STEPS = 100
-_REACHED = 1e-10
-_FIRST_DAMPING, _MOST_DAMPING = 1e-3, 1e8
-# Known configurations that are searched from.
-_N_KNOWN = 10
-# Further starts, spread over the limits, if those that are given come to nothing.
-_N_RANDOM = 40
-# Configurations that are nearer to each other [rad or m] are taken for one.
-_DISTINCT = 0.05
+
+@dataclass(frozen=True)
+class PoseSearchOptions:
+    """How configurations are searched.
+
+    Attributes
+    ----------
+    max_steps : int
+        Largest number of steps from a start.
+    reached : float
+        Largest error at which the steps end [m or rad].
+    first_damping, max_damping : float
+        Levenberg–Marquardt damping of the first step, and at which the search ends.
+    n_known : int
+        Number of known configurations to search from.
+    n_random : int
+        Number of further starts, spread over the limits, if those lead nowhere.
+    distinct : float
+        Configurations nearer to each other [rad or m] count as one.
+    """
+
+    max_steps: int = 100
+    reached: float = 1e-10
+    first_damping: float = 1e-3
+    max_damping: float = 1e8
+    n_known: int = 10
+    n_random: int = 40
+    distinct: float = 0.05
+
+
+_OPTIONS = PoseSearchOptions()
 
 
 def starts_near(robot: Robot, pose: Pose, known: FloatArray) -> list[FloatArray]:
@@ -52,7 +75,7 @@ def starts_near(robot: Robot, pose: Pose, known: FloatArray) -> list[FloatArray]
     """
     places = robot.frame_positions(known, [pose.frame])[:, 0]
     distances = np.linalg.norm(places - pose.position, axis=1)
-    return list(known[distances.argsort(kind="stable")[:_N_KNOWN]])
+    return list(known[distances.argsort(kind="stable")[: _OPTIONS.n_known]])
 
 
 def configurations_at(
@@ -85,7 +108,7 @@ def configurations_at(
             q, error = nearest_configuration(robot, limits, pose, start)
             if np.abs(error).max() > POSE_TOLERANCE:
                 nearest = min(nearest, error, key=lambda e: float(np.linalg.norm(e)))
-            elif all(np.abs(q - other).max() > _DISTINCT for other in found):
+            elif all(np.abs(q - other).max() > _OPTIONS.distinct for other in found):
                 found.append(q)
         if found:
             return found
@@ -108,10 +131,10 @@ def nearest_configuration(
     error : array, shape (3,) or (6,)
         See :meth:`.Robot.pose_error`.
     """
-    q, damping = np.clip(start, limits.lower, limits.upper), _FIRST_DAMPING
+    q, damping = np.clip(start, limits.lower, limits.upper), _OPTIONS.first_damping
     error, jacobian = robot.pose_error(pose.frame, q, pose.position, pose.orientation)
-    for _ in range(_MOST_STEPS):
-        if np.abs(error).max() <= _REACHED or damping > _MOST_DAMPING:
+    for _ in range(_OPTIONS.max_steps):
+        if np.abs(error).max() <= _OPTIONS.reached or damping > _OPTIONS.max_damping:
             break
         downhill = -jacobian.T @ error
         # Joints that are stopped by a limit stay there.
@@ -135,4 +158,4 @@ def _spread(robot: Robot, limits: JointLimits) -> Iterable[FloatArray]:
     """Configurations all over the limits, the same ones each time."""
     low, high = np.maximum(limits.lower, -np.pi), np.minimum(limits.upper, np.pi)
     random = np.random.default_rng(0)
-    return (random.uniform(low, high) for _ in range(_N_RANDOM))
+    return (random.uniform(low, high) for _ in range(_OPTIONS.n_random))

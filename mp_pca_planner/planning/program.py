@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""What the solver asks of a nonlinear program: the contract between compiler and solver.
+"""Nonlinear programs: the contract between compiler and solver.
 
 A program is: minimise f(x) subject to l ≤ c(x) ≤ u and e(x) = 0. Its unknowns x (weights, a
 goal configuration, a log duration, …) are to be scaled so that usual steps are of order 1,
@@ -11,12 +11,13 @@ worst of them need matter.
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import FloatArray
+from .matrices import BlockMatrix, Matrix
 
 
 class Point(Protocol):
@@ -31,7 +32,7 @@ class Point(Protocol):
         """∇f, shape (n,)."""
 
     @property
-    def hessian(self) -> FloatArray:
+    def hessian(self) -> Matrix:
         """The part of ∇²f that is known, shape (n, n), symmetric.
 
         RᵀR of sums of squares, exact Hessians of quadratic terms. The solver estimates what
@@ -70,3 +71,28 @@ class Program(Protocol):
 
     def evaluate(self, x: FloatArray) -> Point:
         """Value and derivatives at x, shape (n,)."""
+
+
+@runtime_checkable
+class ChainPoint(Protocol):
+    """A point of a program whose cost and inequalities are sums over overlapping blocks."""
+
+    @property
+    def cost(self) -> float:
+        """Objective f."""
+
+    @property
+    def hessian(self) -> BlockMatrix:
+        """The part of ∇²f that is known."""
+
+    def lagrangian_gradients(
+        self, sides: NDArray[np.intp], multipliers: FloatArray
+    ) -> list[FloatArray]:
+        """Each block's part of the gradient of the Lagrangian, on the slice of the block.
+
+        Parameters
+        ----------
+        sides, multipliers : array, shape (n_active,)
+            Active sides of inequalities (2i the lower, 2i + 1 the upper one of inequality i), and
+            their multipliers.
+        """

@@ -5,8 +5,8 @@
 A strictly convex program with inequalities is a least-distance problem, and that is a
 nonnegative least-squares problem (Lawson and Hanson, "Solving Least Squares Problems", 1974,
 chapter 23), for which SciPy has an active-set method. With few unknowns and few constraints
-near their bounds it takes tens of microseconds, needs no further dependency, and tells
-infeasible programs apart.
+near their bounds it takes tens of microseconds, needs no further dependency, and detects
+infeasible programs.
 """
 
 from __future__ import annotations
@@ -14,9 +14,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import lapack
 
 from ..arrays import FloatArray
+from .matrices import Matrix, cholesky
 
 # Squared distance to infeasibility, in units of the scaled right-hand side, that is rounding.
 _INFEASIBLE = 1e-12
@@ -39,39 +39,45 @@ class QuadraticSolution:
 
 
 def solve_quadratic(
-    hessian: FloatArray, gradient: FloatArray, rows: FloatArray, bounds: FloatArray
+    hessian: Matrix,
+    gradient: FloatArray,
+    rows: FloatArray,
+    bounds: FloatArray,
+    shift: float = 0.0,
 ) -> QuadraticSolution | None:
-    """Minimise ½pᵀHp + gᵀp subject to A p ≤ b.
+    """Minimise ½pᵀ(H + shift·I)p + gᵀp subject to A p ≤ b.
 
     Parameters
     ----------
-    hessian : array, shape (n, n)
-        Positive definite H.
+    hessian : array, shape (n, n), or BlockMatrix
+        H; with the shift it is positive definite.
     gradient : array, shape (n,)
         g.
     rows : array, shape (m, n)
         A.
     bounds : array, shape (m,)
         b.
+    shift : float
+        Added to the diagonal of H.
 
     Returns
     -------
     solution : QuadraticSolution or None
         None if the constraints contradict each other (or H is not positive definite).
     """
-    # Late, so that the node starts fast.
+    # Imported here: it would slow the start of the node.
     from scipy.optimize import nnls
 
-    factor, failed = lapack.dpotrf(hessian, lower=1)
-    if failed:
+    factor = cholesky(hessian, shift)
+    if factor is None:
         return None
     n = len(gradient)
     # With u = Lᵀp + L⁻¹g the objective is ½‖u‖² up to a constant.
     whole = np.empty((n, 1 + len(bounds)), order="F")
     whole[:, 0], whole[:, 1:] = gradient, rows.T
-    whole, _ = lapack.dtrtrs(factor, whole, lower=1, overwrite_b=1)
+    whole = factor.solve_lower(whole)
     shifted, whitened = whole[:, 0], whole[:, 1:]
-    # Lengths of the rows don't matter to the problem, but to the rounding.
+    # Rows of unit length: their lengths do not change the solution, but the rounding.
     lengths = np.maximum(np.sqrt(np.sum(whitened * whitened, axis=0)), 1e-12)
     system = np.empty((n + 1, len(bounds)))
     np.divide(whitened, -lengths, out=system[:n])
@@ -80,11 +86,11 @@ def solve_quadratic(
     target[n] = 1.0
     try:
         dual, _ = nnls(system, target)
-    except RuntimeError:  # too many iterations: rows that depend on each other almost exactly
+    except RuntimeError:  # too many iterations: nearly dependent rows
         return None
     residual = system @ dual - target
     if -residual[n] <= _INFEASIBLE:
         return None
     u = -residual[:n] / residual[n]
-    step, _ = lapack.dtrtrs(factor, u - shifted, lower=1, trans=1)
+    step = factor.solve_upper(u - shifted)
     return QuadraticSolution(step, dual / -residual[n] / lengths)

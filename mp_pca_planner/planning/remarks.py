@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""What a person should know of a planned motion, in sentences."""
+"""Remarks on what is unusual about a planned motion."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Goals made complete: what they leave open filled in, and what can't be served refused."""
+"""Single goals resolved: what they leave open is filled in, unusable ones are rejected."""
 
 from __future__ import annotations
 
@@ -15,27 +15,23 @@ from ..motion.goal import JointGoal, JointState, Pose, PoseGoal, Via
 from ..primitives.boundary import hermite_functions
 from ..primitives.conditional_model import ConditionalDistribution
 from ..primitives.primitive import MovementPrimitive
-from ..robot.limits import JointLimits
-from ..robot.model import Robot
 from .conditions import Condition, JointTarget, PoseTarget, Target
 from .plan import SHORTEST, PlannerOptions
 from .pose_search import configurations_at, starts_near
 from .selection import Selection, Selector
+from .setup import Setup
 from .states import check_within_limits, completed, in_order, unwrapped
 
 LONGEST_DURATION = 600.0
-"""Longer motions [s] are taken for mistakes."""
+"""Longest duration that is accepted [s]."""
 
-# So are motions of more points, which would exhaust the memory.
-_MOST_POINTS = 100_000
-
-# Configurations that reach a pose to which motions are planned, the most natural first.
-_N_CONFIGURATIONS = 3
+# More points would exhaust the memory.
+_MAX_POINTS = 100_000
 
 
 @dataclass(frozen=True, eq=False)
 class Request:
-    """A goal made complete: everything the compiler needs to know.
+    """A resolved goal: everything the compiler needs to know.
 
     Attributes
     ----------
@@ -48,11 +44,11 @@ class Request:
     pose : Pose or None
         The pose to reach, if that is the goal: the goal state is a start then.
     conditions : tuple of Condition
-        What to meet on the way, then at a pose.
+        The vias, then a pose.
     duration_is_free : bool
         Whether nobody fixed the duration.
     expected : ConditionalDistribution
-        What the demonstrations let expect.
+        What the demonstrations predict.
     """
 
     selection: Selection
@@ -65,42 +61,55 @@ class Request:
     expected: ConditionalDistribution
 
     @property
+    def usual_duration(self) -> float:
+        """The duration asked for, or the predicted one [s]."""
+        return self.expected.duration
+
+    @property
+    def primitives(self) -> tuple[MovementPrimitive, ...]:
+        """The primitive."""
+        return (self.primitive,)
+
+    @property
+    def selections(self) -> tuple[Selection, ...]:
+        """Why it was chosen."""
+        return (self.selection,)
+
+    @property
     def n_vias(self) -> int:
-        """Number of conditions on the way."""
+        """Number of vias."""
         return len(self.conditions) - (self.pose is not None)
 
 
-class RequestMaker:
-    """Makes goals complete for a planner.
+class GoalResolver:
+    """Resolves single goals for a planner.
 
     Parameters
     ----------
-    robot, limits, options
+    setup : Setup
         The planner's.
     selector : Selector
         Chooses among its primitives.
     """
 
-    def __init__(
-        self, robot: Robot, limits: JointLimits, options: PlannerOptions, selector: Selector
-    ) -> None:
-        self._robot, self._limits, self._options = robot, limits, options
-        self._selector = selector
+    def __init__(self, setup: Setup, selector: Selector) -> None:
+        self._setup, self._selector = setup, selector
+        robot, limits = setup.robot, setup.limits
         zero = np.zeros(robot.n_joints)
         self._anywhere = JointState(robot.joint_names, np.clip(zero, limits.lower, limits.upper))
 
     def check(self, goal: JointGoal) -> None:
-        """Refuse a goal that can't be served from anywhere, see :meth:`.Planner.check`."""
+        """Reject a goal that can't be served from anywhere, see :meth:`.Planner.check`."""
         self._check_size(goal.duration)
         self._selector.check_name(goal.primitive)
         here = self._anywhere
-        there = completed(goal.state, here, self._robot, "goal")
+        there = completed(goal.state, here, self._setup.robot, "goal")
         # Which turn of a joint that turns without end is meant depends on the start.
-        q = np.where(self._robot.continuous, here.positions, there.positions)
+        q = np.where(self._setup.robot.continuous, here.positions, there.positions)
         self._check_end(JointState(here.joint_names, q, there.velocities, there.accelerations))
 
-    def complete(self, goal: JointGoal | PoseGoal, start: JointState) -> list[Request]:
-        """Fill in what the goal leaves open; refuse what can't be served.
+    def resolve(self, goal: JointGoal | PoseGoal, start: JointState) -> list[Request]:
+        """Fill in what the goal leaves open; reject what can't be served.
 
         A pose can be reached in several configurations: several requests, the most natural first.
         A configuration can be reached with several primitives, the one expected to be cheapest
@@ -118,8 +127,8 @@ class RequestMaker:
         GoalError, RobotError
             See :meth:`.Planner.plan`.
         """
-        here = in_order(start, self._robot.joint_names)
-        check_within_limits("present", here, self._limits)
+        here = in_order(start, self._setup.robot.joint_names)
+        check_within_limits("present", here, self._setup.limits)
         self._check_size(goal.duration)
         selector = self._selector.among(goal.primitive)
         if isinstance(goal, JointGoal):
@@ -130,12 +139,12 @@ class RequestMaker:
         def score(there: JointState) -> float:
             return float(selector.scores(here.positions, there.positions, goal.duration).min())
 
-        # Of several motions to one place the cheapest is wanted, but not of several searches for
-        # the shortest duration, nor of several configurations.
-        searches = goal.duration is None and self._options.timing == SHORTEST
+        # Several primitives are tried for one configuration, but not in the search for the shortest
+        # duration, nor for each of several configurations.
+        searches = goal.duration is None and self._setup.options.timing == SHORTEST
         chosen: list[Request] = []
         if len(goals) > 1:
-            goals = sorted(goals, key=score)[:_N_CONFIGURATIONS]
+            goals = sorted(goals, key=score)[: self._setup.options.search.n_configurations]
         for there in goals:
             selection = selector.choose(here.positions, there.positions, goal.duration)
             several = pose is None and not searches
@@ -155,17 +164,17 @@ class RequestMaker:
         return chosen
 
     def target(self, goal: JointGoal, here: JointState) -> JointState:
-        """The whole configuration that a goal asks for; see :meth:`complete`."""
-        there = completed(goal.state, here, self._robot, "goal")
+        """The whole configuration that a goal asks for; see :meth:`resolve`."""
+        there = completed(goal.state, here, self._setup.robot, "goal")
         self._check_end(there)
         return there
 
     def _check_end(self, there: JointState) -> None:
-        check_within_limits("goal", there, self._limits)
-        if not self._options.allow_nonzero_end_velocity and np.any(there.velocities != 0.0):
+        check_within_limits("goal", there, self._setup.limits)
+        if not self._setup.options.allow_nonzero_end_velocity and np.any(there.velocities != 0.0):
             moving = there.joint_names[int(np.abs(there.velocities).argmax())]
             raise GoalError(
-                f"the goal velocity of joint '{moving}' is not 0, which the controller refuses "
+                f"the goal velocity of joint '{moving}' is not 0, which the controller rejects "
                 "unless it and this planner are set to allow a nonzero velocity at the end"
             )
 
@@ -174,21 +183,21 @@ class RequestMaker:
     ) -> list[JointState]:
         """Configurations that reach the pose, from where the demonstrations end and from here."""
         ends = np.concatenate([p.boundary_states[:, 3] for p in candidates])
-        starts = [*starts_near(self._robot, pose, ends), here.positions]
-        found = configurations_at(self._robot, self._limits, pose, starts)
-        return [JointState(here.joint_names, unwrapped(q, here, self._robot)) for q in found]
+        starts = [*starts_near(self._setup.robot, pose, ends), here.positions]
+        found = configurations_at(self._setup.robot, self._setup.limits, pose, starts)
+        return [JointState(here.joint_names, unwrapped(q, here, self._setup.robot)) for q in found]
 
     def _conditions(self, request: Request, vias: Sequence[Via]) -> tuple[Condition, ...]:
-        """What to meet on the way, and the pose to reach at the end."""
+        """The vias, and the pose to reach at the end."""
         conditions = self._via_conditions(request, vias) if vias else []
         if request.pose is not None:
-            conditions.append(Condition(PoseTarget(self._robot, request.pose), 1.0))
+            conditions.append(Condition(PoseTarget(self._setup.robot, request.pose), 1.0))
         return tuple(conditions)
 
     def _via_conditions(self, request: Request, vias: Sequence[Via]) -> list[Condition]:
         targets = [self._target(via, request.start) for via in vias]
         phases = np.linspace(0.0, 1.0, 201)
-        ends = np.zeros((6, self._robot.n_joints))
+        ends = np.zeros((6, self._setup.robot.n_joints))
         ends[0], ends[3] = request.start.positions, request.goal.positions
         usual = hermite_functions(phases) @ ends + request.primitive.basis.shape(
             request.expected.weights, phases
@@ -201,23 +210,23 @@ class RequestMaker:
         ]
 
     def _target(self, via: Via, here: JointState) -> Target:
-        names, target = self._robot.joint_names, via.target
+        names, target = self._setup.robot.joint_names, via.target
         if isinstance(target, Pose):
-            self._robot.frame_positions(here.positions[None], [target.frame])
-            return PoseTarget(self._robot, target)
-        state = completed(target, here, self._robot, "via")
-        check_within_limits("via", JointState(names, state.positions), self._limits)
+            self._setup.robot.frame_positions(here.positions[None], [target.frame])
+            return PoseTarget(self._setup.robot, target)
+        state = completed(target, here, self._setup.robot, "via")
+        check_within_limits("via", JointState(names, state.positions), self._setup.limits)
         index = np.array([names.index(name) for name in target.joint_names])
         return JointTarget(index, state.positions[index], len(names))
 
     def _check_size(self, duration: float | None) -> None:
         if duration is None:
             return
-        longest = longest_duration(self._options)
+        longest = longest_duration(self._setup.options)
         if duration > longest:
             raise GoalError(
                 f"the duration {duration:g} s is too long: with a sample period of "
-                f"{self._options.sample_period:g} s at most {longest:g} s are accepted"
+                f"{self._setup.options.sample_period:g} s at most {longest:g} s are accepted"
             )
 
     def expect(
@@ -227,23 +236,23 @@ class RequestMaker:
         goal: JointState,
         duration: float | None,
     ) -> ConditionalDistribution:
-        """What the demonstrations let expect of a motion, however often joints have turned."""
+        """What the demonstrations predict for a motion, however often joints have turned."""
         # The demonstrations of a joint that turns without end may lie whole turns away.
         mean = primitive.model.mean[: primitive.n_joints]
         turns = np.round((mean - start.positions) / (2.0 * np.pi))
-        shift = np.where(self._robot.continuous, 2.0 * np.pi * turns, 0.0)
+        shift = np.where(self._setup.robot.continuous, 2.0 * np.pi * turns, 0.0)
         return primitive.model.predict(start.positions + shift, goal.positions + shift, duration)
 
 
 def longest_duration(options: PlannerOptions) -> float:
     """The longest duration that is accepted [s]."""
-    return min(LONGEST_DURATION, _MOST_POINTS * options.sample_period)
+    return min(LONGEST_DURATION, _MAX_POINTS * options.sample_period)
 
 
 def _windows(
     targets: Sequence[Target], vias: Sequence[Via], phases: FloatArray, usual: FloatArray
 ) -> list[tuple[float, float]]:
-    """Where to look for the free phases of vias: around where the usual motion comes nearest.
+    """Windows of the free phases of vias: around where the usual motion comes nearest.
 
     Parameters
     ----------

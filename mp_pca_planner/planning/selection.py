@@ -24,19 +24,41 @@ from ..primitives.conditional_model import ConditionalDistribution
 from ..primitives.covariances import marginal_precision
 from ..primitives.primitive import MovementPrimitive
 from ..robot.model import Robot
-from .compiler import QuadratureTables
 from .motion import Motion
 from .objectives import Effort, Nodes, Objective
+from .unknowns import QuadratureTables
 
-# Primitives stay whose score is at most the least one times the first, or below the second: so
-# near, all are like their demonstrations.
-_RELATIVE, _LIKE_DEMONSTRATIONS = 1.25, 1.0
-_MOST_COMPILED = 32
-# Usual error of expected costs: three standard deviations of optimised to expected costs among
-# the primitives of a request (1.6 % for the human-like arm).
-_USUAL_ERROR = 0.05
-_MOST_SOLVED = 5
-_MOST_NAMED = 8
+
+@dataclass(frozen=True)
+class SelectionOptions:
+    """How primitives are chosen.
+
+    Attributes
+    ----------
+    relative_score : float
+        Largest in-span score of a primitive that is considered, as a multiple of the least one.
+    near_score : float
+        Primitives below this score are all like their demonstrations, and considered.
+    max_considered : int
+        Largest number of primitives that are considered.
+    usual_error : float
+        Usual relative error of expected costs: three standard deviations of optimised to expected
+        costs among the primitives of a request (1.6 % for the human-like arm).
+    max_contenders : int
+        Largest number of primitives that motions are planned with.
+    max_named : int
+        Largest number of primitives that a message names.
+    """
+
+    relative_score: float = 1.25
+    near_score: float = 1.0
+    max_considered: int = 32
+    usual_error: float = 0.05
+    max_contenders: int = 5
+    max_named: int = 8
+
+
+_OPTIONS = SelectionOptions()
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,10 +110,10 @@ class Selection:
 
     @property
     def contenders(self) -> tuple[Considered, ...]:
-        """Those too near to the first for expected costs to tell which is cheapest."""
-        near = (1.0 + _USUAL_ERROR) * self.first.cost
+        """Those whose expected costs are too near to the first one's to rank them."""
+        near = (1.0 + _OPTIONS.usual_error) * self.first.cost
         others = (c for c in self.considered[1:] if c.cost <= near)
-        return (self.first, *others)[:_MOST_SOLVED]
+        return (self.first, *others)[: _OPTIONS.max_contenders]
 
     def reason(self, winner: str, solved: Mapping[str, float | None]) -> str:
         """Why a primitive won, in a sentence.
@@ -110,8 +132,8 @@ class Selection:
                 f"of {self.n_primitives} primitives only '{winner}' has demonstrations near "
                 f"the request (in-span score {self.first.in_span_score:.2f})"
             )
-        names = quote_names([c.name for c in self.considered[:_MOST_NAMED]])
-        more = len(self.considered) - _MOST_NAMED
+        names = quote_names([c.name for c in self.considered[: _OPTIONS.max_named]])
+        more = len(self.considered) - _OPTIONS.max_named
         were = (
             f"of {self.n_primitives} primitives {len(self.considered)} were near the request: "
             f"{names}{f' and {more} more' if more > 0 else ''}; "
@@ -176,7 +198,7 @@ class Selector:
         return Selector(self._robot, found, self._objectives)
 
     def check_name(self, name: str | None) -> None:
-        """Refuse a name that no primitive has, see :meth:`among`."""
+        """Reject a name that no primitive has, see :meth:`among`."""
         names = [p.name for p in self.primitives]
         if name is not None and name not in names:
             raise GoalError(unknown_name("primitive", name, names))
@@ -215,7 +237,7 @@ class Selector:
         """
         scores = self.scores(start, goal, duration)
         order = np.argsort(scores, kind="stable")
-        chosen = order[is_near(scores[order])][:_MOST_COMPILED]
+        chosen = order[is_near(scores[order])][: _OPTIONS.max_considered]
         turns = self._turns(start)
         found = []
         for i in chosen:
@@ -253,7 +275,7 @@ def is_near(scores: FloatArray) -> NDArray[np.bool_]:
     scores : array, shape (n_primitives,)
         Those of all.
     """
-    return scores <= max(_RELATIVE * float(scores.min()), _LIKE_DEMONSTRATIONS)
+    return scores <= max(_OPTIONS.relative_score * float(scores.min()), _OPTIONS.near_score)
 
 
 def effort_of(robot: Robot, motion: Motion) -> float:

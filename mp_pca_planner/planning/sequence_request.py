@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""A goal of several targets made complete, and joined in real time.
+"""Resolved goals of several targets, and their motions joined in real time.
 
 As shapes vanish with two derivatives at both ends, segments join in position, velocity and
 acceleration as soon as their boundary parts h do, whatever the weights. The boundary parts that
@@ -18,16 +18,20 @@ import numpy as np
 
 from ..arrays import FloatArray
 from ..exceptions import TrajectoryError
-from ..motion.goal import JointState
+from ..motion.goal import JointState, Pose
+from ..motion.validation import LimitCheck
 from ..primitives.conditional_model import ConditionalDistribution
 from ..primitives.primitive import MovementPrimitive
-from .conditions import Target
+from .bases import MotionBasis
+from .conditions import Condition, PoseTarget, Target
 from .motion import Motion
+from .selection import Selection
+from .stop_and_go import slowdown
 
 
 @dataclass(frozen=True, eq=False)
 class SequenceRequest:
-    """A goal made complete, of n segments.
+    """A resolved goal of n segments.
 
     Attributes
     ----------
@@ -37,8 +41,8 @@ class SequenceRequest:
         What the n last states must meet.
     stops : tuple of bool
         Whether the motion rests at each target.
-    primitives, expected : tuple of MovementPrimitive, tuple of ConditionalDistribution
-        Of each segment.
+    selections : tuple of Selection
+        Why the primitive of each segment was chosen.
     durations : tuple of float
         The usual ones [s], fitted to fixed times.
     groups : tuple
@@ -48,27 +52,70 @@ class SequenceRequest:
     states: tuple[JointState, ...]
     targets: tuple[Target, ...]
     stops: tuple[bool, ...]
-    primitives: tuple[MovementPrimitive, ...]
-    expected: tuple[ConditionalDistribution, ...]
+    selections: tuple[Selection, ...]
     durations: tuple[float, ...]
     groups: tuple[tuple[tuple[int, ...], bool], ...]
 
+    duration_is_free = True
+
+    @property
+    def start(self) -> JointState:
+        """The state at the start."""
+        return self.states[0]
+
+    @property
+    def goal(self) -> JointState:
+        """The state at the last target."""
+        return self.states[-1]
+
+    @property
+    def pose(self) -> Pose | None:
+        """The pose to reach, if the last target is one."""
+        last = self.targets[-1]
+        return last.pose if isinstance(last, PoseTarget) else None
+
+    @property
+    def n_vias(self) -> int:
+        """Number of targets before the last."""
+        return len(self.targets) - 1
+
+    @property
+    def conditions(self) -> tuple[Condition, ...]:
+        """The targets, at phases that are left to the planner."""
+        return tuple(Condition(target, None) for target in self.targets)
+
+    @property
+    def primitives(self) -> tuple[MovementPrimitive, ...]:
+        """The primitive of each segment."""
+        return tuple(one.first.primitive for one in self.selections)
+
+    @property
+    def expected(self) -> tuple[ConditionalDistribution, ...]:
+        """What the demonstrations predict for each segment."""
+        return tuple(one.first.expected for one in self.selections)
+
+    @property
+    def usual_duration(self) -> float:
+        """The usual duration of the whole [s]."""
+        return sum(self.durations)
+
     def concatenate(
-        self, durations: Sequence[float] | None = None, share: float = 1.0
+        self, bases: Sequence[MotionBasis], durations: Sequence[float], share: float = 1.0
     ) -> tuple[Motion, ...]:
         """Join the expected motions by the spline of least jerk, without optimisation.
 
         Parameters
         ----------
-        durations : sequence of float, optional
-            Durations of the segments [s]; the usual ones unless given.
+        bases : sequence of MotionBasis
+            The bases of the segments.
+        durations : sequence of float
+            Durations of the segments [s].
         share : float
             Factor of the velocities and accelerations at the vias.
         """
-        # Takes long to import, and a node may never be asked for a sequence.
+        # Imported here: it takes long, and a node may never need it.
         from scipy.interpolate import make_interp_spline
 
-        durations = self.durations if durations is None else durations
         times = np.concatenate([[0.0], np.cumsum(durations)])
         first = self.states[0]
         places = np.array([state.positions for state in self.states])
@@ -88,11 +135,32 @@ class SequenceRequest:
             JointState(first.joint_names, q, v, a) for q, v, a in zip(places, *rates, strict=True)
         ]
         return tuple(
-            Motion(here, there, float(duration), primitive.basis, expected.weights)
-            for (here, there), duration, primitive, expected in zip(
-                pairwise(ends), durations, self.primitives, self.expected, strict=True
-            )
+            Motion(here, there, float(duration), basis.basis, basis.expected)
+            for (here, there), duration, basis in zip(pairwise(ends), durations, bases, strict=True)
         )
+
+    def stretched(self, check: LimitCheck, durations: list[float], most: float) -> list[float]:
+        """Longer durations of the free groups in which a limit is violated.
+
+        Parameters
+        ----------
+        check : LimitCheck
+            Of the motion of these durations.
+        durations : list of float
+            The durations of the segments [s].
+        most : float
+            Factor of the usual durations up to which they are stretched.
+        """
+        ends, longer = np.cumsum(durations), list(durations)
+        for violation in check.violations:
+            segment = min(int(np.searchsorted(ends, violation.time)), len(durations) - 1)
+            group, is_fixed = next(one for one in self.groups if segment in one[0])
+            if is_fixed or durations[segment] > most * self.durations[segment]:
+                continue
+            factor = slowdown(LimitCheck((violation,)))
+            for i in group:
+                longer[i] = max(longer[i], durations[i] * factor)
+        return longer
 
     def resting_durations(self, least: FloatArray, step: float) -> tuple[float, ...]:
         """Durations of segments that begin and end at rest, at least so long [s].

@@ -1,11 +1,11 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Where the solver starts: weights, and what was learned around them before.
+"""Starts of the solver: weights, and its state at the solution of a similar motion.
 
-Where likeness to the demonstrations counts for little, optima lie tens of usual weights away from
-what is expected, but near those of similar requests. So they are found for the demonstrations'
-own ends beforehand, which is known as a memory of motion (Lembono et al., "Memory of motion for
-warm-starting trajectory optimization", IEEE Robotics and Automation Letters 5(2), 2020).
+Where naturalness counts for little, optima lie tens of usual weights away from the expected ones,
+but near those of similar requests. They are precomputed for the ends of the demonstrations, as a
+memory of motion (Lembono et al., "Memory of motion for warm-starting trajectory optimization", IEEE
+Robotics and Automation Letters 5(2), 2020).
 """
 
 from __future__ import annotations
@@ -25,15 +25,15 @@ MOST_STARTS = 2 + N_NEAREST
 """Starts of components: the expected weights, the mean shape, and those of similar motions."""
 
 
-class Start(NamedTuple):
-    """Where to start.
+class StartPoint(NamedTuple):
+    """Unknowns to start from.
 
     Attributes
     ----------
     unknowns : array, shape (n_unknowns,)
-        Weights of a family, or the unknowns of a program.
+        Weights of a basis, or the unknowns of a program.
     memory : SolverMemory or None
-        What the solver has learned there of a similar program.
+        State of the solver there, for a similar program.
     """
 
     unknowns: FloatArray
@@ -41,8 +41,8 @@ class Start(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Practice:
-    """Starts that suit the ends of some motions.
+class WarmStarts:
+    """Solutions of motions between some ends, to start similar motions from.
 
     Attributes
     ----------
@@ -51,14 +51,14 @@ class Practice:
     weights : array, shape (n_motions, n_weights)
         Weights for each of them.
     memories : sequence of SolverMemory
-        What the solver has learned there; none, or of each.
+        States of the solver there; none, or of each.
     """
 
     ends: FloatArray
     weights: FloatArray
     memories: Sequence[SolverMemory] = ()
 
-    def nearest(self, ends: FloatArray) -> list[Start]:
+    def nearest(self, ends: FloatArray) -> list[StartPoint]:
         """Those of the motions with the nearest ends, at most `N_NEAREST`, the nearest first.
 
         Parameters
@@ -69,5 +69,5 @@ class Practice:
         distance = np.sum((self.ends - ends) ** 2, axis=1)
         nearest = np.argsort(distance, kind="stable")[:N_NEAREST].tolist()
         if not self.memories:
-            return [Start(self.weights[i]) for i in nearest]
-        return [Start(self.weights[i], self.memories[i]) for i in nearest]
+            return [StartPoint(self.weights[i]) for i in nearest]
+        return [StartPoint(self.weights[i], self.memories[i]) for i in nearest]

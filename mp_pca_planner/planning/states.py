@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""States that requests name: made complete, and refused if no motion could begin or end there."""
+"""States in requests: completed, and rejected if no motion could begin or end there."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def completed(state: JointState, before: JointState, robot: Robot, what: str) ->
     before : JointState
         Where the robot comes from, of all joints in the robot's order.
     robot : Robot
-        Joints of it that turn without end go the shorter way round.
+        Its continuous joints turn by less than half a turn.
     what : str
         What the state is called in messages.
 
@@ -76,13 +76,13 @@ def completed(state: JointState, before: JointState, robot: Robot, what: str) ->
 
 
 def unwrapped(q: FloatArray, before: JointState, robot: Robot) -> FloatArray:
-    """Positions to which joints that turn without end go the shorter way round."""
+    """Positions to which continuous joints turn by less than half a turn."""
     turns = np.round((before.positions - q) / (2.0 * np.pi))
     return np.asarray(q + np.where(robot.continuous, 2.0 * np.pi * turns, 0.0))
 
 
 def check_within_limits(what: str, state: JointState, limits: JointLimits) -> None:
-    """Refuse an end of a motion that itself breaks a limit: no motion could mend it.
+    """Reject an end of a motion that itself violates a limit.
 
     Raises
     ------

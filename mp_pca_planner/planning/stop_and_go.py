@@ -29,18 +29,37 @@ from .motion import Motion
 # Largest velocity, acceleration and jerk of the minimum-jerk motion of distance 1 in a time of 1.
 _PEAKS = (15.0 / 8.0, 10.0 / np.sqrt(3.0), 60.0)
 _PHASES = np.linspace(0.0, 1.0, 41)
-# Shares of the limits of acceleration and jerk for braking: hard brakes leave most room to limits
-# of position, soft ones to those of effort.
-_BRAKE_SHARES = (0.999, 0.8, 0.6, 0.4, 0.2, 0.1, 0.05)
-# Shares of the jerk, for a brake in whole steps to need no more than all of it.
-_JERK_SHARES = (1.0, 0.8, 0.6, 0.4, 0.2)
-# Without such limits, the times [s] in which a brake ends velocities and accelerations.
-_STOPPING_TIME, _RAMP_TIME = 0.1, 0.05
-# What keeps this clear of a limit is checked several times faster than what is at it.
-_CLEAR = 1.001
-# Times that a motion is slowed because its points break a limit.
-_MAX_STRETCHES = 10
 _POWERS = {"velocity": 1.0, "acceleration": 1.0 / 2.0, "jerk": 1.0 / 3.0, "effort": 1.0 / 2.0}
+
+
+@dataclass(frozen=True)
+class BrakingOptions:
+    """How a robot brakes and how slow motions are timed.
+
+    Attributes
+    ----------
+    shares : tuple of float
+        Shares of the limits of acceleration and jerk for brakes, tried in turn: hard brakes leave
+        most room to limits of position, soft ones to those of effort.
+    jerk_shares : tuple of float
+        Shares of the jerk, tried in turn until a brake in whole steps needs no more than all of it.
+    stopping_time, ramp_time : float
+        Times in which a brake ends velocities and accelerations where these have no limits [s].
+    clearance : float
+        Factor of least durations: what keeps clear of a limit is checked several times faster.
+    max_stretches : int
+        Largest number of times that a motion is slowed because its points exceed a limit.
+    """
+
+    shares: tuple[float, ...] = (0.999, 0.8, 0.6, 0.4, 0.2, 0.1, 0.05)
+    jerk_shares: tuple[float, ...] = (1.0, 0.8, 0.6, 0.4, 0.2)
+    stopping_time: float = 0.1
+    ramp_time: float = 0.05
+    clearance: float = 1.001
+    max_stretches: int = 10
+
+
+_OPTIONS = BrakingOptions()
 
 
 def slowdown(check: LimitCheck) -> float:
@@ -174,8 +193,8 @@ class StopAndGo:
         limits: JointLimits,
         timed: Callable[[StopAndGo], tuple[float, ...]],
         sampled: Callable[[tuple[float, ...]], Trajectory],
-    ) -> tuple[tuple[float, ...], Trajectory, LimitCheck]:
-        """Durations, points and limit check of the motion, slow enough for its points.
+    ) -> tuple[float, ...]:
+        """Durations of the segments, slow enough for the points of the motion.
 
         Parameters
         ----------
@@ -192,12 +211,11 @@ class StopAndGo:
             If none is slow enough.
         """
         slower = self
-        for _ in range(_MAX_STRETCHES):
+        for _ in range(_OPTIONS.max_stretches):
             durations = timed(slower)
-            trajectory = sampled(durations)
-            check = check_limits(trajectory, robot, limits)
+            check = check_limits(sampled(durations), robot, limits)
             if not check.violations:
-                return durations, trajectory, check
+                return durations
             slower = replace(slower, legs=slowdown(check) * slower.legs)
         raise TrajectoryError(str(check.violations[0]))
 
@@ -235,7 +253,8 @@ def stop_and_go(
     launch = _brake(robot, limits, backwards, step)[:, ::-1] * [[[1.0]], [[-1.0]], [[1.0]]]
     between = [state.positions for state in states[1:-1]]
     places = np.array([brake[0, -1], *between, launch[0, 0]])
-    legs = [max(_CLEAR * least_duration(robot, limits, a, b), step) for a, b in pairwise(places)]
+    least = [least_duration(robot, limits, a, b) for a, b in pairwise(places)]
+    legs = [max(_OPTIONS.clearance * duration, step) for duration in least]
     return StopAndGo(start, goal, brake, launch, places, np.array(legs), step)
 
 
@@ -252,17 +271,17 @@ def least_duration(robot: Robot, limits: JointLimits, start: FloatArray, goal: F
     Raises
     ------
     TrajectoryError
-        If gravity alone exceeds the limits of effort on the way.
+        If gravity alone exceeds the limits of effort between them.
     """
-    way = goal - start
+    displacement = goal - start
     bounds = (limits.velocity, limits.acceleration, limits.jerk)
     kinematic = [
-        float(np.max(peak * np.abs(way) / bound)) ** (1.0 / order)
+        float(np.max(peak * np.abs(displacement) / bound)) ** (1.0 / order)
         for order, (peak, bound) in enumerate(zip(_PEAKS, bounds, strict=True), start=1)
     ]
     if not np.isfinite(limits.effort).any():
         return float(max(kinematic))
-    ends = np.zeros((6, way.size))
+    ends = np.zeros((6, displacement.size))
     ends[0], ends[3] = start, goal
     q, v, a = (hermite_functions(_PHASES, d) @ ends for d in range(3))
     rest = np.zeros_like(q)
@@ -291,7 +310,7 @@ def _brake(robot: Robot, limits: JointLimits, state: JointState, step: float) ->
     if not np.any(knots[1:]):
         return knots
     worst = None
-    for share in _BRAKE_SHARES:
+    for share in _OPTIONS.shares:
         knots = _decelerate(state, limits, share, step)
         times = step * np.arange(knots.shape[1])
         check = check_limits(Trajectory(state.joint_names, times, *knots), robot, limits)
@@ -304,9 +323,9 @@ def _brake(robot: Robot, limits: JointLimits, state: JointState, step: float) ->
 def _decelerate(state: JointState, limits: JointLimits, share: float, step: float) -> FloatArray:
     """Knots from a state to rest with a share of the limits of acceleration and jerk."""
     v, a = state.velocities, state.accelerations
-    usual = np.maximum(np.abs(v).max() / _STOPPING_TIME, np.abs(a).max())
+    usual = np.maximum(np.abs(v).max() / _OPTIONS.stopping_time, np.abs(a).max())
     most = np.maximum(share * np.minimum(limits.acceleration, usual), np.abs(a))
-    jerks = np.minimum(share * limits.jerk, most / _RAMP_TIME)
+    jerks = np.minimum(share * limits.jerk, most / _OPTIONS.ramp_time)
     columns = [_jerks(*joint, step) for joint in zip(v, a, most, jerks, strict=True)]
     n_steps = max(map(len, columns))
     jerk = np.array([np.pad(x, (0, n_steps - len(x))) for x in columns]).T
@@ -335,7 +354,7 @@ def _jerks(v: float, a: float, most: float, jerk: float, step: float) -> FloatAr
     """
     if v == 0.0 and a == 0.0:
         return np.zeros(0)
-    for share in _JERK_SHARES:
+    for share in _OPTIONS.jerk_shares:
         found = _trapezoid(v, a, most, share * jerk, step)
         if np.abs(found).max() <= jerk:
             break

@@ -1,22 +1,31 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Statuses and messages of plans: what was found, what was conceded, why goals are refused."""
+"""Statuses and messages of plans: what was found, what was conceded, why goals are rejected."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from ..exceptions import TrajectoryError
-from ..motion.collision import NOT_CHECKED, CollisionModel
+from ..motion.collision import NOT_CHECKED
 from ..motion.validation import check_executable
-from ..robot.limits import JointLimits
 from .attempt import Attempt
+from .bases import MotionBasis
 from .fallback import Fallback
+from .motion import Motion
 from .objectives import Effort
-from .plan import DEMONSTRATED, INFEASIBLE, SOLVED, STOPPED_EARLY, PlannerOptions
+from .plan import (
+    DEMONSTRATED,
+    INFEASIBLE,
+    REAL_TIME,
+    SOLVED,
+    STOPPED_EARLY,
+)
 from .pose_search import POSE_TOLERANCE
+from .request import Request
+from .setup import Setup
 
 
 @dataclass(frozen=True)
@@ -28,8 +37,8 @@ class StatedDuration:
 
 
 @dataclass(frozen=True, eq=False)
-class Outcome:
-    """What a planner found for a goal.
+class Planned:
+    """What a planner found for a goal, before it is judged.
 
     Attributes
     ----------
@@ -37,16 +46,22 @@ class Outcome:
         The best motion.
     fallback : Fallback
         What came of the search for a slow motion, if there was one.
-    stated : StatedDuration
-        The duration to report.
     ran_out : bool
         Whether time ran out before a motion within the limits was found by optimisation.
+    stated : StatedDuration
+        The duration to report.
+    mode : str
+        How segments were joined, see :class:`.Plan`.
+    improved : Attempt or None
+        An optimal motion through several targets that must not be executed.
     """
 
     attempt: Attempt
     fallback: Fallback
-    stated: StatedDuration
     ran_out: bool
+    stated: StatedDuration = field(default_factory=StatedDuration)
+    mode: str = ""
+    improved: Attempt | None = None
 
 
 class Judge:
@@ -54,26 +69,24 @@ class Judge:
 
     Parameters
     ----------
-    limits, options, collision
+    setup : Setup
         The planner's.
     """
 
-    def __init__(
-        self, limits: JointLimits, options: PlannerOptions, collision: CollisionModel | None
-    ) -> None:
-        self._limits, self._options, self._collision = limits, options, collision
+    def __init__(self, setup: Setup) -> None:
+        self._setup = setup
 
-    def verdict(self, outcome: Outcome, missed: float) -> tuple[str, str]:
+    def verdict(self, outcome: Planned, missed: float) -> tuple[str, str]:
         """Status and message.
 
         Parameters
         ----------
-        outcome : Outcome
+        outcome : Planned
             What was found.
         missed : float
             Largest distance of the motion from what it must pass [rad or m].
         """
-        attempt, options = outcome.attempt, self._options
+        attempt, options = outcome.attempt, self._setup.options
         try:
             check_executable(
                 attempt.trajectory,
@@ -92,6 +105,9 @@ class Judge:
         concessions = self._concessions(attempt)
         if attempt is outcome.fallback.attempt:
             return STOPPED_EARLY, self._slow(outcome) + concessions
+        if outcome.mode == REAL_TIME:
+            status, note = self._joined(outcome)
+            return status, note + concessions
         if not attempt.solution.converged:
             found = "time or iterations ran out before the least was found"
             return STOPPED_EARLY, found + concessions
@@ -101,16 +117,35 @@ class Judge:
         least = "effort" if effort_alone else "cost"
         return SOLVED, f"motion of least {least} found{concessions}"
 
-    def _search(self, outcome: Outcome, kind: str) -> str:
+    def _search(self, outcome: Planned, kind: str) -> str:
         """How the search for a kind of motion ended."""
         if outcome.ran_out:
-            limit = f"max_solve_time = {self._options.max_solve_time:g} s"
+            limit = f"max_solve_time = {self._setup.options.max_solve_time:g} s"
             return f"time ran out ({limit}) before a motion {kind} was found"
         return f"no motion {kind} was found"
 
-    def _slow(self, outcome: Outcome) -> str:
+    def _joined(self, outcome: Planned) -> tuple[str, str]:
+        """Status and message of a motion that was joined without optimisation."""
+        note, improved = "motion concatenated in real time", outcome.improved
+        if improved is None:
+            return SOLVED, note
+        if improved.collisions:
+            return SOLVED, f"{note}, for in the optimal one {improved.collisions[0]}"
+        if improved.solution.converged:
+            return SOLVED, f"{note}, for no cheaper one within the limits was found"
+        return STOPPED_EARLY, (
+            f"{note}, for time or iterations ran out before a cheaper one within the limits was "
+            "found"
+        )
+
+    def _slow(self, outcome: Planned) -> str:
         """The message of a slow motion."""
         request = outcome.attempt.request
+        if outcome.mode:
+            return (
+                f"{self._search(outcome, 'without stops within the limits')}; this one rests at "
+                "each target, keeps the limits and may be executed"
+            )
         brakes = np.any([request.start.velocities, request.start.accelerations])
         motion = "brakes, then follows" if brakes else "follows"
         rests = " with a rest at each via" if request.n_vias else ""
@@ -119,11 +154,11 @@ class Judge:
             f"minimum-jerk path{rests}, keeps the limits and may be executed"
         )
 
-    def _refusal(self, outcome: Outcome, kind: str, why: str) -> str:
+    def _refusal(self, outcome: Planned, kind: str, why: str) -> str:
         """The message of a motion that must not be executed."""
         attempt, stated = outcome.attempt, outcome.stated
         message = f"{self._search(outcome, kind)}: {why}"
-        if not attempt.request.duration_is_free:
+        if isinstance(attempt.request, Request) and not attempt.request.duration_is_free:
             message = self._impossible(attempt) or message
         if np.isfinite(stated.seconds):
             known = "a feasible duration"
@@ -136,24 +171,25 @@ class Judge:
 
     def _impossible(self, attempt: Attempt) -> str:
         """Why there is no motion in the duration asked for, empty if that is not known."""
-        request, asked = attempt.request, attempt.request.expected.duration
-        way = np.abs(request.goal.positions - request.start.positions)
-        least = way / self._limits.velocity
+        request, asked = attempt.request, attempt.request.usual_duration
+        displacement = np.abs(request.goal.positions - request.start.positions)
+        limits = self._setup.limits
+        least = displacement / limits.velocity
         j = int(least.argmax())
         if request.pose is not None or not least[j] > asked:
             return ""
         return (
             f"no motion within the limits takes {asked:.4g} s: at its limit of velocity, "
-            f"{self._limits.velocity[j]:.4g}, joint '{self._limits.joint_names[j]}' alone needs "
+            f"{limits.velocity[j]:.4g}, joint '{limits.joint_names[j]}' alone needs "
             f"{least[j]:.4g} s"
         )
 
     def _concessions(self, attempt: Attempt) -> str:
         """What had to be given up to do what was asked, as the end of a sentence."""
-        options, collision = self._options, self._collision
-        usual, duration = attempt.request.expected.duration, attempt.motion.duration
+        options, collision = self._setup.options, self._setup.collision
+        usual, duration = attempt.request.usual_duration, attempt.duration
         given_up = []
-        if duration > usual and options.timing == DEMONSTRATED:
+        if duration > usual * (1.0 + 1e-9) and options.timing == DEMONSTRATED:
             given_up.append(f"the duration was lengthened from {usual:.3g} to {duration:.3g} s")
         if attempt.naturalness > options.naturalness:
             given_up.append(
@@ -164,24 +200,24 @@ class Judge:
         if collision is not None and collision.has_geometry:
             why += " without self-collision"
         kept = f"; {why}, {' and '.join(given_up)}" if given_up else ""
-        if attempt.kept_apart:
-            kept += "; links that would meet otherwise are kept apart"
+        if attempt.has_clearances:
+            kept += "; links that would collide otherwise are kept apart"
         if collision is not None and not collision.has_geometry:
             kept += NOT_CHECKED
-        if options.basis == "pca" and attempt.family.is_corrected:
+        added = max(map(correction, attempt.bases, attempt.motions))
+        if options.basis == "pca" and any(basis.is_corrected for basis in attempt.bases):
             kept += (
-                f"; beyond the components of the primitive it took B-splines, "
-                f"{correction(attempt):.2g} rad or m in the mean"
+                "; beyond the components of the primitive it took B-splines, "
+                f"{added:.2g} rad or m in the mean"
             )
         return kept
 
 
-def correction(attempt: Attempt) -> float:
+def correction(basis: MotionBasis, motion: Motion) -> float:
     """Root of the mean square of what B-splines add to components [rad or m]."""
-    family = attempt.family
-    if not family.is_corrected:
+    if not basis.is_corrected:
         return 0.0
-    only = np.where(np.arange(family.expected.size) < family.n_components, 0.0, 1.0)
+    only = np.where(np.arange(basis.expected.size) < basis.n_components, 0.0, 1.0)
     phases = np.linspace(0.0, 1.0, 101)
-    added = family.basis.shape(only * attempt.motion.weights, phases)
-    return float(np.sqrt(np.mean((added - family.basis.shape(0.0 * only, phases)) ** 2)))
+    added = basis.basis.shape(only * motion.weights, phases)
+    return float(np.sqrt(np.mean((added - basis.basis.shape(0.0 * only, phases)) ** 2)))

@@ -251,7 +251,7 @@ def to_plan_report(
     """
     found = remarks(plan)
     level = DiagnosticStatus.WARN if found else DiagnosticStatus.OK
-    used = plan.primitives if isinstance(plan, SequencePlan) else (plan.primitive,)
+    used = plan.primitives if isinstance(plan, Plan) else (plan.primitive,)
     laws = {f"control_law.{p.name}": control_statement(p) for p in primitives if p.name in used}
     values = {**plan.summary(), **laws, **(more or {})}
     return _report(level, "; ".join(found) or plan.message, goal_stamp, values)

@@ -266,7 +266,7 @@ def test_report_of_an_unusual_plan_is_a_warning(
 
 def test_report_states_the_control_law_of_the_primitive_used(plan: Plan) -> None:
     used, other = arm_primitive(), arm_primitive("joint", 2)
-    report = to_plan_report(replace(plan, primitive=used.name), STAMP, primitives=(used, other))
+    report = to_plan_report(replace(plan, primitives=(used.name,)), STAMP, primitives=(used, other))
     laws = {key: value for key, value in values(report).items() if key.startswith("control_law")}
     assert laws == {f"control_law.{used.name}": control_statement(used)}
 

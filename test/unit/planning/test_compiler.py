@@ -8,8 +8,9 @@ from arm import JOINTS, arm_primitive, arm_robot
 from scipy.integrate import quad_vec
 
 from mp_pca_planner.motion.goal import JointState
-from mp_pca_planner.planning.compiler import DEFAULT_NODES, MotionProgram, QuadratureTables
+from mp_pca_planner.planning.compiler import MotionProgram
 from mp_pca_planner.planning.motion import Motion
+from mp_pca_planner.planning.unknowns import DEFAULT_NODES, QuadratureTables, Unknowns
 from mp_pca_planner.primitives.basis import BSplineBasis
 from mp_pca_planner.recordings.synthetic import generate_motions
 
@@ -28,9 +29,8 @@ def compile_motion(basis, seed=0, n_nodes=DEFAULT_NODES):
     goal = JointState(JOINTS, ends[-1])
     weights = basis.scales * rng.normal(size=basis.n_weights) * 0.3
     motion = Motion(start, goal, 0.9, basis, weights)
-    program = MotionProgram(
-        arm_robot(), QuadratureTables(basis, n_nodes), motion.boundary, 0.9, 0.5 * weights
-    )
+    unknowns = Unknowns(basis.scales, motion.boundary, 0.9)
+    program = MotionProgram(arm_robot(), QuadratureTables(basis, n_nodes), unknowns, 0.5 * weights)
     return program, motion
 
 

@@ -11,7 +11,6 @@ from scipy.optimize import minimize
 from test_compiler import BASES, compile_motion
 
 from mp_pca_planner.motion.validation import Violation
-from mp_pca_planner.planning.compiler import QuadratureTables
 from mp_pca_planner.planning.constraints import (
     MARGIN,
     N_LIMIT_POINTS,
@@ -20,6 +19,7 @@ from mp_pca_planner.planning.constraints import (
     LimitTables,
 )
 from mp_pca_planner.planning.solver import solve
+from mp_pca_planner.planning.unknowns import QuadratureTables
 
 FAR_FROM_LIMITS = np.zeros((2, 4, 4))
 FAR_FROM_LIMITS[:, 0, 3] = -1.0

@@ -10,27 +10,32 @@ from test_compiler import BASES
 
 from mp_pca_planner.exceptions import GoalError, RobotError
 from mp_pca_planner.motion.goal import JointState, Pose
-from mp_pca_planner.planning.compiler import MotionProgram, QuadratureTables
+from mp_pca_planner.planning.compiler import MotionProgram
 from mp_pca_planner.planning.conditions import Condition, JointTarget, PoseTarget
 from mp_pca_planner.planning.motion import Motion
 from mp_pca_planner.planning.objectives import OBJECTIVES, objective_by_name
+from mp_pca_planner.planning.unknowns import QuadratureTables, Unknowns
 
 START = JointState(JOINTS, [-0.2, 0.1, 0.2, -0.6], [0.2, 0.1, -0.3, 0.1], [1.0, -1.0, 0.5, 2.0])
 GOAL = JointState(JOINTS, [0.6, 0.4, -0.1, -1.4])
 
 
-def compile_free(name="arm", seed=0, **options):
+def compile_free(name="arm", seed=0, free_rows=(3,), **options):
     """A program of which everything is free, and unknowns at which nothing is 0."""
     basis = BASES[name]
     motion = Motion(START, GOAL, 0.9, basis, np.zeros(basis.n_weights))
     program = MotionProgram(
         arm_robot(),
         QuadratureTables(basis),
-        motion.boundary,
-        0.9,
+        Unknowns(
+            basis.scales,
+            motion.boundary,
+            0.9,
+            free_rows=free_rows,
+            duration_is_free=True,
+            n_places=sum(one.phase is None for one in options.get("conditions", ())),
+        ),
         motion.weights,
-        goal_is_free=True,
-        duration_is_free=True,
         **options,
     )
     x = 0.3 * np.random.default_rng(seed).normal(size=program.scales.size)
@@ -53,14 +58,14 @@ def motion_of(program, x, basis):
 @pytest.mark.parametrize("name", OBJECTIVES)
 def test_the_jacobian_of_each_objective_equals_central_differences(name, basis):
     objective = objective_by_name(name, arm_robot())
-    program, x = compile_free(basis, objectives=[(0.7, objective)])
+    program, x = compile_free(basis, objectives=[(0.7, objective)], free_rows=range(6))
     found = program.linearise(x).jacobian
     wanted = central_differences(lambda x: program.linearise(x).residual, x)
     np.testing.assert_allclose(found, wanted, atol=1e-6 * np.abs(wanted).max())
 
 
 def test_derivatives_of_states_and_efforts_by_every_unknown_equal_central_differences():
-    program, x = compile_free()
+    program, x = compile_free(free_rows=range(6))
     here = program.linearise(x)
     for found, read in ((here.effort_jacobian.reshape(-1, x.size), lambda at: at.efforts.ravel()),):
         wanted = central_differences(lambda x, read=read: read(program.linearise(x)), x)

@@ -15,7 +15,7 @@ from scipy.integrate import trapezoid
 from mp_pca_planner.exceptions import GoalError, PlannerError, PrimitiveError
 from mp_pca_planner.motion.goal import JointGoal, JointState, Pose, PoseGoal, Via
 from mp_pca_planner.motion.validation import check_limits
-from mp_pca_planner.planning import attempt
+from mp_pca_planner.planning import problem
 from mp_pca_planner.planning.constraints import LimitedProgram
 from mp_pca_planner.planning.plan import INFEASIBLE, SOLVED, PlannerOptions
 from mp_pca_planner.planning.planner import Planner
@@ -254,7 +254,7 @@ def unlimited(program, tables, _, ends):
 
 def test_naturalness_is_raised_where_nothing_else_keeps_the_limits(monkeypatch):
     # As if the solver could not keep limits at all.
-    monkeypatch.setattr(attempt, "LimitedProgram", unlimited)
+    monkeypatch.setattr(problem, "LimitedProgram", unlimited)
     subject = planner("joint", naturalness=0.0)
     plans = [subject.plan(*request(i)) for i in range(10)]
     assert any(plan.naturalness > 0.0 for plan in plans)

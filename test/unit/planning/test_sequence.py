@@ -17,9 +17,11 @@ from mp_pca_planner.cli.main import main
 from mp_pca_planner.exceptions import GoalError, RobotError
 from mp_pca_planner.motion.goal import JointState, Pose, SequenceGoal
 from mp_pca_planner.motion.validation import check_limits
+from mp_pca_planner.planning.chain import ChainProgram
+from mp_pca_planner.planning.problem import ChainProblem
 from mp_pca_planner.planning.sequence import MODES, OPTIMAL, REAL_TIME, SequencePlan
 from mp_pca_planner.planning.sequence import SequencePlanner as Planner
-from mp_pca_planner.planning.sequence_program import SequenceProgram
+from mp_pca_planner.planning.solver import SolverOptions, solve
 from mp_pca_planner.primitives.file import save_primitive
 from mp_pca_planner.resources import config_file
 
@@ -107,43 +109,57 @@ def test_optimal_takes_less_effort_in_the_same_time() -> None:
     assert best.effort_cost == pytest.approx(integral, rel=5e-3)
 
 
-@pytest.mark.parametrize("posed", [False, True])
-def test_gradient_and_hessian_agree_with_finite_differences(posed: bool) -> None:
+def chain(posed: bool, *, with_limits: bool) -> ChainProblem:
+    """The program of a sequence with tight limits, bounded by them or not."""
     goal, start = with_poses() if posed else request(3)
     tight = planner(max_velocity=1.0, max_acceleration=4.0, max_jerk=20.0)
-    wanted = tight._complete(goal, start)
-    program = SequenceProgram(
-        tight.robot, tight.limits, wanted, wanted.concatenate(), tight._naturalness
-    )
-    rng = np.random.default_rng(0)
-    x = program.start + 0.05 * rng.standard_normal(program.size)
-    assert np.isfinite(tight.limits.jerk).all()
-    for penalty in (0.0, 30.0):
-        _, gradient, _ = program._assemble(x, penalty, 0.02)
-        for _ in range(5):
-            step = rng.standard_normal(program.size)
-            h = 1e-6
-            ahead, behind = (
-                program._assemble(x + sign * h * program._scales * step, penalty, 0.02)[0]
-                for sign in (1.0, -1.0)
-            )
-            assert (ahead - behind) / (2.0 * h) == pytest.approx(gradient @ step, rel=1e-4)
+    resolved = tight._sequences.resolve(goal, start)
+    bases = tight._several.bases(resolved)
+    joined = resolved.concatenate(bases, resolved.durations)
+    problem = ChainProblem(tight._setup, resolved, bases, joined)
+    problem.bound(with_limits=with_limits)
+    return problem
 
 
-def test_optimum_is_one_within_the_fixed_sum_of_durations() -> None:
-    goal, start = request(3)
-    plenty = planner(max_velocity=50.0, max_acceleration=1e4, max_effort=1e4)
-    wanted = plenty._complete(goal, start)
-    program = SequenceProgram(
-        plenty.robot, plenty.limits, wanted, wanted.concatenate(), plenty._naturalness
-    )
-    x, _, converged = program.minimise(program.start, 0.0, 0.0)
-    assert converged
-    cost = program._assemble(x, 0.0, 0.0)[0]
+@pytest.mark.parametrize("posed", [False, True])
+def test_derivatives_of_a_chain_agree_with_finite_differences(posed: bool) -> None:
+    program = chain(posed, with_limits=True).program()
+    assert isinstance(program, ChainProgram)
+    rng, h = np.random.default_rng(0), 1e-5
+    x = program.start
+    x += 0.1 * rng.standard_normal(program.size)
+    at = program.evaluate(x)
+    every = np.arange(program.lower.size)
+    for _ in range(5):
+        step = rng.standard_normal(program.size)
+        ahead, behind = (program.evaluate(x + sign * h * step) for sign in (1.0, -1.0))
+        slope = (ahead.cost - behind.cost) / (2.0 * h)
+        assert slope == pytest.approx(at.gradient @ step, rel=1e-4)
+        slopes = (ahead.inequalities - behind.inequalities) / (2.0 * h)
+        predicted = at.inequalities_after(step) - at.inequalities
+        np.testing.assert_allclose(predicted, slopes, atol=1e-5 * np.abs(slopes).max())
+        np.testing.assert_allclose(at.inequality_rows(every) @ step, predicted, atol=1e-9)
+    multipliers = rng.uniform(size=10)
+    sides = rng.choice(2 * every.size, 10, replace=False)
+    whole = np.zeros(program.size)
+    parts = at.lagrangian_gradients(sides, multipliers)
+    for where, part in zip(program.slices, parts, strict=True):
+        whole[where] += part
+    signs = np.where(sides % 2, 1.0, -1.0)
+    rows = at.inequality_rows(sides // 2)
+    np.testing.assert_allclose(whole, at.gradient + (signs * multipliers) @ rows, atol=1e-9)
+
+
+@pytest.mark.parametrize("posed", [False, True])
+def test_nothing_near_the_optimum_of_a_chain_is_better(posed: bool) -> None:
+    program = chain(posed, with_limits=False).program()
+    x = program.start
+    found = solve(program, x, SolverOptions(tolerance=1e-10, max_iterations=200))
+    assert found.converged
     rng = np.random.default_rng(1)
-    for _ in range(20):
-        other = program._shifted(x, 0.02 * rng.standard_normal(program.size))
-        assert program._assemble(other, 0.0, 0.0)[0] > cost * (1.0 - 1e-3)
+    for scale in (1e-3, 1e-2, 1e-1):
+        other = found.unknowns + scale * rng.standard_normal(program.size)
+        assert program.evaluate(other).cost > found.cost * (1.0 - 1e-9)
 
 
 def test_fixed_times_are_kept() -> None:

@@ -1,11 +1,10 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""The families of motions among which a request is served, from the narrowest to the widest.
+"""The bases of motions that a request is planned with, from the narrowest to the widest.
 
 The components of the primitive come first, all of them: with fewer, motions are nearer to the
-demonstrations, but naturalness brings them there for less effort (benchmarks/families.py). What
-can't be done with them may be possible with B-splines added to them, at the price of what leaves
-the demonstrations, and what can be done with B-splines alone is done with them in the end.
+demonstrations, but naturalness brings them there for less effort (benchmarks/families.py). Then
+follow components with B-splines added, which leave the demonstrations, and B-splines alone.
 """
 
 from __future__ import annotations
@@ -19,17 +18,17 @@ from ..arrays import FloatArray
 from ..primitives.basis import Basis, BSplineBasis, SumBasis
 from ..primitives.conditional_model import ConditionalDistribution
 from ..primitives.primitive import MovementPrimitive
-from .compiler import QuadratureTables
 from .constraints import LimitTables
-from .starts import Practice, Start
+from .starts import StartPoint, WarmStarts
+from .unknowns import QuadratureTables
 
 # What correcting splines may usually add [rad or m], unless the primitive itself is less exact.
 _USUAL_CORRECTION = 0.02
 
 
 @dataclass(frozen=True, eq=False)
-class Family:
-    """A basis and what is expected of its weights.
+class MotionBasis:
+    """A basis of motions and the distribution of its weights.
 
     Attributes
     ----------
@@ -41,7 +40,7 @@ class Family:
         Expected weights ŵ.
     precision : array, shape (n_weights, n_weights), or None
         Λ⁻¹; None where nothing is expected.
-    starts : tuple of Start
+    starts : tuple of StartPoint
         Weights to start from, the expected ones first.
     n_components : int
         Number of principal components, the first of the weights.
@@ -51,7 +50,7 @@ class Family:
     limit_tables: LimitTables
     expected: FloatArray
     precision: FloatArray | None
-    starts: tuple[Start, ...]
+    starts: tuple[StartPoint, ...]
     n_components: int
 
     @property
@@ -65,14 +64,14 @@ class Family:
         return self.n_components < self.expected.size
 
 
-def component_family(
+def component_basis(
     tables: QuadratureTables,
     limit_tables: LimitTables,
     primitive: MovementPrimitive,
     expected: ConditionalDistribution,
     ends: FloatArray,
-    practice: Practice | None = None,
-) -> Family:
+    warm_starts: WarmStarts | None = None,
+) -> MotionBasis:
     """The principal components of a primitive.
 
     Parameters
@@ -85,47 +84,47 @@ def component_family(
         What is expected of the request.
     ends : array, shape (2 * n_joints,)
         Start and goal positions.
-    practice : Practice, optional
-        What suited similar motions; the weights of the demonstrations unless given.
+    warm_starts : WarmStarts, optional
+        From similar motions; the weights of the demonstrations unless given.
     """
-    if practice is None:
+    if warm_starts is None:
         own = primitive.boundary_states[:, [0, 3]].reshape(len(primitive.weights), -1)
-        practice = Practice(own, primitive.weights)
+        warm_starts = WarmStarts(own, primitive.weights)
     mean = np.zeros_like(expected.weights)
-    return Family(
+    return MotionBasis(
         tables,
         limit_tables,
         expected.weights,
         expected.precision,
-        (Start(expected.weights), Start(mean), *practice.nearest(ends)),
+        (StartPoint(expected.weights), StartPoint(mean), *warm_starts.nearest(ends)),
         primitive.n_components,
     )
 
 
-def corrected_family(family: Family, primitive: MovementPrimitive, n_nodes: int) -> Family:
+def corrected_basis(narrow: MotionBasis, primitive: MovementPrimitive, n_nodes: int) -> MotionBasis:
     """The components with B-splines of every joint added."""
     usual = max(float(np.sqrt(np.mean(primitive.fit_residual**2))), _USUAL_CORRECTION)
     splines = BSplineBasis(primitive.n_joints)
-    tables = QuadratureTables(SumBasis(family.basis, splines, usual), n_nodes)
+    tables = QuadratureTables(SumBasis(narrow.basis, splines, usual), n_nodes)
     correction = np.zeros(splines.n_weights)
-    starts = tuple(Start(np.append(start.unknowns, correction)) for start in family.starts)
-    assert family.precision is not None
-    return Family(
+    starts = tuple(StartPoint(np.append(start.unknowns, correction)) for start in narrow.starts)
+    assert narrow.precision is not None
+    return MotionBasis(
         tables,
         LimitTables(tables),
         starts[0].unknowns,
-        block_diag(family.precision, np.eye(splines.n_weights) / usual**2),
+        block_diag(narrow.precision, np.eye(splines.n_weights) / usual**2),
         starts,
-        family.n_components,
+        narrow.n_components,
     )
 
 
-def spline_family(tables: QuadratureTables, limit_tables: LimitTables) -> Family:
+def spline_basis(tables: QuadratureTables, limit_tables: LimitTables) -> MotionBasis:
     """B-splines alone, of which nothing is expected."""
     zero = np.zeros(tables.basis.n_weights)
-    return Family(tables, limit_tables, zero, None, (Start(zero),), 0)
+    return MotionBasis(tables, limit_tables, zero, None, (StartPoint(zero),), 0)
 
 
-def fixed_family(tables: QuadratureTables) -> Family:
+def fixed_basis(tables: QuadratureTables) -> MotionBasis:
     """The one shape of a basis without weights."""
-    return Family(tables, LimitTables(tables), tables.basis.scales, None, (), 0)
+    return MotionBasis(tables, LimitTables(tables), tables.basis.scales, None, (), 0)

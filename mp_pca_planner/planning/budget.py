@@ -1,0 +1,29 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Time budgets of planning."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Budget:
+    """The time that a search may take.
+
+    Attributes
+    ----------
+    deadline : float
+        When it ends, by the clock of `time.perf_counter` [s].
+    is_cancelled : callable
+        Whether nobody needs the result any more.
+    """
+
+    deadline: float
+    is_cancelled: Callable[[], bool] = lambda: False
+
+    def is_over(self) -> bool:
+        """Whether the time ran out or the search was cancelled."""
+        return time.perf_counter() > self.deadline or self.is_cancelled()

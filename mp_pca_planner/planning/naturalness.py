@@ -1,0 +1,51 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Naturalness of segments of a chain: how unlike the demonstrations a change of them is."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..arrays import FloatArray
+from ..primitives.conditional_model import ConditionalDistribution
+from .bases import MotionBasis
+from .compiler import MotionProgram
+from .plan import SearchOptions
+from .unknowns import END_SCALES, LOG_DURATION_SCALE
+
+
+def segment_precision(
+    program: MotionProgram,
+    basis: MotionBasis,
+    expected: ConditionalDistribution,
+    search: SearchOptions,
+) -> FloatArray:
+    """Precision of the unknowns of a segment, shape (n_unknowns, n_unknowns).
+
+    A change of the states at the ends bends the motion, as weights do, so that it is weighed by the
+    spread of the demonstrations, joint by joint, in the mean over the motion.
+    """
+    unknowns, tables = program.unknowns, basis.tables
+    n, n_joints = unknowns.n_weights, unknowns.boundary.shape[1]
+    precision = np.zeros((program.scales.size, program.scales.size))
+    if basis.precision is not None:
+        precision[:n, :n] = basis.precision * np.outer(program.scales[:n], program.scales[:n])
+    if unknowns.duration_is_free:
+        precision[unknowns.n_linear, unknowns.n_linear] = (
+            LOG_DURATION_SCALE / search.duration_spread
+        ) ** 2
+    variances = np.zeros(n_joints)
+    if basis.n_components:
+        k = basis.n_components
+        functions = tables.functions[:, 0, :, :k] / basis.basis.scales[:k]
+        variances = np.einsum(
+            "k,kji,il,kjl->j", tables.quadrature, functions, expected.covariance, functions
+        )
+    spreads = search.bend_spread * np.maximum(np.sqrt(variances), search.min_spread)
+    rows = unknowns.free_rows
+    bends = tables.hermite[0][:, rows] * END_SCALES[rows]
+    gram = bends.T @ (bends * tables.quadrature[:, None])
+    for j in range(n_joints):
+        index = n + j + n_joints * np.arange(len(rows))
+        precision[np.ix_(index, index)] += gram / spreads[j] ** 2
+    return precision

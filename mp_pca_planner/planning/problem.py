@@ -1,0 +1,370 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""A compiled request with the constraints that were found to matter, refined until they hold.
+
+The solver keeps limits at the points of its grid, and pairs of links apart once they collided. The
+validator checks the motion on a denser grid. Where it finds a violation, bounds are tightened or
+clearance constraints are added, and the solver continues from where it was.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ..arrays import FloatArray
+from ..motion.collision import Collision, CollisionModel
+from ..motion.goal import JointState
+from ..motion.validation import GRID_PERIOD, Violation
+from ..robot.limits import JointLimits
+from ..robot.model import Robot
+from .bases import MotionBasis
+from .chain import ChainProgram, junctions_of
+from .clearance import Clearance, ClearProgram, clearances_of
+from .compiler import MotionProgram
+from .constraints import LimitedProgram
+from .motion import Motion
+from .naturalness import segment_precision
+from .pose_search import nearest_configuration
+from .program import Program
+from .request import Request
+from .selection import effort_of
+from .sequence_request import SequenceRequest
+from .setup import Setup
+from .starts import StartPoint
+from .unknowns import GOAL_POSITION, Unknowns
+
+
+@dataclass(eq=False)
+class Part:
+    """A segment of a problem.
+
+    Attributes
+    ----------
+    program : MotionProgram
+        The segment without inequalities.
+    basis : MotionBasis
+        Its basis.
+    ends : tuple of (JointState or None)
+        Start and goal, None where the position is free.
+    limited : LimitedProgram
+        With limits; without until they are found to matter.
+    clearances : tuple of Clearance
+        Clearance constraints.
+    """
+
+    program: MotionProgram
+    basis: MotionBasis
+    ends: tuple[JointState | None, JointState | None]
+    limited: LimitedProgram = field(init=False)
+    clearances: tuple[Clearance, ...] = ()
+
+    def bound(self, limits: JointLimits | None, robot: Robot) -> None:
+        """Keep limits from now on; none without them."""
+        known = [state for state in self.ends if state is not None]
+        # A free end leaves itself as much room as it needs.
+        n = robot.n_joints
+        states = np.zeros((len(known), 4, n))
+        if known:
+            q, v, a = (
+                np.array([getattr(state, kind) for state in known])
+                for kind in ("positions", "velocities", "accelerations")
+            )
+            states = np.stack([q, v, a, robot.inverse_dynamics(q, v, a)], axis=1)
+        self.limited = LimitedProgram(self.program, self.basis.limit_tables, limits, states)
+
+    def whole(self, collision: CollisionModel | None) -> Program:
+        """The segment with all of its inequalities."""
+        if collision is None or not self.clearances:
+            return self.limited
+        return ClearProgram(self.limited, self.basis.basis, collision, self.clearances)
+
+
+class Problem(ABC):
+    """A compiled request, with constraints that are refined.
+
+    Attributes
+    ----------
+    setup : Setup
+        The planner's.
+    request : Request or SequenceRequest
+        The request.
+    bases : tuple of MotionBasis
+        The basis of each segment.
+    naturalness : float
+        ρ.
+    parts : list of Part
+        The segments.
+    starts : list of StartPoint
+        Unknowns to start from, the cheapest first.
+    is_bounded : bool
+        Whether limits are constraints; otherwise they are only checked.
+    """
+
+    setup: Setup
+    request: Request | SequenceRequest
+    bases: tuple[MotionBasis, ...]
+    naturalness: float
+    parts: list[Part]
+    starts: list[StartPoint]
+    is_bounded = False
+
+    @property
+    def is_near_expected(self) -> bool:
+        """Whether motions stay near the expected one, where limits hardly ever matter."""
+        certain = all(basis.precision is not None for basis in self.bases)
+        return certain and self.naturalness >= self.setup.options.search.near_expected
+
+    @abstractmethod
+    def program(self) -> Program:
+        """The program with its present constraints."""
+
+    @abstractmethod
+    def motions(self, x: FloatArray) -> tuple[Motion, ...]:
+        """The segments that unknowns stand for."""
+
+    @abstractmethod
+    def phases(self, x: FloatArray) -> tuple[float, ...]:
+        """The phases of the conditions."""
+
+    @abstractmethod
+    def efforts(self, x: FloatArray) -> tuple[float, float]:
+        """½∫‖τ‖²dt of unknowns, and of the motion that naturalness refers to [N²·m²·s]."""
+
+    @abstractmethod
+    def naturalness_cost(self, x: FloatArray) -> float:
+        """The naturalness term of the objective."""
+
+    def bound(self, *, with_limits: bool) -> None:
+        """Start with or without the limits."""
+        self.is_bounded = with_limits
+        for part in self.parts:
+            part.bound(self.setup.limits if with_limits else None, self.setup.robot)
+
+    def tighten(self, violations: Sequence[Violation], motions: Sequence[Motion]) -> None:
+        """Tighten the bounds of the segments in which limits are violated or touched."""
+        began = 0.0
+        for part, motion in zip(self.parts, motions, strict=True):
+            # At a target, either segment may be the one that violates a limit.
+            first, last = began - GRID_PERIOD, began + motion.duration + GRID_PERIOD
+            own = [one for one in violations if first <= one.time <= last]
+            if own:
+                part.limited = part.limited.tightened(own)
+            began += motion.duration
+
+    def separate(self, collisions: Sequence[Collision], motions: Sequence[Motion]) -> bool:
+        """Add clearance constraints where links collide; whether there was anything to add."""
+        duration = sum(motion.duration for motion in motions)
+        if self.setup.collision is None or meets_at_ends(collisions, self.request, duration):
+            return False
+        began = 0.0
+        for part, motion in zip(self.parts, motions, strict=True):
+            own = [one.within(began, began + motion.duration) for one in collisions]
+            part.clearances += clearances_of(
+                [one for one in own if one is not None],
+                part.clearances,
+                self.setup.collision,
+                [None if end is None else end.positions for end in part.ends],
+                motion.duration,
+            )
+            began += motion.duration
+        return bool(collisions)
+
+
+class SingleProblem(Problem):
+    """The problem of a motion to a single goal.
+
+    Parameters
+    ----------
+    setup : Setup
+        The planner's.
+    request : Request
+        The request.
+    basis : MotionBasis
+        The basis of its motions.
+    duration : float
+        Duration [s], or where its search begins.
+    naturalness : float
+        ρ.
+    duration_is_free : bool
+        Whether the duration is an unknown.
+    """
+
+    def __init__(
+        self,
+        setup: Setup,
+        request: Request,
+        basis: MotionBasis,
+        duration: float,
+        naturalness: float,
+        *,
+        duration_is_free: bool = False,
+    ) -> None:
+        self.setup, self.request, self.bases = setup, request, (basis,)
+        self.naturalness = naturalness
+        initial = Motion(request.start, request.goal, duration, basis.basis, basis.expected)
+        self._program = MotionProgram(
+            setup.robot,
+            basis.tables,
+            Unknowns(
+                basis.basis.scales,
+                initial.boundary,
+                duration,
+                free_rows=[] if request.pose is None else [GOAL_POSITION],
+                duration_is_free=duration_is_free,
+                n_places=sum(one.phase is None for one in request.conditions),
+            ),
+            basis.expected,
+            objectives=setup.options.objectives,
+            conditions=request.conditions,
+        )
+        near_expected = setup.options.search.near_expected
+        self.starts = _starts(basis, self._program, naturalness, near_expected)
+        ends = request.start, request.goal if request.pose is None else None
+        self.parts = [Part(self._program, basis, ends)]
+
+    def program(self) -> Program:
+        """The one segment."""
+        return self.parts[0].whole(self.setup.collision)
+
+    def motions(self, x: FloatArray) -> tuple[Motion, ...]:
+        """The motion, its end moved on to the goal pose to the last digits."""
+        request, unknowns = self.request, self._program.unknowns
+        goal = request.goal
+        if request.pose is not None:
+            q = unknowns.boundary_at(x)[0][GOAL_POSITION]
+            q, _ = nearest_configuration(self.setup.robot, self.setup.limits, request.pose, q)
+            goal = JointState(goal.joint_names, q)
+        weights, duration = unknowns.weights(x), unknowns.duration_at(x)
+        return (Motion(request.start, goal, duration, self.bases[0].basis, weights),)
+
+    def phases(self, x: FloatArray) -> tuple[float, ...]:
+        """The phases of vias and of the pose."""
+        return tuple(self._program.phases(x))
+
+    def efforts(self, x: FloatArray) -> tuple[float, float]:
+        """Those of the motion and of the expected one."""
+        found, expected = self._program.effort_costs(np.array([x, self._program.expected]))
+        return float(found), float(expected)
+
+    def naturalness_cost(self, x: FloatArray) -> float:
+        """That of the weights."""
+        return self._program.naturalness(x)
+
+
+class ChainProblem(Problem):
+    """The problem of a motion through several targets.
+
+    The naturalness of each segment counts by the effort of its joined motion.
+
+    Parameters
+    ----------
+    setup : Setup
+        The planner's.
+    request : SequenceRequest
+        The request.
+    bases : tuple of MotionBasis
+        The basis of each segment.
+    joined : tuple of Motion
+        The motion joined without optimisation.
+    """
+
+    def __init__(
+        self,
+        setup: Setup,
+        request: SequenceRequest,
+        bases: tuple[MotionBasis, ...],
+        joined: tuple[Motion, ...],
+    ) -> None:
+        self.setup, self.request, self.bases = setup, request, bases
+        self.naturalness, self._joined = setup.options.naturalness, joined
+        self._junctions, self.parts = junctions_of(request, joined), []
+        for i, (motion, basis) in enumerate(zip(joined, bases, strict=True)):
+            here, there = self._junctions[i : i + 2]
+            program = MotionProgram(
+                setup.robot,
+                basis.tables,
+                Unknowns(
+                    basis.basis.scales,
+                    motion.boundary,
+                    motion.duration,
+                    free_rows=[*here.rows, *(3 + row for row in there.rows)],
+                    duration_is_free=here.time_is_free or there.time_is_free,
+                ),
+                motion.weights,
+                objectives=setup.options.objectives,
+            )
+            price = self.naturalness * effort_of(setup.robot, motion)
+            program.precision = price * segment_precision(
+                program, basis, request.expected[i], setup.options.search
+            )
+            self.parts.append(Part(program, basis, (here.fixed_state, there.fixed_state)))
+        self._chain = self._joined_parts([])
+        self.starts = [StartPoint(self._chain.start)]
+
+    def _joined_parts(self, wholes: Sequence[Program]) -> ChainProgram:
+        return ChainProgram(self._junctions, [part.program for part in self.parts], wholes)
+
+    def program(self) -> ChainProgram:
+        """The segments, joined."""
+        return self._joined_parts([part.whole(self.setup.collision) for part in self.parts])
+
+    def motions(self, x: FloatArray) -> tuple[Motion, ...]:
+        """The segments."""
+        return self._chain.motions(x)
+
+    def phases(self, x: FloatArray) -> tuple[float, ...]:
+        """When the targets are passed, as shares of the duration."""
+        return passing_phases([motion.duration for motion in self.motions(x)])
+
+    def efforts(self, x: FloatArray) -> tuple[float, float]:
+        """Those of the motion and of the joined one."""
+        found, joined = (
+            sum(effort_of(self.setup.robot, motion) for motion in motions)
+            for motions in (self.motions(x), self._joined)
+        )
+        return found, joined
+
+    def naturalness_cost(self, x: FloatArray) -> float:
+        """The sum over the segments."""
+        local = zip(self.parts, self._chain.locals(x), strict=True)
+        return sum(part.program.naturalness(own) for part, own in local)
+
+
+def meets_at_ends(
+    collisions: Sequence[Collision], request: Request | SequenceRequest, duration: float
+) -> bool:
+    """Whether links collide at an end that is fixed."""
+    goal_is_fixed = request.pose is None
+    return any(
+        one.first_time == 0.0 or (goal_is_fixed and one.last_time >= duration) for one in collisions
+    )
+
+
+def passing_phases(durations: Sequence[float]) -> tuple[float, ...]:
+    """The phases at the ends of segments."""
+    ends = np.cumsum(durations)
+    return tuple(map(float, ends / ends[-1]))
+
+
+def _starts(
+    basis: MotionBasis, program: MotionProgram, naturalness: float, near_expected: float
+) -> list[StartPoint]:
+    """Set the program's naturalness; return the unknowns to start from, the cheapest first."""
+    candidates = np.array([program.unknowns.from_weights(s.unknowns) for s in basis.starts])
+    order: Sequence[int] = range(len(candidates))
+    if basis.precision is not None and naturalness > 0.0:
+        n = program.unknowns.n_weights
+        scales = program.scales[:n]
+        price = naturalness * program.costs(candidates[:1])[0]
+        program.precision[:n, :n] = price * basis.precision * np.outer(scales, scales)
+        if naturalness >= near_expected:
+            order = order[:1]
+    if len(order) > 1:
+        order = np.argsort(program.costs(candidates), kind="stable").tolist()
+    # The state of a solver of weights alone does not fit other unknowns.
+    fits = program.scales.size == program.unknowns.n_weights
+    return [StartPoint(candidates[i], basis.starts[i].memory if fits else None) for i in order]

@@ -1,0 +1,157 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Recoveries: what to change where an attempt failed, tried in order until one applies."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Protocol
+
+from ..motion.trajectory import Trajectory
+from ..motion.validation import LimitCheck
+from .attempt import Attempt
+from .bases import MotionBasis
+from .setup import Setup
+from .stop_and_go import slowdown
+
+
+@dataclass(frozen=True, eq=False)
+class Setting:
+    """What an attempt is made with.
+
+    Attributes
+    ----------
+    basis : MotionBasis
+        The basis of motions.
+    duration : float
+        The duration [s].
+    naturalness : float
+        ρ.
+    is_first : bool
+        Whether it is the first one of its basis.
+    """
+
+    basis: MotionBasis
+    duration: float
+    naturalness: float
+    is_first: bool = False
+
+
+class Failure:
+    """A failed attempt, and the expected motion in its place.
+
+    Parameters
+    ----------
+    attempt : Attempt
+        The attempt, of a single segment.
+    setting : Setting
+        What it was made with; of a free duration that which was found.
+    setup : Setup
+        The planner's.
+    """
+
+    def __init__(self, attempt: Attempt, setting: Setting, setup: Setup) -> None:
+        self.attempt, self.setting, self._setup = attempt, setting, setup
+
+    @property
+    def is_recoverable(self) -> bool:
+        """Whether another duration or naturalness may help."""
+        attempt = self.attempt
+        if attempt.is_hopeless or not (attempt.check.violations or attempt.collisions):
+            return False
+        return not (attempt.collisions and self._setup.collisions(self._expected))
+
+    @cached_property
+    def _expected(self) -> Trajectory:
+        """The expected motion of the same duration."""
+        motion = self.attempt.motions[0]
+        return self._setup.sample([replace(motion, weights=self.setting.basis.expected)])
+
+    @cached_property
+    def expected_check(self) -> LimitCheck:
+        """Comparison of the expected motion with the limits."""
+        return self._setup.check(self._expected)
+
+
+class Recovery(Protocol):
+    """Something to change after a failure."""
+
+    def propose(self, failure: Failure) -> Setting | None:
+        """The setting to try next; None if this recovery does not apply."""
+
+
+@dataclass(frozen=True)
+class Slower:
+    """More time, where the expected motion violates limits, too.
+
+    Attributes
+    ----------
+    max_duration : float
+        Longest duration [s].
+    """
+
+    max_duration: float
+
+    def propose(self, failure: Failure) -> Setting | None:
+        """A longer duration."""
+        if not failure.is_recoverable:
+            return None
+        duration = failure.setting.duration
+        slower = min(duration * slowdown(failure.expected_check), self.max_duration)
+        if not slower > duration:
+            return None
+        return replace(failure.setting, duration=slower, is_first=False)
+
+
+@dataclass(frozen=True)
+class MoreNatural:
+    """More naturalness, where the expected motion keeps the limits.
+
+    Less effort is then what violated a limit or made links collide.
+
+    Attributes
+    ----------
+    steps : tuple of float
+        Values of ρ, rising.
+    """
+
+    steps: Sequence[float]
+
+    def propose(self, failure: Failure) -> Setting | None:
+        """The next larger naturalness."""
+        basis = failure.setting.basis
+        if not failure.is_recoverable or failure.expected_check.violations:
+            return None
+        if basis.precision is None or basis.is_corrected:
+            return None
+        larger = (step for step in self.steps if step > failure.setting.naturalness)
+        step = next(larger, None)
+        return None if step is None else replace(failure.setting, naturalness=step, is_first=False)
+
+
+@dataclass(frozen=True, eq=False)
+class WiderBasis:
+    """The next wider basis, with the first duration and naturalness.
+
+    Attributes
+    ----------
+    bases : iterator of MotionBasis
+        From the narrowest to the widest; they are made when they are needed.
+    duration : float
+        Duration [s].
+    naturalness : float
+        ρ.
+    """
+
+    bases: Iterator[MotionBasis]
+    duration: float
+    naturalness: float
+
+    def propose(self, failure: Failure | None = None) -> Setting | None:
+        """The next basis; the first one before any failure."""
+        basis = next(self.bases, None)
+        if basis is None:
+            return None
+        return Setting(basis, self.duration, self.naturalness, is_first=True)

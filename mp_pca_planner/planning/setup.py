@@ -1,0 +1,60 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""What all parts of a planner work with."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..motion.collision import Collision, CollisionModel
+from ..motion.trajectory import Trajectory
+from ..motion.validation import LimitCheck, check_limits
+from ..robot.limits import JointLimits
+from ..robot.model import Robot
+from .motion import Motion
+from .plan import PlannerOptions
+
+
+@dataclass(frozen=True, eq=False)
+class Setup:
+    """The robot of a planner and how it plans.
+
+    Attributes
+    ----------
+    robot : Robot
+        The model.
+    limits : JointLimits
+        Limits of its joints.
+    options : PlannerOptions
+        How to plan.
+    collision : CollisionModel or None
+        The model of its self-collisions, if they are checked.
+    """
+
+    robot: Robot
+    limits: JointLimits
+    options: PlannerOptions
+    collision: CollisionModel | None
+
+    def sample(self, motions: Sequence[Motion]) -> Trajectory:
+        """The points of a trajectory through some segments, with their efforts if known."""
+        times, states, began = [], [], 0.0
+        for i, motion in enumerate(motions):
+            own = motion.sample_times(self.options.sample_period)[min(i, 1) :]
+            times.append(began + own)
+            states.append(np.stack(motion.evaluate(own)))
+            began += motion.duration
+        q, v, a = np.concatenate(states, axis=1)
+        tau = self.robot.known_efforts(q, v, a)
+        return Trajectory(self.robot.joint_names, np.concatenate(times), q, v, a, tau)
+
+    def check(self, trajectory: Trajectory) -> LimitCheck:
+        """Comparison of a trajectory with the limits."""
+        return check_limits(trajectory, self.robot, self.limits)
+
+    def collisions(self, trajectory: Trajectory) -> tuple[Collision, ...]:
+        """Self-collisions of a trajectory, if they are checked."""
+        return () if self.collision is None else self.collision.collisions(trajectory)

@@ -1,0 +1,280 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Motions to single goals: contending requests, their bases and recoveries, durations."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ..exceptions import GoalError
+from ..motion.goal import JointGoal, JointState
+from ..primitives.basis import Basis, BSplineBasis
+from ..primitives.primitive import MovementPrimitive
+from .attempt import Attempt, attempt
+from .bases import MotionBasis, component_basis, corrected_basis, spline_basis
+from .budget import Budget
+from .constraints import LimitTables
+from .fallback import Fallback, FallbackPlanner
+from .plan import FREE, SHORTEST
+from .problem import SingleProblem
+from .recoveries import Failure, MoreNatural, Recovery, Setting, Slower, WiderBasis
+from .request import GoalResolver, Request
+from .setup import Setup
+from .starts import WarmStarts
+from .unknowns import QuadratureTables
+from .verdict import Planned, StatedDuration
+
+
+class BasisChooser:
+    """The bases of requests, from the narrowest to the widest, with their precomputed tables.
+
+    Parameters
+    ----------
+    setup, primitives
+        The planner's.
+
+    Attributes
+    ----------
+    warm_starts : dict
+        Precomputed motions by the name of their primitive.
+    """
+
+    def __init__(self, setup: Setup, primitives: Sequence[MovementPrimitive]) -> None:
+        self._setup = setup
+        robot, options = setup.robot, setup.options
+        self.warm_starts: dict[str, WarmStarts] = {}
+        splines = options.basis == "bspline"
+        self._tables = {
+            p.name: self._made(BSplineBasis(robot.n_joints) if splines else p.basis)
+            for p in primitives
+        }
+
+    def _made(self, basis: Basis) -> tuple[QuadratureTables, LimitTables]:
+        tables = QuadratureTables(basis, self._setup.options.n_nodes)
+        return tables, LimitTables(tables)
+
+    def bases(self, request: Request) -> Iterator[MotionBasis]:
+        """The bases to try for a request."""
+        narrowest = self.narrowest(request)
+        if self._setup.options.basis == "bspline":
+            yield narrowest
+            return
+        q = request.start.positions
+        n_equations = sum(c.target.error(q)[0].size for c in request.conditions)
+        n_goal = 0 if request.pose is None else self._setup.robot.n_joints
+        if n_equations <= narrowest.n_components + n_goal:
+            yield narrowest
+        yield corrected_basis(narrowest, request.primitive, self._setup.options.n_nodes)
+        yield spline_basis(*self._made(BSplineBasis(self._setup.robot.n_joints)))
+
+    def narrowest(self, request: Request, *, is_paced: bool = True) -> MotionBasis:
+        """The components of the primitive, or B-splines alone if the options say so.
+
+        With the time scaling of the request, unless `is_paced` is false.
+        """
+        tables = self._tables[request.primitive.name]
+        if self._setup.options.basis == "bspline":
+            return spline_basis(*tables)
+        primitive, ends = request.primitive, (request.start.positions, request.goal.positions)
+        expected = request.expected
+        if is_paced and np.any(expected.pace):
+            # That of a motion with a time scaling of its own is not known before.
+            tables = self._made(primitive.paced_basis(*ends, expected.pace))
+        known = expected.in_span_score <= self._setup.options.search.warm_start_score
+        starts = self.warm_starts.get(primitive.name) if known else None
+        return component_basis(*tables, primitive, expected, np.concatenate(ends), starts)
+
+
+class SinglePlanner:
+    """Plans motions to single goals.
+
+    Parameters
+    ----------
+    setup, resolver, fallback, chooser
+        The planner's.
+    """
+
+    def __init__(
+        self,
+        setup: Setup,
+        resolver: GoalResolver,
+        fallback: FallbackPlanner,
+        chooser: BasisChooser,
+    ) -> None:
+        self._setup, self._resolver = setup, resolver
+        self._fallback, self._chooser = fallback, chooser
+
+    def serve(
+        self, requests: Sequence[Request], began: float, budget: Budget
+    ) -> tuple[Planned, list[Attempt]]:
+        """The best motion for one of several contending requests, and all attempts.
+
+        Parameters
+        ----------
+        requests : sequence of Request
+            Of one goal.
+        began : float
+            When planning began, by the clock of the budget [s].
+        budget : Budget
+            The time for all of it.
+        """
+        # Part of the time is for finding a feasible duration if the one asked for is too short.
+        share = 1.0 if requests[0].duration_is_free else self._setup.options.search.share_of_fixed
+        first = replace(budget, deadline=began + share * (budget.deadline - began))
+        attempts: list[Attempt] = []
+        for request in requests:
+            attempts.append(self._attempts(request, first))
+            if first.is_over():
+                break
+        best = min(attempts, key=lambda one: (one.violation, one.solution.cost))
+        failed = not (best.is_valid or best.is_hopeless or budget.is_cancelled())
+        ran_out, fallback = failed and first.is_over(), Fallback()
+        if failed:
+            fallback = self._fallback.serve(requests, best)
+            best = fallback.attempt or best
+        stated = self._stated_duration(best, fallback, budget)
+        return Planned(best, fallback, ran_out, stated), attempts
+
+    def precompute(self, primitive: MovementPrimitive, deadline: float) -> WarmStarts:
+        """Motions between the ends of demonstrations, to start similar ones from."""
+        names, states = primitive.joint_names, primitive.boundary_states
+        n_chosen = min(len(states), self._setup.options.search.n_warm_starts)
+        ends, weights, memories = [], [], []
+        for i in np.linspace(0, len(states) - 1, n_chosen).astype(int):
+            if Budget(deadline).is_over():
+                break
+            here, there = (JointState(names, states[i, k]) for k in (0, 3))
+            duration = float(primitive.durations[i])
+            goal = JointGoal(there, duration, primitive=primitive.name)
+            try:
+                request = self._resolver.resolve(goal, here)[0]
+            except GoalError:  # demonstrations may lie outside the limits
+                continue
+            basis = self._chooser.narrowest(request)
+            budget = Budget(time.perf_counter() + self._setup.options.max_solve_time)
+            naturalness = self._setup.options.naturalness
+            problem = SingleProblem(self._setup, request, basis, duration, naturalness)
+            found = attempt(problem, budget, n_starts=self._setup.options.n_starts)
+            if found.is_valid and found.solution.converged and found.memory is not None:
+                ends.append(states[i, [0, 3]].ravel())
+                weights.append(found.solution.weights)
+                memories.append(found.memory.curvature_alone())
+        return WarmStarts(np.array(ends), np.array(weights), memories)
+
+    def _attempts(self, request: Request, budget: Budget) -> Attempt:
+        """The best motion for a request, after as many recoveries as it takes."""
+        options, usual = self._setup.options, request.expected.duration
+        wider = WiderBasis(self._chooser.bases(request), usual, options.naturalness)
+        stretch = options.search.max_stretch if request.duration_is_free else 1.0
+        recoveries: list[Recovery] = [wider]
+        if not self._searches(request):
+            natural = MoreNatural(options.search.naturalness_steps)
+            recoveries = [Slower(stretch * usual), natural, wider]
+        best, setting = None, wider.propose()
+        while setting is not None:
+            tried, setting = self._attempt(request, setting, budget)
+            if best is None or tried.violation < best.violation:
+                best = tried
+            if best.is_valid or best.is_hopeless or budget.is_over():
+                break
+            failure = Failure(tried, setting, self._setup)
+            proposals = (recovery.propose(failure) for recovery in recoveries)
+            setting = next((one for one in proposals if one is not None), None)
+        assert best is not None
+        return best
+
+    def _searches(self, request: Request) -> bool:
+        return request.duration_is_free and self._setup.options.timing == SHORTEST
+
+    def _attempt(
+        self, request: Request, setting: Setting, budget: Budget
+    ) -> tuple[Attempt, Setting]:
+        """The motion of a setting, and the setting with the duration that was found."""
+        if self._searches(request):
+            found, is_shortest = self._shortest(request, setting.basis, budget)
+            converged = found.solution.converged and is_shortest
+            solution = replace(found.solution, converged=converged)
+            return replace(found, solution=solution), setting
+        options = self._setup.options
+        if request.duration_is_free and options.timing == FREE and setting.is_first:
+            timed = self._attempt_in(request, setting, budget, duration_is_free=True)
+            setting = replace(setting, duration=timed.duration)
+            if timed.is_valid:
+                return timed, setting
+        return self._attempt_in(request, setting, budget), setting
+
+    def _attempt_in(
+        self, request: Request, setting: Setting, budget: Budget, *, duration_is_free: bool = False
+    ) -> Attempt:
+        problem = SingleProblem(
+            self._setup,
+            request,
+            setting.basis,
+            setting.duration,
+            setting.naturalness,
+            duration_is_free=duration_is_free,
+        )
+        return attempt(problem, budget, n_starts=self._setup.options.n_starts)
+
+    def _shortest(
+        self, request: Request, basis: MotionBasis, budget: Budget
+    ) -> tuple[Attempt, bool]:
+        """The attempt of the shortest duration that keeps the limits, by bisection.
+
+        Which durations are long enough is known only from trying; each attempt optimises the
+        weights (and a free goal) again. Whether there was time to find the shortest is returned,
+        too.
+        """
+        search, usual = self._setup.options.search, request.expected.duration
+        naturalness = min(self._setup.options.naturalness, search.search_naturalness)
+
+        def tried_in(duration: float) -> Attempt:
+            # A duration in the search is not worth more than a start and a few iterations.
+            problem = SingleProblem(self._setup, request, basis, duration, naturalness)
+            return attempt(problem, budget, max_iterations=search.max_search_iterations)
+
+        best, too_short = tried_in(usual), 0.0
+        factor = 1.0 / search.first_step if best.is_valid else search.first_step
+        longest = search.max_stretch * usual
+        while not best.is_valid or too_short == 0.0:
+            duration = factor * best.duration
+            in_range = longest / search.max_stretch**3 < duration <= longest
+            if not in_range or budget.is_over():
+                return best, not budget.is_over()
+            tried = tried_in(duration)
+            if best.is_valid and not tried.is_valid:
+                too_short = duration
+            else:
+                if tried.is_valid and not best.is_valid:
+                    too_short = best.duration
+                best = tried
+        while best.duration > search.duration_precision * too_short and not budget.is_over():
+            tried = tried_in(float(np.sqrt(too_short * best.duration)))
+            if tried.is_valid:
+                best = tried
+            elif not budget.is_over():
+                too_short = tried.duration
+        return best, best.duration <= search.duration_precision * too_short
+
+    def _stated_duration(self, best: Attempt, fallback: Fallback, budget: Budget) -> StatedDuration:
+        """The shortest feasible duration known, where it is of interest."""
+        request, search = best.request, self._setup.options.search
+        assert isinstance(request, Request)
+        if best.is_valid:
+            searched = self._searches(request)
+            return StatedDuration(best.duration) if searched else StatedDuration()
+        stated = StatedDuration(fallback.duration, is_shortest=False)
+        if request.duration_is_free or best.is_hopeless or budget.is_over():
+            return stated
+        expected = self._resolver.expect(request.primitive, request.start, request.goal, None)
+        free = replace(request, duration_is_free=True, expected=expected)
+        for basis in self._chooser.bases(free):
+            found, is_shortest = self._shortest(free, basis, budget)
+            if found.is_valid:
+                seconds = search.duration_margin * found.duration
+                return stated if stated.seconds < seconds else StatedDuration(seconds, is_shortest)
+        return stated

@@ -1,0 +1,288 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""The quadratic subproblem of a step: trust region, equalities, active inequalities.
+
+Equalities are met by a step normal to them, the rest moves in their null space (Byrd and Omojokun;
+Nocedal and Wright, "Numerical Optimization", 2006, section 18.5). Of the inequalities only those
+that the step would violate otherwise enter the quadratic program.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import lapack
+
+from ..arrays import FloatArray
+from .matrices import BlockMatrix, Matrix, as_array, mean_diagonal, shifted
+from .program import Point, Program
+from .quadratic import solve_quadratic
+from .trust_region import TrustRegionStep, trust_region_step
+
+TINY = float(np.finfo(float).tiny)
+"""Avoids divisions by zero."""
+
+# Violation of an inequality that is rounding.
+_ROUNDING = 1e-9
+# Rounds of adding constraints to a quadratic program, and of damping a step that is too long.
+_MAX_ROUNDS, _MAX_DAMPINGS = 20, 8
+# Share of the trust region that a step towards the equalities may take.
+_NORMAL_SHARE = 0.8
+# Singular values of equalities, relative to the largest, that count as 0.
+_DEPENDENT = 1e-9
+
+
+def infeasibility(program: Program, at: Point) -> float:
+    """Sum of the violations of all constraints."""
+    outside = outside_bounds(program, at.inequalities)
+    return float(np.maximum(outside, 0.0).sum() + np.abs(at.equalities).sum())
+
+
+def outside_bounds(program: Program, values: FloatArray) -> FloatArray:
+    """Distances of inequalities beyond their nearer bounds, negative within them."""
+    outside: FloatArray = values - program.upper
+    return np.maximum(outside, program.lower - values, out=outside)
+
+
+def violated_sides(program: Program, values: FloatArray, outside: FloatArray) -> NDArray[np.intp]:
+    """Sides of inequalities at peaks of violation, and of their neighbours.
+
+    The neighbours are included because a peak that is held down often moves by one point. Side 2i
+    is the lower bound of inequality i, 2i + 1 the upper one.
+    """
+    broken = outside > _ROUNDING
+    if not broken.any():
+        return np.zeros(0, dtype=np.intp)
+    broken[1:] &= outside[1:] > outside[:-1]
+    broken[:-1] &= outside[:-1] >= outside[1:]
+    peaks = np.flatnonzero(broken)
+    near = np.concatenate([peaks, peaks - 1, peaks + 1])
+    near = near[(near >= 0) & (near < outside.size)]
+    return np.asarray(2 * near + (values[near] - program.upper[near] == outside[near]))
+
+
+class Tangent(NamedTuple):
+    """Steps that meet linearised equalities: normal + directions · y for any y."""
+
+    normal: FloatArray
+    directions: FloatArray
+    # E⁺ of the equalities' rows E, shape (n, n_equalities).
+    pseudo_inverse: FloatArray
+
+    @classmethod
+    def at(cls, here: Point, radius: float) -> Tangent:
+        """The steps at a point, with a normal step inside the trust region."""
+        left, singular, right = np.linalg.svd(here.equality_rows)
+        rank = int(np.count_nonzero(singular > _DEPENDENT * singular[0]))
+        inverse = right[:rank].T @ (left[:, :rank] / singular[:rank]).T
+        normal = -inverse @ here.equalities
+        # Far from the equalities, the step is shortened to the trust region.
+        length = float(np.linalg.norm(normal))
+        normal *= min(1.0, _NORMAL_SHARE * radius / max(length, TINY))
+        return cls(normal, right[rank:].T, inverse)
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """A step and what the quadratic model predicts of it.
+
+    Attributes
+    ----------
+    change : array, shape (n,)
+        The step.
+    decrease : float
+        Predicted decrease of the objective.
+    infeasibility : float
+        Predicted sum of the constraint violations after it.
+    sides : array of int, shape (n_active,)
+        Sides of the active inequalities, see `violated_sides`.
+    multipliers, equality_multipliers : array
+        Lagrange multipliers of these and of the equalities.
+    pull : array, shape (n,)
+        Gradient of the Lagrangian where the step starts.
+    damping : float
+        What was added to the diagonal of the Hessian to keep the step short.
+    """
+
+    change: FloatArray
+    decrease: float
+    infeasibility: float
+    sides: NDArray[np.intp]
+    multipliers: FloatArray
+    equality_multipliers: FloatArray
+    pull: FloatArray
+    damping: float
+
+    @property
+    def largest_multiplier(self) -> float:
+        """Largest magnitude of a multiplier."""
+        both = np.concatenate([self.multipliers, np.abs(self.equality_multipliers)])
+        return float(both.max(initial=0.0))
+
+    def lagrangian_gradient(self, at: Point) -> FloatArray:
+        """∇f + Σ multiplier · ∇constraint at a point, with the multipliers of this step."""
+        gradient = at.gradient
+        if self.sides.size:
+            gradient = gradient + self.multipliers @ _rows_of_sides(at, self.sides)
+        if self.equality_multipliers.size:
+            gradient = gradient + self.equality_multipliers @ at.equality_rows
+        return gradient
+
+
+class Subproblem:
+    """The quadratic model of a program at a point, in the trust region.
+
+    Its unknowns are y with the step `normal + directions · y`, or the step itself where there
+    are no equalities.
+    """
+
+    def __init__(self, program: Program, here: Point, hessian: Matrix, radius: float) -> None:
+        self._program, self._here, self._whole = program, here, hessian
+        self._tangent = Tangent.at(here, radius) if here.equalities.size else None
+        self._hessian, self._gradient, self._radius = hessian, here.gradient, radius
+        if self._tangent is not None:
+            normal, directions, _ = self._tangent
+            self._hessian = directions.T @ as_array(hessian) @ directions
+            self._gradient = directions.T @ (here.gradient + hessian @ normal)
+            self._radius = math.sqrt(max(radius**2 - float(normal @ normal), 0.0))
+
+    def solve(self, sides: NDArray[np.intp], damping: float) -> Step:
+        """The step within the linearised constraints.
+
+        Only those sides of inequalities that held the step before (given), and those that the
+        step would break otherwise, go into the quadratic program: of the thousands there are,
+        few matter. Constraints keep most steps short: it begins with little damping (given).
+        """
+        here, program = self._here, self._program
+        multipliers, feasible = np.zeros(0), bool(self._gradient.size)
+        sides = sides if feasible else sides[:0]
+        if not sides.size:
+            y = self._free.step
+        rows, bounds = _rows_of_sides(here, sides), _room_at_sides(program, here, sides)
+        for left in reversed(range(_MAX_ROUNDS)):
+            if sides.size:
+                reduced = self._reduced(rows, bounds)
+                y, multipliers, damping, feasible = self._held(damping, *reduced)
+            change = self._lifted(y)
+            after = here.inequalities_after(change)
+            outside = outside_bounds(program, after)
+            broken = violated_sides(program, after, outside)
+            added = broken[~(broken[:, None] == sides).any(axis=1)]
+            if not (added.size and feasible and left):
+                break
+            kept = multipliers > 0.0
+            sides = np.concatenate([sides[kept], added])
+            rows = np.concatenate([rows[kept], _rows_of_sides(here, added)])
+            bounds = np.concatenate([bounds[kept], _room_at_sides(program, here, added)])
+        holding = multipliers > 0.0
+        curved = self._whole @ change
+        pull = here.gradient + multipliers[holding] @ rows[holding]
+        equality_multipliers, missed = np.zeros(0), 0.0
+        if self._tangent is not None:
+            equality_multipliers = -self._tangent.pseudo_inverse.T @ (pull + curved)
+            missed = float(np.abs(here.equalities + here.equality_rows @ change).sum())
+            pull = pull + equality_multipliers @ here.equality_rows
+        return Step(
+            change=change,
+            decrease=-float((here.gradient + 0.5 * curved) @ change),
+            infeasibility=float(np.maximum(outside, 0.0).sum()) + missed,
+            sides=sides[holding],
+            multipliers=multipliers[holding],
+            equality_multipliers=equality_multipliers,
+            pull=pull,
+            damping=damping if sides.size else 0.0,
+        )
+
+    def way_back(self, there: Point) -> FloatArray:
+        """The shortest step that restores the equalities at a nearby point, to first order."""
+        assert self._tangent is not None
+        return np.asarray(-self._tangent.pseudo_inverse @ there.equalities)
+
+    def _lifted(self, y: FloatArray) -> FloatArray:
+        if self._tangent is None:
+            return y
+        return np.asarray(self._tangent.normal + self._tangent.directions @ y)
+
+    def _reduced(self, rows: FloatArray, bounds: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Inequalities on the step as such on y."""
+        if self._tangent is None:
+            return rows, bounds
+        return rows @ self._tangent.directions, bounds - rows @ self._tangent.normal
+
+    @cached_property
+    def _free(self) -> TrustRegionStep:
+        """The step without inequalities."""
+        return trust_region_step(self._hessian, self._gradient, self._radius)
+
+    @cached_property
+    def _convex(self) -> tuple[Matrix, float]:
+        """The Hessian made positive definite: a matrix, and what to add to its diagonal."""
+        if isinstance(self._hessian, BlockMatrix):
+            return self._hessian, self._free.lowest_shift
+        _, failed = lapack.dpotrf(self._hessian)
+        return (_convexified(self._hessian) if failed else self._hessian), 0.0
+
+    def _held(
+        self, damping: float, rows: FloatArray, bounds: FloatArray
+    ) -> tuple[FloatArray, FloatArray, float, bool]:
+        """The y within rows · y ≤ bounds, its multipliers, the damping, and whether there is any.
+
+        The given damping is raised until the step is not much longer than the trust region. A step
+        that is still longer is shortened.
+        """
+        hessian, shift = self._convex
+        longest = 1.5 * self._radius
+        for _ in range(_MAX_DAMPINGS):
+            found = solve_quadratic(hessian, self._gradient, rows, bounds, shift + damping)
+            if found is None:
+                regular = shifted(as_array(hessian), shift + damping)
+                return *_nearest(regular, self._gradient, rows, bounds), damping, False
+            step, multipliers = found.step, found.multipliers
+            length = math.sqrt(float(step @ step))
+            if length <= longest:
+                return step, multipliers, damping, True
+            least = max(0.03 * self._free.shift, 1e-4 * mean_diagonal(hessian))
+            damping = max(4.0 * damping, least)
+        return longest / length * step, multipliers, damping, True
+
+
+def _convexified(hessian: FloatArray) -> FloatArray:
+    """The same curvature, but upwards, where it is downwards."""
+    eigenvalues, vectors = np.linalg.eigh(hessian)
+    sizes = np.abs(eigenvalues)
+    return np.asarray((vectors * np.maximum(sizes, 1e-10 * sizes.max())) @ vectors.T)
+
+
+def _rows_of_sides(at: Point, sides: NDArray[np.intp]) -> FloatArray:
+    """Derivatives of sides of inequalities, all turned so that they are bounded above."""
+    signs = np.where(sides % 2, 1.0, -1.0)
+    return np.asarray(signs[:, None] * at.inequality_rows(sides // 2))
+
+
+def _room_at_sides(program: Program, at: Point, sides: NDArray[np.intp]) -> FloatArray:
+    """How far sides of inequalities are from their bounds, negative beyond."""
+    index = sides // 2
+    values = at.inequalities[index]
+    return np.where(sides % 2, program.upper[index] - values, values - program.lower[index])
+
+
+def _nearest(
+    hessian: FloatArray, gradient: FloatArray, rows: FloatArray, bounds: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """A step that violates contradicting constraints little, and their penalties."""
+    broken = bounds < 0.0
+    if not broken.any():  # no contradiction, but too hard a program
+        step = np.asarray(np.linalg.solve(hessian, -gradient))
+        broken = rows @ step > bounds
+        if not broken.any():
+            return step, np.zeros(len(bounds))
+    matrix = rows[broken]
+    penalty = 1e3 * float(np.trace(hessian)) / max(float(np.sum(matrix**2)), TINY)
+    regular = hessian + penalty * matrix.T @ matrix
+    step = np.asarray(np.linalg.solve(regular, penalty * matrix.T @ bounds[broken] - gradient))
+    return step, np.where(broken, penalty * np.maximum(rows @ step - bounds, 0.0), 0.0)

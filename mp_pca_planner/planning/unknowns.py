@@ -1,0 +1,284 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Unknowns of a motion program, and states of the motion as functions of them.
+
+The unknowns x are the weights, then what a request leaves free: boundary values, of which a motion
+is as linear a function as of its weights; log T; the phases of vias.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+from numpy.polynomial import legendre
+from numpy.typing import NDArray
+
+from ..arrays import FloatArray
+from ..primitives.basis import Basis
+from ..primitives.boundary import hermite_functions
+
+DEFAULT_NODES = 28
+# Positions, velocities, accelerations and jerks.
+N_RATES = 4
+# Units of the unknowns: usual changes of boundary values by phase [rad or m], and of log T.
+END_SCALES = np.array([0.3, 1.0, 5.0, 0.3, 1.0, 5.0])
+LOG_DURATION_SCALE = 0.2
+GOAL_POSITION = 3
+"""Row of the goal positions among the boundary values."""
+# A free duration stays within a factor of 20 of where its search begins.
+_MAX_LOG = np.log(20.0)
+# How boundary values with respect to phase grow with the duration.
+_POWERS = np.array([0.0, 1.0, 2.0, 0.0, 1.0, 2.0])
+# Six nodes in each piece of a spline keep the integral to 0.02 % even where a motion thrashes
+# (benchmarks/planning_speed.py).
+_MIN_NODES_PER_PIECE = 6
+
+
+class QuadratureTables:
+    """Everything about a basis at the quadrature nodes that no request changes.
+
+    Parameters
+    ----------
+    basis : Basis
+        The basis of shapes.
+    n_nodes : int
+        Gauss–Legendre nodes in all, shared evenly by the smooth pieces of the basis; at least
+        six in each piece.
+
+    Attributes
+    ----------
+    phases : array, shape (n_nodes,)
+        Phases of the nodes.
+    quadrature : array, shape (n_nodes,)
+        Quadrature weights; they add up to 1.
+    hermite : array, shape (4, n_nodes, 6)
+        Quintic Hermite functions and their first three derivatives by phase.
+    mean : array, shape (4, n_nodes, n_joints)
+        The same of the mean shape.
+    functions : array, shape (n_nodes, 4, n_joints, n_weights)
+        The same of the basis functions, each times the usual magnitude of its weight, so
+        that the unknowns of the program are of order 1.
+    """
+
+    def __init__(self, basis: Basis, n_nodes: int = DEFAULT_NODES) -> None:
+        edges = basis.breakpoints
+        per_piece = max(int(np.ceil(n_nodes / (len(edges) - 1))), _MIN_NODES_PER_PIECE)
+        x, w = _gauss_legendre(per_piece)
+        widths = np.diff(edges)[:, None]
+        phases = (edges[:-1, None] + widths * (x + 1.0) / 2.0).ravel()
+        self.basis = basis
+        self.phases = phases
+        self.quadrature = (widths * w / 2.0).ravel()
+        self.hermite = hermite_tables(phases.tobytes())
+        tables = basis.tables(phases, N_RATES - 1)
+        self.mean = tables[..., 0]
+        self.functions = tables[..., 1:].transpose(1, 0, 2, 3) * basis.scales
+
+    @property
+    def n_nodes(self) -> int:
+        """Number of nodes."""
+        return int(self.quadrature.size)
+
+
+@lru_cache(maxsize=64)
+def _gauss_legendre(n_nodes: int) -> tuple[FloatArray, FloatArray]:
+    return legendre.leggauss(n_nodes)
+
+
+@lru_cache(maxsize=64)
+def hermite_tables(phases: bytes) -> FloatArray:
+    """Quintic Hermite functions and their first three derivatives, shape (4, n_phases, 6)."""
+    return np.array([hermite_functions(np.frombuffer(phases), d) for d in range(N_RATES)])
+
+
+class Unknowns:
+    """What a request leaves to the solver, in the order of the program's vector x.
+
+    The unknowns are the weights; changes of the free rows of the boundary values; log T less that
+    of `duration`; the places of conditions of free phase. Each is in units of its usual change.
+
+    Parameters
+    ----------
+    weight_scales : array, shape (n_weights,)
+        Usual magnitudes of the weights.
+    boundary : array, shape (6, n_joints)
+        Boundary values with respect to phase.
+    duration : float
+        Duration [s], or where its search begins.
+    free_rows : sequence of int
+        Rows of the boundary values that are unknowns.
+    duration_is_free : bool
+        Whether the duration is an unknown.
+    n_places : int
+        Number of conditions of free phase.
+
+    Attributes
+    ----------
+    scales : array, shape (n_unknowns,)
+        Usual changes of the unknowns.
+    """
+
+    def __init__(
+        self,
+        weight_scales: FloatArray,
+        boundary: FloatArray,
+        duration: float,
+        *,
+        free_rows: Sequence[int] = (),
+        duration_is_free: bool = False,
+        n_places: int = 0,
+    ) -> None:
+        self.boundary, self.duration = boundary, duration
+        self.free_rows, self.duration_is_free = list(free_rows), duration_is_free
+        self.n_weights, n_joints = weight_scales.size, boundary.shape[1]
+        self.n_linear = self.n_weights + n_joints * len(self.free_rows)
+        self.ends = slice(self.n_weights, self.n_linear)
+        self.first_place = self.n_linear + int(duration_is_free)
+        self.scales = np.ones(self.first_place + n_places)
+        self.scales[: self.n_weights] = weight_scales
+        self.scales[self.ends] = np.repeat(END_SCALES[self.free_rows], n_joints)
+        self.scales[self.n_linear : self.first_place] = LOG_DURATION_SCALE
+        self.powers = np.repeat(_POWERS[self.free_rows], n_joints)
+
+    def from_weights(self, weights: FloatArray) -> FloatArray:
+        """Unknowns of these weights, all else as the request has it, shape (n_unknowns,)."""
+        x = np.zeros(self.scales.size)
+        x[: self.n_weights] = weights / self.scales[: self.n_weights]
+        return x
+
+    def weights(self, x: FloatArray) -> FloatArray:
+        """The weights w, shape (n_weights,)."""
+        return np.asarray((x * self.scales)[: self.n_weights])
+
+    def duration_at(self, x: FloatArray) -> float:
+        """The duration [s]."""
+        if not self.duration_is_free:
+            return self.duration
+        change = LOG_DURATION_SCALE * x[self.n_linear]
+        return float(self.duration * np.exp(_MAX_LOG * np.tanh(change / _MAX_LOG)))
+
+    def log_duration_slope(self, x: FloatArray) -> float:
+        """Derivative of log T by its unknown, if it is free."""
+        change = LOG_DURATION_SCALE * x[self.n_linear]
+        return float(LOG_DURATION_SCALE / np.cosh(change / _MAX_LOG) ** 2)
+
+    def boundary_at(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Boundary values by phase, and their derivative by log T, each shape (6, n_joints)."""
+        boundary = self.boundary.copy()
+        changes = self.scales[self.ends] * x[self.ends]
+        boundary[self.free_rows] += changes.reshape(-1, boundary.shape[1])
+        boundary *= (self.duration_at(x) / self.duration) ** _POWERS[:, None]
+        return boundary, _POWERS[:, None] * boundary
+
+    def growth(self, x: FloatArray) -> FloatArray:
+        """Factors by which the duration scales what weights and boundary values add."""
+        growth = np.ones(self.n_linear)
+        if self.powers.any():
+            growth[self.ends] = (self.duration_at(x) / self.duration) ** self.powers
+        return growth
+
+    def accepts(self, duration: float) -> bool:
+        """Whether a duration is in the range of the free one, or is the fixed one."""
+        if not self.duration_is_free:
+            return True
+        return bool(duration > 0.0 and abs(np.log(duration / self.duration)) < _MAX_LOG)
+
+    def log_duration_unknown(self, duration: float) -> float:
+        """The unknown of a duration: the inverse of `duration_at`."""
+        change = np.log(duration / self.duration) / _MAX_LOG
+        return float(_MAX_LOG * np.arctanh(change) / LOG_DURATION_SCALE)
+
+
+class Rows(NamedTuple):
+    """Which states a :class:`StateMap` is of: a derivative of a joint's position each.
+
+    Attributes
+    ----------
+    orders, joints : array of int, shape (n_rows,)
+        Order of the derivative (0: the position), and the joint.
+    units : array, shape (n_rows,)
+        Units of the states [rad or m, /s, …].
+    """
+
+    orders: NDArray[np.intp]
+    joints: NDArray[np.intp]
+    units: FloatArray
+
+
+class StateMap:
+    """States at some phases as functions of the unknowns.
+
+    Parameters
+    ----------
+    unknowns : Unknowns
+        The unknowns.
+    hermite : array, shape (4, n_phases, 6)
+        Quintic Hermite functions and their first three derivatives by phase.
+    mean : array, shape (4, n_phases, n_joints)
+        The same of the mean shape.
+    functions : array, shape (4, n_phases, n_joints, n_weights)
+        The same of the basis functions, times the scales of their weights.
+    rows : Rows, optional
+        Which states; all, in SI units, order by order, unless given.
+    """
+
+    def __init__(
+        self,
+        unknowns: Unknowns,
+        hermite: FloatArray,
+        mean: FloatArray,
+        functions: FloatArray,
+        rows: Rows | None = None,
+    ) -> None:
+        n_joints = mean.shape[2]
+        if rows is None:
+            every = np.arange(N_RATES * n_joints)
+            rows = Rows(every // n_joints, every % n_joints, np.ones(every.size))
+        orders, self._joints, self._units = rows
+        self._unknowns, self._hermite, self._orders = unknowns, hermite[orders], orders[:, None]
+        self._mean = mean[orders, :, self._joints]
+        columns = functions[orders, :, self._joints]
+        own = np.eye(n_joints)[self._joints][:, None, :]
+        for row in unknowns.free_rows:
+            moved = END_SCALES[row] * self._hermite[:, :, row, None] * own
+            columns = np.concatenate([columns, moved], axis=2)
+        if unknowns.duration_is_free:
+            self._columns = columns
+            return
+        rates = self._rates(unknowns.duration)
+        rows_of_all = np.zeros((*columns.shape[:2], unknowns.scales.size))
+        np.multiply(columns, rates[:, :, None], out=rows_of_all[:, :, : unknowns.n_linear])
+        self._constant = rows_of_all.reshape(self._mean.size, unknowns.scales.size)
+        self._fixed = (self._boundary_part(unknowns.boundary) + self._mean) * rates
+
+    def _rates(self, duration: float) -> FloatArray:
+        """What derivatives by phase are to be multiplied by, shape (n_rows, 1)."""
+        return np.asarray(duration ** -self._orders.astype(float) / self._units[:, None])
+
+    def _boundary_part(self, boundary: FloatArray) -> FloatArray:
+        return np.asarray((self._hermite @ boundary.T[self._joints][:, :, None])[:, :, 0])
+
+    def values(self, x: FloatArray) -> FloatArray:
+        """The states, shape (n_rows, n_phases)."""
+        if not self._unknowns.duration_is_free:
+            return np.asarray(self._fixed + (self._constant @ x).reshape(self._fixed.shape))
+        boundary, _ = self._unknowns.boundary_at(x)
+        weights = x[: self._unknowns.n_weights]
+        shape = self._mean + self._columns[:, :, : weights.size] @ weights
+        rates = self._rates(self._unknowns.duration_at(x))
+        return np.asarray((self._boundary_part(boundary) + shape) * rates)
+
+    def jacobian(self, x: FloatArray, values: FloatArray) -> FloatArray:
+        """Their derivatives at x, shape (n_rows * n_phases, n_unknowns)."""
+        unknowns = self._unknowns
+        if not unknowns.duration_is_free:
+            return self._constant
+        rates, (_, growth) = self._rates(unknowns.duration_at(x)), unknowns.boundary_at(x)
+        columns = np.zeros((*values.shape, x.size))
+        columns[:, :, : unknowns.n_linear] = self._columns * unknowns.growth(x) * rates[:, :, None]
+        by_log_duration = self._boundary_part(growth) * rates - self._orders * values
+        columns[:, :, unknowns.n_linear] = unknowns.log_duration_slope(x) * by_log_duration
+        return columns.reshape(values.size, x.size)

@@ -1,0 +1,76 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Each recovery alone: when it applies, and what it proposes."""
+
+from dataclasses import dataclass
+from types import SimpleNamespace
+
+import pytest
+
+from mp_pca_planner.motion.validation import LimitCheck, Violation
+from mp_pca_planner.planning.recoveries import MoreNatural, Setting, Slower, WiderBasis
+
+FAST = LimitCheck((Violation("velocity", "elbow", 0.0, 1.5, 1.0, 0.5),))
+FAR = LimitCheck((Violation("position", "elbow", 0.0, 1.5, 1.0, 0.5),))
+KEPT = LimitCheck(())
+
+
+def basis(*, is_corrected=False, precision=1.0):
+    return SimpleNamespace(precision=precision, is_corrected=is_corrected)
+
+
+@dataclass
+class MadeUpFailure:
+    """A failure of which everything is known."""
+
+    setting: Setting
+    expected_check: LimitCheck
+    is_recoverable: bool = True
+
+
+def failure(check, recoverable=True, naturalness=0.0, **options):
+    return MadeUpFailure(Setting(basis(**options), 2.0, naturalness), check, recoverable)
+
+
+def test_more_time_is_proposed_where_the_expected_motion_is_too_fast():
+    setting = Slower(10.0).propose(failure(FAST))
+    assert setting.duration == pytest.approx(2.0 * 1.02 * 1.5)
+    assert not setting.is_first
+    assert Slower(2.5).propose(failure(FAST)).duration == 2.5
+    assert Slower(2.0).propose(failure(FAST)) is None
+
+
+@pytest.mark.parametrize("check", [KEPT, FAR])
+def test_more_time_is_not_proposed_where_it_would_not_help(check):
+    assert Slower(10.0).propose(failure(check)) is None
+    assert Slower(10.0).propose(failure(FAST, recoverable=False)) is None
+
+
+def test_more_naturalness_is_proposed_where_the_expected_motion_keeps_the_limits():
+    natural = MoreNatural((0.1, 1.0))
+    assert natural.propose(failure(KEPT)).naturalness == 0.1
+    assert natural.propose(failure(KEPT, naturalness=0.1)).naturalness == 1.0
+    assert natural.propose(failure(KEPT, naturalness=1.0)) is None
+
+
+@pytest.mark.parametrize(
+    "failed",
+    [
+        failure(FAST),
+        failure(KEPT, recoverable=False),
+        failure(KEPT, is_corrected=True),
+        failure(KEPT, precision=None),
+    ],
+)
+def test_more_naturalness_is_not_proposed_where_it_would_not_help(failed):
+    assert MoreNatural((1.0,)).propose(failed) is None
+
+
+def test_bases_are_proposed_one_after_the_other_with_the_first_duration():
+    bases = [basis(), basis(is_corrected=True)]
+    wider = WiderBasis(iter(bases), 3.0, 0.5)
+    for expected in bases:
+        setting = wider.propose(failure(KEPT))
+        assert setting.basis is expected
+        assert (setting.duration, setting.naturalness, setting.is_first) == (3.0, 0.5, True)
+    assert wider.propose(failure(KEPT)) is None
