@@ -9,15 +9,14 @@ import os
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 import yaml
+from sensor_msgs.msg import JointState as JointStateMessage
 
 from ..arrays import FloatArray
-from ..exceptions import MissingDependencyError, PlannerError
+from ..exceptions import PlannerError
 from ..files import write_whole
 from ..motion.goal import JointGoal, JointState
 from ..motion.trajectory import Trajectory
@@ -34,85 +33,64 @@ from ..recordings.synthetic import JOINT_NAMES, continuous_recording, generate_m
 from ..resources import config_file
 from ..robot.limits import JointLimits
 from ..robot.model import Robot
+from ..ros.client import GoalClient, this_machine_only
+from ..ros.messages import to_trajectory
+from ..ros.monitor import Monitor
 from . import build_primitives
 from .children import Children
-from .common import CommandParser, make_folder, run
+from .common import make_folder
+from .options import parse
 from .terminal import DONE, FAILED, say
-
-if TYPE_CHECKING:
-    from ..ros.client import GoalClient
-    from ..ros.monitor import Monitor
 
 _N_DEMONSTRATIONS = 30
 _N_GOALS = 6
-# Held-out motions give the goals, so that the planner has never seen them.
+# Goals are ends of motions that are not among the demonstrations.
 _DEMONSTRATION_SEED, _GOAL_SEED = 1, 2
 _RATE = 100.0
-# Recordings start at a time that nobody takes for simulation time.
+# Recordings start at a time of day, not at a simulation time.
 _EPOCH_NS = 1_700_000_000_000_000_000
-# When the robot has arrived [rad, rad/s], and how long it may take to [s].
+# The robot has arrived below these errors [rad, rad/s], within at most this time [s].
 _AT_GOAL, _AT_REST, _PATIENCE = 1e-3, 1e-5, 30.0
 _SETTLED = 1e-6  # [rad]
 _ARM = ("upper_arm", "lower_arm", "wrist")
 _GOOD = "executable"
+_COLUMNS = (
+    ("duration", 1.0, ".2f"),
+    ("effort_cost", 1.0, ".2f"),
+    ("solve_time_s", 1e3, ".2f"),
+    ("goal_error", 1.0, ".1g"),
+)
+"""Values of the node's report in the table: name, factor of the unit, and format."""
 
 
-def main(argv: Sequence[str] | None = None) -> int:
+def run(arguments: argparse.Namespace) -> int:
     """Run the command; returns the exit status."""
-    parser = CommandParser(
-        "demo",
-        "Record demonstrations of a human-like arm into a bag, build primitives from it, start "
-        "the planner node and a simulated robot, send goals from another process, have the robot "
-        "execute the motions, and draw what came of it.",
-    )
-    parser.add_argument(
-        "--output", type=Path, default=Path("demo_output"), metavar="DIR", help="folder for results"
-    )
-    return run(parser, _demo, argv)
-
-
-def _demo(arguments: argparse.Namespace) -> int:
-    if find_spec("rclpy") is None:
-        raise MissingDependencyError("rclpy", "ros", "the command 'demo'")
     require_matplotlib()
-    folder = arguments.output
+    folder, urdf = arguments.output, config_file("human_arm.urdf")
     make_folder(folder)
-
-    say(f"1. Recording {_N_DEMONSTRATIONS} arm-raising motions into {folder / 'recording'}")
-    bag = _record(folder / "recording")
+    bag, file = folder / "recording", folder / "arm_raising.npz"
+    say(f"1. Recording {_N_DEMONSTRATIONS} arm-raising motions into {bag}")
+    _record(bag)
     say("2. Building primitives from the bag", f"   $ build_primitives {bag}")
-    primitive_file = folder / "arm_raising.npz"
-    status = build_primitives.main(
-        [
-            *(str(bag), "--output", str(primitive_file), "--force"),
-            *("--robot", str(config_file("human_arm.urdf")), "--joints", ",".join(JOINT_NAMES)),
-        ]
-    )
-    if status != DONE:
-        return status
-    primitive = load_primitive(primitive_file)
-    robot = Robot.from_file(config_file("human_arm.urdf"), JOINT_NAMES)
-    say(
-        "",
-        "3. Starting the planner node and a simulated robot, and sending goals over ROS 2 topics",
-    )
-    served = _execute_over_topics(folder, primitive_file)
+    options = ["--robot", str(urdf), "--joints", ",".join(JOINT_NAMES), "--force"]
+    build = parse("build_primitives", [str(bag), "--output", str(file), *options])
+    build_primitives.run(build)
+    robot = Robot.from_file(urdf, JOINT_NAMES)
+    say("", "3. Starting the planner node and a simulated robot, sending goals over ROS 2 topics")
+    served = _execute_over_topics(folder, file)
     failures = _report(robot, served)
     say("", f"4. Drawing into {folder}")
-    for path in _draw(folder, bag, primitive, robot, served):
+    for path in _draw(folder, bag, load_primitive(file), robot, served):
         say(f"   {path}")
     return FAILED if failures else DONE
 
 
-def _record(path: Path) -> Path:
-    """Make a person's motions and write them as a rosbag2 recording."""
+def _record(path: Path) -> None:
+    """Write generated motions of a person as a rosbag2 recording."""
     motions = generate_motions(_N_DEMONSTRATIONS, _DEMONSTRATION_SEED)
-    recording = continuous_recording(motions, _RATE, seed=_DEMONSTRATION_SEED)
-    stamps = _EPOCH_NS + np.round(recording.times * 1e9).astype(np.int64)
-    write_joint_states(
-        path, "mcap", recording.joint_names, stamps, recording.positions, overwrite=True
-    )
-    return path
+    made = continuous_recording(motions, _RATE, seed=_DEMONSTRATION_SEED)
+    stamps = _EPOCH_NS + np.round(made.times * 1e9).astype(np.int64)
+    write_joint_states(path, "mcap", made.joint_names, stamps, made.positions, overwrite=True)
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,10 +106,7 @@ class _Served:
 
 
 def _execute_over_topics(folder: Path, primitive_file: Path) -> list[_Served]:
-    """Start the node and a simulated robot in processes of their own, and act as their user."""
-    from ..ros.client import GoalClient, this_machine_only
-    from ..ros.monitor import Monitor
-
+    """Start the node and a simulated robot as processes, and send goals to them."""
     os.environ.update(this_machine_only())
     parameters, arm = folder / "planner.yaml", config_file("human_arm.urdf")
     description = arm.read_text(encoding="utf-8")
@@ -159,10 +134,6 @@ def _execute_over_topics(folder: Path, primitive_file: Path) -> list[_Served]:
 
 def _serve(client: GoalClient, monitor: Monitor, goal: FloatArray) -> _Served:
     """Send a goal to the arm, which stands still, and let it get there."""
-    from sensor_msgs.msg import JointState as JointStateMessage
-
-    from ..ros.messages import to_trajectory
-
     start = _measured(monitor)[0]
     answer = client.send(JointStateMessage(name=list(JOINT_NAMES), position=goal.tolist()))
     return _Served(
@@ -194,24 +165,19 @@ def _wait_until_at(monitor: Monitor, goal: FloatArray) -> float:
 
 
 def _report(robot: Robot, served: Sequence[_Served]) -> int:
-    """Print a table; returns how many goals were not served as they should be."""
+    """Print a table; returns the number of goals that were not served as they should be."""
     limits = robot.limits()
     rows, failures = [], 0
     for i, goal in enumerate(served, start=1):
         verdict = _verdict(robot, limits, goal)
         failures += verdict != _GOOD or not goal.arrival_error < _AT_GOAL
-        rows.append(
-            [
-                str(i),
-                _number(goal.values.get("duration"), 1.0, ".2f"),
-                _number(goal.values.get("effort_cost"), 1.0, ".2f"),
-                _number(goal.values.get("solve_time_s"), 1e3, ".2f"),
-                _number(goal.values.get("goal_error"), 1.0, ".1g"),
-                _number(goal.latency, 1e3, ".2f"),
-                _number(goal.arrival_error, 1e3, ".2g"),
-                verdict,
-            ]
-        )
+        columns = [
+            *((goal.values.get(name), factor, form) for name, factor, form in _COLUMNS),
+            (goal.latency, 1e3, ".2f"),
+            (goal.arrival_error, 1e3, ".2g"),
+        ]
+        numbers = ["" if x is None else format(float(x) * k, form) for x, k, form in columns]
+        rows.append([str(i), *numbers, verdict])
     header = ["goal", "duration [s]", "effort [N²m²s]", "solve [ms]", "end error [rad]"]
     header += ["goal to trajectory [ms]", "arrival error [mrad]", "checked on receipt"]
     say(*table(rows, header=header).splitlines())
@@ -219,10 +185,10 @@ def _report(robot: Robot, served: Sequence[_Served]) -> int:
 
 
 def _verdict(robot: Robot, limits: JointLimits, goal: _Served) -> str:
-    """Check what was received, without believing what its sender says of it."""
+    """Check a received motion independently of the report of its sender."""
     if goal.trajectory is None:
         return goal.message
-    # The robot settles by some nanometres between our look at it and the planner's.
+    # The robot settles by some nanometres between this measurement and the planner's.
     first = goal.trajectory.positions[0]
     start = first if np.abs(first - goal.start).max() < _SETTLED else goal.start
     try:
@@ -233,10 +199,6 @@ def _verdict(robot: Robot, limits: JointLimits, goal: _Served) -> str:
     return _GOOD
 
 
-def _number(value: str | float | None, factor: float, form: str) -> str:
-    return "" if value is None else format(float(value) * factor, form)
-
-
 def _draw(
     folder: Path,
     bag: Path,
@@ -244,32 +206,15 @@ def _draw(
     robot: Robot,
     served: Sequence[_Served],
 ) -> list[Path]:
-    demonstrations = load_recordings([bag], joints=JOINT_NAMES).demonstrations
-    phases = np.linspace(0.0, 1.0, 101)
-    basis = primitive.basis
-    components = basis.functions(phases) * basis.scales
-    path = folder / "primitive.png"
-    draw_primitive(
-        path,
-        joint_names=primitive.joint_names,
-        phases=phases,
-        demonstrations=[d.time_normalised(phases.size) for d in demonstrations],
-        mean=basis.shape(np.zeros(basis.n_weights), phases),
-        components=np.moveaxis(components, 2, 0),
-        explained_variance_ratio=primitive.explained_variance_ratio["arm"],
-        title="Demonstrations, and mean shape with principal components (±1 standard deviation)",
-        force=True,
-    )
-    pictures = [path]
+    picture = folder / "primitive.png"
+    _draw_primitive(picture, bag, primitive)
     first = next((goal for goal in served if goal.trajectory is not None), None)
-    if first is None or first.trajectory is None:
-        return pictures
-    goal = JointGoal(
-        JointState(JOINT_NAMES, first.trajectory.positions[-1]), first.trajectory.duration
-    )
+    if first is None:
+        return [picture]
+    pictures = [picture, folder / "motion.png", folder / "arm.png"]
     plans = {
-        name: _plan_offline(robot, primitive, basis_name, goal, first.start)
-        for name, basis_name in (("principal components", "pca"), ("B-splines", "bspline"))
+        name: _plan_offline(robot, primitive, basis, first)
+        for name, basis in (("principal components", "pca"), ("B-splines", "bspline"))
     }
     labels = {
         f"{name}, {plan.solution.effort_cost:.1f} N²m²s"
@@ -277,33 +222,43 @@ def _draw(
         for name, plan in plans.items()
     }
     (label, planned), *others = labels.items()
-    path = folder / "motion.png"
+    title = "Planned motion, and the same goal with B-splines"
     draw_motion(
-        path,
+        pictures[1],
         planned,
-        title="Planned motion, and the same goal with B-splines",
+        title=title,
         label=label,
         others=dict(others),
         limits=robot.limits(),
         force=True,
     )
-    pictures.append(path)
-    path = folder / "arm.png"
-    draw_arm(
-        path,
-        _ARM,
-        {
-            name: robot.frame_positions(plan.trajectory.positions, _ARM)
-            for name, plan in plans.items()
-        },
-        title="The arm on its way to the goal",
+    chains = {
+        name: robot.frame_positions(plan.trajectory.positions, _ARM) for name, plan in plans.items()
+    }
+    draw_arm(pictures[2], _ARM, chains, title="The arm on its path to the goal", force=True)
+    return pictures
+
+
+def _draw_primitive(picture: Path, bag: Path, primitive: MovementPrimitive) -> None:
+    demonstrations = load_recordings([bag], joints=JOINT_NAMES).demonstrations
+    phases, basis = np.linspace(0.0, 1.0, 101), primitive.basis
+    draw_primitive(
+        picture,
+        joint_names=primitive.joint_names,
+        phases=phases,
+        demonstrations=[d.time_normalised(phases.size) for d in demonstrations],
+        mean=basis.shape(np.zeros(basis.n_weights), phases),
+        components=np.moveaxis(basis.functions(phases) * basis.scales, 2, 0),
+        explained_variance_ratio=primitive.explained_variance_ratio["arm"],
+        title="Demonstrations, and mean shape with principal components (±1 standard deviation)",
         force=True,
     )
-    return [*pictures, path]
 
 
-def _plan_offline(
-    robot: Robot, primitive: MovementPrimitive, basis: str, goal: JointGoal, start: FloatArray
-) -> Plan:
+def _plan_offline(robot: Robot, primitive: MovementPrimitive, basis: str, served: _Served) -> Plan:
+    """Plan from the start to the end of a motion that the node has planned."""
+    assert served.trajectory is not None
+    end = JointState(JOINT_NAMES, served.trajectory.positions[-1])
     planner = Planner(robot, [primitive], robot.limits(), PlannerOptions(basis=basis))
-    return planner.plan(goal, JointState(JOINT_NAMES, start))
+    goal = JointGoal(end, served.trajectory.duration)
+    return planner.plan(goal, JointState(JOINT_NAMES, served.start))

@@ -1,10 +1,9 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Files that the planning commands write motions to."""
+"""Files that the planning commands write motions to: CSV, JSON, NumPy arrays and bags."""
 
 from __future__ import annotations
 
-import argparse
 import io
 from collections.abc import Mapping
 from pathlib import Path
@@ -16,39 +15,31 @@ from ..arrays import FloatArray
 from ..exceptions import PlannerError
 from ..files import check_writable, write_whole
 from ..motion.trajectory import Trajectory
-from ..planning.plan import Plan
-from ..planning.sequence import SequencePlan
-from ..plotting.drawing import require_matplotlib
 from ..recordings.bags import FORMAT_OF_SUFFIX, write_joint_trajectory
-from .common import check_output, json_text
-from .terminal import written_lines
+from .common import json_text
 
 
-def check_outputs(arguments: argparse.Namespace) -> None:
-    """Refuse a motion's output or plot that could not be written, before any work.
+def check_motion_file(path: Path | None, *, force: bool) -> None:
+    """Refuse a file of a motion that could not be written, before the work.
 
     Raises
     ------
     PlannerError
-        If a format is unknown, a file exists already, a folder doesn't, or matplotlib is missing.
+        If its format is unknown, or it could not be written.
     """
-    if arguments.output is not None:
-        check_format(arguments.output)
-        check_writable(arguments.output, overwrite=arguments.force)
-    if arguments.plot is not None:
-        require_matplotlib()
-        check_output(arguments.plot, ".png", force=arguments.force)
-
-
-def output_lines(arguments: argparse.Namespace, plan: Plan | SequencePlan) -> list[str]:
-    """Which files the command wrote, and which it did not."""
-    if plan.is_executable or arguments.output is None:
-        return written_lines([arguments.output, arguments.plot])
-    return [f"not written  {arguments.output}", *written_lines([arguments.plot])]
+    if path is None:
+        return
+    formats = (".csv", ".json", ".npz", *FORMAT_OF_SUFFIX)
+    if path.suffix not in ("", *formats):
+        raise PlannerError(
+            f"the output '{path}' must end in {', '.join(formats)}, "
+            "or have no ending for the folder of a rosbag2"
+        )
+    check_writable(path, overwrite=force)
 
 
 def trajectory_columns(trajectory: Trajectory) -> dict[str, FloatArray]:
-    """What is known at every point, by the names of the public interface."""
+    """Values at every point, by the names of the public interface."""
     efforts = trajectory.efforts
     return {
         "times": trajectory.times,
@@ -59,66 +50,59 @@ def trajectory_columns(trajectory: Trajectory) -> dict[str, FloatArray]:
     }
 
 
-def write_trajectory(
-    trajectory: Trajectory, path: Path, facts: Mapping[str, Any], overwrite: bool
+def write_motion(
+    path: Path | None, trajectory: Trajectory, facts: Mapping[str, Any], *, force: bool
 ) -> None:
-    """Write a motion in the format that the file's name asks for.
+    """Write a motion in the format of the file's name.
 
     Parameters
     ----------
+    path : Path or None
+        The file, accepted by :func:`check_motion_file`; None writes nothing.
     trajectory : Trajectory
         The motion.
-    path : Path
-        Where to.
     facts : mapping
-        What a .json file says.
-    overwrite : bool
+        Content of a .json file.
+    force : bool
         Whether an existing file may be overwritten.
 
     Raises
     ------
     PlannerError
-        If the format is unknown or the file can't be written.
+        If the file can't be written.
     """
-    if path.suffix == ".csv":
-        write_whole(path, _csv(trajectory), overwrite=overwrite)
-    elif path.suffix == ".json":
-        write_whole(path, json_text(facts).encode(), overwrite=overwrite)
-    elif path.suffix == ".npz":
-        buffer = io.BytesIO()
-        np.savez(
-            buffer,
-            joint_names=np.array(trajectory.joint_names),
-            **trajectory_columns(trajectory),  # type: ignore[arg-type]  # its stub takes bool only
-        )
-        write_whole(path, buffer.getvalue(), overwrite=overwrite)
+    if path is None:
+        return
+    contents = {
+        ".csv": lambda: _csv(trajectory),
+        ".json": lambda: json_text(facts).encode(),
+        ".npz": lambda: _npz(trajectory),
+    }
+    if path.suffix in contents:
+        write_whole(path, contents[path.suffix](), overwrite=force)
     else:
-        check_format(path)
-        write_joint_trajectory(path, trajectory, overwrite=overwrite)
+        write_joint_trajectory(path, trajectory, overwrite=force)
 
 
-def check_format(path: Path) -> None:
-    """Refuse a file of a format that motions can't be written in."""
-    formats = (".csv", ".json", ".npz", *FORMAT_OF_SUFFIX)
-    if path.suffix not in ("", *formats):
-        raise PlannerError(
-            f"the output '{path}' must end in {', '.join(formats)}, "
-            "or have no ending for the folder of a rosbag2"
-        )
+def _npz(trajectory: Trajectory) -> bytes:
+    content = io.BytesIO()
+    arrays: dict[str, Any] = {**trajectory_columns(trajectory)}
+    np.savez(content, joint_names=np.array(trajectory.joint_names), **arrays)
+    return content.getvalue()
 
 
 def _csv(trajectory: Trajectory) -> bytes:
     columns = trajectory_columns(trajectory)
     times = columns.pop("times")
     header = ["time", *(f"{name}.{kind}" for kind in columns for name in trajectory.joint_names)]
-    text = io.StringIO()
-    # 17 digits bring every number back to the last bit.
+    content = io.BytesIO()
     np.savetxt(
-        text,
+        content,
         np.column_stack([times, *columns.values()]),
-        fmt="%.17g",
+        fmt="%.17g",  # brings every number back to the last bit
         delimiter=",",
         header=",".join(header),
         comments="",
+        encoding="utf-8",
     )
-    return text.getvalue().encode()
+    return content.getvalue()

@@ -21,7 +21,7 @@ from conftest import EPOCH, S, reaching, stamped, write_bag
 from rosbags.highlevel import AnyReader
 
 from mp_pca_planner.cli.main import main
-from mp_pca_planner.cli.states import status_line
+from mp_pca_planner.cli.requests import status_line
 from mp_pca_planner.motion.goal import JointGoal, JointState
 from mp_pca_planner.planning.plan import PlannerOptions
 from mp_pca_planner.planning.planner import Planner
