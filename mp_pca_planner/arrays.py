@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Checks and conversions shared by the value types."""
+"""Checks and conversions that the value types share."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ def frozen_array(
     Parameters
     ----------
     values :
-        What to convert.
+        The values.
     shape :
         The expected shape; ``None`` stands for any length.
     what :
-        How the message names the array.
+        Name of the array in the message.
     error :
         The error to raise.
 
@@ -45,10 +45,10 @@ def frozen_array(
     except (TypeError, ValueError, OverflowError):
         raise error(f"{what} must be numbers, got {values!r:.80}") from None
     if array.ndim != len(shape) or any(
-        want is not None and have != want for have, want in zip(array.shape, shape, strict=True)
+        n is not None and have != n for have, n in zip(array.shape, shape, strict=True)
     ):
-        wanted = "(" + ", ".join("any" if n is None else str(n) for n in shape) + ")"
-        raise error(f"{what} must have the shape {wanted}, got {array.shape}")
+        expected = "(" + ", ".join("any" if n is None else str(n) for n in shape) + ")"
+        raise error(f"{what} must have the shape {expected}, got {array.shape}")
     if not np.isfinite(array).all():
         index = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
         where = f"[{', '.join(map(str, index))}]" if index else ""
@@ -58,7 +58,7 @@ def frozen_array(
 
 
 def unique_names(names: Sequence[str], what: str, error: type[PlannerError]) -> tuple[str, ...]:
-    """Return the names as a tuple; refuse none at all, empty ones and repetitions."""
+    """Return the names as a tuple; refuse an empty list, empty names and repetitions."""
     result = tuple(names)
     if not result:
         raise error(f"{what}: at least one is needed, none was given")
@@ -70,17 +70,22 @@ def unique_names(names: Sequence[str], what: str, error: type[PlannerError]) -> 
     return result
 
 
+def set_frozen(value: object, **attributes: object) -> None:
+    """Set attributes of a frozen dataclass in its constructor."""
+    for name, attribute in attributes.items():
+        object.__setattr__(value, name, attribute)
+
+
 def by_name(names: Sequence[str], values: FloatArray) -> dict[str, float]:
     """Values, of shape (n_names,), by their names."""
     return dict(zip(names, values.tolist(), strict=True))
 
 
 def name_values(values: Mapping[str, float]) -> str:
-    """List values for a person: ``a=0.1, b=-1.2``, the form in which commands accept them."""
+    """Format values as ``a=0.1, b=-1.2``, the form that commands accept."""
     return ", ".join(f"{name}={value:.6g}" for name, value in values.items())
 
 
-@lru_cache(maxsize=64)
+@lru_cache(maxsize=64)  # The same few joints are checked often.
 def _repeated(names: tuple[str, ...]) -> list[str]:
-    # The same few joints are named again and again.
     return sorted(name for name, count in Counter(names).items() if count > 1)

@@ -4,6 +4,8 @@
 
 from functools import cache
 
+import numpy as np
+
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
 from mp_pca_planner.primitives.primitive import MovementPrimitive
 from mp_pca_planner.recordings.demonstration import Demonstration
@@ -12,6 +14,13 @@ from mp_pca_planner.resources import config_file
 from mp_pca_planner.robot.model import Robot
 
 JOINTS = JOINT_NAMES
+
+
+def mass_matrix(robot: Robot, q: np.ndarray) -> np.ndarray:
+    """Joint-space mass matrix of one configuration."""
+    still = np.zeros((1, robot.n_joints))
+    _, derivatives = robot.inverse_dynamics_derivatives(np.reshape(q, (1, -1)), still, still)
+    return derivatives[0, :, 2 * robot.n_joints :]
 
 
 def arm_robot() -> Robot:

@@ -73,5 +73,5 @@ class ErrorModel:
         n, shape = robot.n_joints, robot.link_inertias.parts.shape[:2]
         payload = self.payload * 0.5 * (1.0 + float(draw(1)[0]))
         true = robot.with_link_inertias(1.0 + self.inertia * draw(shape))
-        true = true.with_inertias(np.ones(n), payload, self.frame)
+        true = true.with_payload(payload, self.frame)
         return true, self.position * draw(n), self.velocity * draw(n)

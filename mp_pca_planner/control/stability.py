@@ -247,7 +247,7 @@ def _directions(model: Robot, errors: ErrorModel) -> list[_Direction]:
     units = np.eye(ones.size).reshape(-1, *shape)
     found = [_Direction(model.with_link_inertias(ones + u), errors.inertia, True) for u in units]
     if errors.payload > 0.0:
-        loaded = model.with_inertias(np.ones(model.n_joints), 1.0, errors.frame)
+        loaded = model.with_payload(1.0, errors.frame)
         found.append(_Direction(loaded, errors.payload, False))
     return [direction for direction in found if direction.magnitude > 0.0]
 

@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Value types for what is asked of the planner; no behaviour."""
+"""States, poses and goals: the values that a request is made of."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arrays import FloatArray, frozen_array, unique_names
+from ..arrays import FloatArray, frozen_array, set_frozen, unique_names
 from ..exceptions import GoalError
 
 
@@ -47,19 +47,19 @@ class JointState:
         accelerations: ArrayLike | None = None,
     ) -> None:
         names = unique_names(joint_names, "joints of a state", GoalError)
-        object.__setattr__(self, "joint_names", names)
+        set_frozen(self, joint_names=names)
+        zero = np.zeros(len(names))
         for field, values in (
             ("positions", positions),
-            ("velocities", velocities),
-            ("accelerations", accelerations),
+            ("velocities", zero if velocities is None else velocities),
+            ("accelerations", zero if accelerations is None else accelerations),
         ):
-            numbers = np.zeros(len(names)) if values is None else values
-            object.__setattr__(self, field, frozen_array(numbers, (len(names),), field, GoalError))
+            set_frozen(self, **{field: frozen_array(values, zero.shape, field, GoalError)})
 
 
 @dataclass(frozen=True, eq=False)
 class Pose:
-    """Where a frame of the robot shall be.
+    """Desired pose of a frame of the robot.
 
     Attributes
     ----------
@@ -83,9 +83,7 @@ class Pose:
     def __init__(
         self, frame: str, position: ArrayLike, orientation: ArrayLike | None = None
     ) -> None:
-        object.__setattr__(self, "frame", frame)
         position = frozen_array(position, (3,), "position of a pose", GoalError)
-        object.__setattr__(self, "position", position)
         if orientation is not None:
             orientation = frozen_array(orientation, (4,), "orientation of a pose", GoalError)
             length = float(np.linalg.norm(orientation))
@@ -95,19 +93,19 @@ class Pose:
                     f"got one of length {length:.6g}"
                 )
             orientation = frozen_array(orientation / length, (4,), "orientation", GoalError)
-        object.__setattr__(self, "orientation", orientation)
+        set_frozen(self, frame=frame, position=position, orientation=orientation)
 
 
 @dataclass(frozen=True, eq=False)
 class Via:
-    """Something to pass on the way, at a phase.
+    """A target to pass at a phase of the motion.
 
     Attributes
     ----------
     target : JointState or Pose
-        Positions of some joints (velocities and accelerations don't count), or a pose.
+        Positions of some joints (velocities and accelerations are ignored), or a pose.
     phase : float or None
-        When, as a share of the duration, strictly between 0 and 1; None leaves it to the planner.
+        Share of the duration, strictly between 0 and 1; None leaves it to the planner.
 
     Raises
     ------
@@ -123,8 +121,25 @@ class Via:
             raise GoalError(f"the phase of a via must be between 0 and 1, got {self.phase}")
 
 
+class _CheckedGoal:
+    """Checks of the fields that goals of one motion share."""
+
+    duration: float | None
+    vias: tuple[Via, ...]
+
+    def __post_init__(self) -> None:
+        duration = self.duration
+        if duration is not None and not (np.isfinite(duration) and duration > 0):
+            raise GoalError(
+                f"the duration of a motion must be a positive number of seconds, got {duration}"
+            )
+        phases = [via.phase for via in self.vias if via.phase is not None]
+        if any(later <= earlier for earlier, later in pairwise(phases)):
+            raise GoalError(f"the phases of vias must increase, got {phases}")
+
+
 @dataclass(frozen=True, eq=False)
-class JointGoal:
+class JointGoal(_CheckedGoal):
     """A configuration to reach.
 
     Attributes
@@ -137,7 +152,7 @@ class JointGoal:
     primitive : str or None
         Name of the primitive to use; None leaves it to the planner.
     vias : tuple of Via
-        What to pass on the way, in this order.
+        Targets to pass, in this order.
 
     Raises
     ------
@@ -150,19 +165,15 @@ class JointGoal:
     primitive: str | None = None
     vias: tuple[Via, ...] = ()
 
-    def __post_init__(self) -> None:
-        _check_duration(self.duration)
-        _check_order(self.vias)
-
 
 @dataclass(frozen=True, eq=False)
-class PoseGoal:
-    """A pose to reach, at rest; which configuration reaches it is left to the planner.
+class PoseGoal(_CheckedGoal):
+    """A pose to reach, at rest; the planner chooses the configuration.
 
     Attributes
     ----------
     pose : Pose
-        Where a frame of the robot shall be at the end of the motion.
+        Pose of a frame of the robot at the end of the motion.
     duration, primitive, vias
         As of a `JointGoal`.
 
@@ -177,26 +188,22 @@ class PoseGoal:
     primitive: str | None = None
     vias: tuple[Via, ...] = ()
 
-    def __post_init__(self) -> None:
-        _check_duration(self.duration)
-        _check_order(self.vias)
-
 
 @dataclass(frozen=True, eq=False)
 class SequenceGoal:
-    """Configurations and poses to reach one after the other, at rest only where asked.
+    """Configurations and poses to reach one after the other, at rest only where requested.
 
     Attributes
     ----------
     targets : tuple of JointState or Pose
         At least one. Joints that a state doesn't name keep the position they had before.
     times : tuple of (float or None)
-        When to be there, after the start [s], as many as targets; None leaves it to the planner.
+        Time of each target after the start [s]; None leaves it to the planner.
     primitive : str or None
-        Name of the primitive to use; None leaves it to the planner, for each part.
+        Name of the primitive to use; None leaves it to the planner, for each segment.
     stops : tuple of bool
-        Whether to come to rest there, as many as targets; only at the last unless given, where
-        the motion ends at rest in any case.
+        Whether to rest at each target; the motion always rests at the last one, and by default
+        only there.
 
     Raises
     ------
@@ -213,20 +220,13 @@ class SequenceGoal:
     def __post_init__(self) -> None:
         if not self.targets:
             raise GoalError("a sequence needs at least one target, got none")
-        if not self.times:
-            object.__setattr__(self, "times", (None,) * len(self.targets))
-        if len(self.times) != len(self.targets):
-            raise GoalError(
-                f"a sequence needs a time (or None) for each of its {len(self.targets)} targets, "
-                f"got {len(self.times)}"
-            )
-        if not self.stops:
-            object.__setattr__(self, "stops", (False,) * len(self.targets))
-        if len(self.stops) != len(self.targets):
-            raise GoalError(
-                f"a sequence needs to say of each of its {len(self.targets)} targets whether it "
-                f"stops there, got {len(self.stops)}"
-            )
+        n = len(self.targets)
+        set_frozen(self, times=self.times or (None,) * n, stops=self.stops or (False,) * n)
+        for what, given in (("time (or None)", self.times), ("stop", self.stops)):
+            if len(given) != n:
+                raise GoalError(
+                    f"a sequence needs a {what} for each of its {n} targets, got {len(given)}"
+                )
         last = 0.0
         for time in self.times:
             if time is None:
@@ -240,16 +240,3 @@ class SequenceGoal:
 
 
 Goal = JointGoal | PoseGoal | SequenceGoal
-
-
-def _check_duration(duration: float | None) -> None:
-    if duration is not None and not (np.isfinite(duration) and duration > 0):
-        raise GoalError(
-            f"the duration of a motion must be a positive number of seconds, got {duration}"
-        )
-
-
-def _check_order(vias: Sequence[Via]) -> None:
-    phases = [via.phase for via in vias if via.phase is not None]
-    if any(later <= earlier for earlier, later in pairwise(phases)):
-        raise GoalError(f"the phases of vias must increase, got {phases}")

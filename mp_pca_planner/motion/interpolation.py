@@ -1,10 +1,10 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""What joint_trajectory_controller makes of the points of a trajectory.
+"""The interpolation of joint_trajectory_controller.
 
-Between two points that both have accelerations and velocities it follows the quintic polynomial
+Between two points that both have velocities and accelerations it follows the quintic polynomial
 through them, between points with velocities only the cubic one, and else a straight line. All of
-these are quintics, told by their value and first two derivatives at both ends.
+these are quintics, given by their value and first two derivatives at both ends.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ _HERMITE_DERIVATIVES = [polynomial.polyder(_HERMITE, d, axis=1).T for d in range
 
 
 def _to_bezier(degree: int) -> FloatArray:
-    """Takes coefficients by rising power of the phase to Bézier points."""
+    """Matrix from coefficients by rising power of the phase to Bézier points."""
     return np.array(
         [[comb(i, k) / comb(degree, k) for k in range(degree + 1)] for i in range(degree + 1)]
     )
@@ -89,16 +89,16 @@ def segment_ends(
     straight = ~np.isfinite(v).all(axis=0)
     lower = straight | ~np.isfinite(a).all(axis=0)
     if lower.any():
-        way = np.diff(positions, axis=0)
-        v = [np.where(straight, way, own) for own in v]
+        step = np.diff(positions, axis=0)
+        v = [np.where(straight, step, own) for own in v]
         # The second derivatives of the cubic; of a straight line they are zero.
-        cubic = [6.0 * way - 4.0 * v[0] - 2.0 * v[1], -6.0 * way + 2.0 * v[0] + 4.0 * v[1]]
+        cubic = [6.0 * step - 4.0 * v[0] - 2.0 * v[1], -6.0 * step + 2.0 * v[0] + 4.0 * v[1]]
         a = [np.where(lower, own, given) for own, given in zip(cubic, a, strict=True)]
     return np.stack([positions[:-1], v[0], a[0], positions[1:], v[1], a[1]], axis=1)
 
 
 def interpolate_at(
-    asked: FloatArray,
+    instants: FloatArray,
     times: FloatArray,
     positions: FloatArray,
     velocities: FloatArray,
@@ -108,7 +108,7 @@ def interpolate_at(
 
     Parameters
     ----------
-    asked : array, shape (n_samples,)
+    instants : array, shape (n_samples,)
         Times [s].
     times, positions, velocities, accelerations :
         The points, see :func:`segment_ends`; at least two.
@@ -119,6 +119,6 @@ def interpolate_at(
         Positions [rad or m], shape (n_samples, n_joints).
     """
     ends = segment_ends(times, positions, velocities, accelerations)
-    segment = np.clip(np.searchsorted(times, asked, side="right") - 1, 0, len(ends) - 1)
-    phases = (asked - times[segment]) / np.diff(times)[segment]
+    segment = np.clip(np.searchsorted(times, instants, side="right") - 1, 0, len(ends) - 1)
+    phases = (instants - times[segment]) / np.diff(times)[segment]
     return np.asarray(np.einsum("ki,kij->kj", hermite_functions(phases), ends[segment]))

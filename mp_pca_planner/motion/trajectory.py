@@ -1,17 +1,20 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""A sampled joint motion: what the planner hands out."""
+"""A sampled joint motion, the result of planning."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from html import escape
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arrays import FloatArray, frozen_array, unique_names
-from ..exceptions import TrajectoryError
+from ..arrays import FloatArray, frozen_array, set_frozen, unique_names
+from ..exceptions import MissingDependencyError, TrajectoryError
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,19 +61,22 @@ class Trajectory:
             raise TrajectoryError("a trajectory needs at least one point, got none")
         if stamps[0] != 0.0 or np.any(np.diff(stamps) <= 0.0):
             raise TrajectoryError("times must start at 0 and strictly increase")
-        object.__setattr__(self, "joint_names", names)
-        object.__setattr__(self, "times", stamps)
-        for field, values in (
-            ("positions", positions),
-            ("velocities", velocities),
-            ("accelerations", accelerations),
-        ):
-            object.__setattr__(self, field, frozen_array(values, shape, field, TrajectoryError))
-        object.__setattr__(
-            self,
-            "efforts",
-            None if efforts is None else frozen_array(efforts, shape, "efforts", TrajectoryError),
-        )
+        set_frozen(self, joint_names=names, times=stamps, efforts=None)
+        columns = {
+            "positions": positions,
+            "velocities": velocities,
+            "accelerations": accelerations,
+        }
+        if efforts is not None:
+            columns["efforts"] = efforts
+        for field, values in columns.items():
+            set_frozen(self, **{field: frozen_array(values, shape, field, TrajectoryError)})
+
+    def __repr__(self) -> str:
+        return f"Trajectory: {self.n_joints} joints, {self.n_steps} points, {self.duration:.3g} s"
+
+    def _repr_html_(self) -> str:
+        return f"<pre>{escape(repr(self))}</pre>"
 
     @property
     def n_joints(self) -> int:
@@ -86,3 +92,44 @@ class Trajectory:
     def duration(self) -> float:
         """Time from the first to the last point [s]."""
         return float(self.times[-1])
+
+    def save(self, path: str | Path, *, overwrite: bool = False) -> None:
+        """Write the trajectory to a .csv, .json or .npz file, or to a bag.
+
+        The columns are those of the command ``plan --output``; bags are .bag and .mcap files, and
+        folders of rosbag2, which have no ending.
+
+        Raises
+        ------
+        PlannerError
+            If the format is unknown, the file exists and may not be overwritten, or it can't be
+            written.
+        """
+        from .trajectory_files import write_trajectory
+
+        write_trajectory(self, Path(path), overwrite=overwrite)
+
+    def to_message(self, *, with_efforts: bool = False) -> Any:
+        """Convert the trajectory to a ``trajectory_msgs/JointTrajectory``.
+
+        Parameters
+        ----------
+        with_efforts : bool
+            Whether points carry efforts; a controller without an effort interface refuses them.
+
+        Raises
+        ------
+        MissingDependencyError
+            If ROS 2 is not installed.
+        TrajectoryError
+            If efforts are requested and the trajectory has none.
+        """
+        try:
+            from rclpy.serialization import deserialize_message
+            from trajectory_msgs.msg import JointTrajectory
+        except ImportError as error:
+            raise MissingDependencyError(str(error.name), "ros", "a message") from None
+        from ..ros.trajectory_bytes import serialize_trajectory
+
+        content = serialize_trajectory(self, with_efforts=with_efforts)
+        return deserialize_message(content, JointTrajectory)

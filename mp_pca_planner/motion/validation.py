@@ -1,10 +1,10 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""The one validator: what may be sent to a robot.
+"""The one validator of trajectories: every published one has passed it.
 
-It judges what joint_trajectory_controller will make of the points, the quintic polynomial
-between neighbours, on a grid of at most 1 ms; so it depends neither on how a trajectory was
-planned nor on how densely it is sampled.
+It checks the quintic polynomials by which joint_trajectory_controller joins the points, on a grid
+of at most 1 ms. So its result depends neither on how a trajectory was planned nor on how densely
+it is sampled.
 """
 
 from __future__ import annotations
@@ -29,26 +29,26 @@ LIMIT_TOLERANCE = 1e-6
 """Relative excess over a limit that counts as rounding."""
 
 LIMIT_NEAR = 2e-5
-"""So near to a limit, relatively, it may be broken between the points of the grid."""
+"""Relative distance from a limit within which the grid may miss a violation."""
 
 _START_TOLERANCE = 1e-9
-# Parts of the time between two points at least: a quintic from rest to rest shows neither speed nor
-# effort at its ends, however short it is; at a quarter it is near its greatest acceleration.
-_FEWEST_PARTS = 4
-# Five points on each segment, from −1 to 1; Chebyshev coefficients of efforts that are known there;
-# and that polynomial at points as dense as those of the grid usually are. What it leaves out must
-# be no more than this share of the limit.
+# Least number of steps between two points: a quintic from rest to rest has neither speed nor effort
+# at its ends, however short it is; at a quarter it is near its greatest acceleration.
+_MIN_PARTS = 4
+# Five points on each segment, from −1 to 1; the matrix from efforts at them to Chebyshev
+# coefficients; and the one from these to efforts at points about as dense as the grid.
 _CHEBYSHEV = -np.cos(np.linspace(0.0, np.pi, 5))
 # The last of a segment is the first of the next.
 _AT_CHEBYSHEV = np.array([hermite_functions(0.5 * (_CHEBYSHEV[:-1] + 1.0), d) for d in range(3)])
 _TO_CHEBYSHEV = np.linalg.inv(chebyshev.chebvander(_CHEBYSHEV, 4))
 _FROM_CHEBYSHEV = chebyshev.chebvander(np.linspace(-1.0, 1.0, 11), 4)
+# Largest error of that polynomial, as a share of the limit, at which it stands for the efforts.
 _SMOOTH = 1e-3
 
 
 @dataclass(frozen=True)
 class Violation:
-    """A limit that a trajectory breaks.
+    """A violated limit of a trajectory.
 
     Attributes
     ----------
@@ -57,9 +57,9 @@ class Violation:
     joint : str
         Name of the joint.
     time : float
-        When it is worst [s].
+        Time of the largest violation [s].
     value, limit : float
-        The value then and the limit, in SI units.
+        The value at that time and the limit, in SI units.
     excess : float
         Relative excess: |value| / limit − 1, for positions the distance outside divided
         by the length of the range (or by 1 rad or m if that is infinite).
@@ -86,14 +86,14 @@ class LimitCheck:
     Attributes
     ----------
     touched : tuple of Violation
-        Every limit that is come as near to as `LIMIT_NEAR`, or broken, the worst first.
+        Every limit that is violated, or nearer than `LIMIT_NEAR`, the worst first.
     """
 
     touched: tuple[Violation, ...]
 
     @property
     def violations(self) -> tuple[Violation, ...]:
-        """Every limit broken by more than rounding, the worst first."""
+        """Every limit violated by more than rounding, the worst first."""
         return tuple(v for v in self.touched if not v.excess <= LIMIT_TOLERANCE)
 
     @property
@@ -104,7 +104,7 @@ class LimitCheck:
 
 @dataclass(frozen=True, eq=False)
 class DenseSamples:
-    """The motion that the controller makes of a trajectory, on a fine grid.
+    """The controller's interpolation of a trajectory on a fine grid.
 
     Attributes
     ----------
@@ -141,7 +141,7 @@ def interpolate(trajectory: Trajectory, period: float = GRID_PERIOD) -> DenseSam
             trajectory.accelerations,
             zero,
         )
-    n_parts = max(int(np.ceil(steps.max() / period - 1e-6)), _FEWEST_PARTS)
+    n_parts = max(int(np.ceil(steps.max() / period - 1e-6)), _MIN_PARTS)
     fractions = np.linspace(0.0, 1.0, n_parts + 1)
     tables = np.array([hermite_functions(fractions, d) for d in range(4)])
     q, v, a, jerk = _derivatives(_segment_ends(trajectory), steps, tables)
@@ -204,27 +204,34 @@ def check_limits(trajectory: Trajectory, robot: Robot, limits: JointLimits) -> L
     if moves_inside and efforts_inside:
         return LimitCheck(())
     dense = interpolate(trajectory)
-    found, magnitudes = [], []
+    compared: list[tuple[str, FloatArray, FloatArray, FloatArray]] = []
     if not moves_inside:
-        found = _outside_range(dense, limits)
-        magnitudes = [
-            ("velocity", dense.v, limits.velocity),
-            ("acceleration", dense.a, limits.acceleration),
-            ("jerk", dense.jerk, limits.jerk),
+        span = _span(limits)
+        compared += [
+            ("position", dense.q, limits.lower, (limits.lower - dense.q) / span),
+            ("position", dense.q, limits.upper, (dense.q - limits.upper) / span),
+            _magnitude("velocity", dense.v, limits.velocity),
+            _magnitude("acceleration", dense.a, limits.acceleration),
+            _magnitude("jerk", dense.jerk, limits.jerk),
         ]
     if not efforts_inside:
         tau = robot.inverse_dynamics(dense.q, dense.v, dense.a)
-        magnitudes.append(("effort", tau, limits.effort))
-    for quantity, values, bound in magnitudes:
-        peak = np.abs(values).argmax(axis=0)
-        for j, name in enumerate(limits.joint_names):
-            value = float(values[peak[j], j])
-            excess = abs(value) / float(bound[j]) - 1.0
-            if not excess <= -LIMIT_NEAR:  # a NaN is a violation
-                time = float(dense.times[peak[j]])
-                found.append(Violation(quantity, name, time, value, float(bound[j]), excess))
+        compared.append(_magnitude("effort", tau, limits.effort))
+    found = []
+    for quantity, values, bound, excess in compared:
+        for j, (name, k) in enumerate(zip(limits.joint_names, excess.argmax(axis=0), strict=True)):
+            if not excess[k, j] <= -LIMIT_NEAR:  # a NaN is a violation
+                at = (dense.times[k], values[k, j], bound[j], excess[k, j])
+                found.append(Violation(quantity, name, *map(float, at)))
     found.sort(key=lambda violation: -violation.excess)
     return LimitCheck(tuple(found))
+
+
+def _magnitude(
+    quantity: str, values: FloatArray, bound: FloatArray
+) -> tuple[str, FloatArray, FloatArray, FloatArray]:
+    """Values with a bound on their magnitude, and their relative excess."""
+    return quantity, values, bound, np.abs(values) / bound - 1.0
 
 
 def require_effort_limits(robot: Robot, limits: JointLimits) -> None:
@@ -240,9 +247,9 @@ def require_effort_limits(robot: Robot, limits: JointLimits) -> None:
 
 
 def _stays_inside(ends: FloatArray, steps: FloatArray, limits: JointLimits) -> bool:
-    """Whether all but efforts stay clear of their limits, told from Bézier points.
+    """Whether the Bézier points of positions and their derivatives are within all limits.
 
-    The answer may be no where a curve comes near a limit without breaking it.
+    A curve near a limit may have points beyond it.
     """
     if steps.size == 0:
         return False
@@ -266,11 +273,11 @@ def _stays_inside(ends: FloatArray, steps: FloatArray, limits: JointLimits) -> b
 def _efforts_stay_clear(
     trajectory: Trajectory, ends: FloatArray, steps: FloatArray, robot: Robot, limits: JointLimits
 ) -> bool:
-    """Whether efforts stay clear of their limits, told from fewer points than the grid has.
+    """Whether efforts are clear of their limits, by fewer points than the grid has.
 
-    Between two points of a trajectory efforts are smooth. The polynomials through five Chebyshev
-    points there tell them, and how fast its coefficients fall off tells what it leaves out. The
-    answer is no where efforts come near their limits, or the robot moves far in a step.
+    Between two points of a trajectory efforts are smooth: the polynomial through five Chebyshev
+    points represents them, and the decay of its coefficients bounds its error. The result is
+    False where efforts come near their limits, or the robot moves far in a step.
     """
     if not np.isfinite(limits.effort).any():
         return True
@@ -285,24 +292,8 @@ def _efforts_stay_clear(
     coefficients = _TO_CHEBYSHEV @ tau[nodes]
     beyond = np.abs(coefficients[:, -1]) + 0.1 * np.abs(coefficients[:, -2])
     within = np.abs(_FROM_CHEBYSHEV @ coefficients).max(axis=1) + beyond
-    told = np.all(beyond <= _SMOOTH * limits.effort)
-    return bool(told and np.all(within < (1.0 - LIMIT_NEAR) * limits.effort))
-
-
-def _outside_range(dense: DenseSamples, limits: JointLimits) -> list[Violation]:
-    span = _span(limits)
-    found = []
-    for bound, outside in (
-        (limits.lower, (limits.lower - dense.q) / span),
-        (limits.upper, (dense.q - limits.upper) / span),
-    ):
-        peak = outside.argmax(axis=0)
-        for j, name in enumerate(limits.joint_names):
-            excess = float(outside[peak[j], j])
-            if not excess <= -LIMIT_NEAR:
-                time, value = float(dense.times[peak[j]]), float(dense.q[peak[j], j])
-                found.append(Violation("position", name, time, value, float(bound[j]), excess))
-    return found
+    is_smooth = np.all(beyond <= _SMOOTH * limits.effort)
+    return bool(is_smooth and np.all(within < (1.0 - LIMIT_NEAR) * limits.effort))
 
 
 def _span(limits: JointLimits) -> FloatArray:
@@ -323,7 +314,7 @@ def check_executable(
     Parameters
     ----------
     trajectory : Trajectory
-        What is to be sent. Its constructor has seen to finite numbers, unique joints and
+        The trajectory. Its constructor has checked for finite numbers, unique joints and
         increasing times from 0.
     check : LimitCheck
         Result of :func:`check_limits` for it.

@@ -1,9 +1,9 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Families of shapes μ(s) + Σ wₖ φₖ(s) that vanish, to the second derivative, at both ends.
+"""Motion bases: shapes μ(s) + Σ wₖ φₖ(s) that vanish, to the second derivative, at both ends.
 
-Two families with one interface: polynomials, which carry the principal components, and
-B-splines, the baseline of [P]. The motion compiler doesn't know which one it works on.
+Polynomials carry the principal components; B-splines are the baseline of [P]. The motion compiler
+handles both through one interface.
 """
 
 from __future__ import annotations
@@ -21,41 +21,42 @@ N_END_CONDITIONS = 6
 
 
 class Basis(Protocol):
-    """A mean shape and weighted functions of phase."""
+    """A mean shape and weighted functions of phase.
 
-    @property
-    def n_joints(self) -> int:
-        """Number of joints."""
+    Attributes
+    ----------
+    n_joints, n_weights : int
+        Numbers of joints and of functions.
+    breakpoints : array, shape (n_breakpoints,)
+        Phases, from 0 to 1, between which every function is smooth.
+    scales : array, shape (n_weights,)
+        Usual magnitude of each weight.
+    """
 
-    @property
-    def n_weights(self) -> int:
-        """Number of functions."""
-
-    @property
-    def breakpoints(self) -> FloatArray:
-        """Phases, from 0 to 1, between which every function is smooth."""
-
-    @property
-    def scales(self) -> FloatArray:
-        """Usual magnitude of each weight, shape (n_weights,)."""
-
-    def functions(self, phases: FloatArray, derivative: int = 0) -> FloatArray:
-        """Values of φₖ or a derivative by phase, shape (n_steps, n_joints, n_weights)."""
-
-    def shape(self, weights: FloatArray, phases: FloatArray, derivative: int = 0) -> FloatArray:
-        """Values of μ + Σ wₖ φₖ or a derivative by phase, shape (n_steps, n_joints)."""
-
-    def shapes(self, weights: FloatArray, phases: FloatArray, highest: int) -> FloatArray:
-        """Shape and derivatives up to the highest one, shape (highest + 1, n_steps, n_joints)."""
+    n_joints: int
+    n_weights: int
+    breakpoints: FloatArray
+    scales: FloatArray
 
     def tables(self, phases: FloatArray, highest: int) -> FloatArray:
-        """Values of μ, then the φₖ, and their derivatives up to the highest one, all at once.
+        """Values of μ, then the φₖ, and their derivatives up to the highest one.
 
         The shape is (highest + 1, n_steps, n_joints, 1 + n_weights).
         """
 
+    def shapes(self, weights: FloatArray, phases: FloatArray, highest: int) -> FloatArray:
+        """Shape and derivatives up to the highest one, shape (highest + 1, n_steps, n_joints)."""
 
-class PolynomialBasis:
+    def functions(self, phases: FloatArray, derivative: int = 0) -> FloatArray:
+        """Values of φₖ or a derivative by phase, shape (n_steps, n_joints, n_weights)."""
+        return np.ascontiguousarray(self.tables(phases, derivative)[-1, :, :, 1:])
+
+    def shape(self, weights: FloatArray, phases: FloatArray, derivative: int = 0) -> FloatArray:
+        """Values of μ + Σ wₖ φₖ or a derivative by phase, shape (n_steps, n_joints)."""
+        return np.asarray(self.shapes(weights, phases, derivative)[-1])
+
+
+class PolynomialBasis(Basis):
     """Mean and components as Legendre series in x = 2s − 1.
 
     Parameters
@@ -71,47 +72,26 @@ class PolynomialBasis:
     def __init__(self, mean: FloatArray, components: FloatArray, scales: FloatArray) -> None:
         self.mean_coefficients = mean
         self.component_coefficients = components
+        self.n_joints, self.n_weights = len(mean), len(components)
         self.scales = scales
         self.breakpoints = np.array([0.0, 1.0])
-
-    @property
-    def n_joints(self) -> int:
-        """Number of joints."""
-        return int(self.mean_coefficients.shape[0])
-
-    @property
-    def n_weights(self) -> int:
-        """Number of components."""
-        return int(self.component_coefficients.shape[0])
-
-    def functions(self, phases: FloatArray, derivative: int = 0) -> FloatArray:
-        """Values of the components, shape (n_steps, n_joints, n_weights)."""
-        values = legendre_values(self.component_coefficients, phases, derivative)
-        return np.ascontiguousarray(values.transpose(0, 2, 1))
-
-    def shape(self, weights: FloatArray, phases: FloatArray, derivative: int = 0) -> FloatArray:
-        """Values of the mean and the weighted components, shape (n_steps, n_joints)."""
-        return legendre_values(self._coefficients(weights), phases, derivative)
-
-    def shapes(self, weights: FloatArray, phases: FloatArray, highest: int) -> FloatArray:
-        """Shape and derivatives up to the highest one, shape (highest + 1, n_steps, n_joints)."""
-        return legendre_derivatives(self._coefficients(weights), phases, highest)
-
-    def _coefficients(self, weights: FloatArray) -> FloatArray:
-        weighted = np.tensordot(weights, self.component_coefficients, axes=1)
-        return np.asarray(self.mean_coefficients + weighted)
 
     def tables(self, phases: FloatArray, highest: int) -> FloatArray:
         """All values and derivatives, shape (highest + 1, n_steps, n_joints, 1 + n_weights)."""
         both = np.concatenate([self.mean_coefficients[None], self.component_coefficients])
         return legendre_derivatives(both.transpose(1, 0, 2), phases, highest)
 
+    def shapes(self, weights: FloatArray, phases: FloatArray, highest: int) -> FloatArray:
+        """Shape and derivatives up to the highest one, shape (highest + 1, n_steps, n_joints)."""
+        weighted = np.tensordot(weights, self.component_coefficients, axes=1)
+        return legendre_derivatives(self.mean_coefficients + weighted, phases, highest)
 
-class BSplineBasis:
+
+class BSplineBasis(Basis):
     """Clamped B-splines, the same for every joint: the baseline of [P], Section 4.
 
-    The three first and three last functions of a clamped spline are fixed by the ends (the
-    boundary part takes their place); the `n_control_points` between them are free.
+    The ends of a motion fix the three first and three last functions of a clamped spline: the
+    boundary part takes their place. The `n_control_points` between them are free.
 
     Parameters
     ----------
@@ -135,28 +115,20 @@ class BSplineBasis:
         self.n_weights = n_joints * n_control_points
         self.scales = np.ones(self.n_weights)
 
-    def functions(self, phases: FloatArray, derivative: int = 0) -> FloatArray:
-        """Values of the splines, shape (n_steps, n_joints, n_weights), joint by joint."""
-        values = self._splines(phases, derivative)
-        return np.asarray(np.kron(np.eye(self.n_joints), values[:, None, :]))
-
-    def shape(self, weights: FloatArray, phases: FloatArray, derivative: int = 0) -> FloatArray:
-        """Values of the weighted splines, shape (n_steps, n_joints)."""
-        values = self._splines(phases, derivative)
-        return np.asarray(values @ np.reshape(weights, (self.n_joints, -1)).T)
+    def tables(self, phases: FloatArray, highest: int) -> FloatArray:
+        """All values and derivatives, shape (highest + 1, n_steps, n_joints, 1 + n_weights)."""
+        values = np.array([self._splines(phases, d) for d in range(highest + 1)])
+        functions = np.kron(np.eye(self.n_joints), values[:, :, None])
+        return np.pad(functions, [(0, 0)] * 3 + [(1, 0)])
 
     def shapes(self, weights: FloatArray, phases: FloatArray, highest: int) -> FloatArray:
         """Shape and derivatives up to the highest one, shape (highest + 1, n_steps, n_joints)."""
-        return np.array([self.shape(weights, phases, d) for d in range(highest + 1)])
-
-    def tables(self, phases: FloatArray, highest: int) -> FloatArray:
-        """All values and derivatives, shape (highest + 1, n_steps, n_joints, 1 + n_weights)."""
-        values = np.array([self.functions(phases, d) for d in range(highest + 1)])
-        return np.concatenate([np.zeros((*values.shape[:3], 1)), values], axis=3)
+        values = np.array([self._splines(phases, d) for d in range(highest + 1)])
+        return np.asarray(values @ np.reshape(weights, (self.n_joints, -1)).T)
 
 
-class SumBasis:
-    """The functions of two bases together, the second to correct what the first can't do.
+class SumBasis(Basis):
+    """The functions of two bases together; the second corrects the first.
 
     Parameters
     ----------
@@ -174,28 +146,17 @@ class SumBasis:
         correction = np.full(second.n_weights, usual_correction)
         self.scales = np.concatenate([first.scales, correction])
 
-    def functions(self, phases: FloatArray, derivative: int = 0) -> FloatArray:
-        """Values of all functions, shape (n_steps, n_joints, n_weights)."""
-        both = [basis.functions(phases, derivative) for basis in (self._first, self._second)]
-        return np.concatenate(both, axis=2)
-
-    def shape(self, weights: FloatArray, phases: FloatArray, derivative: int = 0) -> FloatArray:
-        """Values of the mean and the weighted functions, shape (n_steps, n_joints)."""
-        n = self._first.n_weights
-        first = self._first.shape(weights[:n], phases, derivative)
-        return np.asarray(first + self._second.shape(weights[n:], phases, derivative))
-
-    def shapes(self, weights: FloatArray, phases: FloatArray, highest: int) -> FloatArray:
-        """Shape and derivatives up to the highest one, shape (highest + 1, n_steps, n_joints)."""
-        n = self._first.n_weights
-        first = self._first.shapes(weights[:n], phases, highest)
-        return np.asarray(first + self._second.shapes(weights[n:], phases, highest))
-
     def tables(self, phases: FloatArray, highest: int) -> FloatArray:
         """All values and derivatives, shape (highest + 1, n_steps, n_joints, 1 + n_weights)."""
         first, second = (b.tables(phases, highest) for b in (self._first, self._second))
         mean = first[..., :1] + second[..., :1]
         return np.concatenate([mean, first[..., 1:], second[..., 1:]], axis=3)
+
+    def shapes(self, weights: FloatArray, phases: FloatArray, highest: int) -> FloatArray:
+        """Shape and derivatives up to the highest one, shape (highest + 1, n_steps, n_joints)."""
+        own, other = np.split(weights, [self._first.n_weights])
+        first = self._first.shapes(own, phases, highest)
+        return np.asarray(first + self._second.shapes(other, phases, highest))
 
 
 def legendre_values(
@@ -217,10 +178,7 @@ def legendre_values(
     values : array, shape (n_steps, ...)
         The series, or their derivatives, at the phases.
     """
-    degree = coefficients.shape[-1] - 1
-    table = _table(np.asarray(phases, dtype=np.float64).tobytes(), degree)
-    series = coefficients @ _differentiations(degree, derivative)[derivative]
-    return np.asarray(np.tensordot(table, series, axes=(1, -1)))
+    return np.asarray(legendre_derivatives(coefficients, phases, derivative)[derivative])
 
 
 def legendre_derivatives(coefficients: FloatArray, phases: FloatArray, highest: int) -> FloatArray:

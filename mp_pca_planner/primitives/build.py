@@ -1,10 +1,11 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Demonstrations → movement primitive."""
+"""Building of movement primitives from demonstrations."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,9 @@ from .pca import components_for_share, fit_components
 from .primitive import MovementPrimitive
 
 _DEFAULTS = PrimitiveOptions()
+
+# Motions of a smaller range [rad or m] are standstill with noise.
+_MIN_EXTENT = 1e-6
 
 
 def build_primitive(
@@ -64,7 +68,7 @@ def build_from_statistics(
     Parameters
     ----------
     statistics :
-        What is known of the demonstrations, made with the same options.
+        Statistics of the demonstrations, made with the same options.
     name, options, metadata :
         See :func:`build_primitive`.
 
@@ -73,37 +77,44 @@ def build_from_statistics(
     PrimitiveError
         If nothing moves.
     """
-    if statistics.stacked("extent").max() < 1e-6:
+    if statistics.stacked("extent").max() < _MIN_EXTENT:
         raise PrimitiveError(f"primitive '{name}' can't be built: no joint moves in any motion")
     shapes, remainders = statistics.stacked("shape"), statistics.stacked("shape_remainder")
     directions, explained_variance = _fit_directions(shapes, options)
     mean = shapes.mean(axis=0)
-    straight_weights = -_project(mean, directions)
-    weights = _project(shapes, directions) + straight_weights
+    weights = _project(shapes - mean, directions)
     left = shapes - mean - np.tensordot(weights, directions, axes=1)
-    states, durations = statistics.stacked("boundary_state"), statistics.stacked("duration")
     _, legendre_coefficients = shape_functions(options.degree, options.n_phases)
-    warps = statistics.stacked("warp")
-    # The functions of the shapes are even and odd in turn.
-    reversed_shapes = shapes * (-1.0) ** np.arange(shapes.shape[2])
-    model = ConditionalModel.fit(
-        np.column_stack([states[:, 0], states[:, 3], np.log(durations)]),
-        _project(shapes, directions),
-        _project(reversed_shapes, directions),
-        straight_weights,
-        fit_paces(warps),
-        [motion.label for motion in statistics.motions],
+    return MovementPrimitive(
+        name=name,
+        joint_names=statistics.joint_names,
+        coupling=options.coupling,
+        metadata=_facts(statistics, options) | dict(metadata or {}),
+        mean_coefficients=mean @ legendre_coefficients,
+        component_coefficients=directions @ legendre_coefficients,
+        explained_variance=explained_variance,
+        total_variance=_total_variance(shapes, remainders),
+        weights=weights,
+        boundary_states=statistics.stacked("boundary_state"),
+        durations=statistics.stacked("duration"),
+        warps=statistics.stacked("warp"),
+        fit_residual=np.sqrt((np.sum(left**2, axis=2) + remainders) / options.n_phases),
+        model=_fit_model(statistics, directions),
     )
-    facts = {
-        "options": {
-            "coupling": options.coupling,
-            "components": options.n_components,
-            "variance": options.variance,
-            "phases": options.n_phases,
-            "degree": options.degree,
-            "align": options.align,
-        },
-        "angle_variance_ratio": _angle_variance_ratio(statistics),
+
+
+def _facts(statistics: MotionStatistics, options: PrimitiveOptions) -> dict[str, Any]:
+    """Metadata of a primitive, of JSON types."""
+    angles = statistics.stacked("angles")
+    total = _total_variance(angles, statistics.stacked("angle_remainder"))
+    # Shares of the first four components of the joint angles over time: [P], Table 2.
+    shares = {
+        name: (fit_components(angles[:, joint]).explained_variance[:4] / total[joint]).tolist()
+        for joint, name in enumerate(statistics.joint_names)
+    }
+    return {
+        "options": {key.removeprefix("n_"): value for key, value in asdict(options).items()},
+        "angle_variance_ratio": shares,
         "demonstrations": [
             {
                 "recording": motion.recording,
@@ -115,21 +126,20 @@ def build_from_statistics(
             for motion in statistics.motions
         ],
     }
-    return MovementPrimitive(
-        name,
-        statistics.joint_names,
-        options.coupling,
-        {**facts, **(metadata or {})},
-        mean @ legendre_coefficients,
-        directions @ legendre_coefficients,
-        explained_variance,
-        _total_variance(shapes, remainders),
-        weights,
-        states,
-        durations,
-        warps,
-        np.sqrt((np.sum(left**2, axis=2) + remainders) / options.n_phases),
-        model,
+
+
+def _fit_model(statistics: MotionStatistics, directions: FloatArray) -> ConditionalModel:
+    """Regress the weights, time scalings and durations on the requests."""
+    shapes, states = statistics.stacked("shape"), statistics.stacked("boundary_state")
+    # The functions of the shapes are even and odd in turn.
+    reversed_shapes = shapes * (-1.0) ** np.arange(shapes.shape[2])
+    return ConditionalModel.fit(
+        np.column_stack([states[:, 0], states[:, 3], np.log(statistics.stacked("duration"))]),
+        _project(shapes, directions),
+        _project(reversed_shapes, directions),
+        -_project(shapes.mean(axis=0), directions),
+        fit_paces(statistics.stacked("warp")),
+        [motion.label for motion in statistics.motions],
     )
 
 
@@ -163,7 +173,7 @@ def _fit_directions(shapes: FloatArray, options: PrimitiveOptions) -> tuple[Floa
         block = slice(first, first + together)
         components = fit_components(samples[:, block].reshape(n, -1))
         kept = options.n_components or components_for_share(components, options.variance)
-        found = components.truncated(kept).components
+        found = components.components[:kept]
         directions.append(np.zeros((len(found), n_joints, n_functions)))
         directions[-1][:, block] = found.reshape(-1, together, options.n_phases) @ values
         variances.append(components.explained_variance[:kept])
@@ -182,13 +192,3 @@ def _total_variance(coefficients: FloatArray, remainders: FloatArray) -> FloatAr
     """
     squares = np.sum((coefficients - coefficients.mean(axis=0)) ** 2, axis=2) + remainders
     return np.asarray(squares.sum(axis=0) / max(len(squares) - 1, 1))
-
-
-def _angle_variance_ratio(statistics: MotionStatistics) -> dict[str, list[float]]:
-    """Shares of the first four components of the joint angles over time: [P], Table 2."""
-    angles = statistics.stacked("angles")
-    total = _total_variance(angles, statistics.stacked("angle_remainder"))
-    return {
-        name: (fit_components(angles[:, joint]).explained_variance[:4] / total[joint]).tolist()
-        for joint, name in enumerate(statistics.joint_names)
-    }

@@ -9,6 +9,7 @@ import io
 import json
 import zipfile
 from collections.abc import Mapping
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,9 @@ from ..arrays import FloatArray
 from ..exceptions import PrimitiveFileError
 from ..files import open_regular, reading, write_whole
 from ..json_content import check_form, load_json
+from .conditional_model import ConditionalModel
 from .primitive import MovementPrimitive
+from .primitive_values import ARRAY_SHAPES
 
 FORMAT_NAME = "mp_pca_planner/movement_primitive"
 FORMAT_VERSION = 1
@@ -100,15 +103,23 @@ def _primitive(arrays: dict[str, FloatArray], metadata: dict[str, Any]) -> Movem
             f"its format version is {version}, this release reads version {FORMAT_VERSION}: build "
             "it again"
         )
-    missing = [name for name in MovementPrimitive.ARRAYS if name not in arrays]
+    missing = [name for name in ARRAY_SHAPES if name not in arrays]
     if missing:
         raise PrimitiveFileError(f"it lacks the arrays {', '.join(missing)}")
     stated = metadata.pop("checksum", None)
     if stated != _checksum(arrays, metadata):
         raise PrimitiveFileError("its content does not match its checksum: it was damaged")
     check_form(metadata, _METADATA, "it")
-    primitive = MovementPrimitive.from_arrays(
-        metadata["name"], tuple(metadata["joint_names"]), metadata["coupling"], arrays, metadata
+    of_model = {field.name for field in fields(ConditionalModel)}
+    model = ConditionalModel(**{key: arrays[key] for key in of_model})
+    own = {key: arrays[key] for key in ARRAY_SHAPES if key not in of_model}
+    primitive = MovementPrimitive(
+        metadata["name"],
+        tuple(metadata["joint_names"]),
+        metadata["coupling"],
+        metadata,
+        **own,
+        model=model,
     )
     if len(metadata["demonstrations"]) != len(primitive.durations):
         raise PrimitiveFileError("its metadata must name each of its demonstrations")

@@ -1,10 +1,10 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""What a primitive needs to know of its demonstrations, in a few hundred numbers for each.
+"""Statistics of demonstrations: a few hundred numbers for each, enough to build a primitive.
 
 A recording is mapped to the :class:`MotionStatistics` of its demonstrations, and those of all
-recordings are merged. No samples are kept: a shape becomes its coefficients in the polynomials that
-carry the primitive.
+recordings are merged. Samples are not kept: a shape becomes its coefficients in the polynomials of
+the primitive.
 """
 
 from __future__ import annotations
@@ -24,9 +24,9 @@ from .basis import end_vanishing_coefficients, legendre_values
 from .boundary import boundary_values, hermite_functions
 from .options import PrimitiveOptions
 
-# Polynomials that stand for the joint angles over time: their first components, which are all that
-# is asked for, are much smoother.
-_N_ANGLE_FUNCTIONS = 31
+# Highest degree of the polynomials that stand for the joint angles over time; the first components,
+# which alone are reported, are much smoother.
+_ANGLE_DEGREE = 30
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +44,7 @@ class MotionSummary:
     extent : float
         Largest range of a joint [rad or m].
     boundary_state : array, shape (6, n_joints)
-        See :func:`aligned_boundary_state`.
+        q, q̇, q̈ at the start, then at the end.
     warp : array, shape (n_warp_phases,)
         See :func:`.align`.
     shape : array, shape (n_joints, n_functions)
@@ -74,14 +74,14 @@ class MotionSummary:
 
 @dataclass(frozen=True, eq=False)
 class MotionStatistics:
-    """Demonstrations, as far as a primitive needs them.
+    """Summaries of demonstrations of the same joints.
 
     Attributes
     ----------
     joint_names : tuple of str
         Their joints.
     motions : tuple of MotionSummary
-        What has to be known of each.
+        Summary of each.
     """
 
     joint_names: tuple[str, ...]
@@ -106,13 +106,7 @@ class MotionStatistics:
         PrimitiveError
             If they have different joints.
         """
-        for demonstration in demonstrations:
-            _check_joints(
-                demonstrations[0].joint_names,
-                demonstrations[0].recording,
-                demonstration.joint_names,
-                demonstration.recording,
-            )
+        _check_joints([(d.joint_names, d.recording) for d in demonstrations])
         warps = align(demonstrations, options.align)
         motions = (_summarise(d, w, options) for d, w in zip(demonstrations, warps, strict=True))
         return cls(demonstrations[0].joint_names, tuple(motions))
@@ -127,40 +121,13 @@ class MotionStatistics:
             If they have different joints.
         """
         ordered = list(parts)
-        first = ordered[0]
-        for part in ordered:
-            _check_joints(
-                first.joint_names,
-                first.motions[0].recording,
-                part.joint_names,
-                part.motions[0].recording,
-            )
-        return cls(first.joint_names, tuple(motion for part in ordered for motion in part.motions))
+        _check_joints([(x.joint_names, x.motions[0].recording) for x in ordered])
+        motions = tuple(motion for part in ordered for motion in part.motions)
+        return cls(ordered[0].joint_names, motions)
 
     def stacked(self, name: str) -> FloatArray:
         """An attribute of all motions, shape (n_demonstrations, ...)."""
         return np.array([getattr(motion, name) for motion in self.motions])
-
-
-def aligned_boundary_state(demonstration: Demonstration, method: str) -> FloatArray:
-    """q, q̇, q̈ of an aligned motion at the start and at the end, shape (6, n_joints).
-
-    Parameters
-    ----------
-    demonstration :
-        The motion.
-    method : {'linear', 'arc_length', 'dtw'}
-        How it is aligned. A re-timed motion counts as one from rest to rest.
-    """
-    series = (
-        demonstration.positions,
-        demonstration.velocities,
-        demonstration.accelerations,
-    )
-    state = np.array([x[end] for end in (0, -1) for x in series])
-    if method != "linear":
-        state[[1, 2, 4, 5]] = 0.0
-    return state
 
 
 @lru_cache(maxsize=8)
@@ -193,7 +160,7 @@ def shape_functions(degree: int, n_phases: int) -> tuple[FloatArray, FloatArray]
 @lru_cache(maxsize=8)
 def _angle_functions(n_phases: int) -> FloatArray:
     """Polynomials that are orthonormal on the phases, shape (n_phases, n_functions)."""
-    degree = min(n_phases, _N_ANGLE_FUNCTIONS) - 1
+    degree = min(n_phases - 1, _ANGLE_DEGREE)
     return np.linalg.qr(legendre.legvander(np.linspace(-1.0, 1.0, n_phases), degree))[0]
 
 
@@ -202,7 +169,10 @@ def _summarise(
 ) -> MotionSummary:
     phases = np.linspace(0.0, 1.0, options.n_phases)
     positions = aligned_positions(demonstration, warp, phases)
-    state = aligned_boundary_state(demonstration, options.align)
+    curves = (demonstration.positions, demonstration.velocities, demonstration.accelerations)
+    state = np.array([curve[end] for end in (0, -1) for curve in curves])
+    if options.align != "linear":
+        state[[1, 2, 4, 5]] = 0.0  # a re-timed motion counts as one from rest to rest
     duration = demonstration.duration
     boundary = boundary_values(tuple(state[:3]), tuple(state[3:]), duration)
     functions, _ = shape_functions(options.degree, options.n_phases)
@@ -234,11 +204,12 @@ def _project(curves: FloatArray, functions: FloatArray) -> tuple[FloatArray, Flo
     return coefficients, np.asarray(np.sum(rest**2, axis=0))
 
 
-def _check_joints(
-    first: tuple[str, ...], first_recording: str, other: tuple[str, ...], other_recording: str
-) -> None:
-    if other != first:
-        raise PrimitiveError(
-            f"the joints of '{other_recording}', {other}, "
-            f"are not those of '{first_recording}', {first}"
-        )
+def _check_joints(found: Sequence[tuple[tuple[str, ...], str]]) -> None:
+    """Refuse recordings, given with their joints, that have other joints than the first."""
+    first, first_recording = found[0]
+    for joint_names, recording in found:
+        if joint_names != first:
+            raise PrimitiveError(
+                f"the joints of '{recording}', {joint_names}, "
+                f"are not those of '{first_recording}', {first}"
+            )

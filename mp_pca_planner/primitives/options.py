@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from ..exceptions import PrimitiveError
 from .alignment import ALIGNMENTS
 from .basis import N_END_CONDITIONS
-from .primitive import COUPLINGS
+from .primitive_values import COUPLINGS
 
 
 @dataclass(frozen=True)

@@ -1,23 +1,23 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""The pace of a motion: at which aligned phase it is at which share of its duration.
+"""Time scaling of motions: the aligned phase σ(p) at each share p of the duration.
 
-Where demonstrations are aligned, path and timing are apart: components carry the path, and a pace
-σ(p), increasing from σ(0) = 0 to σ(1) = 1, the timing. With the logarithm of its rate as a
-polynomial, log σ'(p) = g(p) + constant, every g is a pace, so that paces can be averaged and
-regressed like any other data. This is a warp of few numbers, see :mod:`.alignment`.
+Where demonstrations are aligned, components carry the path and the time scaling, here called pace,
+carries the timing. It increases from σ(0) = 0 to σ(1) = 1. The logarithm of its rate is a
+polynomial, log σ'(p) = g(p) + constant: every g is valid, so paces can be averaged and regressed
+like any other data. A pace is a warp of few numbers, see :mod:`.alignment`.
 """
 
 from __future__ import annotations
 
-from functools import lru_cache
+from functools import lru_cache, partial
 
 import numpy as np
 from numpy.polynomial import legendre, polynomial
 
 from ..arrays import FloatArray
 from .alignment import aligned_phases
-from .basis import PolynomialBasis, legendre_derivatives, legendre_values
+from .basis import Basis, PolynomialBasis, legendre_derivatives, legendre_values
 
 PACE_DEGREE = 4
 """Degree of g: beyond 3 hardly any error on motions left out moves."""
@@ -54,6 +54,10 @@ def fit_paces(warps: FloatArray) -> FloatArray:
     paces : array, shape (n_demonstrations, PACE_DEGREE)
         Legendre coefficients of g, from the first degree on; all zero for an even warp.
     """
+    # Late, so that the node starts fast.
+    from scipy.integrate import cumulative_trapezoid
+
+    integral = partial(cumulative_trapezoid, x=_SHARES, axis=1, initial=0)
     is_even = np.all(warps == np.linspace(0.0, 1.0, warps.shape[1]), axis=1)
     targets = np.array([aligned_phases(warp, _SHARES) for warp in warps])
     functions = legendre.legvander(2.0 * _SHARES - 1.0, PACE_DEGREE)[:, 1:]
@@ -61,56 +65,48 @@ def fit_paces(warps: FloatArray) -> FloatArray:
     ridge = _PRICE * len(_SHARES) * np.eye(PACE_DEGREE)
     for _ in range(_N_STEPS):
         rates = np.exp(paces @ functions.T)
-        way = _integral(rates[:, :, None])
-        slopes = _integral(rates[:, :, None] * functions)
-        phases = way / way[:, -1:]
-        jacobian = (slopes - phases * slopes[:, -1:]) / way[:, -1:]
+        covered = integral(rates[:, :, None])
+        slopes = integral(rates[:, :, None] * functions)
+        phases = covered / covered[:, -1:]
+        jacobian = (slopes - phases * slopes[:, -1:]) / covered[:, -1:]
         transposed = jacobian.transpose(0, 2, 1)
         downhill = transposed @ (targets[:, :, None] - phases) - ridge @ paces[:, :, None]
         step = np.linalg.solve(transposed @ jacobian + ridge, downhill)[:, :, 0]
         paces = paces + np.clip(step, -_LONGEST_STEP, _LONGEST_STEP)
-    # To the last bit, so that a basis without a pace can be told.
+    # Exactly zero: such motions need no :class:`PacedBasis`.
     paces[is_even] = 0.0
     return paces
 
 
 def reversed_paces(paces: FloatArray) -> FloatArray:
-    """Paces of the same motions gone backwards, shape (n_demonstrations, n_pace)."""
+    """Paces of the same motions in reversed time, shape (n_demonstrations, n_pace)."""
     return np.asarray(paces * (-1.0) ** np.arange(1, paces.shape[1] + 1))
 
 
-def _integral(values: FloatArray) -> FloatArray:
-    """Trapezoidal integrals along the second axis, from 0 to each share."""
-    steps = (values[:, 1:] + values[:, :-1]) / (2.0 * (len(_SHARES) - 1))
-    start = np.zeros((len(values), 1, values.shape[2]))
-    return np.concatenate([start, np.cumsum(steps, axis=1)], axis=1)
+class PacedBasis(Basis):
+    """A basis for motions between two end points with a time scaling.
 
-
-class PacedBasis:
-    """A family of shapes between two end points, passed through at a pace.
-
-    A motion that goes the way q(s) = h(s) + μ(s) + Σ wₖ φₖ(s) from rest to rest at the aligned
+    A motion along the path q(s) = h(s) + μ(s) + Σ wₖ φₖ(s) from rest to rest at the aligned
     phase s = σ(p) is h(p) + [h(σ(p)) − h(p)] + μ(σ(p)) + Σ wₖ φₖ(σ(p)): linear in the weights, and
-    what it has beyond h(p) vanishes at both ends with two derivatives, as the compiler wants it.
+    all beyond h(p) vanishes at both ends with two derivatives, as the compiler needs it.
 
     Parameters
     ----------
     basis : PolynomialBasis
-        The family by aligned phase.
-    way : array, shape (n_joints,)
+        The basis by aligned phase.
+    displacement : array, shape (n_joints,)
         Goal minus start [rad or m].
     pace : array, shape (PACE_DEGREE,)
-        The pace, see :func:`fit_paces`; one that is more uneven than any that makes sense is
-        evened out.
+        The pace, see :func:`fit_paces`; a more uneven one than any of humans is scaled down.
     """
 
-    def __init__(self, basis: PolynomialBasis, way: FloatArray, pace: FloatArray) -> None:
-        # The way gone at an even pace, h less the start, is a polynomial like the mean shape.
-        going = way[:, None] * _minimum_jerk_series(basis.mean_coefficients.shape[1])
+    def __init__(self, basis: PolynomialBasis, displacement: FloatArray, pace: FloatArray) -> None:
+        # h less the start is a polynomial like the mean shape.
+        going = displacement[:, None] * _minimum_jerk_series(basis.mean_coefficients.shape[1])
         self._going = PolynomialBasis(
             basis.mean_coefficients + going, basis.component_coefficients, basis.scales
         )
-        self._way = way
+        self._displacement = displacement
         self.n_joints = basis.n_joints
         self.n_weights = basis.n_weights
         self.scales = basis.scales
@@ -125,14 +121,6 @@ class PacedBasis:
         values = legendre_values(self._series, phases, derivative)
         return np.asarray(np.clip(values, 0.0, 1.0)) if derivative == 0 else values
 
-    def functions(self, phases: FloatArray, derivative: int = 0) -> FloatArray:
-        """Values of φₖ(σ(p)) or a derivative, shape (n_steps, n_joints, n_weights)."""
-        return np.ascontiguousarray(self.tables(phases, derivative)[-1, :, :, 1:])
-
-    def shape(self, weights: FloatArray, phases: FloatArray, derivative: int = 0) -> FloatArray:
-        """Values of all but h(p), or a derivative by p, shape (n_steps, n_joints)."""
-        return np.asarray(self.shapes(weights, phases, derivative)[-1])
-
     def shapes(self, weights: FloatArray, phases: FloatArray, highest: int) -> FloatArray:
         """Shape and derivatives up to the highest one, shape (highest + 1, n_steps, n_joints)."""
         values = self._going.shapes(weights, self.aligned_phases(phases), highest)
@@ -145,7 +133,7 @@ class PacedBasis:
     def _by_phase(self, values: FloatArray, phases: FloatArray) -> FloatArray:
         """Derivatives by p of what is given with its derivatives by σ at σ(p).
 
-        The way gone at an even pace is taken off the first column.
+        The first column becomes relative to h(p).
         """
         highest = len(values) - 1
         if highest > 3:
@@ -154,13 +142,13 @@ class PacedBasis:
         found = legendre_derivatives(even_too, phases, highest)
         rates = found[:, :, :1, None]
         chained = np.array([_chained(values, rates, d) for d in range(highest + 1)])
-        chained[..., 0] -= found[:, :, 1:] * self._way
+        chained[..., 0] -= found[:, :, 1:] * self._displacement
         return chained
 
 
 @lru_cache(maxsize=16)
 def _minimum_jerk_series(n_coefficients: int) -> FloatArray:
-    """Legendre coefficients of 10s³ − 15s⁴ + 6s⁵, the share of the way that h has gone."""
+    """Legendre coefficients of 10s³ − 15s⁴ + 6s⁵, the minimum-jerk course from 0 to 1."""
     series = polynomial.Polynomial([0.0, 0.0, 0.0, 10.0, -15.0, 6.0])
     by_x = series(polynomial.Polynomial([0.5, 0.5]))
     found = np.zeros(n_coefficients)

@@ -49,10 +49,6 @@ class PrincipalComponents:
         """Weights of samples, [P] eq. (2) after centring, shape (n_samples, n_components)."""
         return np.asarray((samples - self.mean) @ self.components.T)
 
-    def inverse_transform(self, weights: FloatArray) -> FloatArray:
-        """Samples with the given weights, shape (n_samples, n_features)."""
-        return np.asarray(self.mean + weights @ self.components)
-
     def truncated(self, n_components: int) -> PrincipalComponents:
         """The first components only."""
         return PrincipalComponents(

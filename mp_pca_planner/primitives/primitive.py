@@ -4,53 +4,42 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, fields
-from typing import Any, ClassVar
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from html import escape
+from importlib import import_module
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from ..arrays import FloatArray, frozen_array, unique_names
-from ..exceptions import PrimitiveFileError
+from ..arrays import FloatArray
+from ..motion.trajectory import Trajectory
 from .alignment import aligned_phases
 from .basis import Basis, PolynomialBasis
 from .boundary import boundary_values, hermite_functions
-from .conditional_model import INVERSE_LENGTHS, ConditionalModel
-from .pace import PACE_DEGREE, PacedBasis
+from .conditional_model import ConditionalModel
+from .pace import PacedBasis
+from .prediction import drawn_motions, expected_motion
+from .primitive_values import ARRAY_SHAPES, freeze_values
+from .primitive_values import COUPLINGS as COUPLINGS
 
-COUPLINGS = ("joint", "arm")
-
-# Names stand for sizes that must agree.
-_SHAPES: dict[str, tuple[str | int, ...]] = {
-    "mean_coefficients": ("joints", "degrees"),
-    "component_coefficients": ("weights", "joints", "degrees"),
-    "explained_variance": ("weights",),
-    "total_variance": ("joints",),
-    "weights": ("demonstrations", "weights"),
-    "boundary_states": ("demonstrations", 6, "joints"),
-    "durations": ("demonstrations",),
-    "warps": ("demonstrations", "phases"),
-    "fit_residual": ("demonstrations", "joints"),
-    "requests": ("requests", "entries"),
-    "shape_coefficients": (len(INVERSE_LENGTHS), "fits", 2, "requests", "weights"),
-    "straight_weights": ("weights",),
-    "pace_coefficients": (len(INVERSE_LENGTHS), "fits", 2, "requests", "rates"),
-    "duration_coefficients": (len(INVERSE_LENGTHS), 1, 2, "requests", 1),
-    "weight_covariance": ("weights", "weights"),
-    "weight_precision": ("weights", "weights"),
-    "request_precision": ("entries", "entries"),
-}
+if TYPE_CHECKING:
+    from ..recordings.demonstration import Demonstration
 
 
-# Positions, coefficients and durations of motions [rad, m, s] are smaller; what is divided by small
-# variances need not be.
-_LARGEST_USUAL = 1e6
-_LARGEST = {"weight_precision": 1e15, "request_precision": 1e15}
+class DemonstrationSet(Protocol):
+    """A value that holds demonstrations, such as loaded recordings."""
+
+    @property
+    def demonstrations(self) -> Sequence[Demonstration]:
+        """The motions."""
 
 
 @dataclass(frozen=True, eq=False)
 class MovementPrimitive:
-    """A family of motions learned from demonstrations.
+    """A motion basis learned from demonstrations, with the statistics of their weights.
 
     A motion is q(s) = h(s) + μ(s) + Σ wₖ φₖ(s), see :mod:`.boundary` and :mod:`.basis`.
 
@@ -63,7 +52,7 @@ class MovementPrimitive:
     coupling : {'joint', 'arm'}
         Whether each component moves one joint ([P]) or all of them.
     metadata : mapping
-        What else is known, of JSON types: options, provenance, repairs.
+        More facts, of JSON types: options, provenance, repairs.
     mean_coefficients : array, shape (n_joints, degree + 1)
         Legendre coefficients of μ [rad or m].
     component_coefficients : array, shape (n_components, n_joints, degree + 1)
@@ -80,7 +69,7 @@ class MovementPrimitive:
     durations : array, shape (n_demonstrations,)
         Their durations [s].
     warps : array, shape (n_demonstrations, n_warp_phases)
-        Their own timing: shares of their durations at evenly spaced aligned phases, strictly
+        Timing of each: shares of its duration at evenly spaced aligned phases, strictly
         increasing from 0 to 1, see :mod:`.alignment`.
     fit_residual : array, shape (n_demonstrations, n_joints)
         RMS difference between each demonstration and its reproduction with its weights and
@@ -109,97 +98,77 @@ class MovementPrimitive:
     fit_residual: FloatArray
     model: ConditionalModel
 
-    ARRAYS: ClassVar[tuple[str, ...]] = tuple(_SHAPES)
-    """Names of all arrays, the model's included."""
+    def __post_init__(self) -> None:
+        freeze_values(self)
+
+    def __repr__(self) -> str:
+        return (
+            f"MovementPrimitive '{self.name}': {self.n_components} components of "
+            f"{len(self.durations)} demonstrations, {self.n_joints} joints, "
+            f"usually {np.median(self.durations):.3g} s"
+        )
+
+    def _repr_html_(self) -> str:
+        return f"<pre>{escape(repr(self))}</pre>"
 
     @classmethod
-    def from_arrays(
+    def fit(
         cls,
-        name: str,
-        joint_names: tuple[str, ...],
-        coupling: str,
-        arrays: Mapping[str, FloatArray],
-        metadata: Mapping[str, Any],
+        demonstrations: Sequence[Demonstration] | DemonstrationSet,
+        *,
+        name: str = "primitive",
+        coupling: str = "arm",
+        components: int | None = None,
+        align: str = "arc_length",
     ) -> MovementPrimitive:
-        """Make a primitive of its :attr:`ARRAYS`."""
-        of_model = {field.name for field in fields(ConditionalModel)}
-        model = ConditionalModel(**{k: v for k, v in arrays.items() if k in of_model})
-        own = {k: v for k, v in arrays.items() if k not in of_model}
-        return cls(name, joint_names, coupling, metadata, **own, model=model)
+        """Learn a primitive from demonstrations, or from a value that holds `demonstrations`.
 
-    def __post_init__(self) -> None:
-        if not isinstance(self.name, str) or not self.name:
-            raise PrimitiveFileError(
-                f"the name of a primitive must be a non-empty string: {self.name!r}"
-            )
-        text = "".join([self.name, *self.joint_names])
-        if any("\ud800" <= letter <= "\udfff" for letter in text):
-            raise PrimitiveFileError(f"the names of primitive '{self.name}' must be valid Unicode")
-        if self.coupling not in COUPLINGS:
-            raise PrimitiveFileError(
-                f"the coupling of primitive '{self.name}' is {self.coupling!r}, "
-                f"not one of {COUPLINGS}"
-            )
-        names = unique_names(self.joint_names, f"joints of '{self.name}'", PrimitiveFileError)
-        object.__setattr__(self, "joint_names", names)
-        object.__setattr__(self, "metadata", dict(self.metadata))
-        self._freeze_arrays()
-        self._check_values()
+        The other options are those of :class:`.PrimitiveOptions`; `components` is its
+        `n_components`. :func:`.build_primitive` accepts all of them.
 
-    def _freeze_arrays(self) -> None:
-        """Make the arrays read-only, once their shapes agree."""
-        n = len(self.joint_names)
-        sizes: dict[str | int, int] = {"joints": n, "entries": 2 * n + 1, "rates": PACE_DEGREE}
-        for array, shape in _SHAPES.items():
-            owner = self if hasattr(self, array) else self.model
-            frozen = frozen_array(
-                getattr(owner, array),
-                tuple(x if isinstance(x, int) else sizes.get(x) for x in shape),
-                f"array '{array}' of '{self.name}'",
-                PrimitiveFileError,
-            )
-            if np.abs(frozen).max(initial=0.0) > _LARGEST.get(array, _LARGEST_USUAL):
-                raise PrimitiveFileError(
-                    f"array '{array}' of '{self.name}' holds numbers that are too large for motions"
-                )
-            sizes |= dict(zip(shape, frozen.shape, strict=True))
-            object.__setattr__(owner, array, frozen)
+        Raises
+        ------
+        PrimitiveError
+            If there is no demonstration, their joints differ, nothing moves, or an option is
+            out of its range.
+        """
+        from .build import PrimitiveOptions, build_primitive
 
-    def _check_values(self) -> None:
-        """Refuse arrays of values that make no sense."""
-        sizes = (
-            len(self.durations),
-            len(self.model.requests),
-            self.model.shape_coefficients.shape[1],
-        )
-        if 0 in sizes or np.any(self.durations <= 0.0):
-            raise PrimitiveFileError(
-                f"primitive '{self.name}' needs demonstrations that last > 0 s"
-            )
-        if np.any(self.explained_variance <= 0.0) or np.any(self.total_variance < 0.0):
-            raise PrimitiveFileError(
-                f"primitive '{self.name}' holds a variance that is not positive"
-            )
-        model = self.model
-        for matrix in (model.weight_covariance, model.weight_precision, model.request_precision):
-            try:
-                np.linalg.cholesky(matrix)
-            except np.linalg.LinAlgError:
-                raise PrimitiveFileError(
-                    f"primitive '{self.name}' holds a covariance that is not positive definite"
-                ) from None
-        if self.explained_variance.sum() > (1.0 + 1e-6) * self.total_variance.sum():
-            raise PrimitiveFileError(
-                f"the components of primitive '{self.name}' explain more than all variance"
-            )
-        if (
-            self.warps.shape[1] < 2
-            or np.any(self.warps[:, [0, -1]] != (0.0, 1.0))
-            or np.any(np.diff(self.warps, axis=1) <= 0.0)
-        ):
-            raise PrimitiveFileError(
-                f"the warps of primitive '{self.name}' must increase from 0 to 1"
-            )
+        options = PrimitiveOptions(coupling=coupling, n_components=components, align=align)
+        if not isinstance(demonstrations, Sequence):
+            demonstrations = demonstrations.demonstrations
+        return build_primitive(demonstrations, name, options)
+
+    def predict(
+        self, start: ArrayLike, goal: ArrayLike, duration: float | None = None
+    ) -> Trajectory:
+        """The expected motion from rest to rest, without regard to limits.
+
+        See :func:`.expected_motion`.
+        """
+        return expected_motion(self, start, goal, duration)
+
+    def sample(self, n: int, start: ArrayLike, goal: ArrayLike, seed: int = 0) -> list[Trajectory]:
+        """Draw motions from the conditional distribution, see :func:`.drawn_motions`."""
+        return drawn_motions(self, n, start, goal, seed)
+
+    def save(self, path: str | Path, *, overwrite: bool = False) -> None:
+        """Write the primitive to a file, see :func:`.save_primitive`."""
+        from .file import save_primitive
+
+        save_primitive(self, path, overwrite=overwrite)
+
+    @classmethod
+    def load(cls, path: str | Path) -> MovementPrimitive:
+        """Read a primitive from a file, see :func:`.load_primitive`."""
+        from .file import load_primitive
+
+        return load_primitive(path)
+
+    def plot(self, axes: Any = None) -> Any:
+        """Draw the mean shape and the components on Matplotlib Axes; return these."""
+        figures = import_module("..plotting.figures", __package__)
+        return figures.plot_primitive(self, axes)
 
     @property
     def n_joints(self) -> int:
@@ -218,24 +187,14 @@ class MovementPrimitive:
 
     @property
     def basis(self) -> PolynomialBasis:
-        """The basis functions for the motion compiler."""
+        """The basis functions by aligned phase."""
         return PolynomialBasis(
             self.mean_coefficients, self.component_coefficients, np.sqrt(self.explained_variance)
         )
 
     def paced_basis(self, start: FloatArray, goal: FloatArray, pace: FloatArray) -> Basis:
-        """The basis functions for a motion between two positions at a pace.
-
-        Parameters
-        ----------
-        start, goal : array, shape (n_joints,)
-            Positions [rad or m].
-        pace : array, shape (n_pace,)
-            See :class:`.PacedBasis`.
-        """
-        if not np.any(pace):
-            return self.basis
-        return PacedBasis(self.basis, goal - start, pace)
+        """The basis for motions between two positions, shape (n_joints,), at a time scaling."""
+        return PacedBasis(self.basis, goal - start, pace) if np.any(pace) else self.basis
 
     @property
     def joint_of_component(self) -> tuple[int, ...]:
@@ -255,19 +214,14 @@ class MovementPrimitive:
         return shares
 
     def reproduction(self, demonstration: int, times: FloatArray) -> FloatArray:
-        """A demonstration as its weights give it back, with its own timing.
+        """Positions of a demonstration as its weights and its own timing reproduce it.
 
         Parameters
         ----------
         demonstration : int
-            Which one.
+            Index of the demonstration.
         times : array, shape (n_steps,)
             Times from 0 to its duration [s].
-
-        Returns
-        -------
-        positions : array, shape (n_steps, n_joints)
-            Joint positions [rad or m].
         """
         duration = float(self.durations[demonstration])
         phases = aligned_phases(self.warps[demonstration], times / duration)
@@ -280,4 +234,4 @@ class MovementPrimitive:
 
     def arrays(self) -> dict[str, FloatArray]:
         """The arrays that make up the primitive, by name."""
-        return {k: getattr(self if hasattr(self, k) else self.model, k) for k in self.ARRAYS}
+        return {k: getattr(self if hasattr(self, k) else self.model, k) for k in ARRAY_SHAPES}

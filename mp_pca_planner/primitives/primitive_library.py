@@ -34,21 +34,18 @@ def load_primitives(paths: Sequence[str | Path]) -> tuple[MovementPrimitive, ...
         files += found
     if not files:
         raise PrimitiveError("no primitive file was named")
-    primitives: dict[str, MovementPrimitive] = {}
+    primitives = [load_primitive(file) for file in files]
     origin: dict[str, Path] = {}
-    for file in files:
-        primitive = load_primitive(file)
-        if primitive.name in primitives:
+    for file, primitive in zip(files, primitives, strict=True):
+        other = origin.setdefault(primitive.name, file)
+        if other is not file:
             raise PrimitiveError(
-                f"'{file}' and '{origin[primitive.name]}' both hold a primitive called "
-                f"'{primitive.name}': build one of them again with another --name"
+                f"'{file}' and '{other}' both hold a primitive called '{primitive.name}': build "
+                "one of them again with another --name"
             )
-        primitives[primitive.name], origin[primitive.name] = primitive, file
-    first = next(iter(primitives.values()))
-    for primitive in primitives.values():
-        if primitive.joint_names != first.joint_names:
+        if primitive.joint_names != primitives[0].joint_names:
             raise PrimitiveError(
-                f"'{origin[primitive.name]}' moves {primitive.joint_names}, but "
-                f"'{origin[first.name]}' moves {first.joint_names}: use them apart"
+                f"'{file}' moves {primitive.joint_names}, but '{files[0]}' moves "
+                f"{primitives[0].joint_names}: they can't be used together"
             )
-    return tuple(primitives.values())
+    return tuple(primitives)

@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""A folder of primitive files that keeps what was in it, and who changed it.
+"""A folder of primitive files with all earlier versions and a journal of changes.
 
     library/NAME.npz                 the primitives in use; any reader takes these
     library/.versions/NAME/0001.npz  every version of each, never changed
@@ -8,8 +8,8 @@
 
 A change is made under a lock, so that several processes may change a library at once. Its files
 are stored beside their places first; then the version, the file in use and the journal take their
-names, each in one step. The journal decides: if a process was killed in between, its change was not
-made, and the next change puts the files in use back first. Reading the history changes nothing.
+names, each in one step. The journal decides: a change that is not in it was not made, and the next
+change restores the files in use first. Reading the history changes nothing.
 """
 
 from __future__ import annotations
@@ -17,11 +17,11 @@ from __future__ import annotations
 import getpass
 import json
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
-from itertools import count, islice
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -59,21 +59,21 @@ class Change:
     Attributes
     ----------
     action : {'add', 'retire', 'rollback'}
-        What was done.
+        Kind of change.
     name : str
         Name of the primitive.
     version : int or None
         The version in use afterwards; None: none.
     time : str
-        When, UTC.
+        Time of the change, UTC.
     author : str
-        Who.
+        User and host.
     package_version : str
-        With which release.
+        Release that made the change.
     provenance : mapping
-        From what: the recordings of the demonstrations, or the primitive it was refined from.
+        The recordings of the demonstrations, or the primitive it was refined from.
     note : str
-        Why, in the author's words.
+        Reason, in the author's words.
     """
 
     action: str
@@ -115,26 +115,8 @@ class VersionedLibrary:
                 lines = read_text(self._journal, MAX_JOURNAL_BYTES).splitlines()
             except (FileNotFoundError, NotADirectoryError):
                 return ()
-        return tuple(self._change(number, line) for number, line in enumerate(lines, start=1))
-
-    def _change(self, number: int, line: str) -> Change:
-        """What a line of the journal says."""
-        where = f"line {number} of '{self._journal}'"
-        try:
-            with reading(where, PrimitiveError):
-                content = load_json(line)
-                check_form(content, _LINE, "it")
-                change = Change(**content)
-                check_name(change.name)
-                version_fits = (change.version is None) == (change.action == RETIRE)
-                if change.action not in (ADD, RETIRE, ROLLBACK) or not version_fits:
-                    raise ValueError(f"there is no '{change.action}' to version {change.version}")
-                return change
-        except PrimitiveError as error:
-            raise PrimitiveError(
-                f"{where} is damaged ({error}): restore the journal from a copy, or delete the "
-                "line if the change that it stood for may be forgotten"
-            ) from None
+        numbered = enumerate(lines, start=1)
+        return tuple(_parsed(line, f"line {i} of '{self._journal}'") for i, line in numbered)
 
     def in_use(self) -> dict[str, int]:
         """Version of each primitive that is in use, by name."""
@@ -142,7 +124,7 @@ class VersionedLibrary:
         return {name: version for name, version in latest.items() if version is not None}
 
     def add(self, primitive: MovementPrimitive, note: str = "") -> Change:
-        """Put a primitive into use; one of the same name is replaced, and kept.
+        """Put a primitive into use; an earlier one of the same name is kept as a version.
 
         Raises
         ------
@@ -153,12 +135,8 @@ class VersionedLibrary:
         check_name(name)
         with self._locked():
             self._check_joints(primitive)
-            changes, files = self._adopted(name)
-            version = self._free_version(name, len(files))
-            content = primitive_bytes(primitive)
-            files[self._file_of(name, version)] = files[self._file_in_use(name)] = content
-            changes.append(_change_now(ADD, name, version, _provenance(primitive), note))
-            return self._make(changes, files)
+            self._adopt(name)
+            return self._add(primitive, note)
 
     def retire(self, name: str, note: str = "") -> Change:
         """Take a primitive out of use; its versions are kept.
@@ -169,11 +147,11 @@ class VersionedLibrary:
             If none of this name is in use.
         """
         with self._locked():
-            changes, files = self._adopted(name)
-            if not changes and name not in self.in_use():
+            self._adopt(name)
+            if name not in self.in_use():
                 raise PrimitiveError(unknown_name("primitive in use", name, self.in_use()))
-            files[self._file_in_use(name)] = None
-            return self._make([*changes, _change_now(RETIRE, name, None, {}, note)], files)
+            change = _change_now(RETIRE, name, None, {}, note)
+            return self._make(change, {self._file_in_use(name): None})
 
     def roll_back(self, name: str, version: int | None = None, note: str = "") -> Change:
         """Put an earlier version of a primitive into use again.
@@ -183,9 +161,9 @@ class VersionedLibrary:
         name : str
             Name of the primitive.
         version : int, optional
-            Which; the one that was in use before the present one unless given.
+            The version; the one that was in use before the present one unless given.
         note : str
-            Why.
+            Reason of the change.
 
         Raises
         ------
@@ -193,9 +171,10 @@ class VersionedLibrary:
             If there is no such version.
         """
         with self._locked():
-            used = [c.version for c in self.history() if c.name == name]
+            history = self.history()
+            used = [change.version for change in history if change.name == name]
             if not used:
-                names = sorted({c.name for c in self.history()})
+                names = sorted({change.name for change in history})
                 raise PrimitiveError(unknown_name("primitive of the library", name, names))
             if version is None:
                 before = [v for v in used[:-1] if v is not None and v != used[-1]]
@@ -207,7 +186,7 @@ class VersionedLibrary:
                 raise PrimitiveError(f"'{name}' has no version {version}; it has {valid}")
             primitive = load_primitive(self._file_of(name, version))
             change = _change_now(ROLLBACK, name, version, _provenance(primitive), note)
-            return self._make([change], {self._file_in_use(name): self._content(name, version)})
+            return self._make(change, {self._file_in_use(name): self._content(name, version)})
 
     def _file_of(self, name: str, version: int) -> Path:
         return self._versions / name / f"{version:04}.npz"
@@ -229,54 +208,51 @@ class VersionedLibrary:
                     f"library moves {other.joint_names}: use another library"
                 )
 
-    def _adopted(self, name: str) -> tuple[list[Change], dict[Path, bytes | None]]:
-        """Keep a file that somebody put into the folder by hand before it is replaced."""
+    def _adopt(self, name: str) -> None:
+        """Keep a file that was copied into the folder as a version before it is replaced."""
         file = self._file_in_use(name)
-        if name in self.in_use() or not file.exists():
-            return [], {}
-        found, version = load_primitive(file), self._free_version(name)
-        note = "was in the folder already"
-        change = _change_now(ADD, name, version, _provenance(found), note)
-        return [change], {self._file_of(name, version): primitive_bytes(found)}
+        if name not in self.in_use() and file.exists():
+            self._add(load_primitive(file), "was in the folder already", name)
 
-    def _free_version(self, name: str, n_before: int = 0) -> int:
-        """A version that no line of the journal and no file has, the `n_before`-next one."""
-        used = [c.version for c in self.history() if c.name == name and c.version is not None]
-        versions = count(max(used, default=0) + 1)
-        # A version that no line of the journal names was left by a process that was killed.
-        free = (v for v in versions if not self._file_of(name, v).exists())
-        return next(islice(free, n_before, None))
+    def _add(self, primitive: MovementPrimitive, note: str, name: str = "") -> Change:
+        name, content = name or primitive.name, primitive_bytes(primitive)
+        known = [c.version or 0 for c in self.history() if c.name == name]
+        # A version that the journal does not name was left by a process that was killed.
+        free = (v for v in count(max(known, default=0) + 1) if not self._file_of(name, v).exists())
+        version = next(free)
+        change = _change_now(ADD, name, version, _provenance(primitive), note)
+        files = {self._file_of(name, version): content, self._file_in_use(name): content}
+        return self._make(change, files)
 
-    def _make(self, changes: Sequence[Change], files: Mapping[Path, bytes | None]) -> Change:
-        """Make changes as a whole: their files, then their lines of the journal."""
+    def _make(self, change: Change, files: Mapping[Path, bytes | None]) -> Change:
+        """Make a change as a whole: its files, then its line of the journal."""
         before = self._journal.read_bytes() if self._journal.exists() else b""
-        lines = [json.dumps(asdict(change), sort_keys=True).encode() + b"\n" for change in changes]
-        journal = before + b"".join(lines)
+        journal = before + json.dumps(asdict(change), sort_keys=True).encode() + b"\n"
         if len(journal) > MAX_JOURNAL_BYTES:
             raise PrimitiveError(f"the journal '{self._journal}' is full: use another library")
-        folder = self._versions / changes[-1].name
+        folder = self._versions / change.name
         folder.mkdir(parents=True, exist_ok=True)
         try:
-            write_together({**self._put_back(), **files, self._journal: journal}, overwrite=True)
+            write_together({**self._restored(), **files, self._journal: journal}, overwrite=True)
         except PlannerError:
             with suppress(OSError):
                 folder.rmdir()  # if this change made it
             raise
-        return changes[-1]
+        return change
 
-    def _put_back(self) -> dict[Path, bytes | None]:
-        """Files in use that differ from those that the journal names, with what they must be."""
+    def _restored(self) -> dict[Path, bytes | None]:
+        """Files in use that differ from those of the journal, with the content of the latter."""
         files: dict[Path, bytes | None] = {}
         for name, version in {c.name: c.version for c in self.history()}.items():
             file = self._file_in_use(name)
             expected = None if version is None else self._content(name, version)
-            if _present(file, MAX_BYTES) != expected:
+            if _present(file) != expected:
                 files[file] = expected
         return files
 
     @contextmanager
     def _locked(self) -> Iterator[None]:
-        """Keep other processes from changing the library; a process that dies lets go."""
+        """Hold the lock of the library, which ends with the process."""
         try:
             from filelock import FileLock, Timeout
         except ModuleNotFoundError:
@@ -296,21 +272,40 @@ class VersionedLibrary:
             ) from None
 
 
-def _present(file: Path, max_bytes: int) -> bytes | None:
-    """The content of a file, if there is one that can be read."""
+def _parsed(line: str, where: str) -> Change:
+    """The change that a line of the journal describes."""
     try:
-        return read_bytes(file, max_bytes)
+        with reading(where, PrimitiveError):
+            content = load_json(line)
+            check_form(content, _LINE, "it")
+            change = Change(**content)
+            check_name(change.name)
+            version_fits = (change.version is None) == (change.action == RETIRE)
+            if change.action not in (ADD, RETIRE, ROLLBACK) or not version_fits:
+                raise ValueError(f"there is no '{change.action}' to version {change.version}")
+            return change
+    except PrimitiveError as error:
+        raise PrimitiveError(
+            f"{where} is damaged ({error}): restore the journal from a copy, or delete the line if "
+            "its change may be lost"
+        ) from None
+
+
+def _present(file: Path) -> bytes | None:
+    """The content of a file, None if it can't be read."""
+    try:
+        return read_bytes(file, MAX_BYTES)
     except (OSError, ValueError):
         return None
 
 
 def check_name(name: str) -> None:
-    """Refuse a name that can't be that of a file in a folder.
+    """Refuse a name that no file in a folder can have.
 
     Raises
     ------
     PrimitiveError
-        If it is such a name.
+        If the name is empty, hidden, too long, or holds a slash or a NUL.
     """
     try:
         length = len(name.encode())

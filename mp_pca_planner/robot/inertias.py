@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Inertias of moving bodies: which of them no rigid body can have.
+"""Validity of the inertias of moving bodies.
 
 A body is what one joint carries up to the next ones, with everything that is fixed to it. So a
 frame without mass at the end of an arm needs none, and a link without mass or shape between the
@@ -31,14 +31,14 @@ def inertia_flaws(model: Any, description: Description) -> tuple[dict[str, str],
     model : pinocchio.Model
         The model of the joints that move.
     description : Description
-        What it was made of.
+        The description that it was built from.
 
     Returns
     -------
     flaws : dict of str to str
-        What is wrong by the name of the link.
+        What is wrong with each link that has no valid inertia.
     unknown : list of int
-        The joints whose efforts can't be computed, for their bodies' inertia is not known.
+        Joints whose efforts can't be computed, because the inertia of their body is unknown.
     """
     flaws: dict[str, str] = {}
     unknown, solid = set(), set()
@@ -79,5 +79,5 @@ def _flaw(inertia: Any) -> str:
 
 
 def joint_of(frame: Any) -> int:
-    """The joint that moves a frame, by the name that Pinocchio's release has for it."""
+    """The joint that moves a frame; releases of Pinocchio name the attribute differently."""
     return int(frame.parentJoint if hasattr(frame, "parentJoint") else frame.parent)

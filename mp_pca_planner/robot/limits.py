@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Joint limits: from the URDF, from a file like MoveIt's joint_limits.yaml, from parameters."""
+"""Joint limits of a URDF, of files like MoveIt's joint_limits.yaml, and of parameters."""
 
 from __future__ import annotations
 
@@ -15,21 +15,20 @@ from ..arrays import FloatArray, unique_names
 from ..exceptions import LimitsError, unknown_name
 from ..files import MAX_YAML_BYTES, load_yaml, read_text, reading
 
-# Keys of one joint in a limits file; those of MoveIt, and min/max_effort's kin.
-LIMIT_KEYS = (
-    "min_position",
-    "max_position",
-    "max_velocity",
-    "max_acceleration",
-    "max_jerk",
-    "max_effort",
-)
-_SWITCHES = {
-    "has_position_limits": ("min_position", "max_position"),
-    "has_velocity_limits": ("max_velocity",),
-    "has_acceleration_limits": ("max_acceleration",),
-    "has_jerk_limits": ("max_jerk",),
-    "has_effort_limits": ("max_effort",),
+_KEYS = {
+    "lower": "min_position",
+    "upper": "max_position",
+    "velocity": "max_velocity",
+    "acceleration": "max_acceleration",
+    "jerk": "max_jerk",
+    "effort": "max_effort",
+}
+LIMIT_KEYS = tuple(_KEYS.values())
+"""Keys of one joint in a limits file: those of MoveIt, max_jerk and max_effort."""
+
+_QUANTITIES = {
+    f"has_{quantity}_limits": quantity
+    for quantity in ("position", "velocity", "acceleration", "jerk", "effort")
 }
 
 Overrides = Mapping[str, Mapping[str, float]]
@@ -38,7 +37,7 @@ Overrides = Mapping[str, Mapping[str, float]]
 
 @dataclass(frozen=True, eq=False)
 class JointLimits:
-    """What a motion must keep to, joint by joint; infinite where there is no limit.
+    """Limits of motions by joint; infinite where there is no limit.
 
     Attributes
     ----------
@@ -69,21 +68,13 @@ class JointLimits:
         self, joint_names: Sequence[str], limits: Overrides, *, source: str = "limits"
     ) -> None:
         names = unique_names(joint_names, source, LimitsError)
-        columns = {
-            "lower": ("min_position", -np.inf),
-            "upper": ("max_position", np.inf),
-            "velocity": ("max_velocity", np.inf),
-            "acceleration": ("max_acceleration", np.inf),
-            "jerk": ("max_jerk", np.inf),
-            "effort": ("max_effort", np.inf),
-        }
         object.__setattr__(self, "joint_names", names)
-        for field, (key, absent) in columns.items():
-            values = np.array([limits.get(name, {}).get(key, absent) for name in names], float)
+        for field, key in _KEYS.items():
+            values = np.array([limits.get(name, {}).get(key, _absent(key)) for name in names])
             for name, value in zip(names, values, strict=True):
                 _check_limit(name, key, value, source)
-            values.setflags(write=False)
             object.__setattr__(self, field, values)
+            values.setflags(write=False)
         for name, low, high in zip(names, self.lower, self.upper, strict=True):
             if not low < high:
                 raise LimitsError(
@@ -92,17 +83,21 @@ class JointLimits:
                 )
 
 
+def _absent(key: str) -> float:
+    return -np.inf if key == "min_position" else np.inf
+
+
 def _check_limit(name: str, key: str, value: float, source: str) -> None:
     if np.isnan(value) or (not key.endswith("position") and value <= 0.0):
-        wanted = "a number" if key.endswith("position") else "a positive number"
+        expected = "a number" if key.endswith("position") else "a positive number"
         raise LimitsError(
-            f"{source}: {key} of joint '{name}' is {value:g}, but it must be {wanted} "
+            f"{source}: {key} of joint '{name}' is {value:g}, but it must be {expected} "
             "(set it in a limits file or by a parameter; .inf means no limit)"
         )
 
 
 def merge_limits(*layers: Overrides) -> dict[str, dict[str, float]]:
-    """Lay limits over one another, joint by joint and key by key; later ones win."""
+    """Merge limits joint by joint and key by key; later ones replace earlier ones."""
     merged: dict[str, dict[str, float]] = {}
     for layer in layers:
         for name, values in layer.items():
@@ -118,7 +113,7 @@ def read_limits_file(path: str | Path, joint_names: Sequence[str]) -> dict[str, 
     path :
         A YAML file with a mapping ``joint_limits: {joint: {max_velocity: …}}``, MoveIt's
         ``has_…_limits`` switches included; ``max_effort`` and ``max_jerk`` are accepted too.
-        Its default scaling factors are what MoveIt asks for, no limits: they are not applied.
+        MoveIt's default scaling factors are no limits: they are not applied.
     joint_names :
         Joints of the robot; an entry for another one is refused.
 
@@ -130,7 +125,7 @@ def read_limits_file(path: str | Path, joint_names: Sequence[str]) -> dict[str, 
     Raises
     ------
     LimitsError
-        If the file can't be read or says something else than limits.
+        If the file can't be read or holds something else than limits.
     """
     where = f"limits file '{path}'"
     with reading(where, LimitsError):
@@ -157,20 +152,18 @@ def _read_entry(name: str, entry: Any, where: str) -> dict[str, float]:
         raise LimitsError(f"{where}: joint '{name}' must be a mapping of limits, got {entry!r:.40}")
     values: dict[str, float] = {}
     for key, value in entry.items():
-        if key in _SWITCHES:
-            if not isinstance(value, bool):
-                raise LimitsError(f"{where}: {key} of joint '{name}' must be true or false")
-        elif key in LIMIT_KEYS:
+        what = f"{where}: {key} of joint '{name}'"
+        if key in LIMIT_KEYS:
             if isinstance(value, bool) or not isinstance(value, int | float):
-                raise LimitsError(
-                    f"{where}: {key} of joint '{name}' is {value!r:.40}, not a number"
-                )
+                raise LimitsError(f"{what} is {value!r:.40}, not a number")
             values[key] = float(value)
             _check_limit(name, key, values[key], where)
-        else:
-            valid = (*LIMIT_KEYS, *_SWITCHES)
+        elif key not in _QUANTITIES:
+            valid = (*LIMIT_KEYS, *_QUANTITIES)
             raise LimitsError(f"{where}: joint '{name}': {unknown_name('limit', str(key), valid)}")
-    for switch, keys in _SWITCHES.items():
+        elif not isinstance(value, bool):
+            raise LimitsError(f"{what} must be true or false")
+    for switch, quantity in _QUANTITIES.items():
         if entry.get(switch) is False:
-            values.update({key: -np.inf if key == "min_position" else np.inf for key in keys})
+            values |= {key: _absent(key) for key in LIMIT_KEYS if key.endswith(quantity)}
     return values

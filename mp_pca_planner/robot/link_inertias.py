@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Masses and principal moments of inertia of a robot's links, apart.
+"""Masses and principal moments of inertia of each link of a robot.
 
 Pinocchio keeps one inertia per joint, into which links behind fixed and locked joints are merged.
 The dynamics are linear in the ten inertial parameters of a joint, and so in those of each link.
@@ -9,7 +9,7 @@ The dynamics are linear in the ten inertial parameters of a joint, and so in tho
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,14 +17,12 @@ import numpy as np
 import pinocchio as pin
 
 from ..arrays import FloatArray
-
-N_PARTS = 4
-"""The mass of a link, and its three principal moments of inertia about its centre of mass."""
+from .inertias import joint_of
 
 
 @dataclass(frozen=True, eq=False)
 class LinkInertias:
-    """What each link adds to the inertia of the joint that carries it.
+    """Contribution of each link to the inertia of the joint that carries it.
 
     Attributes
     ----------
@@ -42,23 +40,20 @@ class LinkInertias:
     parts: FloatArray
 
     @classmethod
-    def of(cls, description: str, model: Any) -> LinkInertias:
-        """Read the links of a robot description that a model is built from."""
+    def of(cls, inertials: Mapping[str, ET.Element], model: Any) -> LinkInertias:
+        """Place the <inertial> elements of links, given by link, in a model of the same robot."""
         links, joints, parts = [], [], []
-        for link in ET.fromstring(description).findall("link"):
-            name = link.get("name", "")
-            inertial = link.find("inertial")
-            if inertial is None or not model.existFrame(name, pin.FrameType.BODY):
+        for name, inertial in inertials.items():
+            if not model.existFrame(name, pin.FrameType.BODY):
                 continue
             frame = model.frames[model.getFrameId(name, pin.FrameType.BODY)]
-            joint = frame.parentJoint if hasattr(frame, "parentJoint") else frame.parent
-            if joint == 0:
+            if joint_of(frame) == 0:
                 continue
             placed = [frame.placement.act(part) for part in _parts(inertial)]
             links.append(name)
-            joints.append(int(joint))
+            joints.append(joint_of(frame))
             parts.append([part.toDynamicParameters() for part in placed])
-        array = np.array(parts, dtype=np.float64).reshape(-1, N_PARTS, 10)
+        array = np.array(parts, dtype=np.float64).reshape(-1, 4, 10)
         return cls(tuple(links), tuple(joints), array)
 
     def change(self, model: Any, factors: FloatArray) -> None:

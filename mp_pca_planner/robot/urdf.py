@@ -1,10 +1,10 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Robot descriptions (URDF): what is read of them, checked before Pinocchio parses it.
+"""Robot descriptions (URDF), read once and checked before Pinocchio parses them.
 
-urdfdom, the parser behind Pinocchio, writes to stderr what it does not understand, leaves that out
-and goes on. So Pinocchio gets a copy that holds only links with their inertials and collision
-shapes, and joints, all numbers of which have been parsed here.
+urdfdom, the parser behind Pinocchio, reports errors on stderr and continues without the part. So
+Pinocchio gets a copy that holds only joints and links with their inertials and collision shapes,
+all numbers of which have been checked here.
 """
 
 from __future__ import annotations
@@ -20,15 +20,15 @@ from ..exceptions import RobotError, quote_names, unknown_name
 from ..files import MAX_TEXT_BYTES
 
 MAX_LINKS = 2000
-"""Most links of a robot; far longer chains than that overflow the stack of Pinocchio's parser."""
+"""Most links of a robot; far longer chains overflow the stack of Pinocchio's parser."""
 MAX_MOVABLE_JOINTS = 200
 """Most joints that move; the memory that Pinocchio takes grows with their cube."""
 MAX_DEPTH = 50
 """How deeply elements of XML may be nested."""
 
 _ONE_DOF_TYPES = ("revolute", "continuous", "prismatic")
-# Stands for "no limit" where a URDF must have a number: continuous joints are handed to
-# Pinocchio as revolute ones, so that a configuration is one angle per joint.
+# Means "no limit" where a URDF needs a number. Continuous joints are revolute ones for Pinocchio:
+# a configuration then has one angle per joint.
 _UNBOUNDED = "1e30"
 _PARTS_OF_JOINTS = ("origin", "parent", "child", "axis", "limit")
 _SHAPES = ("box", "sphere", "cylinder", "mesh")
@@ -49,12 +49,12 @@ _OPTIONAL = ("xyz", "rpy", "lower", "upper", "scale")
 
 @dataclass(frozen=True)
 class Description:
-    """What is read of a URDF.
+    """Content of a URDF.
 
     Attributes
     ----------
     name : str
-        What the robot is called; empty if it isn't said.
+        Name of the robot; empty if it has none.
     xml : str
         The part for Pinocchio; continuous joints are revolute ones without bounds in it.
     types : mapping of str to str
@@ -65,10 +65,12 @@ class Description:
         Those of them that mimic others.
     child_links : mapping of str to str
         The link that each of them moves.
+    inertials : mapping of str to Element
+        The usable <inertial> elements by link.
     lost_inertials : mapping of str to str
-        Links whose inertial can't be used, and what they have instead of a usable one.
+        What is wrong with the inertial of each link whose inertial can't be used.
     lost_shapes : mapping of str to str
-        Links with a collision shape that can't be used, and why.
+        What is wrong with the collision shape of each link whose shape can't be used.
     solid_links : frozenset of str
         Links with a visual or collision shape: bodies, not just frames.
     """
@@ -79,6 +81,7 @@ class Description:
     limits: Mapping[str, Mapping[str, float]]
     mimics: frozenset[str]
     child_links: Mapping[str, str]
+    inertials: Mapping[str, ET.Element]
     lost_inertials: Mapping[str, str]
     lost_shapes: Mapping[str, str]
     solid_links: frozenset[str]
@@ -104,19 +107,20 @@ def read_description(urdf: str, source: str) -> Description:
     joints = {name: j for name, j in every.items() if j.get("type") in _ONE_DOF_TYPES}
     if not joints:
         raise RobotError(f"{source} has no revolute, continuous or prismatic joint")
-    limits = {name: _limits_of(joint, source) for name, joint in joints.items()}
     _check_tree(root, source)
     clean = ET.Element("robot", name=root.get("name") or "robot")
     lost_inertials, lost_shapes = _copy_links(root, clean)
     for joint in every.values():
         _copy_joint(joint, clean, source)
+    copies = {link.get("name", ""): link.find("inertial") for link in clean.findall("link")}
     return Description(
         name=root.get("name", ""),
         xml=ET.tostring(clean, encoding="unicode"),
         types={name: joint.get("type", "") for name, joint in joints.items()},
-        limits=limits,
+        limits={name: _limits_of(joint) for name, joint in joints.items()},
         mimics=frozenset(name for name, j in joints.items() if j.find("mimic") is not None),
         child_links={name: _end(joint, "child") for name, joint in joints.items()},
+        inertials={name: inertial for name, inertial in copies.items() if inertial is not None},
         lost_inertials=lost_inertials,
         lost_shapes=lost_shapes,
         solid_links=frozenset(
@@ -128,12 +132,12 @@ def read_description(urdf: str, source: str) -> Description:
 
 
 def parse_xml(text: str, source: str) -> ET.Element:
-    """Parse XML of bounded size and depth: the parsers behind Pinocchio recurse without end.
+    """Parse XML of bounded size and depth; the parsers behind Pinocchio recurse without a bound.
 
     Raises
     ------
     RobotError
-        If it is something else.
+        If the text is no XML, too long or nested too deeply.
     """
     if len(text) > MAX_TEXT_BYTES:
         raise RobotError(f"{source} has more than {MAX_TEXT_BYTES:,} characters")
@@ -170,7 +174,7 @@ def _parse(urdf: str, source: str) -> ET.Element:
 
 
 def _is_xacro(root: ET.Element) -> bool:
-    """Whether this is a xacro file that was not expanded; comments survive expansion."""
+    """Whether this is a xacro file that was not expanded."""
     return any(
         re.match(r"\{[^}]*xacro\}", element.tag)
         or any("${" in value for value in element.attrib.values())
@@ -178,7 +182,7 @@ def _is_xacro(root: ET.Element) -> bool:
     )
 
 
-def _limits_of(joint: ET.Element, source: str) -> dict[str, float]:
+def _limits_of(joint: ET.Element) -> dict[str, float]:
     """Limits that the URDF states for a joint, by the keys of limits files."""
     limit = joint.find("limit")
     if limit is None:
@@ -186,19 +190,8 @@ def _limits_of(joint: ET.Element, source: str) -> dict[str, float]:
     keys = {"velocity": "max_velocity", "effort": "max_effort"}
     if joint.get("type") != "continuous":
         keys |= {"lower": "min_position", "upper": "max_position"}
-    values = {}
-    for attribute, key in keys.items():
-        text = limit.get(attribute, "0" if key.endswith("position") else None)
-        if text is None:
-            continue
-        try:
-            values[key] = float(text)
-        except ValueError:
-            raise RobotError(
-                f"{source}: the limit '{attribute}' of joint '{joint.get('name')}' is "
-                f"'{text}', not a number"
-            ) from None
-    return values
+    found = {key: limit.get(attribute, "0") for attribute, key in keys.items()}
+    return {key: float(text) for key, text in found.items()}
 
 
 def _end(joint: ET.Element, which: str) -> str:
@@ -237,7 +230,7 @@ def _repeated(names: Counter[str]) -> list[str]:
 
 
 def _copy_links(root: ET.Element, clean: ET.Element) -> tuple[dict[str, str], dict[str, str]]:
-    """Add the links; return what is wrong with inertials and shapes that are left out, by link."""
+    """Copy the links; return what is wrong with the inertials and shapes left out, by link."""
     inertials: dict[str, str] = {}
     shapes: dict[str, str] = {}
     for link in root.findall("link"):
@@ -257,7 +250,7 @@ def _copy_links(root: ET.Element, clean: ET.Element) -> tuple[dict[str, str], di
 
 
 def _wrong_shape(collision: ET.Element) -> str:
-    """Why a collision shape can't be used, empty if it can."""
+    """What is wrong with a collision shape, empty if nothing is."""
     geometry = collision.find("geometry")
     shapes = [] if geometry is None else list(geometry)
     if len(shapes) != 1 or shapes[0].tag not in _SHAPES:
@@ -269,7 +262,7 @@ def _wrong_shape(collision: ET.Element) -> str:
 
 
 def _wrong_inertial(inertial: ET.Element) -> str:
-    """What a link has instead of a usable inertial, empty if it is usable."""
+    """What is wrong with an inertial, empty if nothing is."""
     mass = inertial.find("mass")
     for tag in ("mass", "inertia"):
         if inertial.find(tag) is None:
@@ -299,7 +292,7 @@ def _copy_joint(joint: ET.Element, clean: ET.Element, source: str) -> None:
 
 
 def _wrong_numbers(element: ET.Element) -> str:
-    """What is wrong with the numbers in an element; the right ones are spelled for urdfdom."""
+    """What is wrong with the numbers in an element; valid ones are rewritten for urdfdom."""
     for part in element.iter():
         for attribute, count in _NUMBERS.get(part.tag, {}).items():
             text = part.get(attribute)

@@ -52,7 +52,7 @@ class MujocoPlant:
 
     def set_payload(self, mass: float) -> None:
         """Attach a mass [kg] to the last link; gravity compensation doesn't know it."""
-        self._load(self._robot.with_inertias(np.ones(len(self.q)), mass))
+        self._load(self._robot.with_payload(mass))
 
     def step(self, command: FloatArray) -> None:
         """Move for one period towards commanded positions, shape (n_joints,)."""

@@ -113,7 +113,7 @@ class PinocchioPlant:
 
     def set_payload(self, mass: float) -> None:
         """Attach a mass [kg] to the last link; gravity compensation doesn't know it."""
-        self._loaded = self._robot.with_inertias(np.ones(len(self.q)), mass)
+        self._loaded = self._robot.with_payload(mass)
 
     def step(self, command: FloatArray) -> None:
         """Move for one period towards commanded positions, shape (n_joints,)."""

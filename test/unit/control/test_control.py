@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 import yaml
-from arm import JOINTS, arm_primitive, arm_robot
+from arm import JOINTS, arm_primitive, arm_robot, mass_matrix
 
 from mp_pca_planner.cli.main import main
 from mp_pca_planner.control.closed_loop import Sampling, simulate
@@ -65,21 +65,21 @@ def test_forward_dynamics_undo_inverse_dynamics_in_any_joint_order() -> None:
 
 def test_payload_adds_its_weight_and_inertia_at_its_place() -> None:
     robot = Robot(PENDULUM)
-    loaded = robot.with_inertias(np.array([1.5]), 3.0, "rod")
+    loaded = robot.with_link_inertias(np.full((1, 4), 1.5)).with_payload(3.0, "rod")
     q, a = np.array([[0.4]]), np.array([[2.0]])
     # The link's own origin is on the axis: the payload there has no effect.
     tau = 1.5 * robot.inverse_dynamics(q, 0 * q, a)
     assert np.allclose(loaded.inverse_dynamics(q, 0 * q, a), tau)
     arm = arm_robot()
     frame = arm.frame_names[-1]
-    heavy = arm.with_inertias(np.ones(4), 0.5, frame)
+    heavy = arm.with_payload(0.5, frame)
     model = pin.buildModelFromUrdf(str(config_file("human_arm.urdf")))
     data = model.createData()
     q = np.array([0.1, -0.3, 0.5, -0.8])
     jacobian = pin.computeFrameJacobian(
         model, data, q, model.getFrameId(frame), pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
     )[:3]
-    added = heavy.mass_matrix(q) - arm.mass_matrix(q)
+    added = mass_matrix(heavy, q) - mass_matrix(arm, q)
     assert np.allclose(added, 0.5 * jacobian.T @ jacobian, atol=1e-12)
     weight = 0.5 * 9.81 * jacobian[2]
     still = np.zeros((1, 4))

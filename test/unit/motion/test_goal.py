@@ -55,5 +55,5 @@ def test_times_of_a_sequence_are_the_planners_unless_given() -> None:
 def test_sequence_says_of_each_target_whether_it_stops_there() -> None:
     state = JointState(["a"], [0.0])
     assert SequenceGoal((state, state)).stops == (False, False)
-    with pytest.raises(GoalError, match="each of its 2 targets whether it stops there, got 1"):
+    with pytest.raises(GoalError, match="a stop for each of its 2 targets, got 1"):
         SequenceGoal((state, state), stops=(True,))

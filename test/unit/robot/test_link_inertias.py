@@ -9,6 +9,7 @@ from arm import arm_robot
 from mp_pca_planner.resources import config_file
 from mp_pca_planner.robot.link_inertias import LinkInertias
 from mp_pca_planner.robot.model import Robot
+from mp_pca_planner.robot.urdf import read_description
 
 
 def two_links(mass: float, tip_mass: float, tip_inertia: float, izz: float) -> str:
@@ -69,7 +70,7 @@ def test_body_without_mass_keeps_its_moments_of_inertia() -> None:
     urdf = two_links(0.0, 0.0, 0.0, 0.4).replace('<mass value="0.3"/>', '<mass value="0.0"/>')
     model = pin.buildModelFromXML(urdf)
     before = model.inertias[1].inertia.copy()
-    parts = LinkInertias.of(urdf, model)
+    parts = LinkInertias.of(read_description(urdf, "rod").inertials, model)
     parts.change(model, np.where(np.arange(4) == 3, 1.5, np.ones((3, 1))))
     # The rod's largest principal moment; the jaw is on a joint of its own.
     assert np.allclose(model.inertias[1].inertia - before, np.diag([0.0, 0.0, 0.2]))

@@ -1,0 +1,111 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Motions that a primitive predicts for a request, as trajectories."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..arrays import FloatArray, frozen_array
+from ..exceptions import GoalError
+from ..motion.trajectory import Trajectory
+from .boundary import boundary_values, hermite_functions
+
+if TYPE_CHECKING:
+    from .conditional_model import ConditionalDistribution
+    from .primitive import MovementPrimitive
+
+# Points are at most this far apart [s]; the default of the planner.
+_SAMPLE_PERIOD = 0.01
+
+
+def expected_motion(
+    primitive: MovementPrimitive,
+    start: ArrayLike,
+    goal: ArrayLike,
+    duration: float | None = None,
+) -> Trajectory:
+    """The motion that a primitive expects from rest to rest.
+
+    Limits of a robot are not considered: the planner does that.
+
+    Parameters
+    ----------
+    primitive : MovementPrimitive
+        Any primitive.
+    start, goal : array, shape (n_joints,)
+        End points [rad or m].
+    duration : float, optional
+        Duration [s]; the expected one unless given.
+
+    Raises
+    ------
+    GoalError
+        If an end point has another shape or is not finite, or the duration is not positive.
+    """
+    ends, expected = _request(primitive, start, goal, duration)
+    return _motion(primitive, ends, expected, expected.weights)
+
+
+def drawn_motions(
+    primitive: MovementPrimitive, n: int, start: ArrayLike, goal: ArrayLike, seed: int = 0
+) -> list[Trajectory]:
+    """Draw motions from the conditional distribution of a request.
+
+    Weights are drawn; duration and time scaling are the expected ones.
+
+    Parameters
+    ----------
+    primitive : MovementPrimitive
+        Any primitive.
+    n : int
+        Number of motions.
+    start, goal : array, shape (n_joints,)
+        End points [rad or m].
+    seed : int
+        Seed of the random numbers.
+
+    Raises
+    ------
+    GoalError
+        If an end point has another shape or is not finite.
+    """
+    ends, expected = _request(primitive, start, goal, None)
+    rng = np.random.default_rng(seed)
+    draws = rng.multivariate_normal(expected.weights, expected.covariance, n)
+    return [_motion(primitive, ends, expected, weights) for weights in draws]
+
+
+def _request(
+    primitive: MovementPrimitive, start: ArrayLike, goal: ArrayLike, duration: float | None
+) -> tuple[FloatArray, ConditionalDistribution]:
+    """End points, shape (2, n_joints), and what is predicted for them."""
+    shape = (primitive.n_joints,)
+    ends = [
+        frozen_array(x, shape, what, GoalError) for x, what in ((start, "start"), (goal, "goal"))
+    ]
+    if duration is not None and not (np.isfinite(duration) and duration > 0.0):
+        raise GoalError(f"the duration must be a positive number of seconds, got {duration}")
+    return np.array(ends), primitive.model.predict(ends[0], ends[1], duration)
+
+
+def _motion(
+    primitive: MovementPrimitive,
+    ends: FloatArray,
+    expected: ConditionalDistribution,
+    weights: FloatArray,
+) -> Trajectory:
+    duration = expected.duration
+    phases = np.linspace(0.0, 1.0, max(int(np.ceil(duration / _SAMPLE_PERIOD)), 1) + 1)
+    rest = np.zeros(primitive.n_joints)
+    boundary = boundary_values((ends[0], rest, rest), (ends[1], rest, rest), duration)
+    shapes = primitive.paced_basis(ends[0], ends[1], expected.pace).shapes(weights, phases, 2)
+    q, v, a = (
+        (hermite_functions(phases, d) @ boundary + shapes[d]) / duration**d for d in range(3)
+    )
+    # A controller refuses a final velocity of 1e-17.
+    q[[0, -1]], v[[0, -1]], a[[0, -1]] = ends, 0.0, 0.0
+    return Trajectory(primitive.joint_names, duration * phases, q, v, a)

@@ -1,0 +1,114 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Checks of the values of a movement primitive."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..arrays import frozen_array, unique_names
+from ..exceptions import PrimitiveFileError
+from .conditional_model import INVERSE_LENGTHS
+from .pace import PACE_DEGREE
+
+if TYPE_CHECKING:
+    from .primitive import MovementPrimitive
+
+COUPLINGS = ("joint", "arm")
+
+# Names stand for sizes that must agree.
+ARRAY_SHAPES: dict[str, tuple[str | int, ...]] = {
+    "mean_coefficients": ("joints", "degrees"),
+    "component_coefficients": ("weights", "joints", "degrees"),
+    "explained_variance": ("weights",),
+    "total_variance": ("joints",),
+    "weights": ("demonstrations", "weights"),
+    "boundary_states": ("demonstrations", 6, "joints"),
+    "durations": ("demonstrations",),
+    "warps": ("demonstrations", "phases"),
+    "fit_residual": ("demonstrations", "joints"),
+    "requests": ("requests", "entries"),
+    "shape_coefficients": (len(INVERSE_LENGTHS), "fits", 2, "requests", "weights"),
+    "straight_weights": ("weights",),
+    "pace_coefficients": (len(INVERSE_LENGTHS), "fits", 2, "requests", "rates"),
+    "duration_coefficients": (len(INVERSE_LENGTHS), 1, 2, "requests", 1),
+    "weight_covariance": ("weights", "weights"),
+    "weight_precision": ("weights", "weights"),
+    "request_precision": ("entries", "entries"),
+}
+"""Shapes of the arrays of a primitive and of its conditional model."""
+
+# Positions, coefficients and durations of motions [rad, m, s] are smaller.
+_MAX_VALUE = 1e6
+# Inverses of small variances may be larger.
+_MAX_PRECISION = 1e15
+
+
+def freeze_values(primitive: MovementPrimitive) -> None:
+    """Check the values of a primitive, and make its arrays read-only.
+
+    Raises
+    ------
+    PrimitiveFileError
+        If a value has a wrong type, shape or range.
+    """
+    _freeze_names(primitive)
+    _freeze_arrays(primitive)
+    problem = _problem(primitive)
+    if problem:
+        raise PrimitiveFileError(f"primitive '{primitive.name}': {problem}")
+
+
+def _freeze_names(primitive: MovementPrimitive) -> None:
+    name = primitive.name
+    if not isinstance(name, str) or not name:
+        raise PrimitiveFileError(f"the name of a primitive must be a non-empty string: {name!r}")
+    if any("\ud800" <= letter <= "\udfff" for letter in "".join([name, *primitive.joint_names])):
+        raise PrimitiveFileError(f"the names of primitive '{name}' must be valid Unicode")
+    if primitive.coupling not in COUPLINGS:
+        raise PrimitiveFileError(
+            f"the coupling of primitive '{name}' is {primitive.coupling!r}, not one of {COUPLINGS}"
+        )
+    names = unique_names(primitive.joint_names, f"joints of '{name}'", PrimitiveFileError)
+    object.__setattr__(primitive, "joint_names", names)
+    object.__setattr__(primitive, "metadata", dict(primitive.metadata))
+
+
+def _freeze_arrays(primitive: MovementPrimitive) -> None:
+    """Make the arrays read-only, once their shapes agree."""
+    n = len(primitive.joint_names)
+    sizes: dict[str | int, int] = {"joints": n, "entries": 2 * n + 1, "rates": PACE_DEGREE}
+    for array, shape in ARRAY_SHAPES.items():
+        owner = primitive if hasattr(primitive, array) else primitive.model
+        what = f"array '{array}' of '{primitive.name}'"
+        expected = tuple(x if isinstance(x, int) else sizes.get(x) for x in shape)
+        frozen = frozen_array(getattr(owner, array), expected, what, PrimitiveFileError)
+        largest = _MAX_PRECISION if array.endswith("_precision") else _MAX_VALUE
+        if np.abs(frozen).max(initial=0.0) > largest:
+            raise PrimitiveFileError(f"{what} holds numbers that are too large for motions")
+        sizes |= dict(zip(shape, frozen.shape, strict=True))
+        object.__setattr__(owner, array, frozen)
+
+
+def _problem(primitive: MovementPrimitive) -> str:
+    """Why the values of the arrays make no sense, empty if they do."""
+    model, durations, warps = primitive.model, primitive.durations, primitive.warps
+    if 0 in (len(durations), len(model.requests), model.shape_coefficients.shape[1]):
+        return "it needs at least one demonstration"
+    if np.any(durations <= 0.0):
+        return "its demonstrations must last > 0 s"
+    if np.any(primitive.explained_variance <= 0.0) or np.any(primitive.total_variance < 0.0):
+        return "a variance is not positive"
+    if primitive.explained_variance.sum() > (1.0 + 1e-6) * primitive.total_variance.sum():
+        return "its components explain more than all variance"
+    for matrix in (model.weight_covariance, model.weight_precision, model.request_precision):
+        try:
+            np.linalg.cholesky(matrix)
+        except np.linalg.LinAlgError:
+            return "a covariance is not positive definite"
+    ends = warps[:, [0, -1]] if warps.shape[1] > 1 else np.zeros(2)
+    if np.any(ends != (0.0, 1.0)) or np.any(np.diff(warps, axis=1) <= 0.0):
+        return "its warps must increase from 0 to 1"
+    return ""

@@ -1,0 +1,89 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""A Pinocchio model with the joints in the order of their user."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from ..arrays import FloatArray
+from ..exceptions import RobotError, unknown_name
+
+
+class JointOrder:
+    """Conversion between the order of the user's joints and that of Pinocchio's vectors.
+
+    Attributes
+    ----------
+    to_pin : array of int, shape (n_joints,)
+        Index of each of the user's joints in Pinocchio's vectors.
+    from_pin : array of int, shape (n_joints,)
+        The inverse permutation.
+    is_same : bool
+        Whether both orders are the same.
+    """
+
+    def __init__(self, model: Any, joint_names: Sequence[str]) -> None:
+        self.to_pin = np.array([model.joints[model.getJointId(n)].idx_v for n in joint_names])
+        self.from_pin = np.argsort(self.to_pin)
+        self.is_same = bool(np.array_equal(self.to_pin, np.arange(len(joint_names))))
+
+    def sorted(self, x: FloatArray) -> FloatArray:
+        """Values of the user's joints, along the last axis, in Pinocchio's order."""
+        return np.ascontiguousarray(x if self.is_same else x[..., self.from_pin])
+
+    def restored(self, x: FloatArray) -> FloatArray:
+        """Pinocchio's values, along the last axis, in the user's order."""
+        return np.asarray(x if self.is_same else x[..., self.to_pin])
+
+    def restored_matrix(self, x: FloatArray) -> FloatArray:
+        """The same along both of the last axes."""
+        return x if self.is_same else x[..., self.to_pin, :][..., self.to_pin]
+
+
+class PinocchioModel:
+    """A model, its working memory, and the order of its joints.
+
+    Parameters
+    ----------
+    model : pinocchio.Model
+        A model whose joints are `joint_names`, in any order.
+    joint_names : sequence of str
+        The joints in the order of every array.
+    source : str
+        The description, as messages call it.
+
+    Attributes
+    ----------
+    joint_names : tuple of str
+        The joints, n_joints of them.
+    frame_names : tuple of str
+        The links.
+    """
+
+    def __init__(self, model: Any, joint_names: Sequence[str], source: str) -> None:
+        self.joint_names = tuple(joint_names)
+        self._source = source
+        self._order = JointOrder(model, joint_names)
+        self.frame_names = tuple(f.name for f in model.frames if f.type == pin.FrameType.BODY)
+        self._use(model)
+
+    def _use(self, model: Any) -> None:
+        """Compute with another model of the same joints and frames."""
+        self._model = model
+        self._data = model.createData()
+
+    @property
+    def n_joints(self) -> int:
+        """Number of joints that move."""
+        return len(self.joint_names)
+
+    def _frame_ids(self, frames: Sequence[str]) -> list[int]:
+        for name in frames:
+            if name not in self.frame_names:
+                raise RobotError(f"{self._source}: {unknown_name('link', name, self.frame_names)}")
+        return [self._model.getFrameId(name, pin.FrameType.BODY) for name in frames]

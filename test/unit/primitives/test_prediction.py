@@ -1,0 +1,103 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Primitives from the front door: fit, predict, sample, save and load."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from arm import JOINTS, arm_demonstrations, arm_primitive
+
+from mp_pca_planner.exceptions import GoalError
+from mp_pca_planner.primitives.boundary import hermite_functions
+from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
+from mp_pca_planner.primitives.file import primitive_bytes
+from mp_pca_planner.primitives.primitive import MovementPrimitive
+
+
+def request():
+    return arm_primitive().boundary_states[0, [0, 3]]
+
+
+@pytest.mark.parametrize("wrapped", [False, True])
+def test_fit_gives_what_the_builder_gives(wrapped):
+    options = PrimitiveOptions(coupling="joint", n_components=2, align="linear")
+    built = build_primitive(arm_demonstrations(), "reach", options)
+    demonstrations = arm_demonstrations()
+    given = SimpleNamespace(demonstrations=demonstrations) if wrapped else demonstrations
+    fitted = MovementPrimitive.fit(
+        given, name="reach", coupling="joint", components=2, align="linear"
+    )
+    assert primitive_bytes(fitted) == primitive_bytes(built)
+
+
+def test_predicted_motion_goes_from_rest_to_rest_in_the_expected_time():
+    start, goal = request()
+    motion = arm_primitive().predict(start, goal)
+    assert motion.joint_names == JOINTS
+    np.testing.assert_array_equal(motion.positions[[0, -1]], [start, goal])
+    assert not motion.velocities[[0, -1]].any()
+    expected = arm_primitive().model.predict(start, goal)
+    np.testing.assert_allclose(motion.duration, expected.duration)
+    # The derivatives belong to the positions.
+    slope = np.gradient(motion.positions, motion.times, axis=0, edge_order=2)
+    np.testing.assert_allclose(slope, motion.velocities, atol=2e-2)
+
+
+def test_predicted_motion_follows_the_path_of_the_expected_weights():
+    start, goal = request()
+    motion = arm_primitive().predict(start, goal, 1.5)
+    expected = arm_primitive().model.predict(start, goal, 1.5)
+    basis = arm_primitive().paced_basis(start, goal, expected.pace)
+    phases = motion.times / 1.5
+    path = start + hermite_functions(phases)[:, 3:4] * (goal - start)
+    np.testing.assert_allclose(
+        motion.positions, path + basis.shape(expected.weights, phases), atol=1e-12
+    )
+
+
+def test_draws_scatter_about_the_expected_motion_as_the_covariance_states():
+    start, goal = request()
+    draws = np.array([m.positions for m in arm_primitive().sample(400, start, goal, seed=1)])
+    expected = arm_primitive().predict(start, goal)
+    spread = draws.std(axis=0)
+    assert np.all(np.abs(draws.mean(axis=0) - expected.positions) <= 4.0 * spread / 20.0 + 1e-12)
+    model = arm_primitive().model.predict(start, goal)
+    basis = arm_primitive().paced_basis(start, goal, model.pace)
+    functions = basis.functions(expected.times / expected.duration)
+    variance = np.einsum("sjk,kl,sjl->sj", functions, model.covariance, functions)
+    np.testing.assert_allclose(spread[20:-20], np.sqrt(variance[20:-20]), rtol=0.2)
+
+
+def test_the_same_seed_gives_the_same_draws():
+    one, other = (arm_primitive().sample(2, *request(), seed=3) for _ in range(2))
+    np.testing.assert_array_equal(one[1].positions, other[1].positions)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (([0.0], [0.0] * 4), "start must have the shape"),
+        (([0.0] * 4, [np.nan] * 4), "goal.* is nan"),
+        (([0.0] * 4, [0.1] * 4, -1.0), "positive number of seconds, got -1.0"),
+    ],
+)
+def test_a_wrong_request_is_refused(arguments, message):
+    with pytest.raises(GoalError, match=message):
+        arm_primitive().predict(*arguments)
+
+
+def test_a_saved_primitive_is_loaded(tmp_path):
+    arm_primitive().save(tmp_path / "reach.npz")
+    loaded = MovementPrimitive.load(str(tmp_path / "reach.npz"))
+    assert primitive_bytes(loaded) == primitive_bytes(arm_primitive())
+
+
+def test_a_primitive_is_described_in_one_line():
+    text = repr(arm_primitive())
+    assert text.startswith(
+        "MovementPrimitive 'arm_arm_4': 4 components of 20 demonstrations, 4 joints, usually "
+    )
+    assert "\n" not in text and arm_primitive()._repr_html_() == f"<pre>{text}</pre>".replace(
+        "'", "&#x27;"
+    )
