@@ -7,7 +7,7 @@ from its end points and its duration by what the others teach. Prints for every 
 in time / after the best time alignment / in path [deg]; with a robot also that of the tip's path
 [mm], and the effort as a multiple of least-effort B-splines' (median). In brackets: the 95 %
 bootstrap interval of the method's error less that of the planner's default (without a robot: of
-what the primitive expects); above 0 the default is better. "to tell": motions like these that it
+what the primitive expects); above 0 the default is better. "needed": motions like these that it
 would take for the interval in path not to hold 0, if the difference stayed as it is. ProMP and DMP
 are those of movement_primitives (extra peers): a ProMP of all others, re-timed and with a shrunk
 covariance, conditioned on both ends; a DMP of the one with the nearest ends.
@@ -26,7 +26,13 @@ import numpy as np
 
 from mp_pca_planner.arrays import FloatArray
 from mp_pca_planner.cli.common import print_json, progress_bar
-from mp_pca_planner.evaluation.naturalness import BSPLINES, Comparison, Method, Prediction, compare
+from mp_pca_planner.evaluation.naturalness import (
+    BSPLINES,
+    Comparison,
+    Prediction,
+    Predictor,
+    compare,
+)
 from mp_pca_planner.exceptions import MissingDependencyError
 from mp_pca_planner.plotting.text import table
 from mp_pca_planner.primitives.alignment import arc_length_warp
@@ -101,21 +107,18 @@ def _text(comparison: Comparison) -> str:
         for q, error in zip(MEASURES, errors, strict=True):
             low, high = np.rad2deg(comparison.interval(name, q))
             row += [f"{error:.2f}", f"[{low:+.2f}, {high:+.2f}]"]
-        row.append(f"{comparison.motions_to_tell(name, 'path'):.0f}")
+        row.append(f"{comparison.motions_needed(name, 'path'):.0f}")
         row.append(f"{1e3 * comparison.rms(name, 'tip'):.0f}")
         row.append(f"{np.mean(comparison.column(name, 'peak')):.3f}")
         row.append(f"{np.median(comparison.column(name, 'deviation')):.2f}")
-        ratio = ""
-        if BSPLINES in comparison.results:
-            least = comparison.column(BSPLINES, "effort")
-            ratio = f"{np.median(comparison.column(name, 'effort') / least):.2f}"
-        row.append(ratio)
+        has_efforts = BSPLINES in comparison.results
+        row.append(f"{comparison.effort_ratio(name):.2f}" if has_efforts else "")
         rows.append(row)
     columns = [x for q in MEASURES for x in (q, "difference")]
-    return table(rows, header=["", *columns, "to tell", "tip [mm]", "peak", "deviation", "effort"])
+    return table(rows, header=["", *columns, "needed", "tip [mm]", "peak", "deviation", "effort"])
 
 
-def peers() -> dict[str, Method]:
+def peers() -> dict[str, Predictor]:
     """ProMP and DMP."""
     try:
         import movement_primitives  # noqa: F401  # whether it can be imported is the question

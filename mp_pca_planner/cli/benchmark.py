@@ -20,7 +20,8 @@ from ..evaluation.problems import (
 )
 from ..evaluation.run import PEERS, Result, compare, ratios, set_up, summarise, unsolved
 from ..exceptions import PlannerError, quote_names, unknown_name
-from ..plotting.drawing import Cloud, draw_comparison
+from ..plotting.comparison import comparison_figure
+from ..plotting.drawing import picture
 from ..plotting.text import table
 from ..primitives.primitive import MovementPrimitive
 from ..primitives.primitive_library import load_primitives
@@ -184,7 +185,7 @@ def _draw(
     methods: Sequence[Method],
     results: Sequence[dict[str, Result]],
 ) -> None:
-    clouds = []
+    clouds = {}
     for method in methods:
         points = []
         for found in results:
@@ -193,12 +194,12 @@ def _draw(
                 ratio = own.verdict.effort_cost / reference.effort_cost
                 points.append((1e3 * own.solve_time, ratio))
         if points:
-            clouds.append(Cloud(method.name, points))
-    draw_comparison(
-        arguments.plot,
-        clouds,
-        x="solve time [ms]",
-        y="effort J over that of the minimum-jerk motion",
-        title=f"{len(results)} problems of '{scene.name}': effort over time",
-        force=arguments.force,
-    )
+            clouds[method.name] = points
+    with picture(arguments.plot, force=arguments.force) as figure:
+        comparison_figure(
+            figure,
+            clouds,
+            x="solve time [ms]",
+            y="effort J over that of the minimum-jerk motion",
+            title=f"{len(results)} problems of '{scene.name}': effort over time",
+        )

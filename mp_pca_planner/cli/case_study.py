@@ -22,7 +22,7 @@ from ..files import exists_already, write_whole
 from ..mocap.marker_joint_states import MarkerSource, marker_source, place_markers
 from ..plotting.case_study_page import case_study_page, draw_pictures
 from ..plotting.case_study_tables import facts, summary, tables
-from ..plotting.drawing import require_matplotlib
+from ..plotting.page import require_pages
 from ..recordings.bags import write_markers
 from ..recordings.load import RecordingSet, load_recordings
 from ..recordings.synthetic import continuous_recording, generate_motions
@@ -44,7 +44,7 @@ _PAGE = "case_study.html"
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the command; returns the exit status."""
-    require_matplotlib()
+    require_pages()
     folder: Path = arguments.output
     if (folder / _PAGE).exists() and not arguments.force:
         raise exists_already(folder / _PAGE)

@@ -14,8 +14,11 @@ import numpy as np
 from tqdm import tqdm
 
 from ..exceptions import PlannerError, RecordingError
-from ..files import check_writable
+from ..files import check_writable, write_whole
+from ..motion.trajectory import Trajectory
+from ..motion.trajectory_files import check_format
 from ..plotting.drawing import require_matplotlib
+from ..plotting.page import require_pages
 from ..recordings.load import RecordingSet
 from ..robot.limits import JointLimits, read_limits_file
 from ..robot.model import Robot
@@ -79,16 +82,48 @@ def check_output(path: Path | None, suffix: str, *, force: bool) -> None:
     Raises
     ------
     PlannerError
-        If its name doesn't end in `suffix`, it could not be written, or it is a picture or a
-        report and matplotlib is missing.
+        If its name doesn't end in `suffix`, it could not be written, or what draws it is missing.
     """
     if path is None:
         return
-    if suffix in (".png", ".html"):
+    if suffix == ".png":
         require_matplotlib()
+    if suffix == ".html":
+        require_pages()
     if path.suffix != suffix:
         raise PlannerError(f"the output '{path}' must end in {suffix}")
     check_writable(path, overwrite=force)
+
+
+def check_motion_file(path: Path | None, *, force: bool) -> None:
+    """Refuse a file of a motion that could not be written, before the work.
+
+    Raises
+    ------
+    PlannerError
+        If its format is unknown, or it could not be written.
+    """
+    if path is not None:
+        check_format(path)
+        check_writable(path, overwrite=force)
+
+
+def write_motion(
+    path: Path | None, trajectory: Trajectory, facts: Mapping[str, Any], *, force: bool
+) -> None:
+    """Write a motion to the file of an option, if it is given; a .json file holds the facts.
+
+    Raises
+    ------
+    PlannerError
+        If the file can't be written.
+    """
+    if path is None:
+        return
+    if path.suffix == ".json":
+        write_whole(path, json_text(facts).encode(), overwrite=force)
+    else:
+        trajectory.save(path, overwrite=force)
 
 
 def make_folder(path: Path) -> None:

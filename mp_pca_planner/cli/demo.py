@@ -23,7 +23,10 @@ from ..motion.trajectory import Trajectory
 from ..motion.validation import check_executable, check_limits
 from ..planning.plan import Plan, PlannerOptions
 from ..planning.planner import Planner
-from ..plotting.drawing import draw_arm, draw_motion, draw_primitive, require_matplotlib
+from ..plotting.arm import arm_figure
+from ..plotting.drawing import picture, require_matplotlib
+from ..plotting.motion import motion_figure
+from ..plotting.primitive import PHASES, primitive_figure
 from ..plotting.text import table
 from ..primitives.file import load_primitive
 from ..primitives.primitive import MovementPrimitive
@@ -54,6 +57,7 @@ _AT_GOAL, _AT_REST, _PATIENCE = 1e-3, 1e-5, 30.0
 _SETTLED = 1e-6  # [rad]
 _ARM = ("upper_arm", "lower_arm", "wrist")
 _GOOD = "executable"
+_READY = "ready for goals"  # in the node's diagnostics
 _COLUMNS = (
     ("duration", 1.0, ".2f"),
     ("effort_cost", 1.0, ".2f"),
@@ -123,8 +127,8 @@ def _execute_over_topics(folder: Path, primitive_file: Path) -> list[_Served]:
         children.start("simulate", "--robot", str(arm), "--start", start, *record)
         with GoalClient() as client, Monitor() as monitor:
             client.wait_for_node()
-            client.wait_for_model()
             _wait_until_at(monitor, home)
+            client.wait_for_diagnostics(lambda values: values["text"] == _READY)
             return [
                 _serve(client, monitor, goal)
                 for motion in goals
@@ -206,53 +210,33 @@ def _draw(
     robot: Robot,
     served: Sequence[_Served],
 ) -> list[Path]:
-    picture = folder / "primitive.png"
-    _draw_primitive(picture, bag, primitive)
+    pictures = [folder / f"{name}.png" for name in ("primitive", "motion", "arm")]
+    motions = load_recordings([bag], joints=JOINT_NAMES).demonstrations
+    shown = np.array([motion.time_normalised(PHASES.size) for motion in motions])
+    title = "Demonstrations, and mean shape with principal components (±1 standard deviation)"
+    with picture(pictures[0], force=True) as figure:
+        primitive_figure(figure, primitive, shown, title)
     first = next((goal for goal in served if goal.trajectory is not None), None)
     if first is None:
-        return [picture]
-    pictures = [picture, folder / "motion.png", folder / "arm.png"]
+        return pictures[:1]
     plans = {
         name: _plan_offline(robot, primitive, basis, first)
         for name, basis in (("principal components", "pca"), ("B-splines", "bspline"))
     }
-    labels = {
+    labelled = {
         f"{name}, {plan.solution.effort_cost:.1f} N²m²s"
         + ("" if plan.is_executable else " (breaks limits)"): plan.trajectory
         for name, plan in plans.items()
     }
-    (label, planned), *others = labels.items()
-    title = "Planned motion, and the same goal with B-splines"
-    draw_motion(
-        pictures[1],
-        planned,
-        title=title,
-        label=label,
-        others=dict(others),
-        limits=robot.limits(),
-        force=True,
-    )
+    with picture(pictures[1], force=True) as figure:
+        title = "Planned motion, and the same goal with B-splines"
+        motion_figure(figure, labelled, title, robot.limits(), ())
     chains = {
         name: robot.frame_positions(plan.trajectory.positions, _ARM) for name, plan in plans.items()
     }
-    draw_arm(pictures[2], _ARM, chains, title="The arm on its path to the goal", force=True)
+    with picture(pictures[2], force=True) as figure:
+        arm_figure(figure, chains, "The arm on its path to the goal", _ARM[-1])
     return pictures
-
-
-def _draw_primitive(picture: Path, bag: Path, primitive: MovementPrimitive) -> None:
-    demonstrations = load_recordings([bag], joints=JOINT_NAMES).demonstrations
-    phases, basis = np.linspace(0.0, 1.0, 101), primitive.basis
-    draw_primitive(
-        picture,
-        joint_names=primitive.joint_names,
-        phases=phases,
-        demonstrations=[d.time_normalised(phases.size) for d in demonstrations],
-        mean=basis.shape(np.zeros(basis.n_weights), phases),
-        components=np.moveaxis(basis.functions(phases) * basis.scales, 2, 0),
-        explained_variance_ratio=primitive.explained_variance_ratio["arm"],
-        title="Demonstrations, and mean shape with principal components (±1 standard deviation)",
-        force=True,
-    )
 
 
 def _plan_offline(robot: Robot, primitive: MovementPrimitive, basis: str, served: _Served) -> Plan:

@@ -8,11 +8,11 @@ import argparse
 from collections.abc import Mapping
 from typing import Any
 
+from ..motion.trajectory_files import trajectory_columns
 from ..planning.plan import Plan
 from ..planning.sequence import SequencePlan
 from ..plotting.drawing import draw_motion
-from .common import check_output, print_json
-from .motion_files import check_motion_file, trajectory_columns, write_motion
+from .common import check_motion_file, check_output, print_json, write_motion
 from .requests import (
     PlannedRequest,
     collision_lines,

@@ -16,9 +16,9 @@ from ..learning.refined_motion import RefinedMotion
 from ..learning.refinement import AcceptedMotion, RefinementOptions, refine
 from ..learning.trials import TrialLearner
 from ..motion.collision import NOT_CHECKED
+from ..motion.trajectory_files import trajectory_columns
 from ..primitives.file import save_primitive
-from .common import check_output, print_json
-from .motion_files import check_motion_file, trajectory_columns, write_motion
+from .common import check_motion_file, check_output, print_json, write_motion
 from .options import parse
 from .requests import (
     PlannedRequest,

@@ -30,10 +30,8 @@ PAPER = "components as in the paper"
 OURS = planned(DEFAULT_RHO)
 TABLE_3_METHODS = (BSPLINES, PAPER, planned(0.0), OURS)
 
-FEWEST_OF_ACTIVITY = 5
-"""Activities of fewer motions have no table of their own."""
-
-_N_REPEATS = 9
+_MIN_OF_ACTIVITY = 5  # motions, for a table of its own
+_N_REPEATS = 9  # of timed solutions
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +41,7 @@ class Raising:
     Attributes
     ----------
     motion : Demonstration
-        What the person did.
+        The person's motion.
     predictions : dict of str to Prediction
         By method, each with the median time of several solutions.
     """
@@ -54,7 +52,7 @@ class Raising:
 
 @dataclass(frozen=True, eq=False)
 class CaseStudy:
-    """Everything that the case study finds.
+    """Results of the case study.
 
     Attributes
     ----------
@@ -67,9 +65,9 @@ class CaseStudy:
     raising : Raising
         [P] Table 3, Figs. 3 and 4.
     held_out : Comparison
-        Each of the motions planned by what the others teach.
+        Each of the motions planned with primitives of the others.
     other_activities : Comparison or None
-        Each of them planned by what those of other activities teach, if there are any.
+        Each of them planned with primitives of other activities, if there are any.
     """
 
     motions: tuple[Demonstration, ...]
@@ -80,7 +78,7 @@ class CaseStudy:
     other_activities: Comparison | None
 
     def closer_than_bsplines(self, quantity: str) -> float:
-        """Share of the motions that our plan comes nearer to than B-splines do."""
+        """Share of the motions for which our plan is nearer to the person's than B-splines."""
         ours, theirs = (self.held_out.column(name, quantity) for name in (OURS, BSPLINES))
         return float(np.mean(ours < theirs))
 
@@ -98,7 +96,7 @@ def choose_motions(motions: Sequence[Demonstration], number: int) -> list[Demons
     motions :
         All motions; their labels are the activities.
     number :
-        How many to choose.
+        Number of motions to choose.
 
     Raises
     ------
@@ -133,14 +131,14 @@ def study(
     tip: str,
     progress: Callable[[int, int], None] | None = None,
 ) -> CaseStudy:
-    """Do the case study.
+    """Run the case study.
 
     Parameters
     ----------
     motions :
         All motions.
     number :
-        How many to choose of them, see :func:`choose_motions`.
+        Number of motions to choose, see :func:`choose_motions`.
     robot :
         Model of the arm.
     tip :
@@ -154,35 +152,39 @@ def study(
         If there are too few motions.
     """
     chosen = choose_motions(motions, number)
-    activities = [m.label for m in chosen]
-    has_activities = len(set(activities)) > 1
-    total = number * (2 if has_activities else 1)
+    activities = [motion.label for motion in chosen]
+    groupings = [None, activities] if len(set(activities)) > 1 else [None]
+    comparisons = []
+    for i, groups in enumerate(groupings):
 
-    def told(before: int) -> Callable[[int, int], None] | None:
-        if progress is None:
-            return None
-        return lambda done, _: progress(before + done, total)
+        def report(done: int, _: int, before: int = i * number) -> None:
+            if progress is not None:
+                progress(before + done, number * len(groupings))
 
-    paper = {PAPER: paper_method(robot)}
-    held_out = compare(chosen, robot=robot, tip=tip, more=paper, progress=told(0))
-    other_activities = None
-    if has_activities:
-        other_activities = compare(
-            chosen, activities, robot=robot, tip=tip, more=paper, progress=told(number)
+        comparisons.append(
+            compare(
+                chosen,
+                groups,
+                robot=robot,
+                tip=tip,
+                more={PAPER: paper_method(robot)},
+                progress=report,
+            )
         )
-    labels = sorted({m.label for m in motions})
-    sets = {label: [m for m in motions if m.label == label] for label in labels if label}
+    sets: dict[str, list[Demonstration]] = {}
+    for motion in motions:
+        sets.setdefault(motion.label, []).append(motion)
     return CaseStudy(
         motions=tuple(chosen),
         components=tuple(angle_components(chosen)),
         shares_by_activity={
             label: variance_shares(angle_components(members))
-            for label, members in sets.items()
-            if len(members) >= FEWEST_OF_ACTIVITY
+            for label, members in sorted(sets.items())
+            if label and len(members) >= _MIN_OF_ACTIVITY
         },
         raising=_raise_arm(chosen, robot, tip),
-        held_out=held_out,
-        other_activities=other_activities,
+        held_out=comparisons[0],
+        other_activities=comparisons[1] if len(comparisons) > 1 else None,
     )
 
 
@@ -196,7 +198,7 @@ def variance_shares(components: Sequence[PrincipalComponents]) -> FloatArray:
 
 
 def _raise_arm(motions: Sequence[Demonstration], robot: Robot, tip: str) -> Raising:
-    """Plan the motion that lifts the hand most by what the others teach."""
+    """Plan the motion that lifts the hand most, with a primitive of the others."""
     heights = [robot.frame_positions(m.positions[[0, -1]], [tip])[:, 0, 2] for m in motions]
     highest = int(np.argmax([end - start for start, end in heights]))
     motion = motions[highest]

@@ -9,38 +9,27 @@ import time
 import numpy as np
 
 from ..motion.trajectory import Trajectory
-from .method import Answer, import_peer
+from .method import Method, PeerResult, import_peer
 from .problems import Problem, Scene
+from .without_optimisation import sample_times
 
-_N_CONTROL_POINTS = 12
+_N_CONTROL_POINTS = 12  # with those at the ends, which are fixed
 _ORDER = 6
-_PERIOD = 0.01  # [s]
 
 
-class DrakeOptimization:
+def drake_method(scene: Scene, _: float) -> Method:
     """B-splines of the least path energy within kinematic limits; it has no cost of efforts."""
+    planning = import_peer("pydrake.planning", "the peer 'drake'", "drake")
+    solvers = import_peer("pydrake.solvers", "the peer 'drake'", "drake")
+    joints, limits = scene.robot.joint_names, scene.limits
+    zero = np.zeros(len(joints))
 
-    name = "drake"
-    about = (
-        "Drake's KinematicTrajectoryOptimization, B-splines with 6 free control points per joint, "
-        "least path energy within position, velocity and acceleration limits; no efforts"
-    )
-    slow = False
-
-    def __init__(self, scene: Scene, max_time: float) -> None:
-        module = import_peer("pydrake.planning", "the peer 'drake'", "drake")
-        self._program = module.KinematicTrajectoryOptimization
-        self._solve = import_peer("pydrake.solvers", "the peer 'drake'", "drake").Solve
-        self._limits = scene.limits
-        self._joints = scene.robot.joint_names
-
-    def solve(self, problem: Problem) -> Answer:
-        """Solve one problem."""
+    def solve(problem: Problem) -> PeerResult:
         began = time.perf_counter()
-        n, limits = len(self._joints), self._limits
-        program = self._program(n, _N_CONTROL_POINTS, _ORDER, problem.duration)
+        program = planning.KinematicTrajectoryOptimization(
+            len(joints), _N_CONTROL_POINTS, _ORDER, problem.duration
+        )
         program.AddDurationConstraint(problem.duration, problem.duration)
-        zero = np.zeros(n)
         for phase, end in ((0.0, problem.start), (1.0, problem.goal)):
             program.AddPathPositionConstraint(end, end, phase)
             program.AddPathVelocityConstraint(zero, zero, phase)
@@ -50,16 +39,22 @@ class DrakeOptimization:
         if np.isfinite(limits.acceleration).any():
             program.AddAccelerationBounds(-limits.acceleration, limits.acceleration)
         program.AddPathEnergyCost(1.0)
-        result = self._solve(program.prog())
+        result = solvers.Solve(program.prog())
         took = time.perf_counter() - began
         if not result.is_success():
-            return Answer(None, took, status=str(result.get_solution_result()))
+            return PeerResult(None, took, status=str(result.get_solution_result()))
         motion = program.ReconstructTrajectory(result)
-        times = np.linspace(0.0, problem.duration, int(np.ceil(problem.duration / _PERIOD)) + 1)
+        times = sample_times(problem.duration)
         # Its end time may differ from the duration in the last digit.
         inside = np.clip(times, motion.start_time(), motion.end_time())
         states = [
             np.array([motion.EvalDerivative(t, order).ravel() for t in inside])
             for order in range(3)
         ]
-        return Answer(Trajectory(self._joints, times, *states), took)
+        return PeerResult(Trajectory(joints, times, *states), took)
+
+    about = (
+        "Drake's KinematicTrajectoryOptimization, B-splines with 6 free control points per joint, "
+        "least path energy within position, velocity and acceleration limits; no efforts"
+    )
+    return Method("drake", about, solve)

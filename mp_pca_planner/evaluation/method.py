@@ -1,12 +1,13 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""What a method of planning is to the benchmark."""
+"""Methods of the benchmark: what they are given and what they return."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from importlib import import_module
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 from ..exceptions import MissingDependencyError
 from ..motion.trajectory import Trajectory
@@ -18,19 +19,19 @@ SOLVED = "solved"
 
 
 @dataclass(frozen=True, eq=False)
-class Answer:
-    """What a method makes of a problem.
+class PeerResult:
+    """Result of a method for one problem.
 
     Attributes
     ----------
     trajectory : Trajectory or None
-        The motion, also one that keeps no limits; None if there is none.
+        The motion, whether it keeps the limits or not; None if there is none.
     solve_time : float
         Time to find it [s], as the method defines it.
     iterations : int
         Iterations of its optimisation, 0 if it has none.
     status : str
-        What the method itself says: 'solved', or why not.
+        The status that the method reports: 'solved', or the reason of its failure.
     """
 
     trajectory: Trajectory | None
@@ -39,29 +40,30 @@ class Answer:
     status: str = SOLVED
 
 
-class Method(Protocol):
+@dataclass(frozen=True, eq=False)
+class Method:
     """A way to plan motions, set up for one robot, its limits and demonstrations.
 
     Attributes
     ----------
     name : str
-        What tables and JSON call it.
+        Its name in tables and JSON.
     about : str
         What it is and how it was set up, in a sentence.
+    solve : callable
+        Solves one problem from scratch.
     slow : bool
         Whether it is run on a part of the problems only.
     """
 
     name: str
     about: str
-    slow: bool
-
-    def solve(self, problem: Problem) -> Answer:
-        """Solve one problem, whole: what is known of an earlier one is not used."""
+    solve: Callable[[Problem], PeerResult]
+    slow: bool = False
 
 
 def import_peer(module: str, purpose: str, extra: str = "peers") -> Any:
-    """Import an optional module, of the extra 'peers' unless another one is named.
+    """Import an optional module.
 
     Raises
     ------

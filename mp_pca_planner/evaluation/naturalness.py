@@ -1,17 +1,17 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""How near motions that are made from end points and a duration come to what was demonstrated.
+"""Differences between demonstrated motions and motions planned from their ends and duration.
 
-Every motion is predicted by what the others teach (all others, or those of other activities), by
-the planner with several naturalness weights ρ and by other methods. Limits are left out, so that
-only the methods count.
+Every motion is predicted from the others (all others, or those of other activities), by the planner
+with several naturalness weights ρ and by other methods. There are no limits, so that only the
+methods count.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.integrate import trapezoid
@@ -40,7 +40,7 @@ robot."""
 
 DEFAULT_RHO = PlannerOptions().naturalness
 RHOS = (0.0, 0.01, 0.03, 0.1, 0.3)
-"""Naturalness weights that are tried beside the default."""
+"""Naturalness weights that are compared with the default."""
 
 MINIMUM_JERK, MEAN_SHAPE, RIDGE = "minimum-jerk", "mean shape", "ridge regression"
 EXPECTED, BSPLINES = "expected (ρ = ∞)", "least-effort B-splines"
@@ -48,19 +48,18 @@ EXPECTED, BSPLINES = "expected (ρ = ∞)", "least-effort B-splines"
 # Penalties of the ridge regression, in units of the variance of the requests.
 _PENALTIES = np.logspace(-3.0, 3.0, 25)
 _PHASES = FINE_PHASES[::10]
-_N_RESAMPLES = 2000
 _OPTIONS = PrimitiveOptions()
 
 
 class Prediction(NamedTuple):
-    """What a method makes of the ends and the duration of a motion.
+    """The motion that a method predicts from the ends and the duration of another one.
 
     Attributes
     ----------
     positions : array, shape (1001, n_joints)
         Positions at the fine phases [rad or m].
     effort : float or None
-        J, where the method knows it.
+        J [N²·m²·s], if the method computes it.
     solve_time : float
         Time to optimise it [s].
     """
@@ -70,13 +69,13 @@ class Prediction(NamedTuple):
     solve_time: float = float("nan")
 
 
-Method = Callable[[Demonstration, Sequence[Demonstration]], Prediction]
-"""A motion and its teachers to a prediction."""
+Predictor = Callable[[Demonstration, Sequence[Demonstration]], Prediction]
+"""Predicts a motion from the others; of the motion only its ends and duration are used."""
 
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """What came of every method on every motion.
+    """Results of every method on every motion.
 
     Attributes
     ----------
@@ -100,33 +99,43 @@ class Comparison:
         """RMS over the motions."""
         return float(np.sqrt(np.mean(self.column(method, quantity) ** 2)))
 
+    def effort_ratio(self, method: str) -> float:
+        """Median effort as a multiple of that of B-splines."""
+        return float(np.median(self.column(method, "effort") / self.column(BSPLINES, "effort")))
+
     def interval(self, method: str, quantity: str) -> tuple[float, float]:
         """95 % bootstrap interval of a method's RMS less that of the reference.
 
         Above zero: the reference is nearer to the motions.
         """
-        low, high = np.percentile(self._resampled_differences(method, quantity), (2.5, 97.5))
+        low, high = self._bootstrap(method, quantity).confidence_interval
         return float(low), float(high)
 
-    def motions_to_tell(self, method: str, quantity: str) -> float:
-        """How many motions like these would tell a method's RMS from that of the reference.
+    def motions_needed(self, method: str, quantity: str) -> float:
+        """Number of motions like these after which the 95 % interval would exclude zero.
 
-        If the difference stayed as it is, its 95 % interval would end at zero with so many;
-        infinite if there is none.
+        It assumes that the difference stays the same; infinite if there is none.
         """
         difference = self.rms(method, quantity) - self.rms(self.reference, quantity)
         if difference == 0.0:
             return float("inf")
-        spread = 1.96 * float(self._resampled_differences(method, quantity).std())
+        spread = 1.96 * float(self._bootstrap(method, quantity).standard_error)
         return len(self.motions) * (spread / difference) ** 2
 
-    def _resampled_differences(self, method: str, quantity: str) -> FloatArray:
-        """A method's RMS less that of the reference in bootstrap samples of the motions."""
-        pair = np.array([self.column(name, quantity) ** 2 for name in (method, self.reference)])
-        n = pair.shape[1]
-        draws = np.random.default_rng(1).integers(n, size=(_N_RESAMPLES, n))
-        other, ours = np.sqrt(pair[:, draws].mean(axis=2))
-        return np.asarray(other - ours)
+    def _bootstrap(self, method: str, quantity: str) -> Any:
+        from scipy.stats import bootstrap  # late: its import takes a while
+
+        def difference(other: FloatArray, ours: FloatArray, axis: int) -> FloatArray:
+            return np.asarray(np.sqrt(other.mean(axis=axis)) - np.sqrt(ours.mean(axis=axis)))
+
+        return bootstrap(
+            [self.column(name, quantity) ** 2 for name in (method, self.reference)],
+            difference,
+            n_resamples=2000,
+            paired=True,
+            method="percentile",
+            random_state=np.random.default_rng(1),
+        )
 
 
 def planned(rho: float) -> str:
@@ -142,7 +151,7 @@ def compare(
     tip: str | None = None,
     options: PrimitiveOptions = _OPTIONS,
     rhos: Sequence[float] = RHOS,
-    more: Mapping[str, Method] | None = None,
+    more: Mapping[str, Predictor] | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Comparison:
     """Leave out and predict each motion.
@@ -152,7 +161,8 @@ def compare(
     motions :
         Motions of the same joints, at least three.
     groups :
-        To which each belongs: those of its group teach nothing of it. By default each is a group.
+        Group of each motion; predictions use the other groups only. By default each motion is a
+        group.
     robot :
         Model of the joints; without it nothing is planned.
     tip :
@@ -181,7 +191,8 @@ def compare(
     for i, motion in enumerate(motions):
         others = [m for m, label in zip(motions, labels, strict=True) if label != labels[i]]
         primitive = build_primitive(others, "others", options)
-        predictions = _predictions(motion, others, primitive, robot, rhos, more or {})
+        predictions = _predictions(motion, primitive, robot, rhos)
+        predictions |= {name: predict(motion, others) for name, predict in (more or {}).items()}
         for name, prediction in predictions.items():
             row = _quantities(prediction, motion, primitive, robot, tip)
             rows.setdefault(name, []).append(row)
@@ -199,14 +210,9 @@ def wide_limits(robot: Robot) -> JointLimits:
 
 
 def _predictions(
-    motion: Demonstration,
-    others: Sequence[Demonstration],
-    primitive: MovementPrimitive,
-    robot: Robot | None,
-    rhos: Sequence[float],
-    more: Mapping[str, Method],
+    motion: Demonstration, primitive: MovementPrimitive, robot: Robot | None, rhos: Sequence[float]
 ) -> dict[str, Prediction]:
-    """What every method makes of a motion."""
+    """Predictions by minimum-jerk, by the primitive and, with a robot, by the planner."""
     start, goal = motion.positions[[0, -1]]
     basis = primitive.paced_basis(start, goal, fit_paces(primitive.warps).mean(axis=0))
     straight, mean = minimum_jerk_motion(motion), np.zeros(primitive.n_components)
@@ -215,7 +221,6 @@ def _predictions(
         MEAN_SHAPE: Prediction(straight + basis.shape(mean, FINE_PHASES)),
         RIDGE: Prediction(straight + basis.shape(_ridge_weights(primitive, motion), FINE_PHASES)),
         EXPECTED: Prediction(expected_motion(primitive, motion)),
-        **{name: method(motion, others) for name, method in more.items()},
     }
     if robot is not None:
         for rho in sorted({*rhos, DEFAULT_RHO}):

@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""The planner of this package with the bases it offers, as methods of the benchmark."""
+"""The planner of this package with its bases, as methods of the benchmark."""
 
 from __future__ import annotations
 
@@ -9,48 +9,43 @@ from ..planning.plan import PlannerOptions
 from ..planning.planner import Planner
 from ..primitives.build import PrimitiveOptions, build_primitive
 from ..primitives.primitive import MovementPrimitive
-from .method import SOLVED, Answer
+from .method import SOLVED, Method, PeerResult
 from .problems import Problem, Scene
 
 BSPLINE = "bspline"
 
-# As many as it takes to come as near to the least effort as [P] does with 4 of each joint.
+# Numbers of components with which efforts come as near to the least one as in [P].
 _N_COMPONENTS = {"arm": 10, "joint": 4}
 
 
-class PlannerMethod:
+def planner_method(
+    name: str, scene: Scene, primitive: MovementPrimitive, options: PlannerOptions
+) -> Method:
     """The planner with one basis and naturalness.
 
-    Its solve time is the planner's: attempts that failed the limits are in it, the last check
-    of the motion is not, nor is what it has practised for the primitive beforehand.
+    Its solve time is the planner's: it includes attempts that failed the limits, but neither the
+    last check of the motion nor the preparation of the primitive.
     """
+    names = scene.robot.joint_names
+    planner = Planner(scene.robot, [primitive], scene.limits, options)
+    planner.practise()
 
-    slow = False
-
-    def __init__(
-        self, name: str, scene: Scene, primitive: MovementPrimitive, options: PlannerOptions
-    ) -> None:
-        self.name = name
-        self._planner = Planner(scene.robot, [primitive], scene.limits, options)
-        self._planner.practise()
-        if options.basis == "bspline":
-            self.about = "B-splines, 6 control points per joint, the same compiler; least effort"
-        else:
-            self.about = (
-                f"principal components, coupling {primitive.coupling}, {primitive.n_components} "
-                f"weights, naturalness ρ = {options.naturalness:g}"
-            )
-
-    def solve(self, problem: Problem) -> Answer:
-        """Plan one motion."""
-        names = self._planner.robot.joint_names
+    def solve(problem: Problem) -> PeerResult:
         goal = JointGoal(JointState(names, problem.goal), problem.duration)
-        plan = self._planner.plan(goal, JointState(names, problem.start))
+        plan = planner.plan(goal, JointState(names, problem.start))
         status = SOLVED if plan.is_executable else plan.message
-        return Answer(plan.trajectory, plan.solve_time, plan.solution.iterations, status)
+        return PeerResult(plan.trajectory, plan.solve_time, plan.solution.iterations, status)
+
+    about = (
+        "B-splines, 6 control points per joint, the same compiler; least effort"
+        if options.basis == BSPLINE
+        else f"principal components, coupling {primitive.coupling}, {primitive.n_components} "
+        f"weights, naturalness ρ = {options.naturalness:g}"
+    )
+    return Method(name, about, solve)
 
 
-def planner_methods(scene: Scene, max_time: float) -> list[PlannerMethod]:
+def planner_methods(scene: Scene, max_time: float) -> list[Method]:
     """Components with the usual and without naturalness, and B-splines."""
     primitives = (
         [scene.primitive]
@@ -63,11 +58,11 @@ def planner_methods(scene: Scene, max_time: float) -> list[PlannerMethod]:
         ]
     )
     usual = PlannerOptions(max_solve_time=max_time)
+    bare = PlannerOptions(max_solve_time=max_time, naturalness=0.0)
+    bspline = PlannerOptions(max_solve_time=max_time, naturalness=0.0, basis="bspline")
     methods = []
     for primitive in primitives:
         name = f"pca_{primitive.coupling}"
-        bare = PlannerOptions(max_solve_time=max_time, naturalness=0.0)
-        methods.append(PlannerMethod(name, scene, primitive, usual))
-        methods.append(PlannerMethod(f"{name}_effort_only", scene, primitive, bare))
-    bspline = PlannerOptions(max_solve_time=max_time, basis="bspline", naturalness=0.0)
-    return [*methods, PlannerMethod(BSPLINE, scene, primitives[0], bspline)]
+        methods.append(planner_method(name, scene, primitive, usual))
+        methods.append(planner_method(f"{name}_effort_only", scene, primitive, bare))
+    return [*methods, planner_method(BSPLINE, scene, primitives[0], bspline)]

@@ -27,7 +27,7 @@ from ..primitives.differences import FINE_PHASES
 from ..primitives.pca import PrincipalComponents, fit_components
 from ..recordings.demonstration import Demonstration
 from ..robot.model import Robot
-from .naturalness import Method, Prediction, wide_limits
+from .naturalness import Prediction, Predictor, wide_limits
 
 TABLE_2 = {
     "shoulder1": (0.9249, 0.0639, 0.0082, 0.0013),
@@ -92,7 +92,7 @@ def paper_basis(
     )
 
 
-def paper_method(robot: Robot) -> Method:
+def paper_method(robot: Robot) -> Predictor:
     """The method, for comparisons."""
 
     def predict(motion: Demonstration, others: Sequence[Demonstration]) -> Prediction:

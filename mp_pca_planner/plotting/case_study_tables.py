@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""The tables and figures of the case study, as text."""
+"""The tables and numbers of the case study."""
 
 from __future__ import annotations
 
@@ -12,17 +12,16 @@ from ..evaluation.case_study import OURS, TABLE_3_METHODS, CaseStudy, variance_s
 from ..evaluation.naturalness import BSPLINES, QUANTITIES, Comparison
 from ..evaluation.paper import TABLE_2, TABLE_3
 from ..primitives.differences import MEASURES
+from .page import Table
 from .text import percent, table
+from .variance import percents, variance_table
 
-Table = tuple[list[str], list[list[str]]]
-"""A header and rows."""
-
-_PAPER_SAYS = 0.9
-_COMPONENTS = [f"PC{k + 1}" for k in range(4)]
+_PAPER_SHARE = 0.9  # of two components: what the paper states for every joint
+_EFFORTS = ["method", "effort [N²m²s]", "ratio", "time [ms]", "time ratio"]
 
 
 def tables(study: CaseStudy) -> dict[str, Table]:
-    """All tables, by the name of their files."""
+    """All tables, by the names of their files."""
     found = {
         "table_2": table_2(study),
         "table_2_by_activity": table_2_by_activity(study),
@@ -37,89 +36,75 @@ def tables(study: CaseStudy) -> dict[str, Table]:
 
 def table_2(study: CaseStudy) -> Table:
     """Shares of the variance of the joint angles, beside the paper's [%]."""
-    rows = []
-    names = study.motions[0].joint_names
-    for name, shares in zip(names, variance_shares(study.components), strict=True):
-        paper = TABLE_2.get(name, ())
-        rows.append(
-            [
-                name,
-                *(percent(x) for x in shares),
-                percent(shares.sum()),
-                *([percent(x) for x in paper] or [""] * 4),
-                percent(sum(paper)) if paper else "",
-            ]
-        )
-    paper_header = [f"paper {name}" for name in (*_COMPONENTS, "sum")]
-    return ["joint", *_COMPONENTS, "sum", *paper_header], rows
+    (_, *columns), rows = variance_table(_shares(study), 4)
+    for row in rows:
+        paper = TABLE_2.get(row[0], ())
+        row += [*percents(paper, 4), percent(sum(paper)) if paper else ""]
+    return Table(["joint", *columns, *(f"paper {name}" for name in columns)], rows)
 
 
 def table_2_by_activity(study: CaseStudy) -> Table:
     """Shares of the first two components, for all motions of each activity [%]."""
-    names = study.motions[0].joint_names
     rows = [
         [activity, *(f"{percent(x)} + {percent(y)}" for x, y in shares[:, :2])]
         for activity, shares in study.shares_by_activity.items()
     ]
-    return ["activity", *names], rows
+    return Table(["activity", *study.motions[0].joint_names], rows)
 
 
 def less_than_paper(study: CaseStudy) -> list[str]:
-    """Joints of which two components explain less than 90 %, which the paper's exceed."""
+    """Joints of which two components explain less than 90 %; those of the paper explain more."""
     names = study.motions[0].joint_names
     return [
         f"{name} of {activity} ({percent(row[:2].sum())} %, with the third component "
         f"{percent(row[:3].sum())} %)"
         for activity, shares in study.shares_by_activity.items()
         for name, row in zip(names, shares, strict=True)
-        if row[:2].sum() < _PAPER_SAYS
+        if row[:2].sum() < _PAPER_SHARE
     ]
 
 
 def table_3(study: CaseStudy) -> Table:
     """The arm-raising motion, beside the paper's."""
     found = study.raising.predictions
-    least = found[BSPLINES]
-    rows = []
-    for name in TABLE_3_METHODS:
-        effort, seconds = found[name].effort, found[name].solve_time
-        ratios = [f"{effort / least.effort:.2f}" if effort and least.effort else "", "", ""]
-        ratios[1:] = [f"{1e3 * seconds:.2f}", f"{seconds / least.solve_time:.3f}"]
-        rows.append([name, f"{effort:.3f}" if effort else "none", *ratios])
-    (spline_effort, spline_time), (pca_effort, pca_time) = TABLE_3["B-spline"], TABLE_3["PCA"]
-    rows += [
-        ["paper: B-spline", f"{spline_effort:.3f}", "1.00", f"{1e3 * spline_time:.0f}", "1.000"],
-        [
-            "paper: PCA",
-            f"{pca_effort:.3f}",
-            f"{pca_effort / spline_effort:.2f}",
-            f"{1e3 * pca_time:.0f}",
-            f"{pca_time / spline_time:.3f}",
-        ],
+    rows = [
+        _effort_row(name, found[name].effort, found[name].solve_time, found[BSPLINES][1:])
+        for name in TABLE_3_METHODS
     ]
-    return ["method", "effort [N²m²s]", "ratio", "time [ms]", "time ratio"], rows
+    rows += [_effort_row(f"paper: {name}", *TABLE_3[name], TABLE_3["B-spline"]) for name in TABLE_3]
+    return Table(_EFFORTS, rows)
+
+
+def _effort_row(
+    name: str, effort: float | None, seconds: float, base: tuple[float | None, float]
+) -> list[str]:
+    """Effort and time of a method, and their ratios to those of B-splines."""
+    return [
+        name,
+        f"{effort:.3f}" if effort else "none",
+        f"{effort / base[0]:.2f}" if effort and base[0] else "",
+        f"{1e3 * seconds:.2f}",
+        f"{seconds / base[1]:.3f}",
+    ]
 
 
 def table_3_all_motions(study: CaseStudy) -> Table:
     """The same for all motions, medians, and how near they come."""
     held_out = study.held_out
-    least = held_out.column(BSPLINES, "effort")
     rows = []
     for name in TABLE_3_METHODS:
-        effort = held_out.column(name, "effort")
         rows.append(
             [
                 name,
-                f"{np.median(effort):.3f}",
-                f"{np.median(effort / least):.2f}",
+                f"{np.median(held_out.column(name, 'effort')):.3f}",
+                f"{held_out.effort_ratio(name):.2f}",
                 f"{1e3 * np.median(held_out.column(name, 'solve_time')):.2f}",
                 f"{study.time_ratio(name):.3f}",
                 f"{np.rad2deg(held_out.rms(name, 'time')):.2f}",
                 f"{1e3 * held_out.rms(name, 'tip'):.0f}",
             ]
         )
-    header = ["method", "effort [N²m²s]", "ratio", "time [ms]", "time ratio"]
-    return [*header, "angle error [deg]", "tip path error [mm]"], rows
+    return Table([*_EFFORTS, "angle error [deg]", "tip path error [mm]"], rows)
 
 
 def naturalness(comparison: Comparison) -> Table:
@@ -129,17 +114,18 @@ def naturalness(comparison: Comparison) -> Table:
         row = [name]
         for measure in MEASURES:
             low, high = np.rad2deg(comparison.interval(name, measure))
-            error = np.rad2deg(comparison.rms(name, measure))
             difference = "–" if name == comparison.reference else f"{low:+.2f} … {high:+.2f}"
-            row += [f"{error:.2f}", difference]
-        row.append(f"{1e3 * comparison.rms(name, 'tip'):.0f}")
-        row.append(f"{np.mean(comparison.column(name, 'peak')):.3f}")
-        row.append(f"{np.median(comparison.column(name, 'deviation')):.2f}")
-        ratio = comparison.column(name, "effort") / comparison.column(BSPLINES, "effort")
-        rows.append([*row, f"{np.median(ratio):.2f}"])
+            row += [f"{np.rad2deg(comparison.rms(name, measure)):.2f}", difference]
+        row += [
+            f"{1e3 * comparison.rms(name, 'tip'):.0f}",
+            f"{np.mean(comparison.column(name, 'peak')):.3f}",
+            f"{np.median(comparison.column(name, 'deviation')):.2f}",
+            f"{comparison.effort_ratio(name):.2f}",
+        ]
+        rows.append(row)
     errors = ["in time [deg]", "aligned [deg]", "in path [deg]"]
     columns = [name for error in errors for name in (error, "interval")]
-    return ["method", *columns, "tip [mm]", "peak", "deviation", "effort ratio"], rows
+    return Table(["method", *columns, "tip [mm]", "peak", "deviation", "effort ratio"], rows)
 
 
 def summary(study: CaseStudy) -> str:
@@ -152,17 +138,18 @@ def summary(study: CaseStudy) -> str:
         "difference from the default's",
     }
     found = tables(study)
-    texts = [f"{label}\n{table(found[n][1], header=found[n][0])}" for n, label in labels.items()]
+    texts = [
+        f"{label}\n{table(found[n].rows, header=found[n].header)}" for n, label in labels.items()
+    ]
     return "\n\n".join([*texts, verdict(study)])
 
 
 def verdict(study: CaseStudy) -> str:
-    """Whether it is as the paper says, in two sentences."""
+    """Comparison with B-splines and with the paper, in two sentences."""
     angle, tip = (study.closer_than_bsplines(quantity) for quantity in ("time", "tip"))
-    pca, spline = (TABLE_3[name][1] for name in ("PCA", "B-spline"))
     return (
-        f"By default planning takes {study.time_ratio(OURS):.3f} of the time of B-splines (the "
-        f"paper: {pca / spline:.3f}). The motion is nearer to the person's than that of B-splines "
+        f"By default, planning takes {study.time_ratio(OURS):.3f} of the time of B-splines (paper: "
+        f"{_paper_ratio():.3f}). The motion is nearer to the person's than that of B-splines "
         f"for {angle:.0%} of the motions in joint angle, and for {tip:.0%} in the path of the tip."
     )
 
@@ -170,6 +157,8 @@ def verdict(study: CaseStudy) -> str:
 def facts(study: CaseStudy, source: str) -> dict[str, Any]:
     """Everything as numbers."""
     names = study.motions[0].joint_names
+    raising = study.raising
+    other = study.other_activities
     return {
         "source": source,
         "n_motions": len(study.motions),
@@ -179,36 +168,44 @@ def facts(study: CaseStudy, source: str) -> dict[str, Any]:
         ],
         "table_2": {
             name: {"ours": shares, "paper": TABLE_2.get(name)}
-            for name, shares in zip(names, variance_shares(study.components), strict=True)
+            for name, shares in _shares(study).items()
         },
         "table_2_by_activity": {
             activity: dict(zip(names, shares, strict=True))
             for activity, shares in study.shares_by_activity.items()
         },
         "table_3": {
-            "recording": study.raising.motion.recording,
-            "start_time_s": study.raising.motion.start_time,
+            "recording": raising.motion.recording,
+            "start_time_s": raising.motion.start_time,
             "ours": {
-                name: {"effort_cost": p.effort, "solve_time_s": p.solve_time}
-                for name, p in study.raising.predictions.items()
+                name: _cost(p.effort, p.solve_time) for name, p in raising.predictions.items()
             },
-            "paper": {
-                name: {"effort_cost": effort, "solve_time_s": seconds}
-                for name, (effort, seconds) in TABLE_3.items()
-            },
+            "paper": {name: _cost(*values) for name, values in TABLE_3.items()},
         },
         "time_ratio_pca_over_bspline": {
             **{name: study.time_ratio(name) for name in TABLE_3_METHODS},
-            "paper": TABLE_3["PCA"][1] / TABLE_3["B-spline"][1],
+            "paper": _paper_ratio(),
         },
         "closer_than_bspline": {
             quantity: study.closer_than_bsplines(quantity) for quantity in (*MEASURES, "tip")
         },
         "naturalness": _by_method(study.held_out),
-        "naturalness_other_activities": None
-        if study.other_activities is None
-        else _by_method(study.other_activities),
+        "naturalness_other_activities": None if other is None else _by_method(other),
     }
+
+
+def _shares(study: CaseStudy) -> dict[str, Any]:
+    """Shares of the variance, shape (4,), by joint."""
+    names = study.motions[0].joint_names
+    return dict(zip(names, variance_shares(study.components), strict=True))
+
+
+def _cost(effort: float | None, seconds: float) -> dict[str, float | None]:
+    return {"effort_cost": effort, "solve_time_s": seconds}
+
+
+def _paper_ratio() -> float:
+    return TABLE_3["PCA"][1] / TABLE_3["B-spline"][1]
 
 
 def _by_method(comparison: Comparison) -> dict[str, Any]:

@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Units in which positions of joints are shown: degrees, or millimetres of prismatic joints."""
+"""Units of displayed values: degrees, or millimetres for prismatic joints."""
 
 from __future__ import annotations
 
@@ -13,50 +13,56 @@ from ..primitives.primitive import MovementPrimitive
 
 
 class Unit(NamedTuple):
-    """A unit of positions, and what a radian or a metre is in it.
+    """A unit of positions, with those of speeds and efforts that belong to it.
 
     Attributes
     ----------
-    name, speed : str
-        Of positions and of speeds.
+    name, speed, effort : str
+        Names of the units of positions, speeds and efforts.
     factor : float
-        How many of it are a radian or a metre.
+        Value of one radian or metre in this unit.
     decimals : int
-        With how many values are shown.
+        Number of decimals shown.
     """
 
     name: str
     speed: str
+    effort: str
     factor: float
-    decimals: int
+    decimals: int = 2
 
     def number(self, value: float) -> str:
-        """A value [rad or m] as a number of these."""
+        """A value [rad or m] as text in this unit."""
         return f"{self.factor * value:.{self.decimals}f}"
 
 
-_DEGREES = Unit("deg", "deg/s", float(np.rad2deg(1.0)), 2)
-_MILLIMETRES = Unit("mm", "mm/s", 1e3, 2)
-# For one value of joints of both kinds.
-_EITHER = Unit("rad or m", "rad/s or m/s", 1.0, 4)
+DEGREES = Unit("deg", "deg/s", "N·m", float(np.rad2deg(1.0)))
+MILLIMETRES = Unit("mm", "mm/s", "N", 1e3)
+METRES = Unit("m", "m/s", "N", 1.0, 4)
+MIXED = Unit("rad or m", "rad/s or m/s", "N·m or N", 1.0, 4)
 
 
 def unit_of(joint_names: Collection[str], prismatic: Collection[str]) -> Unit:
-    """Find the unit for values that belong to all of some joints.
+    """Return the unit for values shared by several joints.
 
     Parameters
     ----------
     joint_names : collection of str
         The joints.
     prismatic : collection of str
-        Those that are measured in metres, among others.
+        All joints that are measured in metres.
     """
     n_prismatic = sum(name in prismatic for name in joint_names)
     if n_prismatic == 0:
-        return _DEGREES
-    return _MILLIMETRES if n_prismatic == len(joint_names) else _EITHER
+        return DEGREES
+    return MILLIMETRES if n_prismatic == len(joint_names) else MIXED
 
 
 def prismatic_joints(primitive: MovementPrimitive) -> tuple[str, ...]:
-    """Joints that are prismatic, as far as a robot description told when it was built."""
+    """Prismatic joints, if the primitive was built with a robot description."""
     return tuple(primitive.metadata.get("prismatic_joints", ()))
+
+
+def primitive_unit(primitive: MovementPrimitive) -> Unit:
+    """The unit for values shared by all joints of a primitive."""
+    return unit_of(primitive.joint_names, prismatic_joints(primitive))

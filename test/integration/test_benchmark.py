@@ -12,8 +12,8 @@ from patience import EVER
 
 from mp_pca_planner.cli.main import main
 from mp_pca_planner.evaluation.check import RigidArm, judge
-from mp_pca_planner.evaluation.collocation import SequentialLeastSquares, _Program
-from mp_pca_planner.evaluation.method import Answer
+from mp_pca_planner.evaluation.collocation import SplineProgram, slsqp_method
+from mp_pca_planner.evaluation.method import Method, PeerResult
 from mp_pca_planner.evaluation.own import planner_methods
 from mp_pca_planner.evaluation.problems import (
     Problem,
@@ -23,7 +23,7 @@ from mp_pca_planner.evaluation.problems import (
     robot_file,
 )
 from mp_pca_planner.evaluation.run import PEERS, Result, compare, ratios, set_up, unsolved
-from mp_pca_planner.evaluation.without_optimisation import MinimumJerk
+from mp_pca_planner.evaluation.without_optimisation import minimum_jerk_method
 from mp_pca_planner.exceptions import MissingDependencyError
 from mp_pca_planner.planning.plan import PlannerOptions
 from mp_pca_planner.primitives.file import save_primitive
@@ -90,18 +90,18 @@ def test_least_squares_with_and_without_gradients_find_the_same(scene, problem):
     arm = RigidArm(scene.urdf, scene.robot.joint_names)
     costs = []
     for differences in (True, False):
-        answer = SequentialLeastSquares(scene, 60.0, differences=differences).solve(problem)
+        answer = slsqp_method(scene, 60.0, differences=differences).solve(problem)
         costs.append(judge(answer.trajectory, problem, arm, scene.limits).effort_cost)
     assert costs[0] == pytest.approx(costs[1], rel=1e-3)
 
 
 def test_gradients_of_the_least_squares_program_match_differences(scene, problem):
-    program = _Program(scene.robot, scene.limits, problem)
+    program = SplineProgram(scene, problem)
     w = np.random.default_rng(0).normal(0.0, 0.1, program.n_weights)
     step = 1e-6
     for function, derivative in (
         (program.cost, program.gradient),
-        (program.slack, program.slack_jacobian),
+        (program.bounded, program.bounded_rows),
     ):
         differences = np.array(
             [
@@ -113,7 +113,7 @@ def test_gradients_of_the_least_squares_program_match_differences(scene, problem
 
 
 def test_method_that_takes_too_long_is_stopped(scene, problem):
-    answer = SequentialLeastSquares(scene, 1e-9, differences=False).solve(problem)
+    answer = slsqp_method(scene, 1e-9, differences=False).solve(problem)
     assert answer.trajectory is None and "not converged" in answer.status
 
 
@@ -133,28 +133,27 @@ def test_example_robot_without_its_package_says_what_to_install(monkeypatch):
 # The comparison
 
 
-class Recorder(MinimumJerk):
-    """Notes when it is called."""
+def recorder(scene: Scene, name: str, slow: bool, calls: list[str]) -> Method:
+    """A method that notes when it is called."""
+    usual = minimum_jerk_method(scene)
 
-    def __init__(self, scene: Scene, name: str, slow: bool, calls: list[str]) -> None:
-        super().__init__(scene)
-        self.name, self.slow, self._calls = name, slow, calls
+    def solve(problem: Problem) -> PeerResult:
+        calls.append(name)
+        return usual.solve(problem)
 
-    def solve(self, problem: Problem) -> Answer:
-        self._calls.append(self.name)
-        return super().solve(problem)
+    return Method(name, usual.about, solve, slow)
 
 
 def test_order_alternates_and_slow_methods_get_some_problems(scene):
     calls: list[str] = []
-    methods = [Recorder(scene, "a", False, calls), Recorder(scene, "b", True, calls)]
+    methods = [recorder(scene, "a", False, calls), recorder(scene, "b", True, calls)]
     results = compare(scene, methods, held_out_problems(scene, 3, 2), repeats=2, n_slow=2)
     assert calls == ["a", "b", "b", "a", "a", "a", "a", "b", "b", "a"]
     assert [set(r) for r in results] == [{"a", "b"}, {"a"}, {"a", "b"}]
 
 
 def test_ratios_are_medians_over_what_both_solve(scene, problem):
-    method = MinimumJerk(scene)
+    method = minimum_jerk_method(scene)
     arm = RigidArm(scene.urdf, scene.robot.joint_names)
     answer = method.solve(problem)
     verdict = judge(answer.trajectory, problem, arm, scene.limits)

@@ -87,12 +87,12 @@ def test_with_as_many_motions_as_it_takes_the_interval_ends_at_zero():
         results = {"ours": np.tile(ours, (n, 1)), "other": np.tile(other, (n, 1))}
         return Comparison(tuple(MOTIONS[:1] * 12 * n), results, "ours")
 
-    needed = repeated(1).motions_to_tell("other", "path")
+    needed = repeated(1).motions_needed("other", "path")
     assert needed > 24
     for share, holds_zero in ((0.5, True), (2.0, False)):
         low, high = repeated(round(share * needed / 12)).interval("other", "path")
         assert (low < 0.0 < high) == holds_zero
-    assert repeated(1).motions_to_tell("ours", "path") == np.inf
+    assert repeated(1).motions_needed("ours", "path") == np.inf
 
 
 def test_motions_of_a_group_teach_nothing_of_it():

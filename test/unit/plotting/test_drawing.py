@@ -4,23 +4,32 @@
 
 import subprocess
 import sys
+from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from arm import arm_primitive, arm_robot
 
 from mp_pca_planner.exceptions import PlannerError
+from mp_pca_planner.motion.goal import JointGoal, JointState
 from mp_pca_planner.motion.trajectory import Trajectory
-from mp_pca_planner.plotting import drawing
-from mp_pca_planner.plotting.drawing import draw_arm, draw_motion, draw_primitive
+from mp_pca_planner.planning.plan import Plan
+from mp_pca_planner.planning.planner import Planner
+from mp_pca_planner.plotting.arm import arm_figure
+from mp_pca_planner.plotting.drawing import draw_motion, picture
+from mp_pca_planner.plotting.figures import plot_plan, plot_primitive
+from mp_pca_planner.plotting.motion import motion_figure
+from mp_pca_planner.plotting.primitive import PHASES, primitive_figure
+from mp_pca_planner.plotting.style import add_header, line, styled_figure
+from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
+from mp_pca_planner.primitives.primitive import MovementPrimitive
 from mp_pca_planner.recordings.demonstration import Demonstration
 from mp_pca_planner.robot.limits import JointLimits
 
 image = pytest.importorskip("matplotlib.image", reason="matplotlib is not installed")
-
-PHASES = np.linspace(0.0, 1.0, 51)
-FRAMES = ["chest", "upper_arm", "lower_arm", "wrist"]
 
 
 def pixels(path: Path) -> np.ndarray:
@@ -46,19 +55,38 @@ def names(n_joints: int) -> list[str]:
     return [f"joint{i}" for i in range(n_joints)]
 
 
-def primitive(n_joints: int = 2, **changes: Any) -> dict[str, Any]:
+def primitive(n_joints: int = 2, coupling: str = "arm", **metadata: Any) -> MovementPrimitive:
+    """Bells between random ends."""
     rng = np.random.default_rng(0)
-    bell = (PHASES * (1 - PHASES))[:, None] * np.ones(n_joints)
-    arguments = {
-        "joint_names": names(n_joints),
-        "phases": PHASES,
-        "demonstrations": rng.uniform(0.5, 1.5, (6, 1, 1)) * PHASES[:, None] * np.ones(n_joints),
-        "mean": bell,
-        "components": np.stack([0.5 * bell, 0.2 * bell]),
-        "explained_variance_ratio": [0.9, 0.1],
-        "title": "A primitive",
-    }
-    return arguments | changes
+    t = np.linspace(0.0, 1.0, 101)[:, None]
+    motions = []
+    for i in range(8):
+        ends, height = rng.normal(size=(2, n_joints)), rng.normal(size=n_joints)
+        s, v = 10 * t**3 - 15 * t**4 + 6 * t**5, 30 * t**2 - 60 * t**3 + 30 * t**4
+        bell = 64 * t**3 * (1 - t) ** 3
+        q = ends[0] + s * (ends[1] - ends[0]) + bell * height
+        dq = v * (ends[1] - ends[0]) + np.gradient(bell[:, 0], t[:, 0])[:, None] * height
+        motions.append(
+            Demonstration(
+                names(n_joints),
+                *(t[:, 0], q, dq, np.gradient(dq, t[:, 0], axis=0)),
+                recording=f"r{i}",
+                start_time=0.0,
+                end_time=1.0,
+            )
+        )
+    built = build_primitive(motions, "p", PrimitiveOptions(coupling, 2))
+    return replace(built, metadata={**built.metadata, **metadata})
+
+
+def draw_primitive(path: Path, shown: MovementPrimitive) -> None:
+    with picture(path) as figure:
+        primitive_figure(figure, shown, title="A primitive")
+
+
+def draw_arm(path: Path, motions: dict[str, np.ndarray]) -> None:
+    with picture(path) as figure:
+        arm_figure(figure, motions, "Arm", "wrist")
 
 
 def trajectory(n_joints: int = 2, scale: float = 1.0, with_efforts: bool = True) -> Trajectory:
@@ -77,7 +105,7 @@ def arm(reach: float = 0.5) -> np.ndarray:
 
 @pytest.mark.parametrize("n_joints", [1, 4, 7])
 def test_picture_of_a_primitive_shows_its_components(tmp_path: Path, n_joints: int) -> None:
-    draw_primitive(tmp_path / "p.png", **primitive(n_joints))
+    draw_primitive(tmp_path / "p.png", primitive(n_joints))
     assert n_pixels(tmp_path / "p.png", BLUE) > 200 * n_joints
     assert n_pixels(tmp_path / "p.png", ORANGE) > 100 * n_joints
 
@@ -86,44 +114,27 @@ def test_more_joints_make_a_larger_picture_but_no_wider_one_than_four(tmp_path: 
     shapes = []
     for n_joints in (4, 8):
         path = tmp_path / f"{n_joints}.png"
-        draw_primitive(path, **primitive(n_joints))
+        draw_primitive(path, primitive(n_joints))
         shapes.append(pixels(path).shape)
     assert shapes[1][1] == shapes[0][1]
     assert shapes[1][0] > 1.5 * shapes[0][0]
 
 
-def test_shares_of_variance_may_be_given_per_joint(tmp_path: Path) -> None:
-    shares = [[0.9, 0.1], [0.7, 0.2]]
-    draw_primitive(tmp_path / "p.png", **primitive(explained_variance_ratio=shares))
-    assert n_pixels(tmp_path / "p.png", BLUE) > 400
+def test_components_of_one_joint_are_drawn_with_its_shares(tmp_path: Path) -> None:
+    shown = primitive(coupling="joint")
+    with styled_figure() as figure:
+        panels = primitive_figure(figure, shown)
+    for (_, below), shares in zip(panels, shown.explained_variance_ratio.values(), strict=True):
+        assert (
+            below.get_title() == "variance: " + ", ".join(f"{100 * x:.1f}" for x in shares) + " %"
+        )
+        assert len(below.lines) == 2 * len(shares) + 1
 
 
 def test_same_input_gives_the_same_picture(tmp_path: Path) -> None:
     for name in ("a.png", "b.png"):
-        draw_primitive(tmp_path / name, **primitive())
+        draw_primitive(tmp_path / name, primitive())
     assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
-
-
-@pytest.mark.parametrize(
-    ("changes", "offender"),
-    [
-        ({"phases": PHASES[:-1]}, "demonstrations"),
-        ({"demonstrations": np.zeros((3, 51))}, "demonstrations"),
-        ({"demonstrations": np.zeros((0, 51, 2))}, "at least one demonstration"),
-        ({"mean": np.zeros((51, 3))}, "mean shape"),
-        ({"mean": np.full((51, 2), np.nan)}, "mean shape"),
-        ({"components": np.zeros((51, 2))}, "components"),
-        ({"explained_variance_ratio": [1.0]}, "explained variance"),
-        ({"explained_variance_ratio": [[0.9, 0.1]]}, "explained variance"),
-        ({"joint_names": ["joint0", "joint0"]}, "'joint0' given more than once"),
-    ],
-)
-def test_primitive_of_wrong_shape_is_refused(
-    tmp_path: Path, changes: dict[str, Any], offender: str
-) -> None:
-    with pytest.raises(PlannerError, match=offender):
-        draw_primitive(tmp_path / "p.png", **primitive(**changes))
-    assert not list(tmp_path.iterdir())
 
 
 def test_picture_of_a_motion_shows_the_motion_and_what_it_is_compared_with(tmp_path: Path) -> None:
@@ -154,31 +165,47 @@ def test_limits_are_drawn_where_the_motion_comes_near(tmp_path: Path) -> None:
     assert black(2.1) > black(20.0) + 100
 
 
-def test_prismatic_joints_are_drawn_in_metres(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    figures: list[Any] = []
-    monkeypatch.setattr(drawing, "_save", lambda figure, *_: figures.append(figure))
+def test_prismatic_joints_are_drawn_in_metres() -> None:
     motion = trajectory()
-    draw_motion(tmp_path / "m.png", motion, title="A motion", prismatic=["joint1"])
-    panels = {axes.get_ylabel(): axes.lines[0].get_ydata() for axes in figures[0].axes}
+    with styled_figure() as figure:
+        motion_figure(figure, {"planned": motion}, "A motion", prismatic=["joint1"])
+    panels = {axes.get_ylabel(): axes.lines[0].get_ydata() for axes in figure.axes}
     np.testing.assert_allclose(panels["position [m]"], motion.positions[:, 1])
     np.testing.assert_allclose(panels["position [deg]"], np.rad2deg(motion.positions[:, 0]))
     np.testing.assert_allclose(panels["velocity [m/s]"], motion.velocities[:, 1])
 
 
-def test_shapes_of_prismatic_joints_are_drawn_in_millimetres(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    figures: list[Any] = []
-    monkeypatch.setattr(drawing, "_save", lambda figure, *_: figures.append(figure))
-    shown = primitive(prismatic=["joint1"])
-    draw_primitive(tmp_path / "p.png", **shown)
-    panels = {axes.get_ylabel(): axes.lines[0].get_ydata() for axes in figures[0].axes}
-    first = shown["demonstrations"][0]
-    np.testing.assert_allclose(panels["position [mm]"], 1e3 * first[:, 1])
-    np.testing.assert_allclose(panels["position [deg]"], np.rad2deg(first[:, 0]))
+def test_shapes_of_prismatic_joints_are_drawn_in_millimetres() -> None:
+    shown = primitive(prismatic_joints=["joint1"])
+    demonstrations = np.random.default_rng(1).normal(size=(3, PHASES.size, 2))
+    with styled_figure() as figure:
+        primitive_figure(figure, shown, demonstrations)
+    panels = {axes.get_ylabel(): axes.lines[0].get_ydata() for axes in figure.axes}
+    np.testing.assert_allclose(panels["position [mm]"], 1e3 * demonstrations[0, :, 1])
+    np.testing.assert_allclose(panels["position [deg]"], np.rad2deg(demonstrations[0, :, 0]))
     assert "shape [mm]" in panels and "shape [deg]" in panels
+
+
+@pytest.mark.parametrize("n_joints", [1, 4, 7, 13, 40])
+def test_motion_of_any_arm_has_at_most_twelve_panels_and_shows_every_joint(n_joints: int) -> None:
+    motions = {"a": trajectory(n_joints), "b": trajectory(n_joints, 0.5)}
+    with styled_figure() as figure:
+        panels = motion_figure(figure, motions, "Motions")
+    assert len(figure.axes) == 3 * len(panels) <= 12
+    assert sum(len(axes.lines) for axes in figure.axes) == 2 * 3 * n_joints
+
+
+@pytest.mark.parametrize("length", [5, 30, 200])
+def test_titles_and_legends_are_never_cut(length: int) -> None:
+    lines = [line(f"{i} " + length * "m", "#000000") for i in range(5)]
+    with styled_figure() as figure:
+        add_header(figure, 3 * length * "m", lines, 7.0, 2.0)
+        figure.subplots()
+        figure.draw_without_rendering()
+    box, (axes,) = figure.legends[0].get_window_extent(), figure.axes
+    assert box.x0 >= 0.0 and box.x1 <= figure.bbox.x1 and box.y1 <= figure.bbox.y1
+    assert axes.get_tightbbox().y1 <= box.y0 + 1.0
+    assert axes.get_window_extent().height > 1.5 * figure.dpi
 
 
 def test_joint_that_does_not_move_is_drawn(tmp_path: Path) -> None:
@@ -186,33 +213,9 @@ def test_joint_that_does_not_move_is_drawn(tmp_path: Path) -> None:
     assert n_pixels(tmp_path / "m.png", BLUE) > 1000
 
 
-def test_demonstrations_are_drawn_behind_the_motion(tmp_path: Path) -> None:
-    motion = trajectory()
-    shown = Demonstration(
-        names(2),
-        motion.times,
-        0.5 * motion.positions,
-        0.5 * motion.velocities,
-        0.5 * motion.accelerations,
-        recording="r",
-        start_time=0.0,
-        end_time=0.8,
-    )
-    draw_motion(tmp_path / "with.png", motion, title="A motion", demonstrations=[shown])
-    draw_motion(tmp_path / "without.png", motion, title="A motion")
-    assert not np.array_equal(pixels(tmp_path / "with.png"), pixels(tmp_path / "without.png"))
-
-
 def test_motions_of_other_joints_are_refused(tmp_path: Path) -> None:
     with pytest.raises(PlannerError, match="'joint0', 'joint1', 'joint2' can't be drawn with"):
         draw_motion(tmp_path / "m.png", trajectory(2), title="", others={"x": trajectory(3)})
-
-
-def test_two_motions_of_the_same_label_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(PlannerError, match="'PCA' given more than once"):
-        draw_motion(
-            tmp_path / "m.png", trajectory(), title="", label="PCA", others={"PCA": trajectory()}
-        )
 
 
 def test_motion_of_one_point_is_refused(tmp_path: Path) -> None:
@@ -222,8 +225,8 @@ def test_motion_of_one_point_is_refused(tmp_path: Path) -> None:
 
 
 def test_arm_has_a_row_for_each_motion(tmp_path: Path) -> None:
-    draw_arm(tmp_path / "one.png", FRAMES, {"PCA": arm()}, title="Arm")
-    draw_arm(tmp_path / "two.png", FRAMES, {"B-spline": arm(0.4), "PCA": arm()}, title="Arm")
+    draw_arm(tmp_path / "one.png", {"PCA": arm()})
+    draw_arm(tmp_path / "two.png", {"B-spline": arm(0.4), "PCA": arm()})
     assert n_pixels(tmp_path / "one.png", BLUE) > 500
     assert n_pixels(tmp_path / "one.png", ORANGE) == 0
     assert n_pixels(tmp_path / "two.png", ORANGE) > 500
@@ -233,7 +236,7 @@ def test_right_arm_is_on_the_left_when_seen_from_the_front(tmp_path: Path) -> No
     # The end of a still arm that points to the right (-y) is marked by a filled black square.
     chain = np.zeros((5, 2, 3))
     chain[:, 1, 1] = -1.0
-    draw_arm(tmp_path / "a.png", ["base", "hand"], {"still": chain}, title="Arm")
+    draw_arm(tmp_path / "a.png", {"still": chain})
     rows, columns = np.nonzero(mask(tmp_path / "a.png", BLUE))
     black = mask(tmp_path / "a.png", BLACK)[rows.min() : rows.max() + 1]
     left_end, right_end = columns.min(), columns[columns < black.shape[1] * 0.6].max()
@@ -242,36 +245,18 @@ def test_right_arm_is_on_the_left_when_seen_from_the_front(tmp_path: Path) -> No
 
 
 def test_arm_without_extent_is_drawn(tmp_path: Path) -> None:
-    draw_arm(tmp_path / "a.png", FRAMES, {"point": np.zeros((5, 4, 3))}, title="Arm")
+    draw_arm(tmp_path / "a.png", {"point": np.zeros((5, 4, 3))})
     assert n_pixels(tmp_path / "a.png", BLACK) > 50
 
 
 def test_arm_keeps_its_proportions(tmp_path: Path) -> None:
     # A square as an arm: as wide as high in the front view.
     square = np.array([[0, 0, 0], [0, -1, 0], [0, -1, 1], [0, 0, 1], [0, 0, 0]], dtype=float)
-    draw_arm(tmp_path / "a.png", list("abcde"), {"square": np.stack([square] * 3)}, title="Arm")
+    draw_arm(tmp_path / "a.png", {"square": np.stack([square] * 3)})
     blue = mask(tmp_path / "a.png", BLUE)
     front_view = blue[:, : blue.shape[1] * 6 // 10]
     rows, columns = np.nonzero(front_view)
     assert np.ptp(rows) == pytest.approx(np.ptp(columns), abs=3)
-
-
-@pytest.mark.parametrize(
-    ("motions", "n_ghosts", "offender"),
-    [
-        ({}, 8, "at least one is needed"),
-        ({"PCA": np.zeros((5, 3, 3))}, 8, "points of 'PCA'"),
-        ({"PCA": np.zeros((5, 4, 2))}, 8, "points of 'PCA'"),
-        ({"PCA": np.zeros((1, 4, 3))}, 8, "1 steps"),
-        ({"PCA": np.zeros((5, 4, 3))}, 1, "at least 2 stills"),
-    ],
-)
-def test_arm_of_wrong_shape_is_refused(
-    tmp_path: Path, motions: dict[str, np.ndarray], n_ghosts: int, offender: str
-) -> None:
-    with pytest.raises(PlannerError, match=offender):
-        draw_arm(tmp_path / "a.png", FRAMES, motions, title="Arm", n_ghosts=n_ghosts)
-    assert not list(tmp_path.iterdir())
 
 
 def test_existing_file_is_kept_unless_forced(tmp_path: Path) -> None:
@@ -296,11 +281,10 @@ def run_python(code: str) -> subprocess.CompletedProcess[str]:
 def test_missing_matplotlib_is_said_in_one_sentence(tmp_path: Path) -> None:
     done = run_python(
         "import sys; sys.modules['matplotlib'] = None\n"
-        "from mp_pca_planner.plotting.drawing import draw_arm\n"
+        "from mp_pca_planner.plotting.drawing import picture\n"
         "from mp_pca_planner.exceptions import MissingDependencyError\n"
         "try:\n"
-        f"    draw_arm({str(tmp_path / 'a.png')!r}, ['a', 'b'],"
-        " {'x': [[[0, 0, 0], [0, 0, 1]]] * 2}, title='')\n"
+        f"    with picture({str(tmp_path / 'a.png')!r}): pass\n"
         "except MissingDependencyError as error:\n"
         "    print(error)"
     )
@@ -312,10 +296,58 @@ def test_missing_matplotlib_is_said_in_one_sentence(tmp_path: Path) -> None:
 def test_pyplot_and_its_settings_are_left_alone(tmp_path: Path) -> None:
     done = run_python(
         "import sys\n"
-        "from mp_pca_planner.plotting.drawing import draw_arm\n"
+        "from mp_pca_planner.plotting.drawing import picture\n"
         "assert 'matplotlib' not in sys.modules\n"
-        f"draw_arm({str(tmp_path / 'a.png')!r}, ['a', 'b'],"
-        " {'x': [[[0, 0, 0], [0, 0, 1]]] * 2}, title='')\n"
-        "assert 'matplotlib' in sys.modules and 'matplotlib.pyplot' not in sys.modules"
+        "import matplotlib; before = matplotlib.rcParams['font.size']\n"
+        f"with picture({str(tmp_path / 'a.png')!r}) as figure: figure.subplots()\n"
+        "assert 'matplotlib.pyplot' not in sys.modules\n"
+        "assert matplotlib.rcParams['font.size'] == before"
     )
     assert done.returncode == 0, done.stderr
+
+
+# Figures for notebooks
+
+
+@pytest.fixture
+def pyplot(monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
+    monkeypatch.setenv("MPLBACKEND", "agg")
+    from matplotlib import pyplot
+
+    yield pyplot
+    pyplot.close("all")
+
+
+@pytest.fixture(scope="module")
+def plan() -> Plan:
+    robot, shown = arm_robot(), arm_primitive()
+    start, goal = (JointState(robot.joint_names, shown.boundary_states[0, i]) for i in (0, 3))
+    return Planner(robot, [shown], robot.limits()).plan(JointGoal(goal), start)
+
+
+def test_plan_is_plotted_in_a_new_figure(pyplot: Any, plan: Plan) -> None:
+    panels = plot_plan(plan)
+    assert panels.shape == (4, 3) and panels[0, 0].figure.number in pyplot.get_fignums()
+    np.testing.assert_allclose(
+        panels[2, 0].lines[0].get_ydata(), np.rad2deg(plan.trajectory.positions[:, 2])
+    )
+
+
+def test_plan_is_plotted_on_axes_that_are_given(pyplot: Any, plan: Plan) -> None:
+    one = pyplot.subplot()
+    (found,) = plot_plan(plan, one)
+    assert found is one and one.get_ylabel() == "position [deg]"
+    assert [x.get_label() for x in one.lines] == list(plan.trajectory.joint_names)
+    _, two = pyplot.subplots(2)
+    assert plot_plan(plan, two)[1].get_ylabel() == "velocity [deg/s]"
+
+
+def test_primitive_is_plotted_in_a_new_figure_and_on_axes_that_are_given(pyplot: Any) -> None:
+    shown = arm_primitive()
+    panels = plot_primitive(shown)
+    assert panels.shape == (4, 2)
+    # Without the recordings, demonstrations are what the components reproduce.
+    ends = np.array([x.get_ydata()[[0, -1]] for x in panels[1, 0].lines[:-1]])
+    np.testing.assert_allclose(ends, np.rad2deg(shown.boundary_states[:, [0, 3], 1]), atol=1e-6)
+    _, given = pyplot.subplots(2)
+    assert [axes.get_ylabel() for axes in plot_primitive(shown, given)] == ["shape [deg]"] * 2

@@ -1,0 +1,101 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Figures of arms in motion: stills from the front and from the side."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..arrays import FloatArray
+from ..exceptions import printable
+from .style import BLACK, COLOURS, Line, add_header, line
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+_N_STILLS = 8
+_ROW_HEIGHT = 4.0  # [inch]
+_MIN_VIEW = 0.05  # of arms without extent [m]
+_START: Line = {"marker": "o", "markersize": 8, "markerfacecolor": "white"}
+_END: Line = {"marker": "s", "markersize": 8}
+# Coordinates of the horizontal axes and what they are called: of the front and the side view.
+_VIEWS = (
+    (1, "front view, from +x", "y [m] (left of the body →)"),
+    (0, "side view, from -y", "x [m] (forward →)"),
+)
+
+
+def plot_arm(axes: Axes, chain: FloatArray, horizontal: int, colour: str) -> Axes:
+    """Plot stills of an arm that fade in, and the path of its tip.
+
+    Parameters
+    ----------
+    axes : Axes
+        Where to plot.
+    chain : array, shape (n_steps, n_points, 3)
+        Origins of the frames along the arm in the base frame [m], evenly spaced in time.
+    horizontal : int
+        Coordinate of the horizontal axis; z is the vertical one.
+    colour : str
+        Colour of the arm.
+    """
+    flat = chain[:, :, [horizontal, 2]]
+    chosen = np.unique(np.linspace(0, len(flat) - 1, _N_STILLS).round().astype(int))
+    still = line("", colour, width=3.5, marker="o", markersize=6, solid_capstyle="round")
+    for step, strength in zip(chosen, np.linspace(0.2, 1.0, chosen.size), strict=True):
+        axes.plot(*flat[step].T, **still, alpha=strength)
+    tip = flat[:, -1]
+    axes.plot(*tip.T, color=BLACK, linewidth=1.5, linestyle=(0, (3, 2)))
+    axes.plot(*tip[0], color=BLACK, **_START)
+    axes.plot(*tip[-1], color=BLACK, **_END)
+    axes.set_aspect("equal")
+    return axes
+
+
+def arm_figure(figure: Figure, motions: Mapping[str, FloatArray], title: str, tip: str) -> None:
+    """Plot motions of an arm from the front and from the side ([P] Figs. 3 and 4).
+
+    One row per motion, all in the same scale. The front view looks along -x, facing a person who
+    looks along x; the side view looks along y, at the person's right.
+
+    Parameters
+    ----------
+    figure : Figure
+        An empty figure, see :func:`.styled_figure`.
+    motions : mapping of str to array, shape (n_steps, n_points, 3)
+        By label, origins of the frames along the arm in the base frame [m] (x forward, y left,
+        z up), evenly spaced in time.
+    title : str
+        Title of the figure.
+    tip : str
+        Name of the frame at the end of the arm.
+    """
+    box = _view_box(np.concatenate([chain.reshape(-1, 3) for chain in motions.values()]))
+    side, front, up = box[:, 1] - box[:, 0]
+    entries = [
+        line(f"path of {tip}", BLACK, (0, (3, 2)), 1.5),
+        line("start (pale)", BLACK, "", **_START),
+        line("end (dark)", BLACK, "", **_END),
+    ]
+    width = max((_ROW_HEIGHT - 0.9) * (front + side) / up + 2.0, 7.0)
+    add_header(figure, title, entries, width, _ROW_HEIGHT * len(motions))
+    grid = figure.subplots(len(motions), 2, squeeze=False, width_ratios=[front, side])
+    for i, (label, chain) in enumerate(motions.items()):
+        for axes, (horizontal, view, name) in zip(grid[i], _VIEWS, strict=True):
+            plot_arm(axes, chain, horizontal, COLOURS[i % len(COLOURS)])
+            axes.set(xlim=box[horizontal], ylim=box[2], xlabel=name)
+            if i == 0:
+                axes.set_title(view)
+        grid[i, 0].set_ylabel(f"{printable(label)}\nz [m]")
+
+
+def _view_box(points: FloatArray) -> FloatArray:
+    """Ranges of x, y and z that hold all points, none too narrow for its labels, shape (3, 2)."""
+    low, high = points.min(axis=0), points.max(axis=0)
+    span = np.maximum(high - low, max(0.6 * (high - low).max(), _MIN_VIEW)) * 1.12
+    middle = (low + high) / 2
+    return np.stack([middle - span / 2, middle + span / 2], axis=1)

@@ -1,0 +1,205 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Figures of motions: positions, velocities and efforts over time."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..arrays import FloatArray
+from ..exceptions import PlannerError, printable, quote_names
+from ..motion.trajectory import Trajectory
+from ..robot.limits import JointLimits
+from .style import BLACK, COLOURS, MAX_COLUMNS, STYLES, Line, add_header, label_left, line
+from .units import METRES, MILLIMETRES, Unit, unit_of
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+QUANTITIES = ("positions", "velocities", "efforts")
+"""What is plotted of a motion, from top to bottom."""
+
+# Smallest range of a vertical axis [SI units]: rounding errors of joints at rest stay invisible.
+_MIN_SPAN = {"positions": 0.02, "velocities": 0.02, "efforts": 0.2}
+# A limit is drawn if it is nearer to the curve than this share of the curve's range; a farther
+# one would press the curve flat.
+_NEAR_LIMIT = 0.25
+_LIMIT = line("limit (where near)", BLACK, (0, (2, 2)), 1.5)
+
+
+def plot_motion(
+    axes: Axes,
+    trajectory: Trajectory,
+    quantity: str = "positions",
+    joints: Sequence[str] | None = None,
+    *,
+    prismatic: Collection[str] = (),
+    lines: Sequence[Line] | None = None,
+) -> Axes:
+    """Plot a quantity of some joints over time, one line per joint.
+
+    Parameters
+    ----------
+    axes : Axes
+        Where to plot.
+    trajectory : Trajectory
+        The motion.
+    quantity : {'positions', 'velocities', 'efforts'}
+        What to plot; nothing is plotted of a motion without efforts.
+    joints : sequence of str, optional
+        Which joints; all by default.
+    prismatic : collection of str
+        Joints that are measured in metres; the others are shown in degrees.
+    lines : sequence of Line, optional
+        Properties of the line of each joint.
+    """
+    names = list(trajectory.joint_names if joints is None else joints)
+    values = getattr(trajectory, quantity)
+    factor, label = _scale(quantity, names, prismatic)
+    if values is not None:
+        for name, style in zip(names, lines or _lines("-", names), strict=True):
+            joint = trajectory.joint_names.index(name)
+            axes.plot(trajectory.times, factor * values[:, joint], **style)
+    axes.set_xlabel("time [s]")
+    axes.set_ylabel(label)
+    return axes
+
+
+def motion_figure(
+    figure: Figure,
+    motions: Mapping[str, Trajectory],
+    title: str,
+    limits: JointLimits | None = None,
+    prismatic: Collection[str] = (),
+) -> list[list[Axes]]:
+    """Plot motions of the same joints, at most twelve panels.
+
+    Each column shows one joint, or several if there are more than four.
+
+    Parameters
+    ----------
+    figure : Figure
+        An empty figure, see :func:`.styled_figure`.
+    motions : mapping of str to Trajectory
+        The motions, by their labels.
+    title : str
+        Title of the figure.
+    limits : JointLimits, optional
+        Limits of the same joints, drawn where the motions come near.
+    prismatic : collection of str
+        Joints that are measured in metres; the others are shown in degrees.
+
+    Returns
+    -------
+    panels : list of list of Axes
+        By column, the Axes of positions, velocities and, if known, efforts.
+
+    Raises
+    ------
+    PlannerError
+        If no motion lasts, or the joints differ.
+    """
+    names = next(iter(motions.values())).joint_names
+    _check(motions, names, limits)
+    groups = [list(x) for x in np.array_split(names, min(len(names), MAX_COLUMNS))]
+    quantities = [q for q in QUANTITIES if any(getattr(m, q) is not None for m in motions.values())]
+    is_single = len(groups[0]) == 1
+    entries = [
+        line(label, COLOURS[i % len(COLOURS)] if is_single else BLACK, STYLES[i % len(STYLES)])
+        for i, label in enumerate(motions)
+    ]
+    header = entries if limits is None else [*entries, _LIMIT]
+    width, height = 3.5 * max(len(groups), 2), 2.3 * len(quantities)
+    add_header(figure, title, header, width, height)
+    grid = figure.subplots(len(quantities), len(groups), squeeze=False, sharex=True)
+    for column, group in zip(grid.T, groups, strict=True):
+        for entry, motion in zip(entries, motions.values(), strict=True):
+            lines = [entry] if is_single else _lines(entry["linestyle"], group)
+            for axes, quantity in zip(column, quantities, strict=True):
+                plot_motion(axes, motion, quantity, group, prismatic=prismatic, lines=lines)
+        for axes, quantity in zip(column, quantities, strict=True):
+            _show_limits(axes, quantity, group, limits, prismatic)
+            if not prismatic:
+                label_left(axes)
+        for axes in column[:-1]:
+            axes.set_xlabel("")
+        _name_joints(column[0], group)
+    grid[0, 0].set_xlim(0.0, max(motion.duration for motion in motions.values()))
+    return [list(column) for column in grid.T]
+
+
+def _check(
+    motions: Mapping[str, Trajectory], names: tuple[str, ...], limits: JointLimits | None
+) -> None:
+    if max(motion.duration for motion in motions.values()) == 0.0:
+        raise PlannerError("a motion of one point can't be drawn: at least two are needed")
+    joints = [motion.joint_names for motion in motions.values()]
+    for others in joints if limits is None else [*joints, limits.joint_names]:
+        if others != names:
+            raise PlannerError(
+                f"the joints {quote_names(others)} can't be drawn with the motion of "
+                f"{quote_names(names)}: they must be the same in the same order"
+            )
+
+
+def _lines(style: object, names: Sequence[str]) -> list[Line]:
+    """A line per joint, by colour."""
+    return [line(printable(n), COLOURS[i % len(COLOURS)], style) for i, n in enumerate(names)]
+
+
+def _scale(quantity: str, names: Sequence[str], prismatic: Collection[str]) -> tuple[float, str]:
+    """Factor from SI units, and label of the axis."""
+    unit: Unit = unit_of(names, prismatic)
+    unit = METRES if unit is MILLIMETRES else unit
+    return {
+        "positions": (unit.factor, f"position [{unit.name}]"),
+        "velocities": (unit.factor, f"velocity [{unit.speed}]"),
+        "efforts": (1.0, f"effort [{unit.effort}]"),
+    }[quantity]
+
+
+def _show_limits(
+    axes: Axes,
+    quantity: str,
+    names: Sequence[str],
+    limits: JointLimits | None,
+    prismatic: Collection[str],
+) -> None:
+    """Set the range of values; draw the limits that are near, of several joints by colour."""
+    factor, _ = _scale(quantity, names, prismatic)
+    low, high = axes.dataLim.intervaly
+    span = max(high - low, factor * _MIN_SPAN[quantity])
+    low, high = (low + high - span) / 2, (low + high + span) / 2
+    reach = low - _NEAR_LIMIT * span, high + _NEAR_LIMIT * span
+    shown = [low, high]
+    for i, name in enumerate(names):
+        colour = BLACK if len(names) == 1 else COLOURS[i % len(COLOURS)]
+        for bound in factor * _bounds(limits, quantity, name):
+            if reach[0] < bound < reach[1]:
+                axes.axhline(bound, **_LIMIT | {"color": colour})
+                shown.append(bound)
+    axes.set_ylim(min(shown) - 0.08 * span, max(shown) + 0.08 * span)
+
+
+def _bounds(limits: JointLimits | None, quantity: str, name: str) -> FloatArray:
+    """Lower and upper limit of a joint; none without limits."""
+    if limits is None:
+        return np.array([])
+    joint = limits.joint_names.index(name)
+    if quantity == "positions":
+        return np.array([limits.lower[joint], limits.upper[joint]])
+    magnitude = limits.velocity if quantity == "velocities" else limits.effort
+    return np.array([-magnitude[joint], magnitude[joint]])
+
+
+def _name_joints(axes: Axes, names: Sequence[str]) -> None:
+    """Name the joint of a column above it, or several with their colours."""
+    if len(names) == 1:
+        axes.set_title(printable(names[0]))
+    else:
+        handles = axes.lines[: len(names)]
+        axes.legend(handles=handles, loc="lower center", bbox_to_anchor=(0.5, 1.0))

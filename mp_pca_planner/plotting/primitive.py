@@ -1,0 +1,171 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Figures of primitives: demonstrations, mean shape and principal components."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..arrays import FloatArray
+from ..primitives.alignment import own_phases
+from ..primitives.primitive import MovementPrimitive
+from .style import BLACK, GREY, Line, joint_panels, label_left, line, palette_line
+from .units import prismatic_joints, unit_of
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+PHASES = np.linspace(0.0, 1.0, 101)
+"""Phases at which primitives are plotted."""
+
+_MAX_COMPONENTS = 3  # around one mean; more are not distinguishable
+_DEMONSTRATION = line("demonstrations", GREY, "-", 0.8)
+_MEAN = line("mean", BLACK, "-", 2.5)
+
+
+def plot_demonstrations(
+    axes: Axes, primitive: MovementPrimitive, joint: int, demonstrations: FloatArray
+) -> Axes:
+    """Plot the demonstrations of one joint over the phase, and their mean.
+
+    Parameters
+    ----------
+    axes : Axes
+        Where to plot.
+    primitive : MovementPrimitive
+        The primitive.
+    joint : int
+        Index of the joint.
+    demonstrations : array, shape (n_demonstrations, 101, n_joints)
+        Aligned positions at evenly spaced phases [rad or m].
+    """
+    unit = unit_of([primitive.joint_names[joint]], prismatic_joints(primitive))
+    shown = unit.factor * demonstrations[:, :, joint]
+    axes.plot(PHASES, shown.T, **_DEMONSTRATION)
+    axes.plot(PHASES, shown.mean(axis=0), **_MEAN)
+    axes.set(xlabel="phase", ylabel=f"position [{unit.name}]", xlim=(0.0, 1.0))
+    return axes
+
+
+def plot_components(axes: Axes, primitive: MovementPrimitive, joint: int) -> Axes:
+    """Plot the mean shape of one joint, plus and minus a standard deviation by component.
+
+    Parameters
+    ----------
+    axes : Axes
+        Where to plot.
+    primitive : MovementPrimitive
+        The primitive.
+    joint : int
+        Index of the joint.
+    """
+    unit = unit_of([primitive.joint_names[joint]], prismatic_joints(primitive))
+    basis = primitive.basis
+    mean = unit.factor * basis.shape(np.zeros(basis.n_weights), PHASES)[:, joint]
+    deviations = unit.factor * (basis.functions(PHASES) * basis.scales)[:, joint]
+    indices = np.arange(primitive.n_components)
+    if primitive.coupling == "joint":
+        indices = np.flatnonzero(np.equal(primitive.joint_of_component, joint))
+    for style, k in zip(_component_lines(primitive), indices, strict=False):
+        low, high = mean - deviations[:, k], mean + deviations[:, k]
+        axes.fill_between(PHASES, low, high, color=style["color"], alpha=0.12, linewidth=0)
+        axes.plot(PHASES, high, **style)
+        axes.plot(PHASES, low, **style | {"label": None})
+    axes.plot(PHASES, mean, **_MEAN)
+    axes.set(xlabel="phase", ylabel=f"shape [{unit.name}]", xlim=(0.0, 1.0))
+    return axes
+
+
+def primitive_figure(
+    figure: Figure,
+    primitive: MovementPrimitive,
+    demonstrations: FloatArray | None = None,
+    title: str = "",
+) -> list[list[Axes]]:
+    """Plot what a primitive is made of, joint by joint ([P] Fig. 2).
+
+    Parameters
+    ----------
+    figure : Figure
+        An empty figure, see :func:`.styled_figure`.
+    primitive : MovementPrimitive
+        The primitive.
+    demonstrations : array, shape (n_demonstrations, 101, n_joints), optional
+        Aligned positions at evenly spaced phases [rad or m]; by default as the components
+        reproduce them.
+    title : str
+        Title of the figure.
+
+    Returns
+    -------
+    panels : list of list of Axes
+        By joint, the Axes of the demonstrations and of the components.
+    """
+    shown = _reproductions(primitive) if demonstrations is None else demonstrations
+    lines = [_DEMONSTRATION, _MEAN, *_component_lines(primitive)]
+    panels = joint_panels(figure, primitive.joint_names, 2, title, lines)
+    for joint, (above, below) in enumerate(panels):
+        plot_demonstrations(above, primitive, joint, shown)
+        plot_components(below, primitive, joint)
+        if primitive.coupling == "joint":
+            shares = primitive.explained_variance_ratio[primitive.joint_names[joint]]
+            percents = ", ".join(f"{100 * share:.1f}" for share in shares[:_MAX_COMPONENTS])
+            below.set_title(f"variance: {percents} %", fontsize="small", fontweight="normal")
+        if not prismatic_joints(primitive):
+            for axes in (above, below):
+                label_left(axes)
+    return panels
+
+
+def angle_components_figure(
+    figure: Figure, joint_names: Sequence[str], components: Sequence[FloatArray], title: str
+) -> None:
+    """Plot each joint's principal components over time ([P] Fig. 2).
+
+    Parameters
+    ----------
+    figure : Figure
+        An empty figure, see :func:`.styled_figure`.
+    joint_names : sequence of str
+        Names of the joints.
+    components : sequence of array, shape (n_components, n_phases)
+        Of each joint.
+    title : str
+        Title of the figure.
+    """
+    lines = [palette_line(f"PC{k + 1}", k) for k in range(max(map(len, components)))]
+    panels = joint_panels(figure, joint_names, 1, title, lines)
+    for (axes,), found in zip(panels, components, strict=True):
+        for row, style in zip(found, lines, strict=False):
+            axes.plot(np.linspace(0.0, 1.0, row.size), row, **style)
+        axes.set(xlabel="share of the duration", ylabel="component [–]", xlim=(0.0, 1.0))
+        label_left(axes)
+
+
+def _component_lines(primitive: MovementPrimitive) -> list[Line]:
+    """Of the first components, with their shares of the variance if these are of all joints."""
+    ratios = primitive.explained_variance_ratio
+    shares = ratios.get("arm") if primitive.coupling == "arm" else None
+    n_most = max(map(len, ratios.values()), default=0)
+    return [
+        palette_line(
+            f"±1 sd, component {k + 1}" + (f" ({100 * shares[k]:.1f} %)" if shares else ""), k, 1.8
+        )
+        for k in range(min(n_most, _MAX_COMPONENTS))
+    ]
+
+
+def _reproductions(primitive: MovementPrimitive) -> FloatArray:
+    """The demonstrations as the components reproduce them, shape (n, 101, n_joints)."""
+    return np.array(
+        [
+            primitive.reproduction(i, duration * own_phases(warp, PHASES))
+            for i, (duration, warp) in enumerate(
+                zip(primitive.durations, primitive.warps, strict=True)
+            )
+        ]
+    )

@@ -1,0 +1,76 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Figures of recordings: positions and speed over time, with rests, motions and cuts."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..exceptions import PlannerError
+from ..recordings.load import RecordingReport
+from .style import BLACK, COLOURS, GREY, add_header, line, palette_line
+from .units import unit_of
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_MAX_NAMED = 14  # joints in a legend
+_MOTION = line("motion", "#CFE6F5", width=8.0)
+_REST = line("rest", "#E6E6E6", width=8.0)
+
+
+def recording_figure(
+    figure: Figure, report: RecordingReport, prismatic: Collection[str] = ()
+) -> None:
+    """Plot what a recording holds.
+
+    Parameters
+    ----------
+    figure : Figure
+        An empty figure, see :func:`.styled_figure`.
+    report : RecordingReport
+        What was found in it, with an overview.
+    prismatic : collection of str
+        Joints that are measured in metres.
+
+    Raises
+    ------
+    PlannerError
+        If the report has no overview.
+    """
+    overview = report.overview
+    if overview is None:
+        raise PlannerError(f"recording '{report.name}' can't be drawn: its report has no overview")
+    joints = [palette_line(name, i, 1.4) for i, name in enumerate(report.joint_names)]
+    entries = [*(joints if len(joints) <= _MAX_NAMED else []), _MOTION, _REST]
+    unit = unit_of(report.joint_names, prismatic)
+    add_header(figure, "", entries, 8.0, 3.6)
+    above, below = figure.subplots(2, 1, sharex=True, height_ratios=[3, 2])
+    for values, style in zip(overview.positions.T, joints, strict=True):
+        above.plot(overview.times, unit.factor * values, **style)
+    below.plot(overview.times, unit.factor * overview.speed, color=BLACK, linewidth=1.4)
+    for threshold in (report.thresholds.rest, report.thresholds.moving):
+        below.axhline(unit.factor * threshold, color=GREY, linestyle="--", linewidth=1.0)
+    rests = _runs(overview.speed <= report.thresholds.rest)
+    for axes in (above, below):
+        for first, last in rests:
+            axes.axvspan(*overview.times[[first, last]], color=_REST["color"], linewidth=0)
+        for motion in report.motions:
+            span = motion.start, motion.end
+            axes.axvspan(*span, color=_MOTION["color"], alpha=0.6, linewidth=0)
+            for cut in span:
+                axes.axvline(cut, color=COLOURS[0], linewidth=1.0)
+    above.set(ylabel=f"position [{unit.name}]")
+    above.set_xlim(np.nanmin(overview.times), np.nanmax(overview.times))
+    below.set(xlabel="time [s]", ylabel=f"speed [{unit.speed}]")
+    below.set_ylim(bottom=0.0)
+
+
+def _runs(mask: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """First and last index of each run of true values."""
+    edges = np.flatnonzero(np.diff(np.concatenate(([False], mask, [False]))))
+    return [(int(first), int(end) - 1) for first, end in edges.reshape(-1, 2)]

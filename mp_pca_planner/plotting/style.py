@@ -1,0 +1,195 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""The common look of all figures: palette, lines, titles, legends and panels.
+
+Matplotlib is imported when a figure is drawn.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from itertools import product
+from math import ceil
+from textwrap import fill
+from typing import TYPE_CHECKING, Any
+
+from ..exceptions import MissingDependencyError, printable
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+    from matplotlib.legend import Legend
+
+Line = dict[str, Any]
+"""Properties of a line or a text, as Matplotlib names them."""
+
+# The palette of Okabe and Ito, which is safe for all kinds of colour vision, without its yellow,
+# which is too pale for lines. Line styles differ too, for printing without colour.
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
+STYLES = ("-", "--", "-.", (0, (1, 1)), (0, (5, 1, 1, 1, 1, 1)), (0, (8, 3)))
+BLACK, GREY = "#000000", "#8C8C8C"
+
+MAX_COLUMNS = 4
+"""Most panels beside each other."""
+
+# Sizes that are readable when the figure is shown at half its size.
+_SETTINGS: Any = {
+    "axes.axisbelow": True,
+    "axes.grid": True,
+    "axes.labelsize": 12,
+    "axes.titlesize": 12,
+    "axes.titleweight": "bold",
+    "figure.dpi": 120,
+    "figure.facecolor": "white",
+    "font.size": 12,
+    "grid.color": "#DDDDDD",
+    "legend.frameon": False,
+    "legend.handlelength": 3.0,
+    "legend.title_fontsize": 15,
+    "savefig.dpi": 120,
+    "text.parse_math": False,  # names may hold a $
+    "xtick.labelsize": 11,
+    "ytick.labelsize": 11,
+}
+
+
+def line(label: str, colour: str, style: Any = "-", width: float = 2.2, **marker: Any) -> Line:
+    """Properties of a line."""
+    return {"label": label, "color": colour, "linestyle": style, "linewidth": width, **marker}
+
+
+def palette_line(label: str, index: int, width: float = 2.2) -> Line:
+    """Properties of the line of that index, each with a colour and a style of its own."""
+    n = len(COLOURS)
+    return line(label, COLOURS[index % n], STYLES[(index + index // n) % len(STYLES)], width)
+
+
+def require_matplotlib() -> None:
+    """Check that figures can be drawn.
+
+    Raises
+    ------
+    MissingDependencyError
+        If matplotlib is not installed.
+    """
+    try:
+        import matplotlib.figure  # noqa: F401  # the import itself is the check
+    except ImportError:
+        raise MissingDependencyError("matplotlib", "plot", "drawing a picture") from None
+
+
+@contextmanager
+def styled_figure(*, interactive: bool = False) -> Iterator[Figure]:
+    """Make an empty figure in the common style.
+
+    Parameters
+    ----------
+    interactive :
+        Whether pyplot makes the figure, which shows it in notebooks and windows.
+
+    Raises
+    ------
+    MissingDependencyError
+        If matplotlib is not installed.
+    """
+    require_matplotlib()
+    from matplotlib import rc_context
+
+    with rc_context(_SETTINGS):
+        if interactive:
+            from matplotlib import pyplot
+
+            figure = pyplot.figure(layout="constrained")
+        else:
+            from matplotlib.figure import Figure
+
+            figure = Figure(layout="constrained")
+        yield figure
+
+
+def add_header(
+    figure: Figure, title: str, lines: Sequence[Line], width: float, height: float
+) -> None:
+    """Set the size of a figure, with a title and a legend above its panels.
+
+    The figure grows by the height of the header. Long texts are broken into several lines.
+
+    Parameters
+    ----------
+    figure :
+        A figure with constrained layout.
+    title :
+        Its title.
+    lines :
+        Entries of the legend.
+    width, height :
+        Size of the panels [inch].
+    """
+    from matplotlib.layout_engine import ConstrainedLayoutEngine
+
+    figure.set_size_inches(width, height)
+    # From average letters to a line of the widest ones.
+    for letters_per_inch, n_columns in product((12, 9, 5), range(len(lines), 0, -1)):
+        legend = _legend(figure, title, lines, int(letters_per_inch * width), n_columns)
+        box = legend.get_window_extent()
+        if box.width <= figure.bbox.width:
+            break
+        legend.remove()
+    total = height + box.height / figure.dpi
+    figure.set_size_inches(width, total)
+    rect = (0.0, 0.0, 1.0, height / total)
+    figure.set_layout_engine(ConstrainedLayoutEngine(rect=rect, h_pad=0.08, w_pad=0.08))
+
+
+def _legend(
+    figure: Figure, title: str, lines: Sequence[Line], n_letters: int, n_columns: int
+) -> Legend:
+    """A legend with texts in lines of that many letters, of the larger title four fifths."""
+    from matplotlib.lines import Line2D
+
+    handles = [
+        Line2D([], [], **entry | {"label": fill(printable(entry["label"]), n_letters)})
+        for entry in lines
+    ]
+    return figure.legend(
+        handles=handles,
+        loc="upper center",
+        ncols=n_columns,
+        title=fill(printable(title), n_letters * 4 // 5),
+        borderaxespad=0.2,
+    )
+
+
+def joint_panels(
+    figure: Figure, names: Sequence[str], n_rows: int, title: str, lines: Sequence[Line]
+) -> list[list[Axes]]:
+    """Make a column of panels per joint, in several bands if there are many joints.
+
+    Returns
+    -------
+    panels :
+        By joint: its `n_rows` Axes, from top to bottom.
+    """
+    n_bands = ceil(len(names) / MAX_COLUMNS)
+    n_columns = ceil(len(names) / n_bands)
+    add_header(figure, title, lines, 3.5 * max(n_columns, 2), 2.3 * n_bands * n_rows)
+    grid = figure.subplots(n_bands * n_rows, n_columns, squeeze=False)
+    panels = []
+    for j in range(n_bands * n_columns):
+        band, column = divmod(j, n_columns)
+        panel = list(grid[band * n_rows : (band + 1) * n_rows, column])
+        if j < len(names):
+            panel[0].set_title(printable(names[j]))
+            panels.append(panel)
+        else:
+            for axes in panel:
+                axes.remove()
+    return panels
+
+
+def label_left(axes: Axes) -> None:
+    """Remove the label of the vertical axis, unless the Axes are in the first column."""
+    place = axes.get_subplotspec()
+    if place is not None and not place.is_first_col():
+        axes.set_ylabel("")
