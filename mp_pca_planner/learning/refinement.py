@@ -1,10 +1,11 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Off-line refinement: the scaling and warping that cost least by the robot's model."""
+"""Off-line refinement: scaling and warping of least cost by the robot's model."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
@@ -21,6 +22,7 @@ from ..planning.motion import Motion
 from ..robot.limits import JointLimits
 from ..robot.model import Robot
 from .refined_motion import (
+    AMPLITUDE,
     LOG_DURATION,
     N_PARAMETERS,
     RefinedMotion,
@@ -28,25 +30,21 @@ from .refined_motion import (
     segment_states,
 )
 
-# How far a refinement may go: amplitudes from 0 to twice the original, durations by a factor
-# of 3, time three times as fast or slow.
-BOUNDS = np.array([1.0, np.log(3.0)] + [3.0] * (N_PARAMETERS - 2))
-
+# Quadrature nodes of a segment.
 _N_NODES = 40
-# Limits are kept at these phases of each segment, and wherever they are found broken.
+# Phases of each segment at which limits are constraints, besides those of violations found.
 _CHECKED_PHASES = np.linspace(0.02, 0.98, 25)
-# Constraints keep this share of a limit as a margin, since limits hold only where checked.
-_MARGIN = 1e-3
-# Only limits that are this near, as shares of themselves, are constraints at first.
+# Share of a limit within which it becomes a constraint at first.
 _NEAR = 0.4
-_MOST_ROUNDS = 6
-# A refinement that still breaks limits, or in which links meet, is taken back by these factors.
+# Optimisations, each with the violations of the one before as constraints.
+_MAX_ROUNDS = 6
+# Factors that reduce a refinement that violates limits or in which links collide.
 _RETREATS = (0.95, 0.8, 0.5, 0.25)
 
 
 @dataclass(frozen=True)
 class RefinementOptions:
-    """How motions are refined.
+    """Options of refinement and of learning by trials.
 
     Attributes
     ----------
@@ -59,6 +57,17 @@ class RefinementOptions:
         Most iterations of the optimiser.
     allow_nonzero_end_velocity : bool
         Whether the controller accepts motions that don't end at rest.
+    max_amplitude_change : float
+        Largest change of the amplitude as a share of it; 1 allows 0 to twice the original.
+    max_time_factor : float
+        Largest factor by which a segment becomes slower or faster, > 1.
+    max_warp : float
+        Largest magnitude of a parameter of the time warp; at 3 time runs about three times as
+        fast or slow.
+    margin : float
+        Share of each limit that is kept free, because constraints hold only at some phases.
+    first_step : float
+        Standard deviation of the parameters of the first trials.
 
     Raises
     ------
@@ -70,6 +79,11 @@ class RefinementOptions:
     sample_period: float = 0.01
     max_iterations: int = 100
     allow_nonzero_end_velocity: bool = False
+    max_amplitude_change: float = 1.0
+    max_time_factor: float = 3.0
+    max_warp: float = 3.0
+    margin: float = 1e-3
+    first_step: float = 0.2
 
     def __post_init__(self) -> None:
         price = self.time_price
@@ -78,19 +92,39 @@ class RefinementOptions:
         if not 1e-4 <= self.sample_period <= 1.0:
             raise GoalError(f"sample_period must be 0.0001 to 1 s, got {self.sample_period}")
 
+    def bounds(self, n_segments: int) -> FloatArray:
+        """Largest magnitudes of the parameters, shape (n_segments, N_PARAMETERS)."""
+        bounds = np.full((n_segments, N_PARAMETERS), self.max_warp)
+        bounds[:, AMPLITUDE] = self.max_amplitude_change
+        bounds[:, LOG_DURATION] = np.log(self.max_time_factor)
+        return bounds
+
 
 @dataclass(frozen=True, eq=False)
-class Refinement:
-    """What came of refining a motion.
+class AcceptedMotion:
+    """A refined motion that may be sent to the robot.
 
     Attributes
     ----------
     motion : RefinedMotion
-        The best motion found; the original one if none was better.
+        The motion.
     trajectory : Trajectory
         Its points; executable.
     check : LimitCheck
         Comparison with the limits.
+    """
+
+    motion: RefinedMotion
+    trajectory: Trajectory
+    check: LimitCheck
+
+
+@dataclass(frozen=True, eq=False)
+class Refinement(AcceptedMotion):
+    """Result of refining a motion: the best one found, or the original.
+
+    Attributes
+    ----------
     original_cost, cost : float
         Cost before and after: effort ½∫‖τ‖²dt, plus the price of the duration if it has one.
     original_effort, effort : float
@@ -99,9 +133,6 @@ class Refinement:
         Iterations of the optimiser.
     """
 
-    motion: RefinedMotion
-    trajectory: Trajectory
-    check: LimitCheck
     original_cost: float
     cost: float
     original_effort: float
@@ -132,9 +163,9 @@ def refine(
     limits : JointLimits
         Limits of the joints.
     options : RefinementOptions
-        How.
+        Bounds, price of time and sampling.
     collision : CollisionModel, optional
-        Of the same robot: a refinement in which it hits itself is taken back.
+        Collision model of the same robot; refinements with a self-collision are rejected.
 
     Returns
     -------
@@ -154,9 +185,9 @@ def refine(
     best = judge.accept(original)
     before = cost.effort_and_cost(original.parameters)
     best_cost, iterations = before[1], 0
-    kept = _Limits(len(segments), robot, limits)
+    kept = _Limits(len(segments), robot, limits, options.margin)
     start = np.zeros(len(segments) * N_PARAMETERS)
-    for _ in range(_MOST_ROUNDS):
+    for _ in range(_MAX_ROUNDS):
         found = _minimise(cost, kept, segments, start, options)
         iterations += int(found.nit)
         check = judge.check(RefinedMotion(segments, found.x))
@@ -169,26 +200,14 @@ def refine(
         if options.time_price is None:
             candidate = candidate.lasting(original.duration)
         now = cost.effort_and_cost(candidate.parameters)[1]
-        if not now < best_cost:
-            continue
-        try:
-            best, best_cost = judge.accept(candidate), now
-        except TrajectoryError:
-            continue
-        break
+        if now < best_cost:
+            with suppress(TrajectoryError):
+                best, best_cost = judge.accept(candidate), now
+                break
     effort, total = cost.effort_and_cost(best.motion.parameters)
     return Refinement(
         best.motion, best.trajectory, best.check, before[1], total, before[0], effort, iterations
     )
-
-
-@dataclass(frozen=True, eq=False)
-class AcceptedMotion:
-    """A refined motion that may be sent to the robot."""
-
-    motion: RefinedMotion
-    trajectory: Trajectory
-    check: LimitCheck
 
 
 class ExecutableMotions:
@@ -219,7 +238,7 @@ class ExecutableMotions:
         Raises
         ------
         TrajectoryError
-            If it breaks a limit or a rule of the controller, or the robot hits itself.
+            If it violates a limit or a rule of the controller, or links collide.
         """
         trajectory = motion.sample(self._robot, self._options.sample_period)
         check = check_limits(trajectory, self._robot, self._limits)
@@ -237,7 +256,7 @@ class RefinementCost:
     Parameters
     ----------
     segments : sequence of Motion
-        What is refined.
+        The motions to refine.
     robot : Robot
         The model.
     time_price : float or None
@@ -285,17 +304,21 @@ class RefinementCost:
 class _Limits:
     """Limits at chosen phases as inequalities g(parameters) ≥ 0, of order 1."""
 
-    def __init__(self, n_segments: int, robot: Robot, limits: JointLimits) -> None:
-        self._robot = robot
+    def __init__(self, n_segments: int, robot: Robot, limits: JointLimits, margin: float) -> None:
+        self._robot, self._margin = robot, margin
         self._phases = [_CHECKED_PHASES] * n_segments
-        span = np.where(np.isfinite(limits.upper - limits.lower), limits.upper - limits.lower, 1.0)
-        self._bounds = [
-            (limits.lower, limits.upper, span),
-            *((-x, x, x) for x in (limits.velocity, limits.acceleration, limits.effort)),
-        ]
+        # Rows: positions, velocities, accelerations and efforts.
+        magnitudes = (limits.velocity, limits.acceleration, limits.effort)
+        upper = np.stack([limits.upper, *magnitudes])
+        lower = np.stack([limits.lower, *(-x for x in magnitudes)])
+        span = np.stack([limits.upper - limits.lower, *magnitudes])
+        self._span = np.where(np.isfinite(span), span, 1.0)
+        bounds = np.stack([upper, lower])
+        self._is_limited = np.isfinite(bounds)
+        self._bounds = np.where(self._is_limited, bounds, 0.0)
 
     def add_phases(self, motion: RefinedMotion, check: LimitCheck) -> None:
-        """Keep limits, too, where a check found them broken."""
+        """Add the phases at which a check found violations."""
         ends = np.cumsum(motion.durations)
         for violation in check.violations:
             i = min(int(np.searchsorted(ends, violation.time)), len(ends) - 1)
@@ -307,23 +330,18 @@ class _Limits:
     ) -> tuple[FloatArray, FloatArray]:
         """The g and their derivative by the parameters of all segments in one row."""
         values, rows = [], []
+        signs = np.array([1.0, -1.0])[:, None, None, None]
         for i, part in enumerate(_by_segment(parameters)):
             states = segment_states(segments[i], part, self._phases[i])
             tau, by_parameter = _efforts(self._robot, states)
-            quantities = [*zip(states.values, states.by_parameter, strict=True)]
-            for (x, dx), (low, high, span) in zip(
-                [*quantities, (tau, by_parameter)], self._bounds, strict=True
-            ):
-                for sign, bound in ((1.0, high), (-1.0, -low)):
-                    limited = np.isfinite(bound)
-                    room = (bound - sign * x)[:, limited] / span[limited] - _MARGIN
-                    slope = -sign * dx[:, limited] / span[limited][:, None]
-                    values.append(room.ravel())
-                    block = np.zeros((room.size, parameters.size))
-                    block[:, i * N_PARAMETERS : (i + 1) * N_PARAMETERS] = slope.reshape(
-                        room.size, N_PARAMETERS
-                    )
-                    rows.append(block)
+            x = np.concatenate([states.values, tau[None]])
+            dx = np.concatenate([states.by_parameter, by_parameter[None]])
+            room = signs * (self._bounds[:, :, None] - x) / self._span[:, None] - self._margin
+            slope = -signs[..., None] * dx / self._span[:, None, :, None]
+            limited = np.broadcast_to(self._is_limited[:, :, None], room.shape)
+            values.append(room[limited])
+            rows.append(np.zeros((values[-1].size, parameters.size)))
+            rows[-1][:, i * N_PARAMETERS : (i + 1) * N_PARAMETERS] = slope[limited]
         return np.concatenate(values), np.concatenate(rows)
 
 
@@ -351,22 +369,19 @@ def _minimise(
                 "jac": lambda x: kept.values_and_jacobian(segments, x)[1][near],
             }
         )
-    bounds = np.tile(BOUNDS, len(segments))
-    timings = np.arange(len(segments)) * N_PARAMETERS + LOG_DURATION
-    if options.time_price is None and len(segments) == 1:
-        bounds[timings] = 0.0
-    elif options.time_price is None:
+    if options.time_price is None:
         shares = np.array([segment.duration for segment in segments])
+        # Rows that pick the logarithms of the durations out of the parameters.
+        pick = np.eye(start.size)[LOG_DURATION::N_PARAMETERS]
         shares /= shares.sum()
-        rows = np.zeros((len(segments), start.size))
-        rows[np.arange(len(segments)), timings] = 1.0
         constraints.append(
             {
                 "type": "eq",
-                "fun": lambda x: shares @ np.exp(rows @ x) - 1.0,
-                "jac": lambda x: (shares * np.exp(rows @ x)) @ rows,
+                "fun": lambda x: shares @ np.exp(pick @ x) - 1.0,
+                "jac": lambda x: (shares * np.exp(pick @ x)) @ pick,
             }
         )
+    bounds = options.bounds(len(segments)).ravel()
     return minimize(
         objective,
         start,

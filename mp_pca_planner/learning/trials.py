@@ -1,11 +1,11 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Learning by trials: scaling and warping improved by what executed motions really cost.
+"""Learning by trials: scaling and warping improved by the measured cost of executed motions.
 
 CMA-ES (Hansen and Ostermeier, Evolutionary Computation 9(2), 2001; the package `cmaes`)
 proposes the parameters of a :class:`.RefinedMotion`; a trial is one of them that the
-validator accepted, executed and measured. All trials are in one file, from which learning
-goes on after a crash as if there had been none.
+validator accepted, executed and measured. One file keeps all trials; learning resumes from it
+after a crash without a difference.
 """
 
 from __future__ import annotations
@@ -27,17 +27,17 @@ from ..motion.collision import CollisionModel
 from ..planning.motion import Motion
 from ..robot.limits import JointLimits
 from ..robot.model import Robot
-from .refined_motion import LOG_DURATION, RefinedMotion
-from .refinement import BOUNDS, AcceptedMotion, ExecutableMotions, RefinementOptions
+from .refined_motion import LOG_DURATION, N_PARAMETERS, RefinedMotion
+from .refinement import AcceptedMotion, ExecutableMotions, RefinementOptions
 
 _FORMAT = "mp_pca_planner/trials"
 _VERSION = 1
 _FORM = {"motion": str, "trials": [{"parameters": [float], "cost": float}]}
-# How far the parameters of the first trials are spread.
-_FIRST_STEP = 0.2
-# Of a proposal that breaks limits, the half-way to the best motion is tried instead, this often;
-# then the best motion itself, which keeps them.
-_MOST_HALVINGS = 8
+# Of a proposal that violates limits, the half-way to the best motion is tried instead, this often;
+# then the best motion itself.
+_MAX_HALVINGS = 8
+# Relative error of parameters that stored ones may exceed a bound by.
+_ROUNDING = 1e-6
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ class Trial:
     parameters : tuple of float
         Those of the :class:`.RefinedMotion` that was executed, segment by segment.
     cost : float
-        What it cost.
+        Its measured cost.
     """
 
     parameters: tuple[float, ...]
@@ -57,7 +57,7 @@ class Trial:
 
 
 class TrialLearner:
-    """Proposes motions and learns from what they cost.
+    """Proposes motions and learns from their costs.
 
     Parameters
     ----------
@@ -68,18 +68,18 @@ class TrialLearner:
     limits : JointLimits
         Limits that every trial keeps.
     options : RefinementOptions, optional
-        How; without a price of time the total duration stays as it is.
+        Bounds and price of time; without the latter the total duration is kept.
     start : array, shape (n_segments, N_PARAMETERS), optional
         Parameters around which to search, those of an off-line refinement for example. The
-        first trial is the motion as it is, the second one these.
+        first trial is the unchanged motion, the second one these.
     seed : int
-        Of the random numbers: the same seed and costs give the same trials.
+        Seed of the random numbers: the same seed and costs give the same trials.
     state : Path, optional
         File that keeps the trials; those in it are not repeated.
     request : mapping, optional
-        What the motion is for, of JSON types: kept in that file for :func:`read_request`.
+        The request that the motion serves, of JSON types: kept for :func:`read_request`.
     collision : CollisionModel, optional
-        Of the same robot: in no trial it hits itself.
+        Collision model of the same robot; no trial has a self-collision.
 
     Raises
     ------
@@ -108,7 +108,7 @@ class TrialLearner:
         original, first = RefinedMotion(segments), RefinedMotion(segments, start)
         self._segments = original.segments
         self._judge = ExecutableMotions(segments, robot, limits, options, collision)
-        # What is tried before the search begins.
+        # Trials before the search begins.
         self._first = [self._judge.accept(original)]
         if np.any(first.parameters):
             self._first.append(self._judge.accept(first))
@@ -118,30 +118,27 @@ class TrialLearner:
             self._free[:, LOG_DURATION] = False
         self._centre = first.parameters
         self._duration = first.duration
-        self._search = _search(
-            first.parameters[self._free],
-            np.broadcast_to(BOUNDS, self._free.shape)[self._free],
-            seed,
-        )
+        bounds = options.bounds(len(segments))[self._free]
+        self._search = _search(first.parameters[self._free], bounds, options.first_step, seed)
         self._proposal: AcceptedMotion | None = None
         self._generation: list[tuple[FloatArray, float]] = []
         self._trials: list[Trial] = []
         self._state, self._request = state, request
         self._identity = _identity(first, options, seed)
         if state is not None and state.exists():
-            for trial in _read(state, self._identity, self._centre.size):
+            for trial in _read(state, self._identity, options.bounds(len(segments))):
                 if len(self._trials) >= len(self._first):
                     self._search.ask()  # the random numbers that this trial took
                 self._learn(trial)
 
     @property
     def trials(self) -> tuple[Trial, ...]:
-        """What was tried so far."""
+        """All trials so far."""
         return tuple(self._trials)
 
     @property
     def best(self) -> Trial | None:
-        """The trial that cost least."""
+        """The trial of least cost."""
         return min(self._trials, key=lambda trial: trial.cost, default=None)
 
     def best_motion(self) -> AcceptedMotion:
@@ -149,7 +146,7 @@ class TrialLearner:
         return self._judge.accept(RefinedMotion(self._segments, self._best_parameters()))
 
     def propose(self) -> AcceptedMotion:
-        """The motion to try next, within all limits; the same one until its cost is told."""
+        """The motion to try next, within all limits; the same one until its cost is reported."""
         n = len(self._trials)
         if self._proposal is None:
             searching = n >= len(self._first)
@@ -157,7 +154,7 @@ class TrialLearner:
         return self._proposal
 
     def tell(self, cost: float, executed: FloatArray | None = None, *, keep: bool = True) -> None:
-        """Say what the proposed motion cost.
+        """Report the cost of the proposed motion.
 
         Parameters
         ----------
@@ -166,15 +163,14 @@ class TrialLearner:
         executed : array, shape (n_segments, N_PARAMETERS), optional
             The parameters of the motion that was executed, if not those of the proposed one.
         keep : bool
-            Whether to write the file; otherwise :meth:`keep_trials` does when what follows from
-            the cost is written, too.
+            Whether to write the file now; otherwise :meth:`keep_trials` writes it.
 
         Raises
         ------
         LearningError
             If the cost is no finite number.
         PlannerError
-            If the file can't be written. In both cases nothing was learned.
+            If the file can't be written. In both cases the learner is unchanged.
         """
         if not np.isfinite(cost):
             raise LearningError(f"the cost of a trial must be a finite number, got {cost}")
@@ -224,7 +220,7 @@ class TrialLearner:
         parameters = self._centre.copy()
         parameters[self._free] = proposed
         best = self._best_parameters()
-        for _ in range(_MOST_HALVINGS):
+        for _ in range(_MAX_HALVINGS):
             motion = RefinedMotion(self._segments, parameters)
             if self._keeps_duration:
                 motion = motion.lasting(self._duration)
@@ -239,27 +235,27 @@ class TrialLearner:
             return self._first[0]
 
 
-def _search(centre: FloatArray, bounds: FloatArray, seed: int) -> Any:
+def _search(centre: FloatArray, bounds: FloatArray, first_step: float, seed: int) -> Any:
     try:
         from cmaes import CMA
     except ImportError:
         raise MissingDependencyError("cmaes", "learn", "learning by trials") from None
     box = np.column_stack([-bounds, bounds])
     # A refinement that ends at a bound may lie beyond it by a rounding error.
-    return CMA(mean=np.clip(centre, -bounds, bounds), sigma=_FIRST_STEP, bounds=box, seed=seed)
+    return CMA(mean=np.clip(centre, -bounds, bounds), sigma=first_step, bounds=box, seed=seed)
 
 
 def _identity(first: RefinedMotion, options: RefinementOptions, seed: int) -> str:
-    """What a file of trials must be of, to go on from it."""
+    """A digest of the motion and the options, which a file of trials must match."""
     times = np.linspace(0.0, first.duration, 11)
     facts = [seed, options.time_price, first.duration, first.parameters.ravel().tolist()]
-    # Nine digits: another processor may round the last ones in another way.
+    # Nine digits: processors round differently.
     path = [f"{x:.9e}" for x in np.ravel(first.evaluate(times))]
     return hashlib.sha256(json.dumps([facts, path]).encode()).hexdigest()
 
 
 def read_request(path: Path) -> Any:
-    """What the motion of the trials in a file is for; None if it was not said.
+    """The request that the motion of the trials in a file serves; None if the file has none.
 
     Raises
     ------
@@ -279,7 +275,7 @@ def _content(path: Path) -> dict[str, Any]:
         return dict(content)
 
 
-def _read(path: Path, identity: str, n_parameters: int) -> list[Trial]:
+def _read(path: Path, identity: str, bounds: FloatArray) -> list[Trial]:
     content = _content(path)
     if content["motion"] != identity:
         raise LearningError(
@@ -287,8 +283,17 @@ def _read(path: Path, identity: str, n_parameters: int) -> list[Trial]:
             "remove it, name another file, or repeat the request that it was made for"
         )
     trials = [Trial(tuple(x["parameters"]), x["cost"]) for x in content["trials"]]
-    what = f"the trials in '{path}'"
+    # Keeping the total duration shifts a logarithm of a duration by twice its bound at most.
+    largest = (bounds * np.where(np.arange(N_PARAMETERS) == LOG_DURATION, 3.0, 1.0)).ravel()
     for trial in trials:
-        frozen_array(trial.parameters, (n_parameters,), f"parameters of {what}", LearningError)
-        frozen_array(trial.cost, (), f"a cost of {what}", LearningError)
+        what = f"parameters of the trials in '{path}'"
+        values = frozen_array(trial.parameters, largest.shape, what, LearningError)
+        frozen_array(trial.cost, (), f"a cost of the trials in '{path}'", LearningError)
+        excess = np.abs(values) / largest
+        if excess.max() > 1.0 + _ROUNDING:
+            worst = int(excess.argmax())
+            raise LearningError(
+                f"{what} must be within ±{largest[worst]:g} at index {worst}, got "
+                f"{values[worst]:g}: the file was changed, remove it"
+            )
     return trials

@@ -15,7 +15,7 @@ from patience import PATIENT
 
 from mp_pca_planner.exceptions import LearningError
 from mp_pca_planner.learning.refined_motion import RefinedMotion
-from mp_pca_planner.learning.refinement import BOUNDS, RefinementCost
+from mp_pca_planner.learning.refinement import RefinementCost, RefinementOptions
 from mp_pca_planner.learning.trials import TrialLearner
 from mp_pca_planner.motion.goal import JointGoal, JointState
 from mp_pca_planner.motion.validation import check_limits
@@ -70,8 +70,7 @@ def test_trials_lower_the_cost_and_start_with_the_motion_itself():
 
 
 def test_trials_go_on_from_a_refinement_that_ended_at_a_bound():
-    start = np.zeros((1, BOUNDS.size))
-    start[0, 0] = BOUNDS[0] * (1.0 + 1e-12)
+    start = RefinementOptions().bounds(1) * [1.0 + 1e-12, 0.0, 0.0, 0.0, 0.0]
     learner = TrialLearner([motion()], ROBOT, ROBOT.limits(), start=start)
     assert len(learn(learner, 4).trials) == 4
 
@@ -167,6 +166,17 @@ def test_file_of_something_else_is_refused_and_left_alone(tmp_path, content, wor
     with pytest.raises(LearningError, match=words):
         TrialLearner([motion()], ROBOT, ROBOT.limits(), state=file)
     assert file.read_text() == content
+
+
+@pytest.mark.parametrize(("index", "value"), [(1, 800.0), (0, -1.1), (4, 3.5)])
+def test_stored_parameters_beyond_any_trial_are_refused(tmp_path, index, value):
+    file = tmp_path / "trials.json"
+    learn(TrialLearner([motion()], ROBOT, ROBOT.limits(), state=file), 2)
+    content = json.loads(file.read_text())
+    content["trials"][1]["parameters"][index] = value
+    file.write_text(json.dumps(content))
+    with pytest.raises(LearningError, match=rf"must be within .* at index {index}, got {value:g}"):
+        TrialLearner([motion()], ROBOT, ROBOT.limits(), state=file)
 
 
 def test_trials_of_another_seed_are_refused(tmp_path):
