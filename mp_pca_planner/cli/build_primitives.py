@@ -26,6 +26,7 @@ from ..primitives.motion_statistics import MotionStatistics
 from ..primitives.options import PrimitiveOptions
 from ..primitives.primitive import MovementPrimitive
 from ..recordings.load import RecordingSet, load_recordings
+from ..recordings.repair import RepairOptions
 from ..recordings.segmentation import SegmentationOptions
 from ..recordings.segments_file import segments_table
 from ..robot.model import Robot
@@ -98,7 +99,7 @@ def _load(
             dask=arguments.dask,
             markers=markers,
             state_field=arguments.field,
-            max_gap=arguments.max_gap,
+            repair=RepairOptions(max_gap=arguments.max_gap),
             salvage=arguments.recover,
             progress=progress,
         )

@@ -13,14 +13,14 @@ import numpy as np
 
 from ..control.statement import control_statement
 from ..exceptions import MAX_NAMES, PlannerError
-from ..mocap.markers import MarkerFinding
+from ..mocap.markers import find_markers
 from ..plotting.text import table
 from ..plotting.units import prismatic_joints, unit_of
 from ..plotting.variance import variance_report
 from ..primitives.file import load_primitive
 from ..primitives.primitive import MovementPrimitive
 from ..recordings.bags import find_recordings
-from ..recordings.load import RecordingInspection, inspect_recording
+from ..recordings.inspection import MarkerFinding, RecordingInspection, inspect_recording
 from ..recordings.repair import REPAIRS
 from .common import print_json
 from .terminal import DONE, REFUSED, complain, say
@@ -52,7 +52,11 @@ def _contents(name: str, arguments: argparse.Namespace) -> list[tuple[dict[str, 
         return [(_primitive_facts(name, primitive), _primitive_text(name, primitive))]
     found = [
         inspect_recording(
-            path, arguments.topic, state_field=arguments.field, salvage=arguments.recover
+            path,
+            arguments.topic,
+            state_field=arguments.field,
+            salvage=arguments.recover,
+            find_markers=find_markers,
         )
         for path in find_recordings([name])
     ]

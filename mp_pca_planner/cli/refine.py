@@ -92,8 +92,7 @@ def _refine_by_model(
     planner = request.planner
     found = refine(request.motions, planner.robot, planner.limits, options, planner.collision)
     before, after = RefinedMotion(request.motions).duration, found.motion.duration
-    accepted = AcceptedMotion(found.motion, found.trajectory, found.check)
-    facts = _facts(request, accepted) | {
+    facts = _facts(request, found) | {
         "original_cost": found.original_cost,
         "cost": found.cost,
         "gain": found.gain,
@@ -102,7 +101,7 @@ def _refine_by_model(
         "iterations": found.iterations,
     }
     facts["kept"] = _keep(arguments, request, found.motion, facts)
-    _write(arguments, accepted, facts)
+    _write(arguments, found, facts)
     if arguments.json:
         print_json(facts | trajectory_columns(found.trajectory))
     else:

@@ -1,22 +1,22 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Inverse kinematics over whole recordings: joint positions that bring markers to their places.
+"""Inverse kinematics of whole recordings: joint positions that fit the measured markers.
 
 With the marker positions p_i(q) of the model and the measured ones m_i, the joint positions
 q_1 … q_n of all frames minimise
 
     Σ_k Σ_i w_i ‖p_i(q_k) − m_ik‖² + c² Σ_k ‖(q_{k−1} − 2 q_k + q_{k+1}) / Δt²‖²
 
-within the joint limits; a marker that is missing in a frame has no term there. A first pass goes
-from frame to frame, each starting from the last (Levenberg-Marquardt). A second one improves all
-frames together (Gauss-Newton, a banded system), since the accelerations tie them to each other:
-they say what markers can't, such as the turn of an upper arm about itself while the elbow is
-straight.
+within the joint limits; a missing marker has no term in its frame. A first pass solves one frame
+after the other, each from the solution of the last. A second one improves all frames together, a
+banded system: the accelerations determine what markers don't show, such as the rotation of an upper
+arm about itself while the elbow is straight.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,32 +24,48 @@ from scipy.linalg import solveh_banded
 
 from ..arrays import FloatArray
 from ..robot.model import AttachedPoints, Robot
+from .least_squares import BoolArray, Linearised, minimise
 from .marker_map import MarkerPlacement
 
-BoolArray = NDArray[np.bool_]
 IntArray = NDArray[np.int64]
 
-SMOOTHNESS = 1e-6
-"""c [m·s²/rad]: an acceleration of 100 rad/s² counts as much as 0.1 mm at one marker."""
+
+@dataclass(frozen=True)
+class MarkerSolverOptions:
+    """Options of the inverse kinematics.
+
+    Attributes
+    ----------
+    smoothness : float
+        c [m·s²/rad]. At the default an acceleration of 100 rad/s² counts as much as 0.1 mm at one
+        marker.
+    max_gap : int
+        After this number of frames without enough markers several starts are tried again.
+    max_iterations, max_sweeps : int
+        Largest numbers of steps: of one frame, and of all frames together.
+    first_step, last_step : float
+        Steps at which the first pass and the others end [rad or m].
+    """
+
+    smoothness: float = 1e-6
+    max_gap: int = 10
+    max_iterations: int = 100
+    max_sweeps: int = 20
+    first_step: float = 1e-3
+    last_step: float = 1e-8
+
+
+OPTIONS = MarkerSolverOptions()
 
 N_STARTS = 12
 """Configurations to start from where there is no frame before."""
 
-_SHORT_GAP = 10
-"""After so many frames without enough markers the joints can't be far from where they were."""
-
-_MAX_ITERATIONS = 100
-_MAX_SWEEPS = 20
-_FIRST_PASS_STEP = 1e-3
-_LAST_STEP = 1e-8
-_LEAST_DAMPING = 1e-8
-_MUCH_BETTER, _NEGLIGIBLE = 0.9, 1e-12  # share, and squared distance [m²]
-_SINGULAR = 1e-6
-_SECOND_DIFFERENCE = (1.0, -2.0, 1.0)
+SINGULAR = 1e-6
+"""Singular values below this share of the largest count as zero."""
 
 
 class MarkerProblem:
-    """Assembled: what the joint positions of a recording have to fit.
+    """Marker positions that the joint positions of a recording have to fit.
 
     Parameters
     ----------
@@ -89,33 +105,33 @@ class MarkerProblem:
         return int(self.lower.size)
 
     def open_joints(self, seen: BoolArray) -> tuple[int, ...]:
-        """Joints whose positions some of the markers leave open, however they stand.
+        """Joints whose positions some of the markers leave open in every configuration.
 
-        They are found from the Jacobian in configurations at random: in nearly all of them it has
-        the rank that it has apart from singular ones.
+        They are found from the Jacobian in random configurations: nearly all of them have the
+        rank of nonsingular ones.
 
         Parameters
         ----------
         seen : array of bool, shape (n_markers,)
-            Which markers there are.
+            Which markers are present.
         """
         _, jacobians = self._points.positions_and_jacobians(self.starts())
         found = set(range(self.n_joints))
         for jacobian in jacobians[:, seen].reshape(N_STARTS, -1, self.n_joints):
             _, values, directions = np.linalg.svd(jacobian)
-            rank = np.count_nonzero(values > _SINGULAR * values.max(initial=0.0))
+            rank = np.count_nonzero(values > SINGULAR * values.max(initial=0.0))
             null = np.abs(directions[rank:]).max(axis=0, initial=0.0)
-            found &= set(np.flatnonzero(null > _SINGULAR).tolist())
+            found &= set(np.flatnonzero(null > SINGULAR).tolist())
         return tuple(sorted(found))
 
     def determined(self) -> BoolArray:
-        """Tell the frames in which the markers that are seen fix all joints, shape (n_frames,)."""
+        """Whether the visible markers of each frame fix all joints, shape (n_frames,)."""
         patterns, pattern_of = np.unique(self._seen, axis=0, return_inverse=True)
         enough = np.array([not self.open_joints(seen) for seen in patterns], dtype=bool)
         return np.asarray(enough[pattern_of.reshape(-1)])
 
     def residuals(self, frames: Sequence[int] | NDArray[np.int64], q: FloatArray) -> FloatArray:
-        """Distances of the markers from where they were measured [m], NaN where missing.
+        """Distances of the markers from their measured positions [m], NaN where missing.
 
         Returns
         -------
@@ -198,17 +214,19 @@ def marker_problem(
     )
 
 
-def solve(problem: MarkerProblem, period: float, *, smoothness: float = SMOOTHNESS) -> FloatArray:
+def solve(
+    problem: MarkerProblem, period: float, options: MarkerSolverOptions = OPTIONS
+) -> FloatArray:
     """Find the joint positions of all frames.
 
     Parameters
     ----------
     problem :
-        What they have to fit.
+        The markers to fit.
     period :
         Time from one frame to the next [s].
-    smoothness :
-        How much accelerations count, c above [m·s²/rad].
+    options :
+        Smoothness and tolerances.
 
     Returns
     -------
@@ -218,28 +236,47 @@ def solve(problem: MarkerProblem, period: float, *, smoothness: float = SMOOTHNE
     q = np.full((problem.n_frames, problem.n_joints), np.nan)
     start, last_frame = np.empty(0), -np.inf
     for run in _runs(problem.determined()):
-        if run[0] - last_frame > _SHORT_GAP:
-            start = best_of_starts(problem, int(run[0]))
-        first_pass = _track(problem, run, start)
+        if run[0] - last_frame > options.max_gap:
+            start = best_of_starts(problem, int(run[0]), options)
+        first_pass = _track(problem, run, start, options)
         start, last_frame = first_pass[-1], run[-1]
-        q[run] = _improve_together(problem, run, first_pass, smoothness / period**2)
+        q[run] = _improve_together(problem, run, first_pass, period, options)
     return q
 
 
-def solve_each(problem: MarkerProblem, starts: FloatArray | None = None) -> FloatArray:
-    """Find the joint positions of frames that may be far apart, which fix all joints.
+def solve_each(
+    problem: MarkerProblem, starts: FloatArray | None = None, options: MarkerSolverOptions = OPTIONS
+) -> FloatArray:
+    """Find the joint positions of single frames, which all fix them.
 
     Parameters
     ----------
     problem :
-        What they have to fit.
+        The markers to fit.
     starts : array, shape (n_frames, n_joints)
         Joint positions to start from; those of the frame before unless given.
+    options :
+        Tolerances.
     """
     frames = np.arange(problem.n_frames)
     if starts is None:
-        starts = _track(problem, frames, best_of_starts(problem, 0))
-    return np.array([_descend(problem, k, start, _LAST_STEP)[0] for k, start in enumerate(starts)])
+        starts = _track(problem, frames, best_of_starts(problem, 0, options), options)
+    return np.array(
+        [_solve_frame(problem, k, q, options, options.last_step)[0] for k, q in enumerate(starts)]
+    )
+
+
+def best_of_starts(
+    problem: MarkerProblem, frame: int, options: MarkerSolverOptions = OPTIONS
+) -> FloatArray:
+    """Joint positions of one frame; of several minima the lowest, or the first of equal ones."""
+    best, lowest = np.empty(0), np.inf
+    for start in problem.starts():
+        q, cost = _solve_frame(problem, frame, start, options, options.last_step)
+        # A minimum is lower if a tenth of the cost, and a micrometre, are gained.
+        if cost < 0.9 * lowest - 1e-12:
+            best, lowest = q, cost
+    return best
 
 
 def _runs(used: BoolArray) -> list[IntArray]:
@@ -248,100 +285,79 @@ def _runs(used: BoolArray) -> list[IntArray]:
     return [r for r in np.split(frames, np.flatnonzero(np.diff(frames) > 1) + 1) if r.size]
 
 
-def _track(problem: MarkerProblem, frames: IntArray, start: FloatArray) -> FloatArray:
-    """Go from frame to frame, starting each from the last one."""
+def _track(
+    problem: MarkerProblem, frames: IntArray, start: FloatArray, options: MarkerSolverOptions
+) -> FloatArray:
+    """Solve one frame after the other, each from the solution of the last."""
     q = np.empty((frames.size, problem.n_joints))
     for k, frame in enumerate(frames.tolist()):
-        q[k], _ = _descend(problem, frame, start, _FIRST_PASS_STEP)
+        q[k], _ = _solve_frame(problem, frame, start, options, options.first_step)
         start = q[k]
     return q
 
 
-def best_of_starts(problem: MarkerProblem, frame: int) -> FloatArray:
-    """Joint positions of one frame; of several minima the lowest, or the first of equal ones."""
-    best, lowest = np.empty(0), np.inf
-    for start in problem.starts():
-        q, cost = _descend(problem, frame, start, _LAST_STEP)
-        if cost < _MUCH_BETTER * lowest - _NEGLIGIBLE:
-            best, lowest = q, cost
-    return best
-
-
-def _descend(
-    problem: MarkerProblem, frame: int, start: FloatArray, last_step: float
+def _solve_frame(
+    problem: MarkerProblem,
+    frame: int,
+    start: FloatArray,
+    options: MarkerSolverOptions,
+    last_step: float,
 ) -> tuple[FloatArray, float]:
-    """Levenberg-Marquardt with the joint limits as bounds, until steps are small."""
-    chosen = [frame]
-    q = np.clip(start, problem.lower, problem.upper)
-    costs, gradients, matrices = problem.linearised(chosen, q[None])
-    damping = _LEAST_DAMPING
-    for _ in range(_MAX_ITERATIONS):
-        step = _bounded_step(problem, q, gradients[0], matrices[0], damping)
-        trial = np.clip(q + step, problem.lower, problem.upper)
-        if np.abs(trial - q).max() < last_step:
-            break
-        found = problem.linearised(chosen, trial[None])
-        if found[0][0] <= costs[0]:
-            q, (costs, gradients, matrices) = trial, found
-            damping = max(_LEAST_DAMPING, damping / 10.0)
-        else:
-            damping *= 10.0
-    return q, float(costs[0])
+    def linearise(q: FloatArray) -> Linearised:
+        costs, gradients, matrices = problem.linearised([frame], q[None])
+        return float(costs[0]), gradients[0], matrices[0]
+
+    return minimise(
+        start,
+        linearise,
+        _dense_step,
+        (problem.lower, problem.upper),
+        last_step=last_step,
+        max_iterations=options.max_iterations,
+    )
 
 
-def _bounded_step(
-    problem: MarkerProblem, q: FloatArray, gradient: FloatArray, matrix: FloatArray, damping: float
+def _dense_step(
+    gradient: FloatArray, matrix: FloatArray, held: BoolArray, damping: float
 ) -> FloatArray:
-    held = _held(problem, q, gradient)
-    matrix = matrix + damping * np.eye(problem.n_joints)
+    matrix = matrix + damping * np.eye(held.size)
     matrix[held], matrix[:, held] = 0.0, 0.0
     matrix[held, held] = 1.0
     return np.asarray(np.linalg.solve(matrix, np.where(held, 0.0, -gradient)))
 
 
-def _held(problem: MarkerProblem, q: FloatArray, gradient: FloatArray) -> BoolArray:
-    """Tell the joints at a limit that would leave it."""
-    return np.asarray(
-        ((q <= problem.lower) & (gradient > 0.0)) | ((q >= problem.upper) & (gradient < 0.0))
-    )
-
-
 def _improve_together(
-    problem: MarkerProblem, frames: IntArray, start: FloatArray, weight: float
+    problem: MarkerProblem,
+    frames: IntArray,
+    start: FloatArray,
+    period: float,
+    options: MarkerSolverOptions,
 ) -> FloatArray:
-    """Gauss-Newton on all frames of a run together; the damping grows while the cost would."""
-    q = start
-    found = _linearised_together(problem, frames, q, weight)
-    damping = _LEAST_DAMPING
-    for _ in range(_MAX_SWEEPS):
-        held = _held(problem, q, found[1])
-        step = _banded_step(found[1], found[2], held, weight, damping)
-        trial = np.clip(q + step, problem.lower, problem.upper)
-        if np.abs(trial - q).max() < _LAST_STEP:
-            break
-        found_there = _linearised_together(problem, frames, trial, weight)
-        if found_there[0] <= found[0]:
-            q, found = trial, found_there
-            damping = max(_LEAST_DAMPING, damping / 10.0)
-        else:
-            damping *= 10.0
+    """Improve all frames of a run together, with the accelerations that connect them."""
+    weight = options.smoothness / period**2
+
+    def linearise(q: FloatArray) -> Linearised:
+        costs, gradients, matrices = problem.linearised(frames, q)
+        accelerations = weight * np.diff(q, n=2, axis=0)
+        # The transpose of the second difference is itself, of values padded with zeros.
+        padded = np.pad(accelerations, ((2, 2), (0, 0)))
+        gradients = gradients + weight * np.diff(padded, n=2, axis=0)[: len(q)]
+        return float(np.sum(costs) + np.sum(accelerations**2)), gradients, matrices
+
+    def step(
+        gradients: FloatArray, matrices: FloatArray, held: BoolArray, damping: float
+    ) -> FloatArray:
+        return _banded_step(gradients, matrices, held, weight, damping)
+
+    q, _ = minimise(
+        start,
+        linearise,
+        step,
+        (problem.lower, problem.upper),
+        last_step=options.last_step,
+        max_iterations=options.max_sweeps,
+    )
     return q
-
-
-def _linearised_together(
-    problem: MarkerProblem, frames: IntArray, q: FloatArray, weight: float
-) -> tuple[float, FloatArray, FloatArray]:
-    costs, gradients, matrices = problem.linearised(frames, q)
-    accelerations = weight * np.diff(q, n=2, axis=0)
-    gradients = gradients + weight * _second_difference_transposed(accelerations, len(q))
-    return float(np.sum(costs) + np.sum(accelerations**2)), gradients, matrices
-
-
-def _second_difference_transposed(values: FloatArray, n_frames: int) -> FloatArray:
-    result = np.zeros((n_frames, values.shape[1]))
-    for offset, factor in enumerate(_SECOND_DIFFERENCE):
-        result[offset : offset + len(values)] += factor * values
-    return result
 
 
 def _banded_step(
@@ -355,10 +371,11 @@ def _banded_step(
     for d in range(n_joints):
         for j in range(n_joints - d):
             band[d, :, j] = matrices[:, j + d, j] * free[:, j + d] * free[:, j]
-    for apart in range(len(_SECOND_DIFFERENCE)):
+    difference = (1.0, -2.0, 1.0)
+    for apart in range(3):
         coupling = np.zeros(n_frames)
-        for k in range(len(_SECOND_DIFFERENCE) - apart):
-            product = _SECOND_DIFFERENCE[k] * _SECOND_DIFFERENCE[k + apart]
+        for k in range(3 - apart):
+            product = difference[k] * difference[k + apart]
             coupling[k : max(k, n_frames - 2 + k)] += weight**2 * product
         both = free.copy()
         both[: n_frames - apart] &= free[apart:]

@@ -14,33 +14,14 @@ from ..arrays import FloatArray
 from ..exceptions import RecordingError, quote_names
 from ..recordings.bags import NS_PER_S
 from ..recordings.joint_states import JointLayout, RawJointStates
-from ..recordings.repair import MAX_RATE
+from ..recordings.repair.clock import MAX_RATE
+from ..recordings.reports import MarkerResidual
 from ..robot.model import Robot
 from .inverse_kinematics import marker_problem, solve
 from .marker_map import MarkerMap, MarkerPlacement, read_marker_map
 from .markers import MarkerTrajectories, read_markers
 from .origin_fit import FittedModel, check_fits, fit_origins
 from .rigid_fit import MIN_POINTS, fit_poses, fix_a_pose
-
-_AT_LIMIT = 1e-6  # [rad or m]
-_LEAST_LEVER = 1e-9  # [m]
-
-
-@dataclass(frozen=True)
-class MarkerResidual:
-    """How far a marker of the model is from where it was measured.
-
-    Attributes
-    ----------
-    median, percentile_95 : float
-        Of the distances [m].
-    n_frames : int
-        Frames in which it was seen and used.
-    """
-
-    median: float
-    percentile_95: float
-    n_frames: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,6 +65,16 @@ class MarkerSource:
     on_base: tuple[MarkerPlacement, ...]
     moved: tuple[MarkerPlacement, ...]
     marker_map: MarkerMap
+
+    def joint_states(
+        self, path: Path, *, salvage: bool = False
+    ) -> tuple[RawJointStates, dict[str, MarkerResidual]]:
+        """Joint states of a recording, and the residuals of the markers by name.
+
+        See :func:`solve_markers`.
+        """
+        solved = solve_markers(path, self, salvage=salvage)
+        return solved.joint_states, solved.residuals
 
 
 def marker_source(
@@ -199,7 +190,7 @@ def _split(
         # A single point may be on the axis of a joint, but not three.
         attached = robot.attach_points([link] * 3, np.eye(3))
         _, jacobians = attached.positions_and_jacobians(np.zeros((1, robot.n_joints)))
-        moves[link] = bool(np.abs(jacobians).max() > _LEAST_LEVER)
+        moves[link] = bool(np.abs(jacobians).max() > 1e-9)
     return (
         tuple(m for m in chosen.markers if not moves[m.link]),
         tuple(m for m in chosen.markers if moves[m.link]),
@@ -356,7 +347,7 @@ def _notes(recorded: MarkerTrajectories, robot: Robot, q: FloatArray) -> list[st
             "they count as non_finite"
         )
     limits = robot.limits()
-    at_limit = np.asarray((q <= limits.lower + _AT_LIMIT) | (q >= limits.upper - _AT_LIMIT))
+    at_limit = np.asarray((q <= limits.lower + 1e-6) | (q >= limits.upper - 1e-6))
     notes += [
         f"joint '{name}' is at its limit in {count} of {len(q)} frames: its range may be too "
         "small, or a marker not where the marker map says"

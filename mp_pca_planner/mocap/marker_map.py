@@ -1,16 +1,15 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Where the markers of a recording sit on the robot or person: the YAML file that says it."""
+"""Marker maps: YAML files with the places of markers on the links of a robot or person."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import InitVar, dataclass, field
 from pathlib import Path
 from typing import Any, Literal, get_args
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from ..arrays import FloatArray, frozen_array
 from ..exceptions import RecordingError, unknown_name
@@ -18,15 +17,12 @@ from ..files import MAX_YAML_BYTES, load_yaml, read_text, reading
 
 BaseMotion = Literal["moving", "fixed", "identity"]
 BASE_MOTIONS: tuple[BaseMotion, ...] = get_args(BaseMotion)
-"""How the root link moves in the frame that markers are recorded in: its pose is fitted to the
+"""Motion of the root link in the frame that markers are recorded in: its pose is fitted to the
 markers on it frame by frame, once for the recording, or it is that frame."""
 
 OriginFit = Literal["position", "length"]
 ORIGIN_FITS: tuple[OriginFit, ...] = get_args(OriginFit)
-"""What is fitted of a joint's origin in its parent link: all of it, or its distance only."""
-
-_KEYS = ("base", "fit_origins", "markers")
-_MARKER_KEYS = ("link", "position", "weight", "body", "offset")
+"""Fitted part of a joint's origin in its parent link: its position, or its distance only."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,49 +32,45 @@ class MarkerPlacement:
     Attributes
     ----------
     name : str
-        How reports call it.
+        Name in reports.
     link : str
-        The link it sits on.
+        The link that it is attached to.
     position : array, shape (3,)
-        Where, in the link's frame [m].
+        Position in the link's frame [m].
     weight : float
-        How much its squared distance counts, 1 unless given.
+        Weight of its squared distance, over 0.
     body : str
-        What it is called in the recording; its own name unless given.
+        Name in the recording; its own name unless given.
     offset : array, shape (3,)
-        The point that is meant, in the recorded body's own frame [m]; a body that is recorded
-        with its orientation gives as many markers as are wanted.
+        Position of the marker in the recorded body's own frame [m]. A body that is recorded with
+        its orientation gives any number of markers.
+
+    Raises
+    ------
+    RecordingError
+        If a position has another shape or is not finite, or the weight is not positive.
     """
 
     name: str
     link: str
     position: FloatArray
-    weight: float
-    body: str
-    offset: FloatArray
+    weight: float = 1.0
+    body: str = ""
+    offset: FloatArray = field(default_factory=lambda: np.zeros(3))
+    where: InitVar[str] = "marker map"
 
-    def __init__(
-        self,
-        name: str,
-        link: str,
-        position: ArrayLike,
-        *,
-        weight: float = 1.0,
-        body: str | None = None,
-        offset: ArrayLike = (0.0, 0.0, 0.0),
-        where: str = "marker map",
-    ) -> None:
-        what = f"{where}: %s of marker '{name}'"
-        number = float(frozen_array(weight, (), what % "weight", RecordingError))
-        if number <= 0.0:
-            raise RecordingError(f"{what % 'weight'} is {number:g}, but it must be positive")
-        object.__setattr__(self, "name", name)
-        object.__setattr__(self, "link", link)
-        object.__setattr__(self, "weight", number)
-        object.__setattr__(self, "body", name if body is None else body)
-        for field, values in (("position", position), ("offset", offset)):
-            array = frozen_array(values, (3,), what % field, RecordingError)
-            object.__setattr__(self, field, array)
+    def __post_init__(self, where: str) -> None:
+        def set_number(name: str, shape: tuple[int, ...]) -> None:
+            what = f"{where}: {name} of marker '{self.name}'"
+            array = frozen_array(getattr(self, name), shape, what, RecordingError)
+            if not shape and array <= 0.0:
+                raise RecordingError(f"{what} is {float(array):g}, but it must be positive")
+            object.__setattr__(self, name, array if shape else float(array))
+
+        set_number("position", (3,))
+        set_number("offset", (3,))
+        set_number("weight", ())
+        object.__setattr__(self, "body", self.body or self.name)
 
 
 @dataclass(frozen=True)
@@ -90,12 +82,12 @@ class MarkerMap:
     markers : tuple of MarkerPlacement
         The markers.
     base : str
-        How the root link moves, see :data:`BASE_MOTIONS`.
+        Motion of the root link, see :data:`BASE_MOTIONS`.
     fit_origins : mapping
         Joints whose origin in the parent link is fitted to each recording, so that one model
         serves people (or calibrations) that differ, see :data:`ORIGIN_FITS`.
     source : str
-        How messages call the map.
+        Name of the map in messages.
     """
 
     markers: tuple[MarkerPlacement, ...]
@@ -114,7 +106,7 @@ def read_marker_map(path: str | Path) -> MarkerMap:
     Raises
     ------
     RecordingError
-        If the file can't be read or says something else.
+        If the file can't be read or has other content.
     """
     where = f"marker map '{path}'"
     with reading(f"the {where}", RecordingError):
@@ -123,13 +115,18 @@ def read_marker_map(path: str | Path) -> MarkerMap:
             raise RecordingError(
                 f"the {where} must hold a mapping 'markers' from names to links and positions"
             )
-        _refuse_unknown(content, "key", _KEYS, where)
+        for key in content:
+            _one_of(key, "key", ("base", "fit_origins", "markers"), where)
+        base = content.get("base", "moving")
+        fits = content.get("fit_origins", {})
+        if not isinstance(fits, dict):
+            raise RecordingError(f"{where}: fit_origins must map joints to 'position' or 'length'")
+        for joint, fit in fits.items():
+            _one_of(fit, f"fit of the origin of joint '{joint}'", ORIGIN_FITS, where)
         return MarkerMap(
-            tuple(
-                _placement(str(name), entry, where) for name, entry in content["markers"].items()
-            ),
-            _one_of(content.get("base", "moving"), "way of the base to move", BASE_MOTIONS, where),
-            _origin_fits(content.get("fit_origins", {}), where),
+            tuple(_placement(str(name), e, where) for name, e in content["markers"].items()),
+            _one_of(base, "motion of the base", BASE_MOTIONS, where),
+            {str(joint): fit for joint, fit in fits.items()},
             where,
         )
 
@@ -137,35 +134,14 @@ def read_marker_map(path: str | Path) -> MarkerMap:
 def _placement(name: str, entry: Any, where: str) -> MarkerPlacement:
     if not isinstance(entry, dict) or not {"link", "position"} <= entry.keys():
         raise RecordingError(f"{where}: marker '{name}' must have a link and a position in it")
-    _refuse_unknown(entry, f"key of marker '{name}'", _MARKER_KEYS, where)
-    body = entry.get("body")
-    return MarkerPlacement(
-        name,
-        str(entry["link"]),
-        entry["position"],
-        weight=entry.get("weight", 1.0),
-        body=None if body is None else str(body),
-        offset=entry.get("offset", np.zeros(3)),
-        where=where,
-    )
-
-
-def _origin_fits(content: Any, where: str) -> dict[str, OriginFit]:
-    if not isinstance(content, dict):
-        raise RecordingError(f"{where}: fit_origins must map joints to 'position' or 'length'")
-    return {
-        str(joint): _one_of(fit, f"fit of the origin of joint '{joint}'", ORIGIN_FITS, where)
-        for joint, fit in content.items()
-    }
+    for key in entry:
+        valid = ("link", "position", "weight", "body", "offset")
+        _one_of(key, f"key of marker '{name}'", valid, where)
+    texts = {key: str(entry[key]) for key in ("link", "body") if key in entry}
+    return MarkerPlacement(name, where=where, **{**entry, **texts})
 
 
 def _one_of(value: Any, kind: str, valid: tuple[Any, ...], where: str) -> Any:
     if value not in valid:
         raise RecordingError(f"{where}: {unknown_name(kind, str(value), valid)}")
     return value
-
-
-def _refuse_unknown(content: dict[Any, Any], kind: str, valid: tuple[str, ...], where: str) -> None:
-    for key in content:
-        if key not in valid:
-            raise RecordingError(f"{where}: {unknown_name(kind, str(key), valid)}")

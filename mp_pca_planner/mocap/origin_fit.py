@@ -1,12 +1,12 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Fit where joints sit in their parent links to a recording, so that one model serves many people.
+"""Fit of joint origins to a recording, so that one model serves people of different sizes.
 
 The marker positions are linear in the joints' origins o (or in their distances, along the
 directions that the URDF gives): with the rotation R of the parent link, ∂p/∂o = R for every marker
-beyond the joint. Origins and the joint positions of some frames are found together by Gauss-Newton:
-the joint positions are eliminated frame by frame (the errors are projected to what they can't
-make good), which leaves a small system for the origins alone.
+beyond the joint. Origins and the joint positions of some frames are found together by Gauss-Newton.
+The joint positions are eliminated frame by frame by a projection of the errors, which leaves a
+small system for the origins alone.
 """
 
 from __future__ import annotations
@@ -20,16 +20,34 @@ import numpy as np
 from ..arrays import FloatArray
 from ..exceptions import RecordingError, unknown_name
 from ..robot.model import Robot
-from .inverse_kinematics import MarkerProblem, marker_problem, solve_each
+from .inverse_kinematics import marker_problem, solve_each
+from .least_squares import BoolArray, Linearised, minimise
 from .marker_map import MarkerMap, MarkerPlacement, OriginFit
 
-N_FRAMES = 60
-"""Frames that are used, evenly spread over the recording."""
 
-_MAX_ITERATIONS = 30
-_LAST_CHANGE = 1e-7  # [m]
-_LEAST_EFFECT = 1e-4
-"""Directions that change the errors less than that share of the strongest are left as they are."""
+@dataclass(frozen=True)
+class OriginFitOptions:
+    """Options of the fit.
+
+    Attributes
+    ----------
+    n_frames : int
+        Frames that are used, evenly spread over the recording.
+    max_iterations : int
+        Largest number of steps.
+    last_step : float
+        Change of the origins at which the fit ends [m].
+    min_effect : float
+        Directions that change the errors less than this share of the strongest stay unchanged.
+    """
+
+    n_frames: int = 60
+    max_iterations: int = 30
+    last_step: float = 1e-7
+    min_effect: float = 1e-4
+
+
+OPTIONS = OriginFitOptions()
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,6 +102,7 @@ def fit_origins(
     markers: Sequence[MarkerPlacement],
     fits: Mapping[str, OriginFit],
     targets: FloatArray,
+    options: OriginFitOptions = OPTIONS,
 ) -> FittedModel:
     """Fit the origins of some joints.
 
@@ -99,28 +118,86 @@ def fit_origins(
         What is fitted, see :class:`.marker_map.MarkerMap`.
     targets : array, shape (n_frames, n_markers, 3)
         Measured positions in the base frame [m]; NaN where missing. The frames must fix all joints.
+    options :
+        Frames and tolerances.
     """
-    joints = _joints(ET.fromstring(urdf))
-    columns = [
-        (name, direction)
-        for name, fit in fits.items()
-        for direction in _directions(joints[name], fit)
-    ]
-    chosen = np.unique(np.linspace(0, len(targets) - 1, N_FRAMES).round().astype(int))
-    beyond = _beyond(joints, [name for name, _ in columns], markers)
-    origins = {name: joints[name].origin for name in fits}
-    q: FloatArray | None = None
-    for _ in range(_MAX_ITERATIONS):
-        robot = Robot(_with_origins(urdf, origins), joint_names)
-        problem = marker_problem(robot, markers, targets[chosen])
-        q = solve_each(problem, q)
-        turned = _turned(robot, q, [(joints[name].parent, d) for name, d in columns])
-        change = _best_change(problem, q, np.einsum("mc,kci->kmic", beyond, turned))
-        for (name, direction), amount in zip(columns, change, strict=True):
-            origins[name] = origins[name] + amount * direction
-        if np.abs(change).max() < _LAST_CHANGE:
-            break
-    return FittedModel(_with_origins(urdf, origins), _notes(joints, origins))
+    chosen = np.unique(np.linspace(0, len(targets) - 1, options.n_frames).round().astype(int))
+    problem = _OriginProblem(urdf, joint_names, markers, fits, targets[chosen], options)
+    change, _ = minimise(
+        np.zeros(problem.n_changes),
+        problem.linearised,
+        problem.step,
+        (np.array(-np.inf), np.array(np.inf)),
+        last_step=options.last_step,
+        max_iterations=options.max_iterations,
+    )
+    origins = problem.origins(change)
+    return FittedModel(_with_origins(urdf, origins), _notes(problem.joints, origins))
+
+
+class _OriginProblem:
+    """Errors of the markers by the changes of the origins, with the best joint positions."""
+
+    def __init__(
+        self,
+        urdf: str,
+        joint_names: Sequence[str],
+        markers: Sequence[MarkerPlacement],
+        fits: Mapping[str, OriginFit],
+        targets: FloatArray,
+        options: OriginFitOptions,
+    ) -> None:
+        self.joints = _joints(ET.fromstring(urdf))
+        self._urdf, self._joint_names, self._markers = urdf, joint_names, markers
+        self._fits, self._targets, self._options = fits, targets, options
+        self._columns = [
+            (name, direction)
+            for name, fit in fits.items()
+            for direction in _directions(self.joints[name], fit)
+        ]
+        self._beyond = _beyond(self.joints, [name for name, _ in self._columns], markers)
+        self._q: FloatArray | None = None
+
+    @property
+    def n_changes(self) -> int:
+        """Number of directions that origins may move in."""
+        return len(self._columns)
+
+    def origins(self, change: FloatArray) -> dict[str, FloatArray]:
+        """Origins of the fitted joints in their parent links [m]."""
+        found = {name: self.joints[name].origin for name in self._fits}
+        for (name, direction), amount in zip(self._columns, change, strict=True):
+            found[name] = found[name] + amount * direction
+        return found
+
+    def linearised(self, change: FloatArray) -> Linearised:
+        """Sum of squared errors that the joint positions can't remove, by the change.
+
+        The joint positions are those of the last call, adapted.
+        """
+        robot = Robot(_with_origins(self._urdf, self.origins(change)), self._joint_names)
+        problem = marker_problem(robot, self._markers, self._targets)
+        self._q = solve_each(problem, self._q)
+        turned = _turned(robot, self._q, [(self.joints[n].parent, d) for n, d in self._columns])
+        frames = np.arange(len(self._q))
+        errors, jacobians = problem.weighted(frames, self._q)
+        effects = np.einsum("mc,kci->kmic", self._beyond, turned)
+        effects *= problem.scale(frames)[..., None, None]
+        effects = effects.reshape(*errors.shape, -1)
+        removed = jacobians @ np.linalg.pinv(jacobians, rcond=self._options.min_effect)
+        rest = np.eye(errors.shape[1]) - removed
+        matrix = (rest @ effects).reshape(-1, effects.shape[-1])
+        left = (rest @ errors[..., None]).reshape(-1)
+        return float(np.sum(errors**2)), matrix.T @ left, matrix.T @ matrix
+
+    def step(
+        self, gradient: FloatArray, matrix: FloatArray, held: BoolArray, damping: float
+    ) -> FloatArray:
+        """Gauss-Newton step in the directions that change the errors enough."""
+        values, vectors = np.linalg.eigh(matrix)
+        strong = vectors[:, values > self._options.min_effect**2 * values[-1]]
+        values = values[len(values) - strong.shape[1] :]
+        return np.asarray(-strong @ ((strong.T @ gradient) / (values + damping)))
 
 
 def _joints(root: ET.Element) -> dict[str, _Joint]:
@@ -175,27 +252,6 @@ def _turned(robot: Robot, q: FloatArray, columns: Sequence[tuple[str, FloatArray
     tips, _ = robot.attach_points(links, directions).positions_and_jacobians(q)
     origins, _ = robot.attach_points(links, 0.0 * directions).positions_and_jacobians(q)
     return tips - origins
-
-
-def _best_change(problem: MarkerProblem, q: FloatArray, effects: FloatArray) -> FloatArray:
-    """Change of the origins that is best once the joint positions have followed.
-
-    Parameters
-    ----------
-    problem, q :
-        Frames and their joint positions.
-    effects : array, shape (n_frames, n_markers, 3, n_columns)
-        Derivatives of the marker positions by the origins.
-    """
-    frames = np.arange(len(q))
-    errors, jacobians = problem.weighted(frames, q)
-    effects = effects * problem.scale(frames)[..., None, None]
-    effects = effects.reshape(*errors.shape, -1)
-    made_good = jacobians @ np.linalg.pinv(jacobians, rcond=_LEAST_EFFECT)
-    rest = np.eye(errors.shape[1]) - made_good
-    matrix = (rest @ effects).reshape(-1, effects.shape[-1])
-    right = -(rest @ errors[..., None]).reshape(-1)
-    return np.asarray(np.linalg.lstsq(matrix, right, rcond=_LEAST_EFFECT)[0], dtype=np.float64)
 
 
 def _notes(joints: Mapping[str, _Joint], origins: Mapping[str, FloatArray]) -> tuple[str, ...]:

@@ -1,15 +1,13 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""One demonstrated motion, cut out of a recording and cleaned."""
+"""One demonstrated motion, cut out of a repaired recording and smoothed."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 from scipy.interpolate import CubicHermiteSpline, make_interp_spline
 
 from ..arrays import FloatArray, frozen_array, unique_names
@@ -31,9 +29,9 @@ class Demonstration:
     recording : str
         Name of the recording it comes from.
     start_time, end_time : float
-        When it starts and ends, in seconds after the first message of the recording.
+        Start and end [s], since the first message of the recording.
     label : str
-        What it was labelled as ('' if not).
+        Label in the table of segments ('' if there is none).
     checksum : str
         SHA-256 of the recording's data, for provenance.
 
@@ -48,49 +46,31 @@ class Demonstration:
     positions: FloatArray
     velocities: FloatArray
     accelerations: FloatArray
-    recording: str
-    start_time: float
-    end_time: float
-    label: str = ""
-    checksum: str = ""
+    recording: str = field(kw_only=True)
+    start_time: float = field(kw_only=True)
+    end_time: float = field(kw_only=True)
+    label: str = field(default="", kw_only=True)
+    checksum: str = field(default="", kw_only=True)
 
-    def __init__(
-        self,
-        joint_names: Sequence[str],
-        times: ArrayLike,
-        positions: ArrayLike,
-        velocities: ArrayLike,
-        accelerations: ArrayLike,
-        *,
-        recording: str,
-        start_time: float,
-        end_time: float,
-        label: str = "",
-        checksum: str = "",
-    ) -> None:
-        where = f"motion at {start_time:.3f} s of '{recording}'"
-        names = unique_names(joint_names, f"joints of the {where}", RecordingError)
-        stamps = frozen_array(times, (None,), f"times of the {where}", RecordingError)
-        if stamps.size < 2:
-            raise RecordingError(f"the {where} has {stamps.size} samples, at least 2 are needed")
-        steps = np.diff(stamps)
-        if stamps[0] != 0.0 or steps.min() <= 0.0 or np.ptp(steps) > 1e-6 * steps.mean():
+    def __post_init__(self) -> None:
+        where = f"motion at {self.start_time:.3f} s of '{self.recording}'"
+        names = unique_names(self.joint_names, f"joints of the {where}", RecordingError)
+        times = frozen_array(self.times, (None,), f"times of the {where}", RecordingError)
+        if times.size < 2:
+            raise RecordingError(f"the {where} has {times.size} samples, at least 2 are needed")
+        steps = np.diff(times)
+        if times[0] != 0.0 or steps.min() <= 0.0 or np.ptp(steps) > 1e-6 * steps.mean():
             raise RecordingError(f"the times of the {where} must start at 0 and be evenly spaced")
         object.__setattr__(self, "joint_names", names)
-        object.__setattr__(self, "times", stamps)
-        for field, values in (
-            ("positions", positions),
-            ("velocities", velocities),
-            ("accelerations", accelerations),
-        ):
+        object.__setattr__(self, "times", times)
+        for name in ("positions", "velocities", "accelerations"):
             array = frozen_array(
-                values, (stamps.size, len(names)), f"{field} of the {where}", RecordingError
+                getattr(self, name),
+                (times.size, len(names)),
+                f"{name} of the {where}",
+                RecordingError,
             )
-            object.__setattr__(self, field, array)
-        for field, text in (("recording", recording), ("label", label), ("checksum", checksum)):
-            object.__setattr__(self, field, str(text))
-        object.__setattr__(self, "start_time", float(start_time))
-        object.__setattr__(self, "end_time", float(end_time))
+            object.__setattr__(self, name, array)
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         # Arrays that come from another process are writeable.
@@ -126,25 +106,24 @@ class Demonstration:
         return np.asarray(spline(np.linspace(0.0, self.times[-1], n_phases)), dtype=np.float64)
 
     def thinned(self, most_samples: int) -> Demonstration:
-        """The same motion in fewer samples, to be looked at.
+        """The same motion in fewer samples, for a figure.
 
         Parameters
         ----------
         most_samples : int
-            How many at most, at least 2. A motion that has no more stays as it is.
+            Largest number of samples, at least 2. A motion that has no more is returned unchanged.
         """
         if self.times.size <= most_samples:
             return self
         times = np.linspace(0.0, self.times[-1], most_samples)
-        curves = (self.positions, self.velocities, self.accelerations)
-        thin = [make_interp_spline(self.times, curve, k=3)(times) for curve in curves]
-        return Demonstration(
-            self.joint_names,
-            times,
-            *thin,
-            recording=self.recording,
-            start_time=self.start_time,
-            end_time=self.end_time,
-            label=self.label,
-            checksum=self.checksum,
+        positions, velocities, accelerations = (
+            make_interp_spline(self.times, curve, k=3)(times)
+            for curve in (self.positions, self.velocities, self.accelerations)
+        )
+        return replace(
+            self,
+            times=times,
+            positions=positions,
+            velocities=velocities,
+            accelerations=accelerations,
         )

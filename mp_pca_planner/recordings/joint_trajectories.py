@@ -23,19 +23,18 @@ from ..exceptions import RecordingError
 from ..motion.interpolation import interpolate_at
 from .bags import NS_PER_S, Bag, Stored, Topic
 from .joint_states import listed_names
-from .repair import (
-    MAX_POSITION,
+from .repair.clock import SIMULATION_TIME, YEAR_NS
+from .repair.joints import choose_joints
+from .repair.recording import (
     MIN_SAMPLES,
-    SIMULATION_TIME,
-    YEAR_NS,
     CleanRecording,
     Piece,
-    choose_joints,
     counted,
+    findings_on_refusal,
     motion_notes,
     refuse_stillness,
-    told_on_refusal,
 )
+from .repair.samples import MAX_POSITION
 
 MAX_DURATION = 1000.0
 """No commanded motion lasts longer [s]; it would be a large number of samples."""
@@ -171,7 +170,7 @@ def repair_trajectories(
         If a joint is unknown, no message is a motion, or nothing moves.
     """
     repairs: Counter[str] = Counter(malformed=raw.n_malformed)
-    with told_on_refusal(raw, repairs):
+    with findings_on_refusal(raw, repairs):
         return _repaired(raw, joints, repairs)
 
 

@@ -1,13 +1,12 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Cuts a recording into single motions, by the speed of its joints.
+"""Segmentation of a recording into single motions, by the speed of its joints.
 
-Two kinds of cuts. A *rest* is a time at which the joints are as good as still; what lies between
-rests is moving. People often don't stop dead between one motion and the next, so moving parts are
-also cut at *valleys*: times at which the speed is low relative to the peaks on both sides.
-All speeds are compared with the recording's own, so units and scale of the joints don't matter.
-How far a motion goes is compared with the noise, with the other motions, and with a least extent:
-a recording of an arm that stands still has speeds of its own, too, but no motions.
+A recording is cut at *rests*, where the joints are nearly still, and at *valleys*, where the speed
+is low relative to the peaks on both sides: people often continue with the next motion without a
+stop. All speeds are compared with the recording's own, so units and scale of the joints don't
+matter. The extent of a motion is compared with the noise, with the other motions and with a least
+extent, since a recording of an arm that stands still contains speeds but no motions.
 """
 
 from __future__ import annotations
@@ -25,48 +24,43 @@ from ..exceptions import RecordingError
 from .repair import Piece
 from .smoothing import SmoothPiece
 
-NOISE_PERCENTILE = 5.0
-"""Of all speeds: what noise feigns, when it is low, in a recording that has some rest."""
-
-NOISE_EXTENTS = 8.0
-"""Noise feigns motions over at most so many of its standard deviations: unfiltered ones, which is
-the worst case, at 10 to 25 Hz during minutes."""
-
-MIN_EXTENT = 0.035
-"""What stays within that [rad or m], two degrees, is no motion: an arm that is held still sways."""
-
-SET_RATIO = 0.05
-"""What stays within that share of the usual extent of a set's motions is none of them."""
-
-MIN_RATE_FOR_VALLEYS = 20.0
-"""Below this rate [Hz] the speed between samples is guesswork: only rests cut."""
-
 Span = tuple[int, int]
-"""First and last step of a stretch."""
+"""First and last step of an interval."""
 
 
 @dataclass(frozen=True)
 class SegmentationOptions:
-    """How motions are told apart.
+    """Thresholds between rest and motion, and between motions.
 
     Attributes
     ----------
     rest_ratio : float
         Joints rest while their speed is under this share of the recording's usual peak speed.
     moving_ratio : float
-        A motion has a peak over this share of it; what stays below is a fidget.
+        A motion has a peak over this share of it.
     noise_factor : float
-        Rest also covers this many times the speed that noise feigns when it is low.
+        Joints also rest under this many times the noise floor of the speed.
+    noise_percentile : float
+        This percentile of all speeds is the noise floor.
     turning_ratio, passing_ratio : float
-        A valley cuts if its speed is under this share of the lower one of the peaks beside it:
-        the former where the joints turn right back, the latter where they go straight on, and
-        in between in proportion to the cosine of the turn.
+        A valley cuts if its speed is under this share of the lower of the adjacent peaks: the
+        former where the joints reverse, the latter where they keep their direction, and in
+        between in proportion to the cosine of the turn.
     extent_ratio : float
         A motion covers more than this share of the extent of the recording's largest.
+    set_ratio : float
+        A motion covers more than this share of the usual extent of the motions of all recordings.
+    min_extent : float
+        A motion covers more than this [rad or m]; an arm that is held still sways by two degrees.
+    noise_extents : float
+        A motion covers more than this many standard deviations of the noise. Unfiltered noise,
+        the worst case, reaches that during minutes at 10 to 25 Hz.
     min_rest : float
         Shorter rests don't cut [s], but they may be valleys.
     min_duration : float
         No motion is shorter [s]: a valley that would leave one doesn't cut.
+    min_valley_rate : float
+        Below this rate [Hz] valleys don't cut: the speed between samples is unknown.
 
     Raises
     ------
@@ -77,11 +71,16 @@ class SegmentationOptions:
     rest_ratio: float = 0.05
     moving_ratio: float = 0.15
     noise_factor: float = 5.0
+    noise_percentile: float = 5.0
     turning_ratio: float = 0.6
     passing_ratio: float = 0.1
     extent_ratio: float = 0.1
+    set_ratio: float = 0.05
+    min_extent: float = 0.035
+    noise_extents: float = 8.0
     min_rest: float = 0.6
     min_duration: float = 0.25
+    min_valley_rate: float = 20.0
 
     def __post_init__(self) -> None:
         for field in fields(self):
@@ -102,7 +101,7 @@ class SegmentationOptions:
 
 @dataclass(frozen=True)
 class SpeedThresholds:
-    """Speeds that tell rest from motion, all of the norm over the joints [rad/s or m/s].
+    """Speeds that separate rest from motion: norms over the joints [rad/s or m/s].
 
     Attributes
     ----------
@@ -122,44 +121,44 @@ def joint_speed(velocities: FloatArray) -> FloatArray:
 
 
 def speed_thresholds(speed: FloatArray, options: SegmentationOptions) -> SpeedThresholds:
-    """Take the thresholds from all the speeds of a recording, shape (n_steps,)."""
+    """Determine the thresholds from all speeds of a recording, shape (n_steps,)."""
     peak = _usual_peak(speed)
-    noise = float(np.percentile(speed, NOISE_PERCENTILE))
+    noise = float(np.percentile(speed, options.noise_percentile))
     moving = options.moving_ratio * peak
-    # A recording without rest has no noise floor to see: its low speeds are motion.
+    # A recording without rest shows no noise floor: its low speeds are motion.
     rest = min(max(options.rest_ratio * peak, options.noise_factor * noise), 0.5 * moving)
     return SpeedThresholds(rest=rest, moving=moving)
 
 
 def _usual_peak(values: FloatArray) -> float:
-    """Median of values weighted by their squares: small ones, however many, hardly count."""
+    """Median of values weighted by their squares: many small ones hardly change it."""
     ordered = np.sort(values)
     energy = np.cumsum(ordered**2)
     return float(ordered[np.searchsorted(energy, 0.5 * energy[-1])])
 
 
-def least_extent(pieces: Sequence[Piece]) -> float:
-    """Extent over which a movement of a recording is more than noise and sway [rad or m]."""
-    return max(MIN_EXTENT, NOISE_EXTENTS * float(np.linalg.norm(_noise(pieces))))
+def least_extent(pieces: Sequence[Piece], options: SegmentationOptions) -> float:
+    """Smallest extent of a motion, by the noise of the recording [rad or m]."""
+    return max(options.min_extent, options.noise_extents * float(np.linalg.norm(_noise(pieces))))
 
 
-def least_extent_of_set(extents: Sequence[float]) -> float:
-    """Extent over which a movement is one of a set of motions [rad or m], by all their extents."""
-    return SET_RATIO * _usual_peak(np.asarray(extents)) if extents else 0.0
+def least_extent_of_set(extents: Sequence[float], options: SegmentationOptions) -> float:
+    """Smallest extent of a motion, by the extents of the motions of all recordings [rad or m]."""
+    return options.set_ratio * _usual_peak(np.asarray(extents))
 
 
 def _noise(pieces: Sequence[Piece]) -> FloatArray:
-    """Standard deviation of each joint's noise: how far samples are off between their neighbours.
+    """Standard deviation of each joint's noise, from samples and the line between their neighbours.
 
-    By the median, so that what moves during less than half of the time does not matter; and what
-    moves is off by little beside its own extent.
+    It is taken from the median, which motions during less than half of the time don't change; and
+    samples of a motion are near that line, compared with the extent of the motion.
     """
-    off = np.concatenate([_off_neighbours(piece) for piece in pieces])
+    errors = np.concatenate([_errors_from_neighbours(piece) for piece in pieces])
     # Median of a normal distribution's magnitudes; the variance of one sample less a mean of two.
-    return np.asarray(np.median(np.abs(off), axis=0) / (0.6745 * np.sqrt(1.5)))
+    return np.asarray(np.median(np.abs(errors), axis=0) / (0.6745 * np.sqrt(1.5)))
 
 
-def _off_neighbours(piece: Piece) -> FloatArray:
+def _errors_from_neighbours(piece: Piece) -> FloatArray:
     t, q = piece.times, piece.positions
     share = ((t[1:-1] - t[:-2]) / (t[2:] - t[:-2]))[:, None]
     return np.asarray(q[1:-1] - (1.0 - share) * q[:-2] - share * q[2:])
@@ -170,12 +169,11 @@ def find_motions(
 ) -> list[Span]:
     """Find the motions of a piece, in order, as first and last step.
 
-    Motions over too small an extent are still among them: what is small shows only beside the
-    other motions of the recording, see :func:`large_motions`.
+    They include motions that are small beside others, see :func:`large_motions`.
     """
     speed = joint_speed(piece.velocities)
     runs = _moving_runs(speed, thresholds, round(options.min_rest * piece.rate))
-    if piece.recorded_rate >= MIN_RATE_FOR_VALLEYS:
+    if piece.recorded_rate >= options.min_valley_rate:
         runs = [part for run in runs for part in _split_at_valleys(piece, speed, run, options)]
     return [
         (first, last)
@@ -186,23 +184,23 @@ def find_motions(
 
 
 def trim(piece: SmoothPiece, thresholds: SpeedThresholds) -> Span | None:
-    """Find where a piece starts and stops to move; None if it doesn't."""
+    """First and last step of the motion of a piece; None if it doesn't move."""
     runs = _moving_runs(joint_speed(piece.velocities), thresholds, min_rest_steps=0)
     return (runs[0][0], runs[-1][1]) if runs else None
 
 
 def extent(positions: FloatArray) -> float:
-    """Norm over the joints of how far each of them moves [rad or m], out and back alike."""
+    """Norm over the joints of the distance that each of them covers [rad or m]."""
     return float(np.linalg.norm(np.ptp(positions, axis=0)))
 
 
 def large_motions(extents: Sequence[float], options: SegmentationOptions) -> list[bool]:
-    """Tell which motions of a recording are no mere adjustments beside the largest."""
+    """Whether each motion of a recording is more than an adjustment beside the largest."""
     return [size > options.extent_ratio * max(extents) for size in extents]
 
 
 def _moving_runs(speed: FloatArray, thresholds: SpeedThresholds, min_rest_steps: int) -> list[Span]:
-    """Find the runs over the rest speed; short rests between them are bridged."""
+    """Intervals over the rest speed; short rests between them are bridged."""
     over = np.concatenate(([False], speed > thresholds.rest, [False]))
     firsts = np.flatnonzero(~over[:-1] & over[1:])
     lasts = np.flatnonzero(over[:-1] & ~over[1:]) - 1
@@ -232,9 +230,9 @@ def _split_at_valleys(
 ) -> list[Span]:
     """Split a run at its valleys.
 
-    All local minima of the speed cut at first. Then the least marked cut goes, and the peaks
-    beside it become one, until those that are left are marked enough: so ripple on a flank does
-    not hide a valley. Cuts beside too short a part go before any other, least marked first.
+    At first all local minima of the speed cut. Then the shallowest cut is removed, and the peaks
+    beside it become one, until all cuts are deep enough: ripple on a flank does not hide a valley.
+    Cuts beside a part that is too short are removed first.
     """
     minima, _ = find_peaks(-speed[run[0] : run[1] + 1])
     bounds = [run[0], *(run[0] + int(step) for step in minima), run[1]]
@@ -243,8 +241,8 @@ def _split_at_valleys(
     peaks = [float(speed[first : last + 1].max()) for first, last in pairwise(bounds)]
 
     n = len(enough)
-    # Of each cut the ones beside it; -1 and n are the ends of the run. Cut i is at bounds[i + 1],
-    # and the part behind it has the peak peaks[i + 1].
+    # Neighbours of each cut; -1 and n are the ends of the run. Cut i is at bounds[i + 1], and the
+    # part behind it has the peak peaks[i + 1].
     before, behind = list(range(-1, n - 1)), list(range(1, n + 1))
 
     def excess(cut: int) -> float:
@@ -276,7 +274,7 @@ def _split_at_valleys(
 def _share_that_cuts(
     positions: FloatArray, cut: int, window: int, options: SegmentationOptions
 ) -> float:
-    """Share of the peak speed under which a valley cuts, by how the joints turn there."""
+    """Share of the peak speed under which a valley cuts, by the turn of the joints there."""
     before = positions[cut] - positions[max(cut - window, 0)]
     after = positions[min(cut + window, len(positions) - 1)] - positions[cut]
     lengths = float(np.linalg.norm(before) * np.linalg.norm(after))

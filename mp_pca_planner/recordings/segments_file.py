@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Motions that somebody cut by hand: a CSV file with columns recording,start_time_s,end_time_s."""
+"""Tables of motions cut by hand: CSV files with columns recording,start_time_s,end_time_s."""
 
 from __future__ import annotations
 
@@ -23,15 +23,15 @@ MAX_TIME = 1e9
 
 
 @dataclass(frozen=True)
-class Segment:
-    """One row.
+class SegmentRow:
+    """Row of a table of segments.
 
     Attributes
     ----------
     start, end : float
         Times since the recording's first message [s].
     label : str
-        What the column `label` says ('' if there is none).
+        Content of the column `label` ('' if there is none).
     where : str
         File and line, for messages.
     """
@@ -43,7 +43,7 @@ class Segment:
 
 
 class CutMotion(Protocol):
-    """A motion and where it was cut out, for example a demonstration."""
+    """A motion and its place in a recording, for example a demonstration."""
 
     @property
     def recording(self) -> str:
@@ -51,18 +51,18 @@ class CutMotion(Protocol):
 
     @property
     def start_time(self) -> float:
-        """When it starts, in seconds after the first message of the recording."""
+        """Start [s], since the first message of the recording."""
 
     @property
     def end_time(self) -> float:
-        """When it ends, likewise."""
+        """End [s], likewise."""
 
     @property
     def label(self) -> str:
-        """What it was labelled as ('' if not)."""
+        """Its label ('' if there is none)."""
 
 
-def read_segments(path: str | Path, recordings: Collection[str]) -> dict[str, list[Segment]]:
+def read_segments(path: str | Path, recordings: Collection[str]) -> dict[str, list[SegmentRow]]:
     """Read the segments of each recording.
 
     Parameters
@@ -83,7 +83,7 @@ def read_segments(path: str | Path, recordings: Collection[str]) -> dict[str, li
         If the file can't be read, lacks a column, or a row names no given recording, holds no
         time span, or repeats another one; with the number of the line.
     """
-    segments: dict[str, list[Segment]] = {}
+    segments: dict[str, list[SegmentRow]] = {}
     seen: dict[tuple[str, float, float, str], str] = {}
     with reading(f"'{path}'", RecordingError):
         rows = csv.DictReader(io.StringIO(read_text(path), newline=""))
@@ -103,19 +103,19 @@ def read_segments(path: str | Path, recordings: Collection[str]) -> dict[str, li
             segment = _segment(row, where)
             first = seen.setdefault((name, segment.start, segment.end, segment.label), where)
             if first != where:
-                raise RecordingError(f"{where}: this motion is that of {first}: remove one")
+                raise RecordingError(f"{where}: this row repeats {first}: remove one")
             segments.setdefault(name, []).append(segment)
     return segments
 
 
-def _segment(row: dict[str, str], where: str) -> Segment:
+def _segment(row: dict[str, str], where: str) -> SegmentRow:
     start, end = (_seconds(row[name], name, where) for name in COLUMNS[1:])
     if not 0.0 <= start < end <= MAX_TIME:
         raise RecordingError(
             f"{where}: a motion must start at 0 s or later and end after its start, "
             f"at {MAX_TIME:g} s at the latest, got {start:g} s to {end:g} s"
         )
-    return Segment(start, end, row.get("label") or "", where)
+    return SegmentRow(start, end, row.get("label") or "", where)
 
 
 def _seconds(text: str | None, column: str, where: str) -> float:
@@ -129,7 +129,7 @@ def _seconds(text: str | None, column: str, where: str) -> float:
 
 
 def segments_table(motions: Iterable[CutMotion]) -> bytes:
-    """Write a table of motions that :func:`read_segments` understands and people can edit.
+    """Write a table of motions that :func:`read_segments` reads and people can edit.
 
     Parameters
     ----------

@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""From samples as they came to a smooth motion on a uniform grid, with its derivatives."""
+"""Smooth motions on a uniform grid, with their derivatives, from repaired samples."""
 
 from __future__ import annotations
 
@@ -13,20 +13,29 @@ from scipy.signal import butter, sosfiltfilt
 from ..arrays import FloatArray
 from .repair import Piece
 
-CUTOFF = 8.0
-"""Cut-off of the low-pass [Hz]; 6 to 10 Hz is usual for movements of the human arm."""
-
-FILTER_ORDER = 2
-"""Of the low-pass, which is applied forwards and backwards: no delay, twice the order."""
-
-MIN_RATE_TO_FILTER = 5 * CUTOFF
-"""Below this rate [Hz] the samples hold little above the cut-off: they are interpolated as is."""
-
-MIN_RATE, MAX_RATE = 50.0, 200.0
-"""Bounds of the rate of the result [Hz]; between them it has the rate of the recording."""
-
 SPLINE_DEGREE = 3
-"""The least that has continuous accelerations; higher ones swing where samples are few."""
+"""Lowest degree with continuous accelerations; higher ones oscillate where samples are few."""
+
+
+@dataclass(frozen=True)
+class SmoothingOptions:
+    """Filter and rate of smooth motions.
+
+    Attributes
+    ----------
+    cutoff : float
+        Cut-off of the low-pass [Hz]; 6 to 10 Hz is usual for movements of the human arm. Below
+        five times this rate samples are not filtered, since they hold little above the cut-off.
+    order : int
+        Order of the low-pass. It is applied forwards and backwards: no delay, twice the order.
+    min_rate, max_rate : float
+        Bounds of the rate of the result [Hz]; between them it has the rate of the recording.
+    """
+
+    cutoff: float = 8.0
+    order: int = 2
+    min_rate: float = 50.0
+    max_rate: float = 200.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,8 +64,10 @@ class SmoothPiece:
         return float((self.times.size - 1) / (self.times[-1] - self.times[0]))
 
 
-def smooth(piece: Piece, rate: float) -> SmoothPiece:
-    """Filter and resample a piece; differentiate the result, not the recorded velocities.
+def smooth(
+    piece: Piece, rate: float, options: SmoothingOptions = SmoothingOptions()
+) -> SmoothPiece:
+    """Filter and resample a piece, and differentiate the resulting curve.
 
     Parameters
     ----------
@@ -64,18 +75,19 @@ def smooth(piece: Piece, rate: float) -> SmoothPiece:
         Samples, at any times.
     rate :
         The usual rate of the recording [Hz].
+    options :
+        Filter and rate of the result.
     """
     # Stamps jitter: a smooth curve through the samples themselves would overshoot where two are
     # close, straight lines don't.
     times = _grid(piece.times, rate)
-    grid = _grid(times, float(np.clip(rate, MIN_RATE, MAX_RATE)))
+    grid = _grid(times, float(np.clip(rate, options.min_rate, options.max_rate)))
     curves = np.empty((3, grid.size, piece.positions.shape[1]))
-    low_pass = _low_pass(rate) if rate >= MIN_RATE_TO_FILTER else None
     # One joint after the other: a spline of all at once takes several times their memory.
     for joint, recorded in enumerate(piece.positions.T):
         position = np.interp(times, piece.times, recorded)
-        if low_pass is not None:
-            position = _filtered(position, low_pass, rate)
+        if rate >= 5 * options.cutoff:
+            position = _filtered(position, rate, options)
         spline = make_interp_spline(times, position, k=SPLINE_DEGREE)
         for order in range(3):
             curves[order, :, joint] = spline(grid, nu=order)
@@ -89,11 +101,8 @@ def _grid(times: FloatArray, rate: float) -> FloatArray:
     return np.linspace(times[0], times[-1], n_steps)
 
 
-def _low_pass(rate: float) -> FloatArray:
-    return np.asarray(butter(FILTER_ORDER, CUTOFF, fs=rate, output="sos"), dtype=np.float64)
-
-
-def _filtered(position: FloatArray, low_pass: FloatArray, rate: float) -> FloatArray:
-    # As many samples as the filter rings, where there are so many: by default it takes fewer.
-    padding = min(len(position) - 1, round(2 * rate / CUTOFF))
+def _filtered(position: FloatArray, rate: float, options: SmoothingOptions) -> FloatArray:
+    low_pass = butter(options.order, options.cutoff, fs=rate, output="sos")
+    # Padding of the length that the filter rings; the default is shorter.
+    padding = min(len(position) - 1, round(2 * rate / options.cutoff))
     return np.asarray(sosfiltfilt(low_pass, position, padlen=padding), dtype=np.float64)

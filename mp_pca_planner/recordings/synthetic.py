@@ -1,10 +1,10 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Made-up arm-raising motions of a person, for the demo, tests and users without recordings.
+"""Synthetic arm-raising motions of a person, for the demo, tests and users without recordings.
 
 The motions are those of the arm in ``config/human_arm.urdf`` and stay within its limits. They
-are no model of the nervous system, but have what recordings of people have: other starts, goals
-and durations each time, joints that do not move in step, curved paths, tremor and noise.
+are no model of the nervous system, but have the variation of recorded motions: starts, goals and
+durations that differ, joints that don't move in step, curved paths, tremor and noise.
 """
 
 from __future__ import annotations
@@ -13,66 +13,89 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
 from scipy.interpolate import CubicSpline, PchipInterpolator
 from scipy.special import betainc
 
-from ..arrays import FloatArray, frozen_array, unique_names
+from ..arrays import FloatArray
 from ..exceptions import RecordingError
 from .demonstration import Demonstration
 
 JOINT_NAMES = ("shoulder1", "shoulder2", "shoulder3", "elbow")
 
-# The axis of shoulder1 is turned about the vertical by this much (see the URDF).
-_SHOULDER_YAW = np.deg2rad(-50.0)
+Range = tuple[float, float]
 
-# Ranges of postures: azimuth (0: forward, positive: to the left) and elevation (0: horizontal)
-# of the upper arm, shoulder3, elbow [deg].
-_HANGING = ((-70.0, -10.0), (-88.0, -75.0), (35.0, 65.0), (-35.0, -12.0))
-_RESTING = ((-45.0, 0.0), (-80.0, -65.0), (40.0, 70.0), (-100.0, -70.0))
-_RAISED = ((-85.0, 10.0), (-25.0, 50.0), (38.0, 62.0), (-60.0, -15.0))
-# An arm raised to the side is turned outwards, or the hand would end up behind the head.
-_TURN_WITH_AZIMUTH = 0.45
 
-# Duration of a motion [s]: it grows with the distance in joint space, less than in proportion.
-_BASE_DURATION, _DURATION_PER_RADIAN = 0.35, 0.3
-_HASTE = (0.8, 1.25)
-_DURATION_RANGE = (0.5, 1.5)
+@dataclass(frozen=True)
+class ArmRaisingStyle:
+    """Distributions of the motions; ranges are of uniform distributions.
 
-# Phase of the peak speed. Acceleration takes a smaller part of an upward motion than of a
-# downward one: Papaxanthis, Pozzo and Stapley, Neurosci. Lett. 253, 1998. That it moves away
-# from one half at all, and by about as much: Nagasaki, Exp. Brain Res. 74, 1989.
-_PEAK_UPWARD = (0.40, 0.52)
-_PEAK_DOWNWARD = (0.46, 0.54)
-# The joints' own peaks come a little before or after it.
-_PEAK_SHIFT = np.array([-0.01, 0.0, 0.01, 0.03])
-_PEAK_SHIFT_SPREAD = 0.015
+    Attributes
+    ----------
+    hanging, resting, raised : tuple of ranges
+        Postures: azimuth (0: forward, positive: to the left) and elevation (0: horizontal) of the
+        upper arm, shoulder3, elbow [deg].
+    turn_with_azimuth : float
+        Outward turn of shoulder3 for a given azimuth; without it the hand of an arm raised to the
+        side would be behind the head.
+    base_duration, duration_per_radian : float
+        Duration of a motion [s, s/rad] for the distance in joint space.
+    haste, duration_range : range
+        Factor of the duration, and its bounds [s].
+    peak_upward, peak_downward : range
+        Phase of the peak speed. Acceleration takes a smaller part of an upward motion than of a
+        downward one: Papaxanthis, Pozzo and Stapley, Neurosci. Lett. 253, 1998. It differs from
+        one half by about this much: Nagasaki, Exp. Brain Res. 74, 1989.
+    peak_shift, peak_shift_spread : tuple of float, float
+        Phases of the joints' own peaks relative to it, and their deviation.
+    detour : tuple
+        Detour of each joint (rows) halfway, as a share of the distance of each joint (columns).
+        Paths of unrestrained vertical motions are curved (Atkeson and Hollerbach, J. Neurosci.
+        5(9), 1985): here the elbow flexes and the arm leaves the body a little.
+    detour_spread : float
+        Relative deviation of the detours.
+    detour_peak : range
+        Phase of the largest detour.
+    tremor_band : range
+        Frequencies of physiological tremor [Hz]: Lakie et al., J. Physiol. 593, 2015.
+    tremor_in_motion, tremor_at_rest : float
+        Its amplitudes [rad]; in motion it is a few times larger (measured at the ankle:
+        J. Appl. Physiol. 52, 1982).
+    sensor_noise : float
+        Standard deviation of the measured positions [rad].
+    """
 
-# Detour of each joint (rows) halfway, as a share of what each joint (columns) has to go. Paths
-# of unrestrained vertical motions are curved (Atkeson and Hollerbach, J. Neurosci. 5(9), 1985):
-# here the arm goes up with a more flexed elbow and a little away from the body.
-_DETOUR = np.array(
-    [
-        [0.00, 0.05, 0.00, 0.04],
-        [0.05, 0.00, 0.00, 0.00],
-        [0.05, 0.04, 0.00, 0.00],
-        [0.13, 0.00, 0.05, 0.00],
-    ]
-)
-_DETOUR_SPREAD = 0.4
-_DETOUR_PEAK = (0.38, 0.62)
+    hanging: tuple[Range, ...] = ((-70.0, -10.0), (-88.0, -75.0), (35.0, 65.0), (-35.0, -12.0))
+    resting: tuple[Range, ...] = ((-45.0, 0.0), (-80.0, -65.0), (40.0, 70.0), (-100.0, -70.0))
+    raised: tuple[Range, ...] = ((-85.0, 10.0), (-25.0, 50.0), (38.0, 62.0), (-60.0, -15.0))
+    turn_with_azimuth: float = 0.45
+    base_duration: float = 0.35
+    duration_per_radian: float = 0.3
+    haste: Range = (0.8, 1.25)
+    duration_range: Range = (0.5, 1.5)
+    peak_upward: Range = (0.40, 0.52)
+    peak_downward: Range = (0.46, 0.54)
+    peak_shift: tuple[float, ...] = (-0.01, 0.0, 0.01, 0.03)
+    peak_shift_spread: float = 0.015
+    detour: tuple[tuple[float, ...], ...] = (
+        (0.00, 0.05, 0.00, 0.04),
+        (0.05, 0.00, 0.00, 0.00),
+        (0.05, 0.04, 0.00, 0.00),
+        (0.13, 0.00, 0.05, 0.00),
+    )
+    detour_spread: float = 0.4
+    detour_peak: Range = (0.38, 0.62)
+    tremor_band: Range = (6.0, 12.0)
+    tremor_in_motion: float = 6e-4
+    tremor_at_rest: float = 2e-4
+    sensor_noise: float = 1e-3
 
-# Physiological tremor has its peak between 6 and 12 Hz (Lakie et al., J. Physiol. 593, 2015), and
-# is a few times larger in motion than in rest (measured at the ankle: J. Appl. Physiol. 52, 1982).
-_TREMOR_BAND = (6.0, 12.0)
-_TREMOR_IN_MOTION = 6e-4
-_TREMOR_AT_REST = 2e-4
-_SENSOR_NOISE = 1e-3
+
+STYLE = ArmRaisingStyle()
 
 
 @dataclass(frozen=True, eq=False)
 class SyntheticMotion:
-    """One made-up motion from rest to rest.
+    """One synthetic motion from rest to rest.
 
     Attributes
     ----------
@@ -80,25 +103,13 @@ class SyntheticMotion:
         Times since the start [s], evenly spaced, first 0.
     positions : array, shape (n_steps, 4)
         Positions [rad] of the joints in `JOINT_NAMES`.
-
-    Raises
-    ------
-    RecordingError
-        If shapes disagree, a number is not finite, or the times don't increase from 0.
     """
 
     times: FloatArray
     positions: FloatArray
 
-    def __init__(self, times: ArrayLike, positions: ArrayLike) -> None:
-        stamps = frozen_array(times, (None,), "times of a motion", RecordingError)
-        if stamps.size < 2 or stamps[0] != 0.0 or np.diff(stamps).min() <= 0.0:
-            raise RecordingError("times of a motion must start at 0 and strictly increase")
-        shape = (stamps.size, len(JOINT_NAMES))
-        object.__setattr__(self, "times", stamps)
-        object.__setattr__(
-            self, "positions", frozen_array(positions, shape, "positions", RecordingError)
-        )
+    def __post_init__(self) -> None:
+        _freeze(self, "times", "positions")
 
     @property
     def duration(self) -> float:
@@ -120,7 +131,7 @@ class SyntheticMotion:
 
 @dataclass(frozen=True, eq=False)
 class SyntheticRecording:
-    """Motions one after the other as a sensor would report them, and where they really are.
+    """Measurements of motions one after the other, and their true times.
 
     Attributes
     ----------
@@ -133,12 +144,7 @@ class SyntheticRecording:
     motion_spans : array, shape (n_motions, 2)
         Start and end of each motion [s], in order.
     return_spans : array, shape (n_motions - 1, 2)
-        Start and end of each motion back to where the next one starts [s], in order.
-
-    Raises
-    ------
-    RecordingError
-        If shapes disagree or a number is not finite.
+        Start and end of each motion back to the start of the next one [s], in order.
     """
 
     joint_names: tuple[str, ...]
@@ -148,30 +154,32 @@ class SyntheticRecording:
     return_spans: FloatArray
 
     def __post_init__(self) -> None:
-        names = unique_names(self.joint_names, "joints of a recording", RecordingError)
-        shapes: dict[str, tuple[int | None, ...]] = {
-            "times": (None,),
-            "positions": (len(self.times), len(names)),
-            "motion_spans": (None, 2),
-            "return_spans": (len(self.motion_spans) - 1, 2),
-        }
-        for field, shape in shapes.items():
-            array = frozen_array(getattr(self, field), shape, field, RecordingError)
-            object.__setattr__(self, field, array)
+        _freeze(self, "times", "positions", "motion_spans", "return_spans")
 
 
-def generate_motions(n_motions: int, seed: int, *, rate: float = 200.0) -> list[SyntheticMotion]:
-    """Make up arm-raising motions: from hanging or resting to raised, in front or to the side.
+def _freeze(value: object, *fields: str) -> None:
+    for field in fields:
+        array = np.array(getattr(value, field), dtype=np.float64)
+        array.setflags(write=False)
+        object.__setattr__(value, field, array)
+
+
+def generate_motions(
+    n_motions: int, seed: int, *, rate: float = 200.0, style: ArmRaisingStyle = STYLE
+) -> list[SyntheticMotion]:
+    """Generate arm-raising motions: from hanging or resting to raised, in front or to the side.
 
     Parameters
     ----------
     n_motions : int
-        How many, at least 1.
+        Number of motions, at least 1.
     seed : int
-        Chooses the motions. The first ones don't depend on how many there are.
+        Chooses the motions. The first ones don't depend on their number.
     rate : float
         Samples per second [Hz], at least 20. The samples divide a motion evenly, which makes
         its own rate a little different.
+    style : ArmRaisingStyle
+        Distributions of the motions.
 
     Returns
     -------
@@ -186,17 +194,19 @@ def generate_motions(n_motions: int, seed: int, *, rate: float = 200.0) -> list[
     if n_motions < 1:
         raise RecordingError(f"the number of motions must be at least 1, got {n_motions}")
     _check_rate(rate)
-    return [_raise_arm(np.random.default_rng([seed, i]), rate) for i in range(n_motions)]
+    generators = (np.random.default_rng([seed, i]) for i in range(n_motions))
+    return [_raise_arm(generator, rate, style) for generator in generators]
 
 
 def continuous_recording(
     motions: Sequence[SyntheticMotion],
     rate: float = 100.0,
-    rest: tuple[float, float] = (0.3, 0.8),
+    rest: Range = (0.3, 0.8),
     *,
     seed: int,
+    style: ArmRaisingStyle = STYLE,
 ) -> SyntheticRecording:
-    """Let a person do motions one after the other, and record it in one go.
+    """Measure a person who does motions one after the other.
 
     Parameters
     ----------
@@ -208,6 +218,8 @@ def continuous_recording(
         Shortest and longest rest [s] before, between and after the motions; not negative.
     seed : int
         Chooses the rests, the motions back and the noise.
+    style : ArmRaisingStyle
+        Distributions of the motions back, the tremor and the noise.
 
     Returns
     -------
@@ -233,16 +245,15 @@ def continuous_recording(
     timeline.rest(rng.uniform(*rest))
     for i, motion in enumerate(motions):
         if i > 0:
-            back = _move(
-                motions[i - 1].positions[-1], motion.positions[0], _PEAK_DOWNWARD, rng, rate
-            )
+            ends = motions[i - 1].positions[-1], motion.positions[0]
+            back = _move(*ends, style.peak_downward, rng, rate, style)
             return_spans.append(timeline.append(back))
             timeline.rest(rng.uniform(*rest))
         motion_spans.append(timeline.append(motion))
         timeline.rest(rng.uniform(*rest))
     times, positions = timeline.sampled(rate)
-    positions += _tremor(times, _TREMOR_AT_REST, rng)
-    positions += rng.normal(0.0, _SENSOR_NOISE, positions.shape)
+    positions += _tremor(times, style.tremor_at_rest, rng, style)
+    positions += rng.normal(0.0, style.sensor_noise, positions.shape)
     return SyntheticRecording(
         JOINT_NAMES,
         times,
@@ -253,7 +264,7 @@ def continuous_recording(
 
 
 class _Timeline:
-    """Knots of a long motion, built up piece by piece."""
+    """Knots of a long motion, appended piece by piece."""
 
     def __init__(self, start: FloatArray) -> None:
         self._times = [np.zeros(1)]
@@ -283,67 +294,72 @@ def _check_rate(rate: float) -> None:
         raise RecordingError(f"the rate must be at least 20 Hz, got {rate}")
 
 
-def _raise_arm(rng: np.random.Generator, rate: float) -> SyntheticMotion:
-    start = _posture(_HANGING if rng.random() < 0.6 else _RESTING, rng)
-    goal = _posture(_RAISED, rng)
-    return _move(start, goal, _PEAK_UPWARD, rng, rate)
+def _raise_arm(rng: np.random.Generator, rate: float, style: ArmRaisingStyle) -> SyntheticMotion:
+    start = _posture(style.hanging if rng.random() < 0.6 else style.resting, rng, style)
+    goal = _posture(style.raised, rng, style)
+    return _move(start, goal, style.peak_upward, rng, rate, style)
 
 
-def _posture(ranges: tuple[tuple[float, float], ...], rng: np.random.Generator) -> FloatArray:
+def _posture(
+    ranges: tuple[Range, ...], rng: np.random.Generator, style: ArmRaisingStyle
+) -> FloatArray:
     azimuth, elevation, turn, elbow = np.deg2rad([rng.uniform(*bounds) for bounds in ranges])
-    turn += _TURN_WITH_AZIMUTH * min(azimuth, 0.0) * np.cos(elevation)
+    turn += style.turn_with_azimuth * min(azimuth, 0.0) * np.cos(elevation)
     # Direction of the upper arm, Ry(q1) Rx(q2) (0, 0, -1) in the frame of the shoulder, solved
-    # for q1 and q2. The azimuths of all postures are on the side where q1 is negative.
-    x, y = np.cos(elevation) * np.array(
-        [np.cos(azimuth - _SHOULDER_YAW), np.sin(azimuth - _SHOULDER_YAW)]
-    )
+    # for q1 and q2. The azimuths of all postures are on the side where q1 is negative. In the
+    # URDF the axis of shoulder1 is turned by -50 degrees about the vertical.
+    from_axis = azimuth + np.deg2rad(50.0)
+    x, y = np.cos(elevation) * np.array([np.cos(from_axis), np.sin(from_axis)])
     return np.array([np.arctan2(-x, -np.sin(elevation)), np.arcsin(y), turn, elbow])
 
 
 def _move(
     start: FloatArray,
     goal: FloatArray,
-    peak_range: tuple[float, float],
+    peak_range: Range,
     rng: np.random.Generator,
     rate: float,
+    style: ArmRaisingStyle,
 ) -> SyntheticMotion:
-    way = goal - start
-    duration = np.clip(
-        (_BASE_DURATION + _DURATION_PER_RADIAN * np.linalg.norm(way)) * rng.uniform(*_HASTE),
-        *_DURATION_RANGE,
-    )
+    distance = goal - start
+    usual = style.base_duration + style.duration_per_radian * np.linalg.norm(distance)
+    duration = np.clip(usual * rng.uniform(*style.haste), *style.duration_range)
     phases = np.linspace(0.0, 1.0, round(duration * rate) + 1)[:, None]
-    peaks = rng.uniform(*peak_range) + _PEAK_SHIFT
-    peaks += rng.uniform(-_PEAK_SHIFT_SPREAD, _PEAK_SHIFT_SPREAD, peaks.shape)
-    detour = (_DETOUR @ way) * rng.uniform(1.0 - _DETOUR_SPREAD, 1.0 + _DETOUR_SPREAD, way.shape)
+    peaks = rng.uniform(*peak_range) + np.array(style.peak_shift)
+    peaks += rng.uniform(-style.peak_shift_spread, style.peak_shift_spread, peaks.shape)
+    spread = rng.uniform(1.0 - style.detour_spread, 1.0 + style.detour_spread, distance.shape)
+    detour = (np.array(style.detour) @ distance) * spread
     times = phases[:, 0] * duration
     positions = (
         start
-        + way * progress(phases, peaks)
-        + detour * bell(phases, rng.uniform(*_DETOUR_PEAK))
-        + _tremor(times, _TREMOR_IN_MOTION, rng) * bell(phases, 0.5)
+        + distance * progress(phases, peaks)
+        + detour * bell(phases, rng.uniform(*style.detour_peak))
+        + _tremor(times, style.tremor_in_motion, rng, style) * bell(phases, 0.5)
     )
     return SyntheticMotion(times, positions)
 
 
 def progress(phases: FloatArray, peaks: FloatArray) -> FloatArray:
-    """Share of the way done, with the speed s^a (1 - s)^b that peaks at the phase a / (a + b).
+    """Share of the distance travelled, with the speed s^a (1 - s)^b.
 
-    For a = b = 2 this is the minimum-jerk motion: Flash and Hogan, J. Neurosci. 5(7), 1985.
+    The speed peaks at the phase a / (a + b). For a = b = 2 this is the minimum-jerk motion: Flash
+    and Hogan, J. Neurosci. 5(7), 1985.
     """
     return np.asarray(betainc(4.0 * peaks + 1.0, 4.0 * (1.0 - peaks) + 1.0, phases))
 
 
 def bell(phases: FloatArray, peak: float) -> FloatArray:
-    """Rise smoothly from 0 to 1 at a phase, and fall back to 0."""
+    """Smooth rise from 0 to 1 at the phase `peak`, and fall back to 0."""
     rise = (phases / peak) ** (6.0 * peak)
     return np.asarray(rise * ((1.0 - phases) / (1.0 - peak)) ** (6.0 * (1.0 - peak)))
 
 
-def _tremor(times: FloatArray, amplitude: float, rng: np.random.Generator) -> FloatArray:
+def _tremor(
+    times: FloatArray, amplitude: float, rng: np.random.Generator, style: ArmRaisingStyle
+) -> FloatArray:
     """Three sinusoids a joint with a common amplitude [rad], shape (n_steps, n_joints)."""
     shape = (3, len(JOINT_NAMES))
-    frequencies = rng.uniform(*_TREMOR_BAND, shape)
+    frequencies = rng.uniform(*style.tremor_band, shape)
     offsets = rng.uniform(0.0, 2.0 * np.pi, shape)
     waves = np.sin(2.0 * np.pi * frequencies * times[:, None, None] + offsets)
     return np.asarray(amplitude * waves.mean(axis=1))

@@ -285,7 +285,7 @@ def test_demonstrations_of_processes_are_immutable(bags: Path) -> None:
 def test_recording_whose_process_dies_is_refused_by_name(
     bags: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    read = load.repair_parts
+    read = load.read_clean
 
     def die_of_two(*arguments, **options):
         clean = read(*arguments, **options)
@@ -293,7 +293,7 @@ def test_recording_whose_process_dies_is_refused_by_name(
             os._exit(9)
         return clean
 
-    monkeypatch.setattr(load, "repair_parts", die_of_two)
+    monkeypatch.setattr(load, "read_clean", die_of_two)
     done: list[tuple[int, int]] = []
     loaded = load_recordings([bags], jobs=2, progress=lambda n, total: done.append((n, total)))
     assert {report.name for report in loaded.reports} == {NAMES[0], NAMES[2]}

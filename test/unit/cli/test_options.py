@@ -24,7 +24,7 @@ from mp_pca_planner.planning.starts import MOST_STARTS
 from mp_pca_planner.primitives.alignment import ALIGNMENTS
 from mp_pca_planner.primitives.options import PrimitiveOptions
 from mp_pca_planner.primitives.primitive import COUPLINGS
-from mp_pca_planner.recordings.repair import MAX_GAP, MAX_GAP_PERIODS
+from mp_pca_planner.recordings.repair import RepairOptions
 from mp_pca_planner.recordings.segmentation import SegmentationOptions
 
 OFFLINE = [name for name in COMMANDS if name != "planner_node"]
@@ -92,11 +92,11 @@ def test_defaults_are_those_of_the_library(helps: dict[str, str]) -> None:
         *(building.coupling, building.variance, building.n_phases),
         *(building.degree, building.align),
     ]
-    cutting = SegmentationOptions()
+    cutting, repair = SegmentationOptions(), RepairOptions()
     for default in (
         f"{cutting.min_rest}",
         f"{cutting.min_duration}",
-        f"{MAX_GAP}, or {MAX_GAP_PERIODS} usual periods",
+        f"{repair.gap_time}, or {repair.gap_periods} usual periods",
     ):
         assert f"(default: {default})" in helps["build_primitives"]
 

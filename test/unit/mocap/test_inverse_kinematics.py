@@ -9,11 +9,17 @@ import pytest
 from arm import JOINTS, arm_robot
 from scipy.optimize import least_squares
 
-from mp_pca_planner.mocap.inverse_kinematics import marker_problem, solve, solve_each
+from mp_pca_planner.mocap.inverse_kinematics import (
+    MarkerSolverOptions,
+    marker_problem,
+    solve,
+    solve_each,
+)
 from mp_pca_planner.mocap.marker_map import MarkerPlacement
 from mp_pca_planner.robot.model import Robot
 
 PERIOD = 0.01
+UNSMOOTHED = MarkerSolverOptions(smoothness=0.0)
 ARM = (
     MarkerPlacement("elbow", "lower_arm", (0.0, 0.0, 0.0)),
     MarkerPlacement("upper", "upper_arm", (0.05, 0.0, -0.1)),
@@ -38,7 +44,7 @@ def places(robot: Robot, q: np.ndarray, markers: tuple[MarkerPlacement, ...] = A
 
 
 def test_the_joint_angles_that_made_the_markers_are_found() -> None:
-    q = solve(marker_problem(arm_robot(), ARM, targets()), PERIOD, smoothness=0.0)
+    q = solve(marker_problem(arm_robot(), ARM, targets()), PERIOD, UNSMOOTHED)
     np.testing.assert_allclose(q, motion(), atol=1e-7)
 
 
@@ -51,7 +57,7 @@ def test_light_smoothing_changes_a_smooth_motion_by_little() -> None:
 
 def test_joints_in_any_order_get_the_same_angles() -> None:
     robot = Robot(_urdf(), JOINTS[::-1])
-    q = solve(marker_problem(robot, ARM, targets()), PERIOD, smoothness=0.0)
+    q = solve(marker_problem(robot, ARM, targets()), PERIOD, UNSMOOTHED)
     np.testing.assert_allclose(q[:, ::-1], motion(), atol=1e-7)
 
 
@@ -65,7 +71,7 @@ def test_noisy_markers_give_the_least_squares_of_scipy() -> None:
     robot = arm_robot()
     noisy = targets()[:12] + 0.01 * np.random.default_rng(0).normal(size=(12, 3, 3))
     limits = robot.limits()
-    q = solve(marker_problem(robot, ARM, noisy), PERIOD, smoothness=0.0)
+    q = solve(marker_problem(robot, ARM, noisy), PERIOD, UNSMOOTHED)
     for q_k, noisy_k, start in zip(q, noisy, motion(), strict=False):
         oracle = least_squares(
             lambda x, there=noisy_k: (places(robot, x[None])[0] - there).ravel(),
@@ -80,7 +86,7 @@ def test_noisy_markers_give_the_least_squares_of_scipy() -> None:
 def test_smoothing_minimises_the_stated_sum() -> None:
     robot, smoothness = arm_robot(), 1e-4
     noisy = targets()[:8] + 0.01 * np.random.default_rng(0).normal(size=(8, 3, 3))
-    q = solve(marker_problem(robot, ARM, noisy), PERIOD, smoothness=smoothness)
+    q = solve(marker_problem(robot, ARM, noisy), PERIOD, MarkerSolverOptions(smoothness=smoothness))
 
     def stated(x: np.ndarray) -> np.ndarray:
         x = x.reshape(8, 4)
@@ -122,7 +128,7 @@ def test_a_marker_that_comes_and_goes_is_tolerated() -> None:
     seen = targets().copy()
     seen[10:30, 1] = np.nan  # elbow and wrist fix the arm while it is bent
     seen[50:60, 0] = np.nan
-    q = solve(marker_problem(arm_robot(), ARM, seen), PERIOD, smoothness=0.0)
+    q = solve(marker_problem(arm_robot(), ARM, seen), PERIOD, UNSMOOTHED)
     np.testing.assert_allclose(q, motion(), atol=1e-6)
 
 
@@ -130,7 +136,7 @@ def test_frames_with_too_few_markers_are_gaps() -> None:
     seen = targets().copy()
     seen[20:25, 2] = np.nan  # nothing is left beyond the elbow
     seen[60] = np.nan
-    q = solve(marker_problem(arm_robot(), ARM, seen), PERIOD, smoothness=0.0)
+    q = solve(marker_problem(arm_robot(), ARM, seen), PERIOD, UNSMOOTHED)
     gaps = np.flatnonzero(np.isnan(q).any(axis=1))
     assert gaps.tolist() == [20, 21, 22, 23, 24, 60]
     np.testing.assert_allclose(

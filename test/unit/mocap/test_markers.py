@@ -21,9 +21,9 @@ from scipy.spatial.transform import Rotation
 
 from mp_pca_planner.exceptions import RecordingError
 from mp_pca_planner.mocap.marker_map import MarkerPlacement
-from mp_pca_planner.mocap.markers import read_markers
+from mp_pca_planner.mocap.markers import find_markers, read_markers
 from mp_pca_planner.recordings.bags import write_markers
-from mp_pca_planner.recordings.load import inspect_recording
+from mp_pca_planner.recordings.inspection import inspect_recording
 
 STEP = S // 100
 N = 20
@@ -272,7 +272,7 @@ def test_inspection_looks_into_markers(tmp_path: Path, bag_format: str) -> None:
     path = write_marker_arrays(
         tmp_path / "bag", {"elbow": PATHS[0], "wrist": wrist}, bag_format=bag_format
     )
-    found = inspect_recording(path)
+    found = inspect_recording(path, find_markers=find_markers)
     assert [(m.topic, m.name, m.n_samples, m.n_gaps) for m in found.markers] == [
         ("/markers", "elbow", N, 0),
         ("/markers", "wrist", N - 4, 1),
@@ -283,7 +283,10 @@ def test_inspection_looks_into_markers(tmp_path: Path, bag_format: str) -> None:
 
 
 def test_inspection_looks_into_frames(tmp_path: Path) -> None:
-    found = {m.name: m for m in inspect_recording(tf_bag(tmp_path / "bag")).markers}
+    found = {
+        m.name: m
+        for m in inspect_recording(tf_bag(tmp_path / "bag"), find_markers=find_markers).markers
+    }
     assert {name: m.n_samples for name, m in found.items()} == {
         "room": 1,
         "body": N,
@@ -295,7 +298,9 @@ def test_inspection_looks_into_frames(tmp_path: Path) -> None:
 
 
 def test_frames_that_can_not_be_used_do_not_hide_the_rest(tmp_path: Path) -> None:
-    found = inspect_recording(tf_bag(tmp_path / "bag", hand_parent="elsewhere"))
+    found = inspect_recording(
+        tf_bag(tmp_path / "bag", hand_parent="elsewhere"), find_markers=find_markers
+    )
     assert found.markers == ()
     assert "frame 'hand' has two parents" in found.notes[0]
     assert "no topic holds joint states" in str(found.refusal)

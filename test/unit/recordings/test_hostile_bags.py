@@ -25,8 +25,9 @@ from test_salvage import compressed_bag
 from mp_pca_planner.exceptions import PlannerError, RecordingError
 from mp_pca_planner.recordings import bags, unpacking
 from mp_pca_planner.recordings.bags import read_joint_states, write_joint_states
-from mp_pca_planner.recordings.load import inspect_recording, load_recordings
-from mp_pca_planner.recordings.repair import MAX_JOINTS
+from mp_pca_planner.recordings.inspection import inspect_recording
+from mp_pca_planner.recordings.load import load_recordings
+from mp_pca_planner.recordings.repair.joints import MAX_JOINTS
 
 MB = 1 << 20
 ZEROS = bytes(400 * MB)

@@ -15,7 +15,9 @@ from conftest import EPOCH, FORMATS, Message, reaching, stamped, write_bag
 from mp_pca_planner.exceptions import RecordingError
 from mp_pca_planner.recordings import bags
 from mp_pca_planner.recordings.bags import find_recordings, stored_size
-from mp_pca_planner.recordings.load import inspect_recording, load_recordings
+from mp_pca_planner.recordings.inspection import inspect_recording
+from mp_pca_planner.recordings.load import load_recordings
+from mp_pca_planner.recordings.repair import RepairOptions
 from mp_pca_planner.recordings.segmentation import SegmentationOptions
 
 REACHES = reaching([0.1, 1.1, 0.3])
@@ -205,7 +207,7 @@ def test_segments_by_hand_are_taken_as_they_are(tmp_path: Path, bag_format: str)
         ("x,-1.0,2.0,", "must start at 0 s or later"),
         ("x,1.0,1e308,", "at 1e.09 s at the latest"),
         (",1.0,2.0,", "no recording is called ''"),
-        ("x,1.00,2.0,", "this motion is that of .* line 2: remove one"),
+        ("x,1.00,2.0,", "this row repeats .* line 2: remove one"),
     ],
 )
 def test_faulty_row_is_refused_with_its_line(tmp_path: Path, row: str, message: str) -> None:
@@ -343,7 +345,7 @@ def test_longest_gap_reaches_the_repair(tmp_path: Path) -> None:
     messages = stamped(reaching([0.1, 1.1, 0.1]))
     path = write_bag(tmp_path / "x", "mcap", messages[:210] + messages[290:])
     assert load_recordings([path]).reports[0].repairs == {"gaps": 1}
-    assert load_recordings([path], max_gap=1.0).reports[0].repairs == {}
+    assert load_recordings([path], repair=RepairOptions(max_gap=1.0)).reports[0].repairs == {}
 
 
 def test_inspection_of_a_useless_recording_shows_its_defects(tmp_path: Path) -> None:

@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -18,7 +17,7 @@ from hypothesis.extra import numpy as hnp
 from mp_pca_planner.exceptions import RecordingError, UnusableRecordingError
 from mp_pca_planner.recordings.bags import read_joint_states
 from mp_pca_planner.recordings.joint_states import JointLayout, RawJointStates
-from mp_pca_planner.recordings.repair import REPAIRS, CleanRecording, repair, repair_parts
+from mp_pca_planner.recordings.repair import REPAIRS, CleanRecording, RepairOptions, repair
 
 MOTION = reaching([0.1, 1.1])
 """Two joints for 3 s at 100 Hz, never both zero."""
@@ -382,8 +381,8 @@ def test_longest_gap_can_be_chosen(bag: Bag) -> None:
     messages = stamped(MOTION)
     path = write_bag(bag.folder / "x", bag.bag_format, messages[:100] + messages[180:])
     raw = read_joint_states(path, "/joint_states")
-    assert repair(raw, max_gap=0.9).repairs == {}
-    assert repair(raw, max_gap=0.7).repairs == {"gaps": 1}
+    assert repair(raw, options=RepairOptions(max_gap=0.9)).repairs == {}
+    assert repair(raw, options=RepairOptions(max_gap=0.7)).repairs == {"gaps": 1}
 
 
 def test_repairs_counted_before_a_refusal_are_kept(bag: Bag) -> None:
@@ -535,48 +534,20 @@ def long_recording(rate: int, seed: int) -> RawJointStates:
     return RawJointStates("/j", stamps, EPOCH + np.arange(order.size), layouts, 3)
 
 
-def parts_of(raw: RawJointStates, size: int) -> Iterator[RawJointStates]:
-    while raw.n_messages > size:
-        head, raw = raw.divided(size)
-        yield head
-    yield raw
-
-
-@pytest.mark.parametrize("rate", [100, 250, 1000])
-@pytest.mark.parametrize("seed", range(4))
-@pytest.mark.parametrize("seconds", [3, 11])
-def test_parts_are_repaired_as_the_whole(rate: int, seed: int, seconds: int) -> None:
-    raw = long_recording(rate, seed)
-    whole = repair(raw)
-    clean = repair_parts(parts_of(raw, seconds * rate))
-    assert clean is not None
-    assert clean.repairs == whole.repairs
-    assert clean.notes == whole.notes
-    assert (clean.rate, clean.sample_rate) == pytest.approx((whole.rate, whole.sample_rate))
-    assert (clean.n_messages, clean.listed_joints) == (raw.n_messages, ("a", "b"))
-    for part, piece in zip(clean.pieces, whole.pieces, strict=True):
-        np.testing.assert_allclose(part.times, piece.times, atol=1e-9)
-        np.testing.assert_allclose(part.positions, piece.positions, atol=1e-9)
-
-
-def test_a_recording_that_is_odd_as_a_whole_is_not_repaired_in_parts() -> None:
-    moving = np.sin(np.arange(6000) / 100)[:, None] + [0.0, 1.0, 2.0]
-    parts = [
-        RawJointStates("/j", stamps, stamps, (JointLayout(names, np.arange(3000), positions),), 0)
-        for names, stamps, positions in (
-            (("a", "b", "c"), EPOCH + np.arange(3000) * (S // 100), moving[:3000]),
-            (("a", "b"), EPOCH + np.arange(3000, 6000) * (S // 100), moving[3000:, :2]),
-        )
-    ]
-    assert repair_parts(iter(parts)) is None
-    assert repair_parts(iter(parts), ["b", "a"]) is not None
-    still = np.ones((3000, 2))
-    stamps = EPOCH + np.arange(3000) * (S // 100)
-    layout = JointLayout(("a", "b"), np.arange(3000), still)
-    raw = RawJointStates("/j", stamps, stamps, (layout,), 0)
-    assert repair_parts(parts_of(raw, 1000)) is None
-    with pytest.raises(UnusableRecordingError, match="nothing moves"):
-        repair_parts(iter([raw]))
+@pytest.mark.parametrize("rate", [100, 250])
+@pytest.mark.parametrize("seed", range(3))
+def test_defects_of_all_kinds_in_one_recording_are_counted(rate: int, seed: int) -> None:
+    assert repair(long_recording(rate, seed)).repairs == {
+        "malformed": 3,
+        "reordered": 5,
+        "non_finite": 4,
+        "clock_jumps": 1,
+        "out_of_order": 3,
+        "repeated_stamps": 1,
+        "gaps": 2,
+        "wrapped": 13,
+        "spikes": 2,
+    }
 
 
 def test_samples_of_a_fast_recording_are_averaged() -> None:

@@ -18,8 +18,8 @@ from rosbags.typesys import Stores, get_typestore
 
 from mp_pca_planner.exceptions import RecordingError
 from mp_pca_planner.recordings.bags import list_topics, read_joint_states
+from mp_pca_planner.recordings.inspection import inspect_recording
 from mp_pca_planner.recordings.joint_states import RawJointStates
-from mp_pca_planner.recordings.load import inspect_recording
 
 N = 1000
 POSITIONS = np.random.default_rng(5).normal(size=(N, 2))

@@ -226,11 +226,3 @@ def test_rates_that_show_no_motion_are_refused(rate: float) -> None:
 def test_rests_that_are_no_range_are_refused(rest: tuple[float, float]) -> None:
     with pytest.raises(RecordingError, match="rests must be a range"):
         continuous_recording(MANY[:1], rest=rest, seed=0)
-
-
-@pytest.mark.parametrize(
-    ("times", "n_joints"), [([0.0, 0.1, 0.1], 4), ([0.1, 0.2, 0.3], 4), ([0.0, 0.1, 0.2], 3)]
-)
-def test_malformed_motions_are_refused(times: list[float], n_joints: int) -> None:
-    with pytest.raises(RecordingError):
-        SyntheticMotion(times, np.zeros((3, n_joints)))

@@ -1,0 +1,118 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Repair of recorded joint states, one family of defects per module.
+
+A recording is read whole, then the repairs are applied in a fixed order. Each is counted under its
+name in `REPAIRS`.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..byte_layout import NS_PER_S
+from ..joint_states import RawJointStates
+from .clock import choose_clock, order_by_time
+from .joints import choose_joints, take_joints
+from .jumps import averaged, cut_at_gaps, cut_at_jumps, long_pieces, unwrap
+from .publishers import drop_equal_stamps, drop_zeros, refuse_late_contradictions
+from .recording import (
+    REPAIRS,
+    CleanRecording,
+    Piece,
+    counted,
+    findings_on_refusal,
+    motion_notes,
+    refuse_stillness,
+)
+from .samples import RepairOptions, Samples, drop_unusable
+from .velocities import velocity_notes
+
+__all__ = ["REPAIRS", "CleanRecording", "Piece", "RepairOptions", "repair"]
+
+SAMPLE_REPAIRS = (
+    drop_unusable,
+    order_by_time,
+    refuse_late_contradictions,
+    drop_equal_stamps,
+    drop_zeros,
+)
+"""Repairs before the recording is cut, in order."""
+
+PIECE_REPAIRS = (unwrap, cut_at_jumps)
+"""Repairs after it is cut at gaps, in order."""
+
+
+def repair(
+    raw: RawJointStates,
+    joints: Sequence[str] | None = None,
+    options: RepairOptions | None = None,
+) -> CleanRecording:
+    """Repair joint states, with a count of every repair.
+
+    Parameters
+    ----------
+    raw :
+        Joint states as recorded.
+    joints :
+        Names of the joints to take; by default those that all messages list, in the order of
+        the first.
+    options :
+        Thresholds; by default those of :class:`RepairOptions`.
+
+    Raises
+    ------
+    UnusableRecordingError
+        If a joint is unknown, the time is unusable, samples are too few, publishers contradict
+        each other, or nothing moves.
+    """
+    repairs: Counter[str] = Counter(malformed=raw.n_malformed)
+    with findings_on_refusal(raw, repairs):
+        return _repaired(raw, joints, options or RepairOptions(), repairs)
+
+
+def _repaired(
+    raw: RawJointStates,
+    joints: Sequence[str] | None,
+    options: RepairOptions,
+    repairs: Counter[str],
+) -> CleanRecording:
+    names = choose_joints([layout.joint_names for layout in raw.layouts], raw.topic, joints)
+    samples, clock_notes = _samples(raw, names, repairs)
+    for repair_samples in SAMPLE_REPAIRS:
+        samples = repair_samples(samples, options, repairs)
+        samples.refuse_few()
+    pieces = cut_at_gaps(samples, options, repairs)
+    for repair_pieces in PIECE_REPAIRS:
+        pieces = repair_pieces(pieces, options, repairs)
+    checked = velocity_notes(raw, names)
+    rate = NS_PER_S / samples.period
+    # A rate that jitter puts just below a multiple still counts as that multiple.
+    n_averaged = max(1, int(rate * 1.001 // options.enough_rate))
+    pieces = long_pieces([averaged(piece, n_averaged) for piece in pieces], repairs)
+    refuse_stillness(pieces)
+    return CleanRecording(
+        joint_names=names,
+        pieces=tuple(pieces),
+        rate=rate,
+        sample_rate=rate / n_averaged,
+        duration=float(pieces[-1].times[-1] - pieces[0].times[0]),
+        repairs=counted(repairs),
+        notes=(*raw.notes, *clock_notes, *checked, *motion_notes(names, pieces)),
+        topic=raw.topic,
+        n_messages=raw.n_messages,
+        listed_joints=raw.listed_joints,
+    )
+
+
+def _samples(
+    raw: RawJointStates, names: tuple[str, ...], repairs: Counter[str]
+) -> tuple[Samples, tuple[str, ...]]:
+    """Positions of the joints by stamp, with notes on the stamps."""
+    messages, positions = take_joints(raw, names, repairs)
+    stamps, notes = choose_clock(raw, messages)
+    first_stamp = int(stamps[np.argmax(stamps > 0)])
+    return Samples(stamps, positions, np.arange(stamps.size), first_stamp), notes
