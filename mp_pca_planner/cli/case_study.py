@@ -14,31 +14,21 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from ..evaluation.case_study import CaseStudy, study
 from ..exceptions import RecordingError
 from ..files import exists_already, write_whole
-from ..mocap.marker_joint_states import MarkerSource, marker_source, place_markers
+from ..mocap.generated import GeneratedMarkers
+from ..mocap.marker_joint_states import marker_source
 from ..plotting.case_study_page import case_study_page, draw_pictures
 from ..plotting.case_study_tables import facts, summary, tables
 from ..plotting.page import require_pages
-from ..recordings.bags import write_markers
 from ..recordings.load import RecordingSet, load_recordings
-from ..recordings.synthetic import continuous_recording, generate_motions
 from ..resources import config_file
 from ..robot.model import Robot
 from .common import Progress, make_folder, no_motion, plain, print_json, progress_bar
 from .terminal import DONE, say
 
-_N_GENERATED = 60
-_SEED = 11
-_RATE = 100.0
-_EPOCH_NS = 1_700_000_000_000_000_000
-# A person who stands: amplitudes [m, rad] about each axis and angular frequencies [rad/s].
-_SWAY, _SWAY_ANGLE = 0.01, 0.03
-_SWAY_RATES = np.array([0.7, 1.1, 0.4])
-_MARKER_NOISE = 2e-4  # of an optical system: standard deviation [m]
 _PAGE = "case_study.html"
 
 
@@ -101,21 +91,8 @@ def _generated(arguments: argparse.Namespace, progress: Progress) -> RecordingSe
     markers = marker_source(arguments.markers, *files)
     with tempfile.TemporaryDirectory() as folder:
         bag = Path(folder) / "generated"
-        _generate(bag, markers)
+        GeneratedMarkers().write(bag, markers)
         return load_recordings([bag], markers=markers, jobs=1, progress=progress)
-
-
-def _generate(bag: Path, source: MarkerSource) -> None:
-    """Record markers of generated arm-raising motions, there and back, of a swaying chest."""
-    recording = continuous_recording(generate_motions(_N_GENERATED, _SEED), _RATE, seed=_SEED)
-    names, positions = place_markers(recording.positions, source)
-    sway = np.sin(recording.times[:, None] * _SWAY_RATES)
-    turns = Rotation.from_rotvec(_SWAY_ANGLE * sway)
-    swayed = turns.as_matrix()[:, None] @ positions[..., None]
-    measured = swayed[..., 0] + _SWAY * sway[:, None]
-    measured += np.random.default_rng(_SEED).normal(0.0, _MARKER_NOISE, measured.shape)
-    stamps = _EPOCH_NS + np.round(recording.times * 1e9).astype(np.int64)
-    write_markers(bag, names, stamps, measured, source.topic)
 
 
 def _write(

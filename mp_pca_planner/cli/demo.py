@@ -7,7 +7,7 @@ from __future__ import annotations
 import argparse
 import os
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -36,7 +36,7 @@ from ..recordings.synthetic import JOINT_NAMES, continuous_recording, generate_m
 from ..resources import config_file
 from ..robot.limits import JointLimits
 from ..robot.model import Robot
-from ..ros.client import GoalClient, this_machine_only
+from ..ros.client import Answer, GoalClient, this_machine_only
 from ..ros.messages import to_trajectory
 from ..ros.monitor import Monitor
 from . import build_primitives
@@ -45,16 +45,6 @@ from .common import make_folder
 from .options import parse
 from .terminal import DONE, FAILED, say
 
-_N_DEMONSTRATIONS = 30
-_N_GOALS = 6
-# Goals are ends of motions that are not among the demonstrations.
-_DEMONSTRATION_SEED, _GOAL_SEED = 1, 2
-_RATE = 100.0
-# Recordings start at a time of day, not at a simulation time.
-_EPOCH_NS = 1_700_000_000_000_000_000
-# The robot has arrived below these errors [rad, rad/s], within at most this time [s].
-_AT_GOAL, _AT_REST, _PATIENCE = 1e-3, 1e-5, 30.0
-_SETTLED = 1e-6  # [rad]
 _ARM = ("upper_arm", "lower_arm", "wrist")
 _GOOD = "executable"
 _READY = "ready for goals"  # in the node's diagnostics
@@ -67,13 +57,47 @@ _COLUMNS = (
 """Values of the node's report in the table: name, factor of the unit, and format."""
 
 
+@dataclass(frozen=True)
+class DemoOptions:
+    """Motions of the demo, and what counts as arrival.
+
+    Attributes
+    ----------
+    n_demonstrations, n_goals : int
+        Numbers of recorded motions and of goals; the robot returns after each goal.
+    seed, goal_seed : int
+        Seeds of both. Goals are ends of motions that are not among the demonstrations.
+    rate : float
+        Rate of the recording [Hz].
+    position_error, speed : float
+        Largest error [rad] and speed [rad/s] of a robot that has arrived.
+    patience : float
+        Longest time until it has arrived [s].
+    start_error : float
+        Largest difference between the measured starts here and in the node [rad].
+    """
+
+    n_demonstrations: int = 30
+    n_goals: int = 6
+    seed: int = 1
+    goal_seed: int = 2
+    rate: float = 100.0
+    position_error: float = 1e-3
+    speed: float = 1e-5
+    patience: float = 30.0
+    start_error: float = 1e-6
+
+
+_OPTIONS = DemoOptions()
+
+
 def run(arguments: argparse.Namespace) -> int:
     """Run the command; returns the exit status."""
     require_matplotlib()
     folder, urdf = arguments.output, config_file("human_arm.urdf")
     make_folder(folder)
     bag, file = folder / "recording", folder / "arm_raising.npz"
-    say(f"1. Recording {_N_DEMONSTRATIONS} arm-raising motions into {bag}")
+    say(f"1. Recording {_OPTIONS.n_demonstrations} arm-raising motions into {bag}")
     _record(bag)
     say("2. Building primitives from the bag", f"   $ build_primitives {bag}")
     options = ["--robot", str(urdf), "--joints", ",".join(JOINT_NAMES), "--force"]
@@ -91,22 +115,24 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _record(path: Path) -> None:
     """Write generated motions of a person as a rosbag2 recording."""
-    motions = generate_motions(_N_DEMONSTRATIONS, _DEMONSTRATION_SEED)
-    made = continuous_recording(motions, _RATE, seed=_DEMONSTRATION_SEED)
-    stamps = _EPOCH_NS + np.round(made.times * 1e9).astype(np.int64)
-    write_joint_states(path, "mcap", made.joint_names, stamps, made.positions, overwrite=True)
+    motions = generate_motions(_OPTIONS.n_demonstrations, _OPTIONS.seed)
+    made = continuous_recording(motions, _OPTIONS.rate, seed=_OPTIONS.seed)
+    write_joint_states(path, "mcap", made.joint_names, made.stamps, made.positions, overwrite=True)
 
 
 @dataclass(frozen=True, eq=False)
 class _Served:
-    """A goal that was sent and what came back; how far from it the robot ended [rad]."""
+    """The start of a motion, the node's answer to its goal, and the error at the end [rad]."""
 
     start: FloatArray
-    trajectory: Trajectory | None
-    values: Mapping[str, str]
-    message: str
-    latency: float | None
+    answer: Answer
     arrival_error: float
+
+    @property
+    def trajectory(self) -> Trajectory | None:
+        """The motion, if there is one."""
+        message = self.answer.trajectory
+        return None if message is None else to_trajectory(message)
 
 
 def _execute_over_topics(folder: Path, primitive_file: Path) -> list[_Served]:
@@ -117,7 +143,7 @@ def _execute_over_topics(folder: Path, primitive_file: Path) -> list[_Served]:
     values = {"primitives": [str(primitive_file)], "robot_description": description}
     content = {"mp_pca_planner": {"ros__parameters": values}}
     write_whole(parameters, yaml.safe_dump(content).encode(), overwrite=True)
-    goals = generate_motions(_N_GOALS, _GOAL_SEED)
+    goals = generate_motions(_OPTIONS.n_goals, _OPTIONS.goal_seed)
     home = goals[0].positions[0]
     start = ",".join(f"{name}={q}" for name, q in zip(JOINT_NAMES, home, strict=True))
     ros_arguments = ("--params-file", str(parameters), "--log-level", "warn")
@@ -137,17 +163,10 @@ def _execute_over_topics(folder: Path, primitive_file: Path) -> list[_Served]:
 
 
 def _serve(client: GoalClient, monitor: Monitor, goal: FloatArray) -> _Served:
-    """Send a goal to the arm, which stands still, and let it get there."""
+    """Send a goal to the arm at rest, and wait until it is there."""
     start = _measured(monitor)[0]
     answer = client.send(JointStateMessage(name=list(JOINT_NAMES), position=goal.tolist()))
-    return _Served(
-        start=start,
-        trajectory=None if answer.trajectory is None else to_trajectory(answer.trajectory),
-        values=answer.values,
-        message=answer.report.message,
-        latency=answer.latency,
-        arrival_error=_wait_until_at(monitor, goal if answer.trajectory else start),
-    )
+    return _Served(start, answer, _wait_until_at(monitor, goal if answer.trajectory else start))
 
 
 def _measured(monitor: Monitor) -> FloatArray:
@@ -158,14 +177,14 @@ def _measured(monitor: Monitor) -> FloatArray:
 
 def _wait_until_at(monitor: Monitor, goal: FloatArray) -> float:
     """Let the robot come to rest at a goal; returns how far from it the robot is [rad]."""
-    deadline = time.monotonic() + _PATIENCE
+    deadline = time.monotonic() + _OPTIONS.patience
     while True:
         q, v = _measured(monitor)
         error = float(np.abs(q - goal).max())
-        is_there = error < _AT_GOAL and np.abs(v).max() < _AT_REST
+        is_there = error < _OPTIONS.position_error and np.abs(v).max() < _OPTIONS.speed
         if is_there or time.monotonic() > deadline:
             return error
-        time.sleep(1.0 / _RATE)
+        time.sleep(1.0 / _OPTIONS.rate)
 
 
 def _report(robot: Robot, served: Sequence[_Served]) -> int:
@@ -174,10 +193,10 @@ def _report(robot: Robot, served: Sequence[_Served]) -> int:
     rows, failures = [], 0
     for i, goal in enumerate(served, start=1):
         verdict = _verdict(robot, limits, goal)
-        failures += verdict != _GOOD or not goal.arrival_error < _AT_GOAL
+        failures += verdict != _GOOD or not goal.arrival_error < _OPTIONS.position_error
         columns = [
-            *((goal.values.get(name), factor, form) for name, factor, form in _COLUMNS),
-            (goal.latency, 1e3, ".2f"),
+            *((goal.answer.values.get(name), factor, form) for name, factor, form in _COLUMNS),
+            (goal.answer.latency, 1e3, ".2f"),
             (goal.arrival_error, 1e3, ".2g"),
         ]
         numbers = ["" if x is None else format(float(x) * k, form) for x, k, form in columns]
@@ -190,14 +209,15 @@ def _report(robot: Robot, served: Sequence[_Served]) -> int:
 
 def _verdict(robot: Robot, limits: JointLimits, goal: _Served) -> str:
     """Check a received motion independently of the report of its sender."""
-    if goal.trajectory is None:
-        return goal.message
+    trajectory = goal.trajectory
+    if trajectory is None:
+        return str(goal.answer.report.message)
     # The robot settles by some nanometres between this measurement and the planner's.
-    first = goal.trajectory.positions[0]
-    start = first if np.abs(first - goal.start).max() < _SETTLED else goal.start
+    first = trajectory.positions[0]
+    start = first if np.abs(first - goal.start).max() < _OPTIONS.start_error else goal.start
     try:
-        check = check_limits(goal.trajectory, robot, limits)
-        check_executable(goal.trajectory, check, JointState(JOINT_NAMES, start))
+        check = check_limits(trajectory, robot, limits)
+        check_executable(trajectory, check, JointState(JOINT_NAMES, start))
     except PlannerError as error:
         return str(error)
     return _GOOD
@@ -216,11 +236,11 @@ def _draw(
     title = "Demonstrations, and mean shape with principal components (±1 standard deviation)"
     with picture(pictures[0], force=True) as figure:
         primitive_figure(figure, primitive, shown, title)
-    first = next((goal for goal in served if goal.trajectory is not None), None)
-    if first is None:
+    planned = [goal.trajectory for goal in served if goal.trajectory is not None]
+    if not planned:
         return pictures[:1]
     plans = {
-        name: _plan_offline(robot, primitive, basis, first)
+        name: _plan_again(robot, primitive, basis, planned[0])
         for name, basis in (("principal components", "pca"), ("B-splines", "bspline"))
     }
     labelled = {
@@ -239,10 +259,8 @@ def _draw(
     return pictures
 
 
-def _plan_offline(robot: Robot, primitive: MovementPrimitive, basis: str, served: _Served) -> Plan:
-    """Plan from the start to the end of a motion that the node has planned."""
-    assert served.trajectory is not None
-    end = JointState(JOINT_NAMES, served.trajectory.positions[-1])
+def _plan_again(robot: Robot, primitive: MovementPrimitive, basis: str, motion: Trajectory) -> Plan:
+    """Plan from the start to the end of a motion, in its duration."""
+    start, end = (JointState(JOINT_NAMES, q) for q in motion.positions[[0, -1]])
     planner = Planner(robot, [primitive], robot.limits(), PlannerOptions(basis=basis))
-    goal = JointGoal(end, served.trajectory.duration)
-    return planner.plan(goal, JointState(JOINT_NAMES, served.start))
+    return planner.plan(JointGoal(end, motion.duration), start)
