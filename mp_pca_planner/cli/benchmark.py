@@ -29,7 +29,6 @@ from ..robot.model import Robot
 from .common import check_output, limits_of, print_json, progress_bar
 from .terminal import DONE, say, written_lines
 
-_N_DEMONSTRATIONS = 40
 _DEMONSTRATIONS_SEED = 1
 _COLUMNS = (
     ("effort_cost", ".4g"),
@@ -98,7 +97,7 @@ def _scene(arguments: argparse.Namespace) -> Scene:
     motions = (
         demonstrations_in(primitive)
         if primitive
-        else demonstrations_of(name, robot, limits, _N_DEMONSTRATIONS, _DEMONSTRATIONS_SEED)
+        else demonstrations_of(name, robot, limits, 40, _DEMONSTRATIONS_SEED)
     )
     return Scene(name, urdf, robot, limits, tuple(motions), primitive)
 

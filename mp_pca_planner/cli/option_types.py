@@ -8,8 +8,6 @@ import math
 from argparse import ArgumentTypeError
 from collections.abc import Callable
 
-MAX_DIGITS = 20  # Longer whole numbers exceed every bound and are slow to convert.
-
 
 def number(low: float, high: float, unit: str = "") -> Callable[[str], float]:
     """Type of numbers from `low` to `high`."""
@@ -31,7 +29,8 @@ def whole(low: int, high: int) -> Callable[[str], int]:
     """Type of whole numbers from `low` to `high`."""
 
     def parse(text: str) -> int:
-        if not (text.isdecimal() and len(text) < MAX_DIGITS and low <= int(text) <= high):
+        # Longer numbers exceed every bound and are slow to convert.
+        if not (text.isdecimal() and len(text) < 20 and low <= int(text) <= high):
             raise ArgumentTypeError(f"'{text}' is not a whole number from {low} to {high}")
         return int(text)
 
@@ -50,15 +49,13 @@ jobs = whole(1, 1024)
 seed = whole(0, 2**63 - 1)
 """Type of seeds of random numbers."""
 
-_duration = number(1e-3, 600.0, "s")
-
 
 def duration(text: str) -> str | float:
     """Read a duration [s], or one of the words for a duration that the planner chooses."""
     if text in ("shortest", "free"):
         return text
     try:
-        return _duration(text)
+        return number(1e-3, 600.0, "s")(text)
     except ArgumentTypeError as error:
         raise ArgumentTypeError(f"{error}, 'shortest' or 'free'") from None
 

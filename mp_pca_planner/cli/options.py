@@ -18,7 +18,6 @@ from .parser import Options, parse_command
 VALUES = "name=value,… or values in the robot description's joint order [rad or m]"
 _PLACE = "configuration (name=value,…) or pose ('FRAME: X Y Z' or with a quaternion)"
 _NODE = "mp_pca_planner"
-_price = number(0.0, 1e12)
 
 
 # Options that several commands have
@@ -118,7 +117,8 @@ def refine(add: Options) -> None:
     _add_motion_options(add)
     _add_single_goal(add, "V", "as in `sequence`, but at any time")
     add.preset(mode="optimal")
-    add("--time-price P", "cost of 1 s, in units of ½∫‖τ‖²dt (default: the duration stays)", _price)
+    price = number(0.0, 1e12)
+    add("--time-price P", "cost of 1 s, in units of ½∫‖τ‖²dt (default: the duration stays)", price)
     add("--min-gain SHARE", "least gain for a new primitive", number(0.0, 0.999), 0.01)
     add("--name", "name of the new primitive (default: OLD_refined)")
     add("--output FILE.npz", "new primitive to write; numbered for segments of a sequence", Path)
@@ -130,7 +130,7 @@ def refine(add: Options) -> None:
     cost = trials.one_of()
     cost("--cost C", "cost of the last proposal", number(-1e12, 1e12))
     cost("--executed BAG", "recording of its execution; its ½∫‖τ‖²dt is the cost", Path)
-    trials("--tracking-price P", "price of ∫‖q − q_planned‖²dt of --executed", _price, 0.0)
+    trials("--tracking-price P", "price of ∫‖q − q_planned‖²dt of --executed", price, 0.0)
     trials("--seed", "seed of the random numbers", seed, 0)
     _add_report_options(add)
 

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,7 @@ from ..files import check_writable
 from ..learning.executions import measure_execution
 from ..learning.family import family_around
 from ..learning.refined_motion import RefinedMotion
-from ..learning.refinement import AcceptedMotion, RefinementOptions, refine
+from ..learning.refinement import AcceptedMotion, Refinement, RefinementOptions, refine
 from ..learning.trials import TrialLearner
 from ..motion.collision import NOT_CHECKED
 from ..motion.trajectory_files import trajectory_columns
@@ -39,11 +40,23 @@ def run(arguments: argparse.Namespace) -> int:
     """Run the command; returns the exit status."""
     _check_options(arguments)
     request = _request(arguments)
+    planner = request.planner
     options = RefinementOptions(
         time_price=arguments.time_price, sample_period=arguments.sample_period
     )
-    by_trials = arguments.trials is not None
-    facts = (_refine_by_trials if by_trials else _refine_by_model)(arguments, request, options)
+    problem = request.motions, planner.robot, planner.limits, options
+    found = refine(*problem, planner.collision)
+    if arguments.trials is None:
+        facts = _refine_by_model(arguments, request, found)
+    else:
+        learner = TrialLearner(
+            *problem,
+            start=found.motion.parameters,
+            collision=planner.collision,
+            seed=arguments.seed,
+            state=arguments.trials,
+        )
+        facts = _refine_by_trials(arguments, request, learner)
     return DONE if facts["kept"] or arguments.output is None else FAILED
 
 
@@ -87,10 +100,8 @@ def _outputs(arguments: argparse.Namespace) -> list[Path]:
 
 
 def _refine_by_model(
-    arguments: argparse.Namespace, request: PlannedRequest, options: RefinementOptions
+    arguments: argparse.Namespace, request: PlannedRequest, found: Refinement
 ) -> dict[str, Any]:
-    planner = request.planner
-    found = refine(request.motions, planner.robot, planner.limits, options, planner.collision)
     before, after = RefinedMotion(request.motions).duration, found.motion.duration
     facts = _facts(request, found) | {
         "original_cost": found.original_cost,
@@ -101,45 +112,34 @@ def _refine_by_model(
         "iterations": found.iterations,
     }
     facts["kept"] = _keep(arguments, request, found.motion, facts)
-    _write(arguments, found, facts)
-    if arguments.json:
-        print_json(facts | trajectory_columns(found.trajectory))
-    else:
-        say(
-            *_request_lines(request),
-            f"cost         {found.original_cost:.4g} → {found.cost:.4g} ({found.gain:.1%} less)",
-            f"duration     {before:.3f} → {after:.3f} s",
-            *collision_lines(facts),
-            f"primitive    {_kept_words(arguments, facts)}",
-            *written_lines([arguments.trajectory]),
-        )
+    lines = [
+        f"cost         {found.original_cost:.4g} → {found.cost:.4g} ({found.gain:.1%} less)",
+        f"duration     {before:.3f} → {after:.3f} s",
+        *collision_lines(facts),
+        f"primitive    {_kept_words(arguments, facts)}",
+        *written_lines([arguments.trajectory]),
+    ]
+    _write_and_print(arguments, request, found, facts, lines)
     return facts
 
 
 def _refine_by_trials(
-    arguments: argparse.Namespace, request: PlannedRequest, options: RefinementOptions
+    arguments: argparse.Namespace, request: PlannedRequest, learner: TrialLearner
 ) -> dict[str, Any]:
-    learner = _learner(arguments, request, options)
-    cost = arguments.cost
-    if arguments.executed is not None:
-        cost = _measured_cost(arguments, learner)
+    cost = arguments.cost if arguments.executed is None else _measured_cost(arguments, learner)
     if cost is not None:
         learner.tell(cost, keep=False)
     facts = _facts_of_trials(request, learner)
-    best = learner.best_motion().motion
+    best, motion_file = learner.best_motion().motion, arguments.trajectory
     facts["kept"] = facts["gain"] is not None and _keep(arguments, request, best, facts)
-    proposal = learner.propose()
-    _write(arguments, proposal, facts)
-    if arguments.json:
-        print_json(facts | trajectory_columns(proposal.trajectory))
-    else:
-        say(*_request_lines(request), *_trial_lines(arguments, facts))
-        say(*written_lines([arguments.trials if cost is not None else None, arguments.trajectory]))
-        say(
-            f"execute trial {facts['n_trials'] + 1} "
-            f"({arguments.trajectory or 'name --trajectory to have it written'}), "
-            "and report its cost with --cost or --executed"
-        )
+    where = motion_file or "name --trajectory to have it written"
+    lines = [
+        *_trial_lines(arguments, facts),
+        *written_lines([arguments.trials if cost is not None else None, motion_file]),
+        f"execute trial {facts['n_trials'] + 1} ({where}), "
+        "and report its cost with --cost or --executed",
+    ]
+    _write_and_print(arguments, request, learner.propose(), facts, lines)
     if cost is not None:
         # Last of all: if something else can't be written, the call can be repeated.
         flush()
@@ -147,18 +147,19 @@ def _refine_by_trials(
     return facts
 
 
-def _learner(
-    arguments: argparse.Namespace, request: PlannedRequest, options: RefinementOptions
-) -> TrialLearner:
-    planner = request.planner
-    problem = request.motions, planner.robot, planner.limits, options
-    return TrialLearner(
-        *problem,
-        start=refine(*problem, planner.collision).motion.parameters,
-        collision=planner.collision,
-        seed=arguments.seed,
-        state=arguments.trials,
-    )
+def _write_and_print(
+    arguments: argparse.Namespace,
+    request: PlannedRequest,
+    accepted: AcceptedMotion,
+    facts: dict[str, Any],
+    lines: Sequence[str],
+) -> None:
+    content = facts | trajectory_columns(accepted.trajectory)
+    write_motion(arguments.trajectory, accepted.trajectory, content, force=arguments.force)
+    if arguments.json:
+        print_json(content)
+    else:
+        say(f"planned      {status_line(request.plan)}", *request.lines(), *lines)
 
 
 def _measured_cost(arguments: argparse.Namespace, learner: TrialLearner) -> float:
@@ -189,10 +190,6 @@ def _facts_of_trials(request: PlannedRequest, learner: TrialLearner) -> dict[str
         "cost": None if best is None else best.cost,
         "gain": gain,
     }
-
-
-def _request_lines(request: PlannedRequest) -> list[str]:
-    return [f"planned      {status_line(request.plan)}", *request.lines()]
 
 
 def _trial_lines(arguments: argparse.Namespace, facts: dict[str, Any]) -> list[str]:
@@ -236,8 +233,3 @@ def _kept_words(arguments: argparse.Namespace, facts: dict[str, Any]) -> str:
     if arguments.output is None:
         return "not kept (name --output to keep it)"
     return f"not kept: the cost fell by less than {arguments.min_gain:.1%}"
-
-
-def _write(arguments: argparse.Namespace, accepted: AcceptedMotion, facts: dict[str, Any]) -> None:
-    content = facts | trajectory_columns(accepted.trajectory)
-    write_motion(arguments.trajectory, accepted.trajectory, content, force=arguments.force)

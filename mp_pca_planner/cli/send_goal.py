@@ -22,8 +22,6 @@ from .common import print_json, report_lines
 from .goal_arguments import joint_values, sequence_goal
 from .terminal import DONE, FAILED, REFUSED, complain, say
 
-_NANOSECONDS = 10**9  # of a second
-
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the command; returns the exit status."""
@@ -32,7 +30,7 @@ def run(arguments: argparse.Namespace) -> int:
     message.header.frame_id = arguments.primitive
     # The stamp distinguishes the report from those of other goals.
     stamp = message.header.stamp
-    stamp.sec, stamp.nanosec = divmod(time.time_ns(), _NANOSECONDS)
+    stamp.sec, stamp.nanosec = divmod(time.time_ns(), 10**9)
     try:
         with GoalClient("send_goal", arguments.namespace, arguments.node) as client:
             client.wait_for_node(arguments.timeout, with_trajectory=False)

@@ -21,7 +21,6 @@ from ..ros.monitor import Monitor, Seen
 from .common import REPORTED, known, short
 from .terminal import DONE
 
-_PERIOD = 0.2  # of frames [s]
 _BAR_WIDTH = 24  # [characters]
 _STALE_AGE = 0.5  # of joint states that are drawn dim [s]
 _LEVELS = (("OK", "green"), ("WARN", "yellow"), ("ERROR", "red"), ("STALE", "red"))
@@ -38,7 +37,7 @@ def run(arguments: argparse.Namespace) -> int:
         try:
             while time.monotonic() < end:
                 live.update(frame(monitor.look(), time.monotonic()), refresh=True)
-                time.sleep(_PERIOD)
+                time.sleep(0.2)  # 5 frames per second
         except KeyboardInterrupt:  # the usual end
             pass
     return DONE
