@@ -99,36 +99,27 @@ def _marker_lines(markers: Sequence[MarkerFinding]) -> list[str]:
 
 
 def _primitive_facts(name: str, primitive: MovementPrimitive) -> dict[str, Any]:
+    shown = (
+        *("name", "joint_names", "coupling", "n_components", "degree"),
+        *("explained_variance_ratio", "fit_residual", "durations", "metadata"),
+    )
     return {
         "path": name,
         "format": "movement_primitive",
-        "name": primitive.name,
-        "joint_names": list(primitive.joint_names),
-        "coupling": primitive.coupling,
-        "n_components": primitive.n_components,
-        "degree": primitive.degree,
-        "explained_variance_ratio": primitive.explained_variance_ratio,
-        "fit_residual": primitive.fit_residual,
-        "durations": primitive.durations,
+        **{field: getattr(primitive, field) for field in shown},
         "control_statement": control_statement(primitive),
-        "metadata": primitive.metadata,
     }
 
 
 def _primitive_text(name: str, primitive: MovementPrimitive) -> list[str]:
     residual = np.sqrt(np.mean(primitive.fit_residual**2, axis=1))
     unit = unit_of(primitive.joint_names, prismatic_joints(primitive))
-    rows = [
-        [
-            f"{d['recording']} {d['label']}".strip(),
-            f"{d['start_time_s']:.2f}",
-            f"{duration:.2f}",
-            unit.number(error),
-        ]
-        for d, duration, error in zip(
-            primitive.metadata["demonstrations"], primitive.durations, residual, strict=True
-        )
-    ]
+    rows = []
+    demonstrations = primitive.metadata["demonstrations"]
+    for d, duration, error in zip(demonstrations, primitive.durations, residual, strict=True):
+        name_of_motion = f"{d['recording']} {d['label']}".strip()
+        times = [f"{d['start_time_s']:.2f}", f"{duration:.2f}"]
+        rows.append([name_of_motion, *times, unit.number(error)])
     header = ["demonstration", "start [s]", "duration [s]", f"reproduced to [{unit.name} RMS]"]
     return [
         f"{name}: movement primitive '{primitive.name}'",

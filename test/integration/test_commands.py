@@ -583,17 +583,6 @@ def test_plan_refuses_a_robot_without_the_joints(primitive, tmp_path):
     assert "no movable joint is called 'elbow'" in line and "'ellbow'" in line
 
 
-@pytest.mark.parametrize("command", ["build_primitives", "inspect", "plan", "demo"])
-def test_help_is_printed(command):
-    done = subprocess.run(
-        [sys.executable, "-m", "mp_pca_planner", command, "--help"],
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    assert command in done.stdout and done.stderr == ""
-
-
 def test_real_gestures_of_a_robot_become_a_primitive(shared_data, tmp_path):
     joints = ",".join(f"arm_right_{i}_joint" for i in range(1, 8))
     output = tmp_path / "reem.npz"
