@@ -14,6 +14,7 @@ import argparse
 
 import numpy as np
 
+from mp_pca_planner.control.closed_loop import ControlLoop
 from mp_pca_planner.control.errors import ErrorModel
 from mp_pca_planner.control.law import KINDS, ControlLaw
 from mp_pca_planner.control.stability import analyse
@@ -47,17 +48,9 @@ def main() -> None:
             start, goal = (JointState(JOINT_NAMES, wanted.positions[k]) for k in (0, -1))
             motion = planner.plan(JointGoal(goal), start).trajectory
             law = ControlLaw.from_frequency(kind, robot, motion, arguments.natural_frequency)
-            known = analyse(robot, law, motion, errors, limits)
-            found = verify(
-                robot,
-                law,
-                motion,
-                errors,
-                known,
-                effort_limits=limits,
-                n_trials=arguments.trials,
-                seed=i,
-            )
+            loop = ControlLoop(robot, law, motion, limits)
+            known = analyse(loop, errors)
+            found = verify(loop, errors, known, arguments.trials, seed=i)
             trials += arguments.trials
             held += found.bound_held
             saturated += found.saturated

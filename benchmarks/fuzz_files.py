@@ -26,7 +26,7 @@ from rosbags.rosbag2 import Writer as Writer2
 from rosbags.typesys import Stores, get_typestore
 
 from mp_pca_planner.cli.main import main as command
-from mp_pca_planner.primitives.file import _checksum
+from mp_pca_planner.primitives.file import checksum
 from mp_pca_planner.recordings.synthetic import JOINT_NAMES, continuous_recording, generate_motions
 from mp_pca_planner.resources import config_file
 
@@ -238,7 +238,7 @@ def spoil_npz(path: Path, random: Random) -> None:
             del arrays[name]
     if isinstance(metadata, dict):
         metadata.pop("checksum", None)
-        metadata["checksum"] = _checksum(arrays, metadata)
+        metadata["checksum"] = checksum(arrays, metadata)
     buffer = io.BytesIO()
     np.savez(buffer, metadata=np.array(json.dumps(metadata, sort_keys=True)), **arrays)
     path.write_bytes(buffer.getvalue())

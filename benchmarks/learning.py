@@ -22,7 +22,7 @@ import numpy as np
 
 from mp_pca_planner.arrays import FloatArray
 from mp_pca_planner.learning.family import family_around
-from mp_pca_planner.learning.refinement import RefinementCost, refine
+from mp_pca_planner.learning.refinement import RefinementCost, RefinementOptions, refine
 from mp_pca_planner.learning.trials import TrialLearner
 from mp_pca_planner.motion.goal import JointGoal, JointState
 from mp_pca_planner.motion.validation import check_limits
@@ -92,7 +92,11 @@ def learn_by_trials(planner: Planner, plan: Plan, n_seeds: int, n_trials: int) -
         optimum = refine([plan.motion], robot, planner.limits).effort
         for label, parameters in (("one shot", None), ("off-line refinement", start)):
             learner = TrialLearner(
-                [plan.motion], planner.robot, planner.limits, start=parameters, seed=seed
+                [plan.motion],
+                planner.robot,
+                planner.limits,
+                RefinementOptions(seed=seed),
+                start=parameters,
             )
             for _ in range(n_trials):
                 proposal = learner.propose()

@@ -27,7 +27,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 import yaml
 
-from mp_pca_planner.control.closed_loop import Reference, Sampling, sample_times, simulate
+from mp_pca_planner.control.closed_loop import ControlLoop, Sampling, simulate
 from mp_pca_planner.control.law import FEEDFORWARD_PD, ControlLaw, pair_law, paired_law
 from mp_pca_planner.learning.executions import measure_execution
 from mp_pca_planner.learning.family import family_around
@@ -144,20 +144,12 @@ class SimulatedRobot:
 
     def execute(self, trajectory: Trajectory, name: str) -> float:
         """Follow a trajectory in real time, record it, and measure its cost from the bag."""
-        sampling = Sampling()
+        limits, sampling = self._model.limits().effort, Sampling()
         zero = np.zeros(len(JOINT_NAMES))
-        done = simulate(
-            self._robot,
-            self._model,
-            self._law,
-            trajectory,
-            start_error=zero,
-            start_velocity_error=zero,
-            effort_limits=self._model.limits().effort,
-            sampling=sampling,
-        )
-        times = sample_times(trajectory, sampling)
-        q = Reference.of(trajectory, times).q - done.errors
+        loop = ControlLoop(self._model, self._law, trajectory, limits, sampling)
+        done = simulate(loop, self._robot, zero, zero)
+        times = loop.times
+        q = loop.reference.q - done.errors
         rows, began = [], time.perf_counter()
         # To its end, which the published steps need not meet.
         for k in sorted({*range(0, len(times), PUBLISHED_EVERY), len(times) - 1}):

@@ -7,7 +7,7 @@ import signal
 import sys
 
 if sys.argv[1:2] in (["planner_node"], ["simulate"]):
-    # Before anything else is loaded: a node that is told to end then has nothing to tidy up.
+    # Before anything else is loaded: a node that is stopped then has nothing to clean up.
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: os._exit(0))
 

@@ -2,9 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Errors of the package.
 
-Every error that a user can cause is a :class:`PlannerError`. Its message is one
-sentence that names the offender and says what would be accepted; commands print
-it without a traceback and the node puts it into its report.
+Every error that a user can cause is a :class:`PlannerError`. Its message is one sentence: the wrong
+value and what is accepted. Commands print it without a traceback; the node reports it.
 """
 
 from __future__ import annotations
@@ -25,7 +24,7 @@ MAX_NAMES = 100
 
 
 class PlannerError(Exception):
-    """Base class of all errors raised by this package for refused input."""
+    """Base class of all errors of this package for rejected input."""
 
 
 class RobotError(PlannerError):
@@ -41,10 +40,10 @@ class DamagedRecordingError(RecordingError):
 
 
 class UnusableRecordingError(RecordingError):
-    """Joint states that can't be used, with what was found until then.
+    """Joint states that can't be used, with the facts found before.
 
-    That is: the repairs counted, the topic, its number of messages, the joints they list, and
-    notes on how they were read.
+    These are the counts of repairs, the topic, its number of messages, their joints, and notes on
+    how they were read.
     """
 
     def __init__(
@@ -85,7 +84,7 @@ class LimitsError(PlannerError):
 
 
 class LearningError(PlannerError):
-    """Trials that can't be learned from, or a motion that is not worth keeping."""
+    """Trials that can't be used, or a motion that can't be kept."""
 
 
 class ControlError(PlannerError):
@@ -93,7 +92,7 @@ class ControlError(PlannerError):
 
 
 class SimulationError(PlannerError):
-    """A simulated robot, or a fault of it, that can't be as it is asked for."""
+    """An invalid option of a simulated robot or of its faults."""
 
 
 class MissingDependencyError(PlannerError):
@@ -109,18 +108,17 @@ class MissingDependencyError(PlannerError):
 
 
 def _how_to_install(extra: str) -> str:
-    """Say how to get what an extra brings, where this Python runs."""
+    """The command that installs an extra for this Python."""
     if extra == "ros":
-        # A ROS that is here is better than its wheels, which are for machines without one.
+        # An installed ROS is better than its wheels, which are for machines without one.
         set_up = sorted(Path("/opt/ros").glob("*/setup.sh"))
         if set_up and "ROS_DISTRO" not in os.environ:
             return f"run `. {set_up[-1]}` first"
     pip = [sys.executable or "python3", "-m", "pip", "install"]
     if sys.prefix == sys.base_prefix and _is_managed():
-        # Debian's Python, which a sourced ROS uses, takes packages from elsewhere only this way.
+        # Debian's Python, which a sourced ROS uses, needs these options for other packages.
         pip += ["--user", "--break-system-packages"]
-    needed = _requirements(extra) or [f"{_source_tree() or _PACKAGE}[{extra}]"]
-    return f"run `{shlex.join([*pip, *needed])}` (the extra {_PACKAGE}[{extra}])"
+    return f"run `{shlex.join([*pip, *_requirements(extra)])}` (the extra {_PACKAGE}[{extra}])"
 
 
 def _is_managed() -> bool:
@@ -128,33 +126,27 @@ def _is_managed() -> bool:
     return (Path(sysconfig.get_path("stdlib")) / "EXTERNALLY-MANAGED").exists()
 
 
-def _source_tree() -> Path | None:
-    """The checkout this module belongs to, if it is not installed."""
-    folder = Path(__file__).resolve().parents[1]
-    return folder if (folder / "setup.py").is_file() else None
-
-
 def _requirements(extra: str) -> list[str]:
-    """What an extra asks for: the package itself need not be where pip finds it by its name."""
+    """Packages of an extra, or the checkout with the extra if this package is not installed."""
     from importlib.metadata import PackageNotFoundError, requires
 
     try:
-        all_of_them = requires(_PACKAGE) or []
+        requirements = requires(_PACKAGE) or []
     except PackageNotFoundError:
-        return []
-    pairs = [text.partition(";")[::2] for text in all_of_them]
+        return [f"{Path(__file__).resolve().parents[1]}[{extra}]"]
+    pairs = [text.partition(";")[::2] for text in requirements]
     return [what.strip() for what, when in pairs if re.search(rf"extra == ['\"]{extra}['\"]", when)]
 
 
 def quote_names(names: Iterable[str]) -> str:
-    """List names for a message: ``'a', 'b', 'c'`` (``none`` if there are none); not too many."""
+    """Format names as ``'a', 'b', 'c'``, at most `MAX_NAMES` of them, or ``none``."""
     quoted = [f"'{name}'" for name in names]
     more = f" and {len(quoted) - MAX_NAMES} more" if quoted[MAX_NAMES:] else ""
     return ", ".join(quoted[:MAX_NAMES]) + more or "none"
 
 
 def unknown_name(kind: str, name: str, valid: Iterable[str]) -> str:
-    """Say that a name is unknown, which one may have been meant, and which are valid."""
+    """Message for an unknown name, with the nearest valid name and all of them."""
     names = list(valid)
     close = get_close_matches(name, names, n=1)
     hint = f" (did you mean '{close[0]}'?)" if close else ""
@@ -162,12 +154,9 @@ def unknown_name(kind: str, name: str, valid: Iterable[str]) -> str:
 
 
 def printable(text: str) -> str:
-    r"""Escape what is not printable, so that foreign text stays on its line.
+    r"""Escape characters that are not printable, so that foreign text stays on its line.
 
-    Names, notes and keys come from files and messages of others. Line breaks, terminal control
-    characters, bidirectional controls and surrogates are shown as Python writes them: ``\n``,
-    ``\x1b``, ``\u202e``.
+    Line breaks, terminal controls, bidirectional controls and surrogates become ``\n``, ``\x1b``,
+    ``\u202e``.
     """
-    if text.isprintable():
-        return text
     return "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)

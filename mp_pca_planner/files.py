@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Files of users, read with bounds; files that are written whole or not at all."""
+"""Bounded reading of files, and writing of whole files or none."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ MAX_YAML_BYTES = 1 << 20
 MAX_YAML_DEPTH = 20
 """How deeply mappings and lists of YAML may be nested."""
 MAX_YAML_SCALAR = 1 << 16
-"""Most bytes of one value of YAML: the time that an integer takes grows with their square."""
+"""Most bytes of one value of YAML: parsing of integers takes time proportional to their square."""
 
 _MAX_REASON = 200
 _WORKSPACE = ".mp_pca_planner-tmp-"
-# What parsers raise on unexpected content, by their documentation or by experience.
+# Errors of parsers on unexpected content.
 _CONTENT_ERRORS = (
     ArithmeticError,
     AttributeError,
@@ -54,14 +54,14 @@ _CONTENT_ERRORS = (
 
 @contextmanager
 def reading(what: str, error: type[PlannerError]) -> Iterator[None]:
-    """Turn whatever foreign content raises while it is read into the error of its format.
+    """Translate errors of parsers into the error of a format.
 
     Parameters
     ----------
     what : str
-        What is read, the subject of "… can't be read: reason".
+        Subject of the message "… can't be read: reason".
     error : type of PlannerError
-        The error of the format. Any PlannerError passes as it is.
+        The error of the format. Other errors of this package pass unchanged.
     """
     try:
         yield
@@ -79,7 +79,7 @@ def open_regular(path: str | Path) -> BinaryIO:
     ValueError
         If it is a folder, a pipe or a device: these may block or never end.
     """
-    # Opening a pipe waits for its writer unless told not to.
+    # Without O_NONBLOCK, opening a pipe waits for its writer.
     file = os.fdopen(os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC), "rb")
     if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
         file.close()
@@ -105,7 +105,7 @@ def read_bytes(path: str | Path, max_bytes: int = MAX_TEXT_BYTES) -> bytes:
 
 
 def read_text(path: str | Path, max_bytes: int = MAX_TEXT_BYTES) -> str:
-    """Read a regular file of UTF-8 text, see :func:`read_bytes`; a byte order mark is left out."""
+    """Read a regular file of UTF-8 text, see :func:`read_bytes`; a byte order mark is removed."""
     return read_bytes(path, max_bytes).decode("utf-8-sig")
 
 
@@ -115,7 +115,7 @@ def load_yaml(text: str | bytes) -> Any:
     Raises
     ------
     yaml.YAMLError, ValueError, …
-        If it is something else: call it within :func:`reading`.
+        If the text is malformed or exceeds a bound: call it within :func:`reading`.
     """
     if len(text) > MAX_YAML_BYTES:
         raise ValueError(f"it is larger than {MAX_YAML_BYTES:,} bytes, the largest size accepted")
@@ -133,7 +133,7 @@ def load_yaml(text: str | bytes) -> Any:
 
 
 class _Loader(getattr(yaml, "CSafeLoader", yaml.SafeLoader)):  # type: ignore[misc]
-    """PyYAML's safe loader, fast where it can be, that takes dates for text."""
+    """PyYAML's safe loader, compiled if available, which reads dates as text."""
 
     yaml_implicit_resolvers = {  # noqa: RUF012  # as in PyYAML
         first: [pair for pair in pairs if pair[0] != "tag:yaml.org,2002:timestamp"]
@@ -142,7 +142,7 @@ class _Loader(getattr(yaml, "CSafeLoader", yaml.SafeLoader)):  # type: ignore[mi
 
 
 def _reason(error: BaseException) -> str:
-    """One line that says what is wrong with some content."""
+    """One line on the cause of an error."""
     if isinstance(error, UnicodeError):
         return "it is not UTF-8 text"
     if isinstance(error, RecursionError):
@@ -163,8 +163,8 @@ def write_whole(path: str | Path, content: bytes, *, overwrite: bool = False) ->
 def write_together(contents: Mapping[Path, bytes | None], *, overwrite: bool = False) -> None:
     """Write several files; none changes unless all of them could be stored.
 
-    Each content goes to a hidden folder beside its file first. When all are complete and on disk,
-    they take their names one by one, each in one step.
+    Each content is written to a hidden folder beside its file first. When all are complete and on
+    disk, they take their names one by one, each in one step.
 
     Parameters
     ----------
@@ -212,10 +212,9 @@ def _stored(path: Path, content: bytes) -> Path:
 
 @contextmanager
 def workspace_beside(target: Path) -> Iterator[Path]:
-    """A hidden folder beside a file that is to be written; removed afterwards.
+    """A hidden folder beside a file to write; removed afterwards.
 
-    Those that processes left behind that were killed are removed, too: a process holds a lock on
-    its own.
+    Folders left by killed processes are removed too; a running process holds a lock on its own.
     """
     for other in target.parent.glob(f"{_WORKSPACE}*"):
         with suppress(OSError):
@@ -238,7 +237,7 @@ def _new_workspace(parent: Path) -> tuple[Path, int | None]:
         try:
             lock = _lock(folder)
         except (BlockingIOError, FileNotFoundError):
-            continue  # another process took it for one that was left behind
+            continue  # another process removed it as left by a killed one
         except OSError:
             return folder, None
         if folder.exists():
@@ -268,10 +267,10 @@ def take_free_name(source: Path, target: Path) -> None:
         os.rename(source, target)  # fails if there is something, but for an empty folder
         return
     try:
-        os.link(source, target)  # unlike a rename, a link fails if somebody else was faster
+        os.link(source, target)  # unlike a rename, a link fails if the name is taken
     except FileExistsError:
         raise
-    except OSError:  # a file system without hard links: an empty file keeps the name
+    except OSError:  # a file system without hard links: an empty file reserves the name
         os.close(os.open(target, os.O_CREAT | os.O_EXCL | os.O_WRONLY))
         try:
             os.replace(source, target)
@@ -281,10 +280,7 @@ def take_free_name(source: Path, target: Path) -> None:
 
 
 def replace_path(source: Path, target: Path) -> None:
-    """Put a complete file or folder in the place of another file or folder, in one step.
-
-    A file system that can't exchange folders does it in two.
-    """
+    """Replace a file or folder by a complete one, in one step where the file system can."""
     if not target.exists() or not (source.is_dir() or target.is_dir()):
         os.replace(source, target)
     elif not _exchange(source, target):
@@ -308,7 +304,7 @@ def _exchange(first: Path, second: Path) -> bool:
 
 
 def check_writable(path: Path, *, overwrite: bool) -> None:
-    """Refuse a file that could not be written, before the work that makes its content.
+    """Refuse an output file that can't be written, before its content is computed.
 
     Raises
     ------

@@ -1,13 +1,13 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""JSON of foreign files: parsed with bounds, and checked for its form."""
+"""JSON of foreign files: bounded parsing and a check of its form."""
 
 from __future__ import annotations
 
 import json
 from typing import Any
 
-# Digits of an integer: more is no float, and takes long to convert.
+# More digits of an integer exceed a float, and take long to convert.
 _MAX_DIGITS = 300
 _WORDS = {
     str: "text",
@@ -25,7 +25,7 @@ def load_json(text: str | bytes) -> Any:
     Raises
     ------
     ValueError, RecursionError
-        If it is something else: call it within :func:`.files.reading`.
+        If the text is malformed or exceeds a bound: call it within :func:`.files.reading`.
     """
     return json.loads(text, parse_int=_bounded_integer)
 
@@ -36,18 +36,18 @@ def check_form(value: Any, form: Any, name: str) -> None:
     Parameters
     ----------
     value :
-        What was read.
+        The value.
     form :
         A type or several, float for any number; ``[form]``: a list of any length;
         ``{str: form}``: an object with any keys; ``{"key": form, "other?": form}``: one with
-        these keys at least, the last may lack.
+        at least these keys, of which the last may be absent.
     name : str
-        How the message calls the value.
+        Name of the value in the message.
 
     Raises
     ------
     ValueError
-        If the forms differ; with the part that does.
+        If the forms differ; the message names the part.
     """
     if isinstance(form, list):
         _expect(isinstance(value, list), name, "a list", value)

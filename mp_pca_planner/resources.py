@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Files that are shipped beside the Python code."""
+"""Configuration files that are shipped with the package."""
 
 from __future__ import annotations
 

@@ -8,21 +8,22 @@ import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from tqdm import tqdm
 
 from ..exceptions import PlannerError, RecordingError
 from ..files import check_writable, write_whole
-from ..motion.trajectory import Trajectory
 from ..motion.trajectory_files import check_format
-from ..plotting.drawing import require_matplotlib
-from ..plotting.page import require_pages
-from ..recordings.load import RecordingSet
 from ..robot.limits import JointLimits, read_limits_file
-from ..robot.model import Robot
 from .terminal import say
+
+# Not for commands that need neither: these imports take a second.
+if TYPE_CHECKING:
+    from ..motion.trajectory import Trajectory
+    from ..recordings.load import RecordingSet
+    from ..robot.model import Robot
 
 Progress = Callable[[int, int], None]
 
@@ -87,8 +88,12 @@ def check_output(path: Path | None, suffix: str, *, force: bool) -> None:
     if path is None:
         return
     if suffix == ".png":
+        from ..plotting.style import require_matplotlib
+
         require_matplotlib()
     if suffix == ".html":
+        from ..plotting.page import require_pages
+
         require_pages()
     if path.suffix != suffix:
         raise PlannerError(f"the output '{path}' must end in {suffix}")

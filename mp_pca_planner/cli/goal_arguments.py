@@ -6,13 +6,16 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..exceptions import GoalError, unknown_name
 from ..motion.goal import JointGoal, JointState, Pose, PoseGoal, SequenceGoal, Via
-from ..robot.model import Robot
 from .option_types import Stop, seconds
+
+if TYPE_CHECKING:
+    from ..robot.model import Robot
 
 
 def number_list(text: str, what: str) -> list[float]:

@@ -42,7 +42,9 @@ def run(arguments: argparse.Namespace) -> int:
     request = _request(arguments)
     planner = request.planner
     options = RefinementOptions(
-        time_price=arguments.time_price, sample_period=arguments.sample_period
+        time_price=arguments.time_price,
+        sample_period=arguments.sample_period,
+        seed=arguments.seed,
     )
     problem = request.motions, planner.robot, planner.limits, options
     found = refine(*problem, planner.collision)
@@ -53,7 +55,6 @@ def run(arguments: argparse.Namespace) -> int:
             *problem,
             start=found.motion.parameters,
             collision=planner.collision,
-            seed=arguments.seed,
             state=arguments.trials,
         )
         facts = _refine_by_trials(arguments, request, learner)

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ..control.closed_loop import Sampling
+from ..control.closed_loop import ControlLoop, Sampling
 from ..control.errors import ErrorModel
 from ..control.law import KINDS, ControlLaw, controller_parameters, pair_law, paired_law
 from ..control.stability import Stability, analyse
@@ -32,16 +32,22 @@ def run(arguments: argparse.Namespace) -> int:
     check_output(output, ".npz", force=arguments.force)
     if parameters_file is not None:
         check_writable(parameters_file, overwrite=arguments.force)
-    # Refuses wrong errors before the work.
-    errors, sampling = _assumptions(arguments)
+    errors = ErrorModel(
+        arguments.inertia_error, arguments.payload, arguments.payload_link, arguments.start_error
+    )
+    sampling = Sampling(arguments.control_period, arguments.delay)
     request = plan_request(arguments)
     if not request.plan.is_executable:
         raise ControlError(f"there is no motion to verify: {request.plan.message}")
     law = _choose_law(arguments, request)
     parameters = parameters_file and controller_parameters(law, arguments.controller)
-    stability, found = _simulate(arguments, request, law, errors, sampling)
+    robot, trajectory = request.planner.robot, request.plan.trajectory
+    loop = ControlLoop(robot, law, trajectory, request.planner.limits.effort, sampling)
+    stability, n, seed = analyse(loop, errors), arguments.trials, arguments.seed
+    with progress_bar("simulations", "simulation") as progress:
+        found = verify(loop, errors, stability, n, seed=seed, progress=progress)
     facts = _facts(arguments, law, stability, found)
-    facts["holds_for"] = verified_case(request.planner.robot, request.plan.trajectory)
+    facts["holds_for"] = verified_case(robot, trajectory)
     if output is not None:
         paired = pair_law(request.primitives[0], law, facts)
         save_primitive(paired, output, overwrite=arguments.force)
@@ -50,43 +56,10 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.json:
         print_json(facts | {"law": law.kind, "joint_names": list(law.joint_names)})
     else:
-        duration, robot = request.plan.trajectory.duration, request.planner.robot
-        say(*request.lines(), f"duration     {duration:.3f} s, of robot '{robot.name}'")
+        duration = f"duration     {trajectory.duration:.3f} s, of robot '{robot.name}'"
+        say(*request.lines(), duration)
         say(*_text(law, stability, found), *written_lines([output, parameters_file]))
     return DONE if found.bound_held == arguments.trials and stability.holds else FAILED
-
-
-def _assumptions(arguments: argparse.Namespace) -> tuple[ErrorModel, Sampling]:
-    errors = ErrorModel(
-        arguments.inertia_error, arguments.payload, arguments.payload_link, arguments.start_error
-    )
-    return errors, Sampling(arguments.control_period, arguments.delay)
-
-
-def _simulate(
-    arguments: argparse.Namespace,
-    request: PlannedRequest,
-    law: ControlLaw,
-    errors: ErrorModel,
-    sampling: Sampling,
-) -> tuple[Stability, Verification]:
-    robot, trajectory = request.planner.robot, request.plan.trajectory
-    limits = request.planner.limits.effort
-    stability = analyse(robot, law, trajectory, errors, limits, sampling)
-    with progress_bar("simulations", "simulation") as progress:
-        found = verify(
-            robot,
-            law,
-            trajectory,
-            errors,
-            stability,
-            effort_limits=limits,
-            n_trials=arguments.trials,
-            seed=arguments.seed,
-            sampling=sampling,
-            progress=progress,
-        )
-    return stability, found
 
 
 def _choose_law(arguments: argparse.Namespace, request: PlannedRequest) -> ControlLaw:

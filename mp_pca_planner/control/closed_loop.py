@@ -2,18 +2,19 @@
 # SPDX-License-Identifier: Apache-2.0
 """The sampled closed loop: a reference, a law, and the robot's own dynamics.
 
-The controller samples the state, computes an effort, and that effort acts `delay` samples later
-until the next one comes, as in a real control loop.
+The controller samples the state and computes an effort, which acts `delay` samples later for one
+period, as in a real control loop.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from scipy.interpolate import BPoly
 
-from ..arrays import FloatArray
+from ..arrays import FloatArray, set_frozen
 from ..exceptions import ControlError
 from ..motion.trajectory import Trajectory
 from ..robot.model import Robot
@@ -22,7 +23,7 @@ from .law import COMPUTED_TORQUE, ControlLaw
 
 @dataclass(frozen=True)
 class Sampling:
-    """How a control loop is timed.
+    """Timing of a control loop.
 
     Attributes
     ----------
@@ -52,7 +53,7 @@ DEFAULT_SAMPLING = Sampling()
 
 @dataclass(frozen=True, eq=False)
 class Reference:
-    """What the robot shall do: a motion, and rest at its end.
+    """The desired motion at some instants, followed by rest at its end.
 
     Attributes
     ----------
@@ -81,7 +82,7 @@ class Reference:
 
 @dataclass(frozen=True, eq=False)
 class Simulation:
-    """What a closed loop did.
+    """Result of a simulation of the closed loop.
 
     Attributes
     ----------
@@ -98,81 +99,106 @@ class Simulation:
     saturated: int
 
 
-def sample_times(trajectory: Trajectory, sampling: Sampling) -> FloatArray:
-    """The instants of control from the start to the end of a motion, shape (n_samples,) [s]."""
-    n_steps = int(np.ceil(trajectory.duration / sampling.period))
-    return np.asarray(np.arange(n_steps + 1) * sampling.period)
+@dataclass(frozen=True, eq=False)
+class ControlLoop:
+    """A control law on a motion.
+
+    Attributes
+    ----------
+    model : Robot
+        The robot model of the controller.
+    law : ControlLaw
+        The law, of the same joints.
+    trajectory : Trajectory
+        The motion, of the same joints.
+    effort_limits : array, shape (n_joints,)
+        Efforts at which the drives saturate; infinite unless given.
+    sampling : Sampling
+        Timing.
+
+    Raises
+    ------
+    ControlError
+        If the joints differ, or a limit is NaN.
+    """
+
+    model: Robot
+    law: ControlLaw
+    trajectory: Trajectory
+    effort_limits: FloatArray = field(default_factory=lambda: np.array(np.inf))
+    sampling: Sampling = DEFAULT_SAMPLING
+
+    def __post_init__(self) -> None:
+        names, n = self.model.joint_names, self.model.n_joints
+        if not names == self.law.joint_names == self.trajectory.joint_names:
+            raise ControlError(
+                f"the law is of {self.law.joint_names}, the model of {names} and the motion of "
+                f"{self.trajectory.joint_names}"
+            )
+        limits = np.asarray(self.effort_limits, dtype=np.float64)
+        if limits.shape not in ((), (n,)) or np.isnan(limits).any():
+            raise ControlError(f"effort limits must be {n} numbers or one, got {limits}")
+        set_frozen(self, effort_limits=np.broadcast_to(limits, (n,)))
+
+    @cached_property
+    def times(self) -> FloatArray:
+        """Instants of control from the start to the end of the motion, shape (n_samples,) [s]."""
+        n_steps = int(np.ceil(self.trajectory.duration / self.sampling.period))
+        return np.asarray(np.arange(n_steps + 1) * self.sampling.period)
+
+    @cached_property
+    def reference(self) -> Reference:
+        """The desired motion at these instants."""
+        return Reference.of(self.trajectory, self.times)
 
 
 def simulate(
-    robot: Robot,
-    model: Robot,
-    law: ControlLaw,
-    trajectory: Trajectory,
-    *,
-    start_error: FloatArray,
-    start_velocity_error: FloatArray,
-    effort_limits: FloatArray,
-    sampling: Sampling = DEFAULT_SAMPLING,
+    loop: ControlLoop, robot: Robot, start_error: FloatArray, start_velocity_error: FloatArray
 ) -> Simulation:
     """Simulate the closed loop with Pinocchio's forward dynamics.
 
     Parameters
     ----------
+    loop : ControlLoop
+        The law and the motion.
     robot : Robot
-        What moves.
-    model : Robot
-        What the controller believes.
-    law : ControlLaw
-        Its law.
-    trajectory : Trajectory
-        The motion.
+        The robot that moves, which may differ from the model of the controller.
     start_error, start_velocity_error : array, shape (n_joints,)
         q_d − q and its derivative at the start.
-    effort_limits : array, shape (n_joints,)
-        Where efforts saturate.
-    sampling : Sampling
-        The timing.
 
     Raises
     ------
     RobotError
-        If a moving link of one of them has no valid inertia.
+        If a moving link of the robot or of the model has no valid inertia.
     """
-    for one in (robot, model):
+    for one in (robot, loop.model):
         one.require_inertias("simulations")
-    times = sample_times(trajectory, sampling)
-    desired = Reference.of(trajectory, times)
-    feedforward = model.inverse_dynamics(desired.q, desired.v, desired.a)
+    desired, limits = loop.reference, loop.effort_limits
+    feedforward = loop.model.inverse_dynamics(desired.q, desired.v, desired.a)
     q, v = desired.q[0] - start_error, desired.v[0] - start_velocity_error
-    # Before the start the robot waited where it is, and was controlled already.
-    pending = [_command(model, law, desired, feedforward, 0, q, v)] * sampling.delay
+    # Before the start the robot was at rest under the same law.
+    pending = [_command(loop, feedforward, 0, q, v)] * loop.sampling.delay
     errors, efforts = np.empty_like(desired.q), np.empty_like(desired.q)
     saturated = 0
-    for k in range(len(times)):
+    for k in range(len(loop.times)):
         errors[k] = desired.q[k] - q
-        pending.append(_command(model, law, desired, feedforward, k, q, v))
-        wanted = pending.pop(0)
-        tau = np.clip(wanted, -effort_limits, effort_limits)
-        saturated += bool(np.any(tau != wanted))
-        efforts[k] = tau
-        q, v = _integrate(robot, q, v, tau, sampling.period)
+        pending.append(_command(loop, feedforward, k, q, v))
+        command = pending.pop(0)
+        efforts[k] = np.clip(command, -limits, limits)
+        saturated += bool(np.any(efforts[k] != command))
+        q, v = _integrate(robot, q, v, efforts[k], loop.sampling.period)
     return Simulation(errors, efforts, saturated)
 
 
 def _command(
-    model: Robot,
-    law: ControlLaw,
-    desired: Reference,
-    feedforward: FloatArray,
-    k: int,
-    q: FloatArray,
-    v: FloatArray,
+    loop: ControlLoop, feedforward: FloatArray, k: int, q: FloatArray, v: FloatArray
 ) -> FloatArray:
+    """The effort of the law at one instant, shape (n_joints,)."""
+    desired, law = loop.reference, loop.law
     correction = law.position_gains * (desired.q[k] - q) + law.velocity_gains * (desired.v[k] - v)
     if law.kind == COMPUTED_TORQUE:
         acceleration = desired.a[k] + correction
-        return np.asarray(model.inverse_dynamics(q[None], v[None], acceleration[None])[0])
+        return np.asarray(loop.model.inverse_dynamics(q[None], v[None], acceleration[None])[0])
     return np.asarray(feedforward[k] + correction)
 
 
@@ -180,14 +206,14 @@ def _integrate(
     robot: Robot, q: FloatArray, v: FloatArray, tau: FloatArray, step: float
 ) -> tuple[FloatArray, FloatArray]:
     """One step of the classical Runge–Kutta method under a constant effort."""
-    a1 = robot.forward_dynamics(q, v, tau)
-    v2 = v + 0.5 * step * a1
-    a2 = robot.forward_dynamics(q + 0.5 * step * v, v2, tau)
-    v3 = v + 0.5 * step * a2
-    a3 = robot.forward_dynamics(q + 0.5 * step * v2, v3, tau)
-    v4 = v + step * a3
-    a4 = robot.forward_dynamics(q + step * v3, v4, tau)
-    return (
-        np.asarray(q + step / 6.0 * (v + 2.0 * v2 + 2.0 * v3 + v4)),
-        np.asarray(v + step / 6.0 * (a1 + 2.0 * a2 + 2.0 * a3 + a4)),
-    )
+
+    def rate(x: FloatArray) -> FloatArray:
+        return np.array([x[1], robot.forward_dynamics(x[0], x[1], tau)])
+
+    x = np.array([q, v])
+    k1 = rate(x)
+    k2 = rate(x + 0.5 * step * k1)
+    k3 = rate(x + 0.5 * step * k2)
+    k4 = rate(x + step * k3)
+    x += step / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
+    return x[0], x[1]

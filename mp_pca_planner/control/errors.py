@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Errors of a model and of a start that a control law has to cope with."""
+"""Assumed errors of a model and of a start."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ from ..robot.model import Robot
 
 @dataclass(frozen=True, eq=False)
 class ErrorModel:
-    """What may be wrong with a model and a start.
+    """Largest errors of a model and of a start.
 
     Attributes
     ----------
     inertia : float
-        Share by which the mass and each principal moment of inertia of each link may be wrong,
-        either way and independently of each other.
+        Relative error of the mass and of each principal moment of inertia of each link, all
+        independent of each other.
     payload : float
         Largest unknown mass at the end effector [kg].
     frame : str or None
-        Link of the end effector; None takes the last one.
+        Link of the end effector; None means the last one.
     position : float
         Largest error of each joint at the start [rad or m].
     velocity : float
@@ -61,7 +61,7 @@ class ErrorModel:
         robot : Robot
             The nominal one.
         rng : Generator
-            Where chance comes from.
+            Source of random numbers.
         extreme : bool
             Whether every error has its largest magnitude.
         """

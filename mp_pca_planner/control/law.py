@@ -20,7 +20,7 @@ import numpy as np
 import yaml
 from numpy.typing import ArrayLike
 
-from ..arrays import FloatArray, frozen_array, unique_names
+from ..arrays import FloatArray, frozen_array, set_frozen, unique_names
 from ..exceptions import ControlError, PrimitiveFileError
 from ..motion.trajectory import Trajectory
 from ..primitives.primitive import MovementPrimitive
@@ -68,19 +68,18 @@ class ControlLaw:
         if kind not in KINDS:
             raise ControlError(f"a control law must be one of {KINDS}, got {kind!r}")
         names = unique_names(joint_names, "joints of a control law", ControlError)
-        object.__setattr__(self, "kind", kind)
-        object.__setattr__(self, "joint_names", names)
-        for field, values in (
-            ("position_gains", position_gains),
-            ("velocity_gains", velocity_gains),
-        ):
+        set_frozen(self, kind=kind, joint_names=names)
+        for field, values in {
+            "position_gains": position_gains,
+            "velocity_gains": velocity_gains,
+        }.items():
             gains = frozen_array(values, (len(names),), field, ControlError)
             if not np.all(gains > 0.0):
                 joint = names[int(gains.argmin())]
                 raise ControlError(
                     f"{field} must be positive, got {gains.min():g} for joint '{joint}'"
                 )
-            object.__setattr__(self, field, gains)
+            set_frozen(self, **{field: gains})
 
     @classmethod
     def from_frequency(
@@ -91,18 +90,18 @@ class ControlLaw:
         natural_frequency: float,
         damping_ratio: float = 1.0,
     ) -> ControlLaw:
-        """Choose gains that give every joint a natural frequency and a damping ratio.
+        """Gains that give every joint a natural frequency and a damping ratio.
 
         Parameters
         ----------
         kind : {'feedforward_pd', 'computed_torque'}
-            Which law. With computed torque the joints are decoupled; with PD each is taken
-            alone, with its inertia half-way (geometrically) between that with the other joints
-            held and that with them free, in the mean along the motion.
+            The law. With computed torque the joints are decoupled. With PD each joint counts
+            alone: its inertia is the geometric mean of that with the other joints held and that
+            with them free, averaged along the motion.
         robot : Robot
             The model.
         motion : Trajectory
-            Where the inertias are taken.
+            The motion along which the inertias are computed.
         natural_frequency : float
             ω [rad/s].
         damping_ratio : float
@@ -137,7 +136,7 @@ class ControlLaw:
         )
 
     def to_metadata(self) -> dict[str, Any]:
-        """The law as JSON types."""
+        """Kind and gains, of JSON types."""
         return {
             "kind": self.kind,
             "position_gains": self.position_gains.tolist(),
@@ -151,7 +150,7 @@ def paired_law(primitive: MovementPrimitive) -> ControlLaw | None:
     Raises
     ------
     PrimitiveFileError
-        If what the primitive's metadata holds is no control law of its joints.
+        If the metadata of the primitive hold no valid control law of its joints.
     """
     stored = primitive.metadata.get(_KEY)
     if stored is None:
@@ -170,13 +169,13 @@ def paired_law(primitive: MovementPrimitive) -> ControlLaw | None:
 
 
 def known_stability(primitive: MovementPrimitive) -> dict[str, Any] | None:
-    """What is known of the stability of a primitive's law, as :func:`pair_law` keeps it."""
+    """Stability of a primitive's law as :func:`pair_law` stored it, None if it is unknown."""
     stored = primitive.metadata.get(_KEY) or {}
     return stored.get(_KNOWN)
 
 
 def with_gains_only(metadata: Mapping[str, Any]) -> dict[str, Any]:
-    """Metadata of a primitive for one of other motions: the law stays, what is known does not."""
+    """Metadata of a primitive without the stability of its law, which other motions void."""
     law = metadata.get(_KEY)
     if not isinstance(law, Mapping):
         return dict(metadata)
@@ -192,11 +191,11 @@ def pair_law(
     Parameters
     ----------
     primitive : MovementPrimitive
-        Any; a law that it has is replaced.
+        The primitive; a law that it has is replaced.
     law : ControlLaw
         Of the same joints.
     known : mapping
-        What is known of the law's stability, of JSON types.
+        Stability of the law, of JSON types.
 
     Raises
     ------

@@ -4,47 +4,31 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from scipy.linalg import expm
 
 from ..arrays import FloatArray
-from ..motion.trajectory import Trajectory
-from ..robot.model import Robot
-from .closed_loop import Reference, Sampling, sample_times, simulate
-from .law import COMPUTED_TORQUE, ControlLaw
-
-# Intervals that a motion is cut into.
-_INTERVALS = 40
-_POLE_TIMES = 25
+from .closed_loop import ControlLoop, Reference, simulate
+from .law import COMPUTED_TORQUE
 
 
 class NominalLoop:
     """The nominal loop along a motion, linearised and sampled: x = (e, ė), input an effort."""
 
-    def __init__(
-        self, model: Robot, law: ControlLaw, trajectory: Trajectory, sampling: Sampling
-    ) -> None:
+    def __init__(self, control: ControlLoop, n_intervals: int) -> None:
+        model, law, trajectory = control.model, control.law, control.trajectory
         n = self.n = model.n_joints
-        step = sampling.period
-        self.delay = sampling.delay
-        still, unlimited = np.zeros(n), np.full(n, np.inf)
-        self.errors = simulate(
-            model,
-            model,
-            law,
-            trajectory,
-            start_error=still,
-            start_velocity_error=still,
-            effort_limits=unlimited,
-            sampling=sampling,
-        ).errors
-        self.times = sample_times(trajectory, sampling)
-        self.reference = Reference.of(trajectory, self.times)
-        # Intervals of equal length, and which one each sample is in.
-        per_interval = max(len(self.times) // _INTERVALS, 1)
+        step = control.sampling.period
+        self.delay, self.times = control.sampling.delay, control.times
+        unlimited = replace(control, effort_limits=np.array(np.inf))
+        self.errors = simulate(unlimited, model, np.zeros(n), np.zeros(n)).errors
+        # Intervals of equal length, and the one of each sample.
+        per_interval = max(len(self.times) // n_intervals, 1)
         self.interval = np.arange(len(self.times)) // per_interval
         self.edges = np.arange(0, len(self.times), per_interval)
-        ref = self.reference
+        ref = control.reference
         self.feedforward, linear = model.inverse_dynamics_derivatives(ref.q, ref.v, ref.a)
         # The effort that the law adds per error, at the samples.
         gains = np.concatenate([np.diag(law.position_gains), np.diag(law.velocity_gains)], axis=1)
@@ -85,7 +69,7 @@ class NominalLoop:
         """
         n = self.n
         x = start
-        # As in the simulation, the law saw the start error before the start, too.
+        # As in the simulation, the law acted on the start error before the start, too.
         pending = [self.feedback[0] @ start] * self.delay
         responses = np.empty((len(self.times), 3 * n, start.shape[1]))
         for k, push in enumerate(disturbance):
@@ -97,10 +81,10 @@ class NominalLoop:
         return responses
 
 
-def poles(loop: NominalLoop) -> tuple[float, float, float]:
-    """Largest real part, least damping ratio, and radius of the sampled poles."""
+def poles(loop: NominalLoop, n_times: int) -> tuple[float, float, float]:
+    """Largest real part, least damping ratio, and radius of the sampled poles, at some times."""
     n, delay = loop.n, loop.delay
-    rows = np.unique(np.linspace(0, len(loop.times) - 1, _POLE_TIMES).astype(int))
+    rows = np.unique(np.linspace(0, len(loop.times) - 1, n_times).astype(int))
     slowest, damping, radius = -np.inf, np.inf, 0.0
     for k in rows:
         continuous = np.zeros((2 * n, 2 * n))
@@ -109,7 +93,7 @@ def poles(loop: NominalLoop) -> tuple[float, float, float]:
         found = np.linalg.eigvals(continuous)
         slowest = max(slowest, float(found.real.max()))
         damping = min(damping, float((-found.real / np.abs(found)).min()))
-        # State: x, then the efforts on their way.
+        # State: x, then the delayed efforts.
         size = 2 * n + delay * n
         sampled = np.zeros((size, size))
         sampled[: 2 * n, : 2 * n] = loop.transition[k]

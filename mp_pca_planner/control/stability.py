@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""What is known of a control law along a motion: poles, a bound on the error, room for effort.
+"""Stability of a control law along a motion: poles, a bound on the error, the effort reserve.
 
 The bound is a small-gain argument for peaks (Desoer and Vidyasagar, "Feedback Systems:
 Input–Output Properties", 1975, chapter III; Dahleh and Diaz-Bobillo, "Control of Uncertain
@@ -9,18 +9,18 @@ and the true inertial parameters π̂ + Δπ, in which inverse dynamics are line
 
     M̂ë + Ĉė + Ĝe + (feedback) = Y(q_d)Δπ + lag − (ΔM ë + ΔC ė + ΔG e) + r
 
-on the right of which stand the effort of the wrong parameters along the motion itself, what the
-feed-forward lags behind by sampling and delay, what the parameters change in the linear part, and
-what is not linear. The first two are known but for the factors Δπ: the nominal loop, sampled and
-delayed, is run through for each of them, which bounds their joint effect exactly. Each link has
+on the right of which are the effort of the wrong parameters along the motion itself, the lag of
+the feed-forward by sampling and delay, the change of the linear part by the parameters, and the
+nonlinear remainder. The first two are known except for the factors Δπ: the nominal loop, sampled
+and delayed, is simulated for each of them, which bounds their joint effect exactly. Each link has
 four factors, of its mass and of its principal moments of inertia. The steps of this loop hold the
-efforts of their middles; a simulation of the nominal loop shows what that misses, which is added.
+efforts of their middles; the difference from a simulation of the nominal loop is added.
 The rest, w, is bounded through the peaks z of (‖e‖, ‖ė‖, ‖ë‖) and the peak gains H of the nominal
 loop,
 
     ‖w‖ ≤ cᵀz + ‖r‖,   z ≤ z₁ + H ‖w‖,
 
-in each of some intervals that the motion is cut into: H is a matrix from the intervals before.
+in each of some intervals of the motion: H is a matrix from the intervals before.
 Bounds ‖w‖ that these two map into themselves hold.
 
 The norms are those of the mass matrix, ‖ë‖² = ëᵀM̂ë and ‖w‖² = wᵀM̂⁻¹w: inertias that are wrong by
@@ -36,31 +36,50 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..arrays import FloatArray, frozen_array
-from ..exceptions import ControlError
-from ..motion.trajectory import Trajectory
+from ..arrays import FloatArray
 from ..robot.model import Robot
-from .closed_loop import DEFAULT_SAMPLING, Sampling
+from .closed_loop import ControlLoop
 from .errors import ErrorModel
-from .law import COMPUTED_TORQUE, ControlLaw
+from .law import COMPUTED_TORQUE
 from .nominal_loop import NominalLoop, poles
 
-_ROUNDS = 1000
+# Iterations towards bounds that map into themselves, and their relative excess at each.
+_MAX_ROUNDS = 1000
 _SETTLED = 1e-3
-# Corners of the box of errors at which the remainder is taken, and a factor for safety.
-_N_CORNERS = 32
-_SAFETY = 1.5
-# Responses this small next to the largest are over.
+# Relative size at which a response has died away.
 _FORGOTTEN = 1e-8
-# Gains change slowly along a motion: samples from one to the next at which they are taken.
-_GAINS_EVERY = 5
-# Accelerations and the like beyond which there is no bound worth the name [SI].
-_ABSURD = 1e4
+# Bounds above this mean that there is none [SI].
+_MAX_BOUND = 1e4
+
+
+@dataclass(frozen=True)
+class AnalysisOptions:
+    """Resolution and safety of the error bound.
+
+    Attributes
+    ----------
+    n_intervals : int
+        Intervals of the motion with bounds of their own; the time grows with their square.
+    n_corners : int
+        Random corners of the box of errors at which the nonlinear remainder is evaluated.
+    safety : float
+        Factor on the estimated parts of the bound, ≥ 1.
+    gain_period : int
+        Samples between two evaluations of the gains, which change slowly along a motion.
+    n_pole_times : int
+        Instants at which poles are computed.
+    """
+
+    n_intervals: int = 40
+    n_corners: int = 32
+    safety: float = 1.5
+    gain_period: int = 5
+    n_pole_times: int = 25
 
 
 @dataclass(frozen=True, eq=False)
 class Stability:
-    """What is known of a law along a motion.
+    """Poles, error bound and effort reserve of a law along a motion.
 
     Attributes
     ----------
@@ -79,7 +98,7 @@ class Stability:
     error_bound : array, shape (n_samples, n_joints), or None
         Bound on |q_d − q| at each; None if there is none.
     effort_bound : array, shape (n_samples, n_joints), or None
-        Bound on the efforts that the law asks for.
+        Bound on the efforts of the law.
     effort_reserve : float
         Least share of the effort limit that is left, negative if efforts may saturate: then the
         bound is void. 1 without effort limits; that of the motion alone if there is no bound.
@@ -114,58 +133,34 @@ class Stability:
 
 
 def analyse(
-    model: Robot,
-    law: ControlLaw,
-    trajectory: Trajectory,
-    errors: ErrorModel,
-    effort_limits: FloatArray,
-    sampling: Sampling = DEFAULT_SAMPLING,
+    control: ControlLoop, errors: ErrorModel, options: AnalysisOptions = AnalysisOptions()
 ) -> Stability:
-    """Find what is known of a law along a motion.
+    """Analyse the stability of a law along a motion.
 
     Parameters
     ----------
-    model : Robot
-        The nominal model.
-    law : ControlLaw
-        The law, of its joints.
-    trajectory : Trajectory
-        The motion.
+    control : ControlLoop
+        The law and the motion.
     errors : ErrorModel
-        What may be wrong.
-    effort_limits : array, shape (n_joints,)
-        Where efforts saturate; infinite if they don't.
-    sampling : Sampling
-        Timing of the loop.
+        Assumed errors of the model and of the start.
+    options : AnalysisOptions
+        Resolution and safety.
 
     Raises
     ------
-    ControlError
-        If the joints differ.
     RobotError
         If a moving link of the model has no valid inertia.
     """
+    model, limits = control.model, control.effort_limits
     model.require_inertias("statements on stability")
-    if not law.joint_names == model.joint_names == trajectory.joint_names:
-        raise ControlError(
-            f"the law is of {law.joint_names}, the model of {model.joint_names} and the motion of "
-            f"{trajectory.joint_names}"
-        )
-    limits = frozen_array(
-        np.where(np.isfinite(effort_limits), effort_limits, 0.0),
-        (model.n_joints,),
-        "effort limits",
-        ControlError,
-    )
-    limits = np.where(np.isfinite(effort_limits), limits, np.inf)
-    loop = NominalLoop(model, law, trajectory, sampling)
+    loop = NominalLoop(control, options.n_intervals)
     directions = _directions(model, errors)
-    known = _known_responses(loop, directions, errors)
-    gains = _peak_gains(loop)
+    known = _known_responses(loop, directions, errors, options.safety)
+    gains = _peak_gains(loop, options.gain_period)
     changes = _parameter_changes(loop, directions, errors)
     loop_gain = float((gains.norms.sum(axis=1) @ changes.max(axis=0)).max())
-    rest = _rest(_Remainder(loop, law, model, errors), known, gains, changes)
-    slowest, damping, radius = poles(loop)
+    rest = _rest(_Remainder(loop, control, errors, options), known, gains, changes)
+    slowest, damping, radius = poles(loop, options.n_pole_times)
     bound = effort_bound = None
     reserve = _reserve(np.abs(loop.feedforward), limits)
     if rest is not None:
@@ -183,7 +178,7 @@ def _reserve(efforts: FloatArray, limits: FloatArray) -> float:
 
 
 class _Known(NamedTuple):
-    """Bounds on the responses to what is known but for its factors.
+    """Bounds on the responses to the disturbances that are known except for their factors.
 
     values: of |e|, |ė| and |ë| of each joint, shape (n_samples, 3 n);
     norms: peaks of ‖e‖, ‖ė‖ and ‖ë‖ in each interval, shape (n_intervals, 3);
@@ -196,7 +191,7 @@ class _Known(NamedTuple):
 
 
 def _known_responses(
-    loop: NominalLoop, directions: Sequence[_Direction], errors: ErrorModel
+    loop: NominalLoop, directions: Sequence[_Direction], errors: ErrorModel, safety: float
 ) -> _Known:
     n, mid = loop.n, loop.middle
     pushes = []
@@ -219,10 +214,10 @@ def _known_responses(
     parts = np.split(responses, 3, axis=1)
     norms = [np.linalg.norm(loop.root @ part, axis=1).sum(axis=1) for part in parts]
     values = np.abs(responses).sum(axis=2)
-    # Efforts of the middle of a step stand for all of it. What that misses is known for the
-    # nominal loop, and less for errors of its parameters.
+    # Efforts of the middle of a step represent all of it. The error of that is computed for the
+    # nominal loop; errors of its parameters change it little.
     missed = np.abs(loop.errors - responses[:, :n, len(pushes) - 1])
-    values[:, :n] += _SAFETY * missed.max(axis=0)
+    values[:, :n] += safety * missed.max(axis=0)
     return _Known(
         values,
         np.maximum.reduceat(np.stack(norms, axis=1), loop.edges),
@@ -231,9 +226,9 @@ def _known_responses(
 
 
 class _Direction(NamedTuple):
-    """A robot one unit of a parameter away from the model, and how far the parameter may be off.
+    """A robot one unit of a parameter away from the model, and the largest error of the parameter.
 
-    is_share: whether the parameter is one of a link's own, in shares of itself.
+    is_share: whether the error is relative, as of a mass or moment of inertia of a link.
     """
 
     robot: Robot
@@ -280,7 +275,7 @@ class _Gains(NamedTuple):
     rows: FloatArray
 
 
-def _peak_gains(loop: NominalLoop) -> _Gains:
+def _peak_gains(loop: NominalLoop, period: int) -> _Gains:
     n, m = loop.n, len(loop.edges)
     # Columns: responses to unit efforts, weighted, in each step so far.
     x = np.zeros((2 * n, 0))
@@ -294,7 +289,7 @@ def _peak_gains(loop: NominalLoop) -> _Gains:
         effort[:, : delayed.shape[1]] = -delayed
         effort[:, -n:] = loop.root[k]
         x = np.concatenate([x, np.zeros((2 * n, n))], axis=1)
-        if k % _GAINS_EVERY == 0 or k + 1 == len(loop.times) or loop.interval[k + 1] > later:
+        if k % period == 0 or k + 1 == len(loop.times) or loop.interval[k + 1] > later:
             outputs = np.concatenate([x, loop.drift[k] @ x + loop.mass_inverse[k] @ effort])
             # Shape (3, n_impulses, n, n).
             blocks = outputs.reshape(3, n, -1, n).transpose(0, 2, 1, 3)
@@ -321,7 +316,7 @@ def _norms(matrices: FloatArray) -> FloatArray:
 
 
 def _alive(x: FloatArray, n: int) -> int:
-    """Which response is the first that has not died away."""
+    """Index of the first response that has not died away."""
     size = np.abs(x).max(axis=0).reshape(-1, n).max(axis=1)
     return int(np.argmax(size > _FORGOTTEN * size.max()))
 
@@ -331,33 +326,37 @@ def _rest(
 ) -> FloatArray | None:
     """Bounds ‖w‖ of each interval that map into themselves; None if there are none."""
     rest = np.zeros(len(changes))
-    for _ in range(_ROUNDS):
+    for _ in range(_MAX_ROUNDS):
         z = known.peaks + np.einsum("ljc,j->lc", gains.rows, rest)
         norms = known.norms + np.einsum("ljc,j->lc", gains.norms, rest)
-        if not z.max() < _ABSURD:
+        if not z.max() < _MAX_BOUND:
             return None
-        wanted = np.sum(changes * norms, axis=1) + remainder(z)
-        if np.all(wanted <= rest):
+        needed = np.sum(changes * norms, axis=1) + remainder(z)
+        if np.all(needed <= rest):
             return rest
         # A little more than needed, so that the iteration ends inside of its own image.
-        rest = np.maximum(rest, (1.0 + _SETTLED) * wanted)
+        rest = np.maximum(rest, (1.0 + _SETTLED) * needed)
     return None
 
 
 class _Remainder:
-    """Bound on what is not linear in the errors, for a box of errors in each interval."""
+    """Bound on the nonlinear remainder, for a box of errors in each interval."""
 
     def __init__(
-        self, loop: NominalLoop, law: ControlLaw, model: Robot, errors: ErrorModel
+        self,
+        loop: NominalLoop,
+        control: ControlLoop,
+        errors: ErrorModel,
+        options: AnalysisOptions,
     ) -> None:
         rows = np.minimum(loop.edges + len(loop.times) // len(loop.edges) // 2, len(loop.times) - 1)
         rng = np.random.default_rng(0)
         self._n = loop.n
-        self._signs = rng.choice([-1.0, 1.0], size=(_N_CORNERS, 1, 3 * loop.n))
+        self._signs = rng.choice([-1.0, 1.0], size=(options.n_corners, 1, 3 * loop.n))
         ref = loop.middle
         self._states = np.concatenate([ref.q[rows], ref.v[rows], ref.a[rows]], axis=1)
-        self._robot, self._law = model, law
-        self._factor = _SAFETY * (1.0 + errors.inertia)
+        self._robot, self._law = control.model, control.law
+        self._factor = options.safety * (1.0 + errors.inertia)
         self._linear, self._efforts = loop.linear[rows], loop.middle_efforts[rows]
         self._inverse_root = loop.inverse_root[rows]
 
@@ -368,8 +367,8 @@ class _Remainder:
         if self._law.kind == COMPUTED_TORQUE:
             # The law's own inverse dynamics, of the errors that it measures.
             e, rate = errors[..., : self._n], errors[..., self._n : 2 * self._n]
-            wanted = -(self._law.position_gains * e + self._law.velocity_gains * rate)
-            measured = np.concatenate([errors[..., : 2 * self._n], wanted], axis=2)
+            command = -(self._law.position_gains * e + self._law.velocity_gains * rate)
+            measured = np.concatenate([errors[..., : 2 * self._n], command], axis=2)
             deviation = np.abs(deviation) + np.abs(self._deviation(measured))
         weighted = np.einsum("kij,ckj->cki", self._inverse_root, deviation)
         return np.asarray(self._factor * np.linalg.norm(weighted, axis=2).max(axis=0))

@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""What a primitive states about the stability of its control law, and for which motion."""
+"""Sentences on the control law of a primitive: its error bound and the motion it holds for."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ NO_LAW = "none; run verify to pair one with this primitive"
 
 
 def verified_case(robot: Robot, trajectory: Trajectory) -> dict[str, Any]:
-    """The motion and the robot that a statement holds for, of JSON types."""
+    """The motion and the robot of an error bound, of JSON types."""
     names, positions = trajectory.joint_names, trajectory.positions
     return {
         "start": by_name(names, positions[0]),
@@ -29,10 +29,7 @@ def verified_case(robot: Robot, trajectory: Trajectory) -> dict[str, Any]:
 
 
 def control_statement(primitive: MovementPrimitive) -> str:
-    """Sentences on the control law of a primitive: its error bound and what that holds for.
-
-    A law that can't be read is stated as such.
-    """
+    """Sentences on the control law of a primitive, also on one that can't be read."""
     try:
         law = paired_law(primitive)
         if law is None:

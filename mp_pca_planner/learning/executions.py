@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Recordings of a motion that was executed: what it took, and how well it was followed."""
+"""Effort and tracking error of an executed motion, measured from its recording."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from ..motion.trajectory import Trajectory
 from ..motion.validation import interpolate
 from ..recordings.bags import JOINT_STATE, NS_PER_S, Bag, Stored, choose_topic, open_bag
 
-# Steps in which the start of the motion is looked for in the recording [s].
+# Resolution of the search for the start of the motion in the recording [s].
 _STEP = 0.005
 
 
@@ -30,9 +30,9 @@ class Execution:
     effort : float
         Measured ½∫‖τ‖²dt over the time of the motion [N²·m²·s].
     tracking_error : float
-        RMS over time of the distance ‖q − q_wanted‖ [rad or m].
+        RMS over time of the distance ‖q − q_desired‖ [rad or m].
     started : float
-        When the motion started, after the first joint state of the recording [s].
+        Start of the motion after the first joint state of the recording [s].
     """
 
     effort: float
@@ -43,14 +43,14 @@ class Execution:
 def measure_execution(path: Path, trajectory: Trajectory, topic: str | None = None) -> Execution:
     """Find a trajectory's execution in a recording, and measure it.
 
-    It starts where the recorded positions follow the wanted ones best.
+    It starts where the recorded positions follow the desired ones best.
 
     Parameters
     ----------
     path : Path
         The recording, of joint states with efforts.
     trajectory : Trajectory
-        What was executed.
+        The executed motion.
     topic : str, optional
         Topic of the joint states; the only one by default.
 
@@ -68,18 +68,18 @@ def measure_execution(path: Path, trajectory: Trajectory, topic: str | None = No
             f"'{path}' lasts {times[-1]:.3f} s, but the executed motion {duration:.3f} s: "
             "record it from its start to its end"
         )
-    wanted = interpolate(trajectory, _STEP)
+    desired = interpolate(trajectory, _STEP)
     starts = np.arange(0.0, max(spare, 0.0) + _STEP, _STEP)
-    errors = [_distance(times - start, q, wanted.times, wanted.q) for start in starts]
+    errors = [_distance(times - start, q, desired.times, desired.q) for start in starts]
     best = int(np.argmin(errors))
-    grid = np.union1d(wanted.times + starts[best], times)
+    grid = np.union1d(desired.times + starts[best], times)
     grid = grid[(grid >= starts[best]) & (grid <= starts[best] + duration)]
     squares = np.sum(_at(grid, times, tau) ** 2, axis=1)
     return Execution(0.5 * float(trapezoid(squares, grid)), errors[best], float(starts[best]))
 
 
-def _distance(times: FloatArray, q: FloatArray, when: FloatArray, wanted: FloatArray) -> float:
-    squares = np.sum((_at(when, times, q) - wanted) ** 2, axis=1)
+def _distance(times: FloatArray, q: FloatArray, when: FloatArray, desired: FloatArray) -> float:
+    squares = np.sum((_at(when, times, q) - desired) ** 2, axis=1)
     return float(np.sqrt(trapezoid(squares, when) / (when[-1] - when[0])))
 
 

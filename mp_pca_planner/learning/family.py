@@ -1,11 +1,10 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""A refined motion becomes a primitive: a family of motions around it.
+"""Primitives around refined motions.
 
-The family's mean shape is moved so that the refined motion is what it expects for its end
-points; components, covariances, paces and what they say of requests are carried over. So near
-by it expects motions like the refined one. Gains of a control law are carried over, too; the
-bound on its errors is not, which holds for another motion.
+The mean shape of a primitive is moved so that it predicts the refined motion for its end points;
+components and the conditional model are kept, so nearby requests give similar motions. Gains of a
+control law are kept; its error bound is removed, because it holds for another motion.
 """
 
 from __future__ import annotations
@@ -39,14 +38,13 @@ def family_around(
     Parameters
     ----------
     primitive : MovementPrimitive
-        What the original motion was made from.
+        The primitive of the original motion.
     motion : RefinedMotion
         The refined motion, of one segment.
     name : str
         Name of the new primitive.
     provenance : mapping
-        What to keep of where it comes from, of JSON types; the names of the primitive it was
-        made from and of the new metadata are added.
+        Facts on its origin, of JSON types; the name of the original primitive is added.
 
     Returns
     -------
@@ -83,7 +81,7 @@ def family_around(
         | {"refined_from": {"name": primitive.name, **provenance}},
         mean_coefficients=mean,
         durations=primitive.durations * slower,
-        # The triangle inequality: what was left over, and how far the family was moved.
+        # The triangle inequality: the old residual, and the displacement of the mean.
         fit_residual=primitive.fit_residual + distance,
         model=model,
     )

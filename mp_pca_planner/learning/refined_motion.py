@@ -16,7 +16,7 @@ from functools import cached_property
 
 import numpy as np
 
-from ..arrays import FloatArray, frozen_array
+from ..arrays import FloatArray, frozen_array, set_frozen
 from ..exceptions import PlannerError
 from ..motion.trajectory import Trajectory
 from ..planning.motion import Motion
@@ -39,7 +39,7 @@ class RefinedMotion:
     segments : tuple of Motion
         The originals, each starting in the state in which the one before ends.
     parameters : array, shape (n_segments, N_PARAMETERS)
-        What was done to each.
+        Scaling and warp of each.
 
     Raises
     ------
@@ -55,10 +55,8 @@ class RefinedMotion:
             raise PlannerError("a motion to refine needs at least one segment, got none")
         shape = (len(segments), N_PARAMETERS)
         values = np.zeros(shape) if parameters is None else np.reshape(parameters, shape)
-        object.__setattr__(self, "segments", tuple(segments))
-        object.__setattr__(
-            self, "parameters", frozen_array(values, shape, "refinement parameters", PlannerError)
-        )
+        values = frozen_array(values, shape, "refinement parameters", PlannerError)
+        set_frozen(self, segments=tuple(segments), parameters=values)
 
     @cached_property
     def durations(self) -> FloatArray:
@@ -77,7 +75,7 @@ class RefinedMotion:
         return np.cumsum(self.durations)
 
     def lasting(self, duration: float) -> RefinedMotion:
-        """The same, all segments slowed or hastened alike to last so long [s]."""
+        """The motion with all segments scaled to a total duration [s]."""
         parameters = self.parameters.copy()
         parameters[:, LOG_DURATION] += np.log(duration / self.duration)
         return RefinedMotion(self.segments, parameters)
@@ -96,7 +94,7 @@ class RefinedMotion:
         states = np.empty((3, len(times), len(self.segments[0].start.positions)))
         for i, segment in enumerate(self.segments):
             here = index == i
-            # Written so that it is 0 and 1 to the last bit at the ends.
+            # This form gives exactly 0 and 1 at the ends.
             phases = np.clip((times[here] - starts[i]) / (ends[i] - starts[i]), 0.0, 1.0)
             values = segment_states(segment, self.parameters[i], phases).values
             for end, state in ((phases == 0.0, segment.start), (phases == 1.0, segment.goal)):
@@ -140,7 +138,7 @@ def segment_states(segment: Motion, parameters: FloatArray, phases: FloatArray) 
     segment : Motion
         The original.
     parameters : array, shape (N_PARAMETERS,)
-        What is done to it.
+        Its scaling and warp.
     phases : array, shape (n_steps,)
         Phases of the refined segment.
     """
@@ -150,7 +148,7 @@ def segment_states(segment: Motion, parameters: FloatArray, phases: FloatArray) 
     by_s, by_rate, by_bend = (x[:, None, :] for x in warp.by_parameter)
     s = np.clip(s, 0.0, 1.0)
     boundary = _boundary(segment, duration)
-    # A boundary value of order d goes with the power Tᵈ.
+    # A boundary value of order d is proportional to Tᵈ.
     growth = np.array([0.0, 1.0, 2.0, 0.0, 1.0, 2.0])[:, None] * boundary
     hermite = [hermite_functions(s, d) for d in range(4)]
     shape = segment.basis.shapes(segment.weights, s, 3)

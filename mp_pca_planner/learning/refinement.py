@@ -68,6 +68,8 @@ class RefinementOptions:
         Share of each limit that is kept free, because constraints hold only at some phases.
     first_step : float
         Standard deviation of the parameters of the first trials.
+    seed : int
+        Seed of the trials: the same seed and costs give the same trials.
 
     Raises
     ------
@@ -84,6 +86,7 @@ class RefinementOptions:
     max_warp: float = 3.0
     margin: float = 1e-3
     first_step: float = 0.2
+    seed: int = 0
 
     def __post_init__(self) -> None:
         price = self.time_price
@@ -210,27 +213,33 @@ def refine(
     )
 
 
+@dataclass(frozen=True, eq=False)
 class ExecutableMotions:
-    """The validator for refinements of one motion."""
+    """The validator for refinements of one motion.
 
-    def __init__(
-        self,
-        segments: Sequence[Motion],
-        robot: Robot,
-        limits: JointLimits,
-        options: RefinementOptions,
-        collision: CollisionModel | None,
-    ) -> None:
-        self._start = segments[0].start
-        self._robot = robot
-        self._limits = limits
-        self._options = options
-        self._collision = collision
+    Attributes
+    ----------
+    segments : sequence of Motion
+        The original motion.
+    robot : Robot
+        The model.
+    limits : JointLimits
+        Limits of the joints.
+    options : RefinementOptions
+        Sampling of trajectories.
+    collision : CollisionModel or None
+        Collision model of the same robot.
+    """
+
+    segments: Sequence[Motion]
+    robot: Robot
+    limits: JointLimits
+    options: RefinementOptions
+    collision: CollisionModel | None = None
 
     def check(self, motion: RefinedMotion) -> LimitCheck:
         """Compare a motion with the limits."""
-        trajectory = motion.sample(self._robot, self._options.sample_period)
-        return check_limits(trajectory, self._robot, self._limits)
+        return self._sampled(motion)[1]
 
     def accept(self, motion: RefinedMotion) -> AcceptedMotion:
         """Sample a motion; refuse one that must not be executed.
@@ -240,14 +249,19 @@ class ExecutableMotions:
         TrajectoryError
             If it violates a limit or a rule of the controller, or links collide.
         """
-        trajectory = motion.sample(self._robot, self._options.sample_period)
-        check = check_limits(trajectory, self._robot, self._limits)
-        allowed = self._options.allow_nonzero_end_velocity
-        check_executable(trajectory, check, self._start, allow_nonzero_end_velocity=allowed)
-        collisions = self._collision.collisions(trajectory) if self._collision else ()
+        trajectory, check = self._sampled(motion)
+        allowed = self.options.allow_nonzero_end_velocity
+        check_executable(
+            trajectory, check, self.segments[0].start, allow_nonzero_end_velocity=allowed
+        )
+        collisions = self.collision.collisions(trajectory) if self.collision else ()
         if collisions:
             raise TrajectoryError(str(collisions[0]))
         return AcceptedMotion(motion, trajectory, check)
+
+    def _sampled(self, motion: RefinedMotion) -> tuple[Trajectory, LimitCheck]:
+        trajectory = motion.sample(self.robot, self.options.sample_period)
+        return trajectory, check_limits(trajectory, self.robot, self.limits)
 
 
 class RefinementCost:
@@ -293,7 +307,7 @@ class RefinementCost:
             total += effort + self._price * states.duration
             weights = self._quadrature * states.duration
             gradient[i] = np.einsum("s,sj,sjp->p", weights, tau, by_parameter)
-            # The time it takes weighs all of it.
+            # The cost is proportional to the duration.
             gradient[i, LOG_DURATION] += effort + self._price * states.duration
         return total, gradient.ravel()
 

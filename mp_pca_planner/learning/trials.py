@@ -33,8 +33,8 @@ from .refinement import AcceptedMotion, ExecutableMotions, RefinementOptions
 _FORMAT = "mp_pca_planner/trials"
 _VERSION = 1
 _FORM = {"motion": str, "trials": [{"parameters": [float], "cost": float}]}
-# Of a proposal that violates limits, the half-way to the best motion is tried instead, this often;
-# then the best motion itself.
+# A proposal that violates limits is moved half-way to the best motion at most this often; then the
+# best motion itself is proposed.
 _MAX_HALVINGS = 8
 # Relative error of parameters that stored ones may exceed a bound by.
 _ROUNDING = 1e-6
@@ -68,12 +68,10 @@ class TrialLearner:
     limits : JointLimits
         Limits that every trial keeps.
     options : RefinementOptions, optional
-        Bounds and price of time; without the latter the total duration is kept.
+        Bounds, seed and price of time; without the latter the total duration is kept.
     start : array, shape (n_segments, N_PARAMETERS), optional
         Parameters around which to search, those of an off-line refinement for example. The
         first trial is the unchanged motion, the second one these.
-    seed : int
-        Seed of the random numbers: the same seed and costs give the same trials.
     state : Path, optional
         File that keeps the trials; those in it are not repeated.
     request : mapping, optional
@@ -99,7 +97,6 @@ class TrialLearner:
         options: RefinementOptions | None = None,
         *,
         start: FloatArray | None = None,
-        seed: int = 0,
         state: Path | None = None,
         request: Mapping[str, Any] | None = None,
         collision: CollisionModel | None = None,
@@ -119,16 +116,16 @@ class TrialLearner:
         self._centre = first.parameters
         self._duration = first.duration
         bounds = options.bounds(len(segments))[self._free]
-        self._search = _search(first.parameters[self._free], bounds, options.first_step, seed)
+        self._search = _search(first.parameters[self._free], bounds, options)
         self._proposal: AcceptedMotion | None = None
         self._generation: list[tuple[FloatArray, float]] = []
         self._trials: list[Trial] = []
         self._state, self._request = state, request
-        self._identity = _identity(first, options, seed)
+        self._identity = _identity(first, options)
         if state is not None and state.exists():
             for trial in _read(state, self._identity, options.bounds(len(segments))):
                 if len(self._trials) >= len(self._first):
-                    self._search.ask()  # the random numbers that this trial took
+                    self._search.ask()  # advances the random numbers as this trial did
                 self._learn(trial)
 
     @property
@@ -231,24 +228,29 @@ class TrialLearner:
         try:
             return self._judge.accept(RefinedMotion(self._segments, best))
         except TrajectoryError:
-            # It was executed from another start than this.
+            # The best motion was executed from another start.
             return self._first[0]
 
 
-def _search(centre: FloatArray, bounds: FloatArray, first_step: float, seed: int) -> Any:
+def _search(centre: FloatArray, bounds: FloatArray, options: RefinementOptions) -> Any:
     try:
         from cmaes import CMA
     except ImportError:
         raise MissingDependencyError("cmaes", "learn", "learning by trials") from None
     box = np.column_stack([-bounds, bounds])
     # A refinement that ends at a bound may lie beyond it by a rounding error.
-    return CMA(mean=np.clip(centre, -bounds, bounds), sigma=first_step, bounds=box, seed=seed)
+    return CMA(
+        mean=np.clip(centre, -bounds, bounds),
+        sigma=options.first_step,
+        bounds=box,
+        seed=options.seed,
+    )
 
 
-def _identity(first: RefinedMotion, options: RefinementOptions, seed: int) -> str:
+def _identity(first: RefinedMotion, options: RefinementOptions) -> str:
     """A digest of the motion and the options, which a file of trials must match."""
     times = np.linspace(0.0, first.duration, 11)
-    facts = [seed, options.time_price, first.duration, first.parameters.ravel().tolist()]
+    facts = [options.seed, options.time_price, first.duration, first.parameters.ravel().tolist()]
     # Nine digits: processors round differently.
     path = [f"{x:.9e}" for x in np.ravel(first.evaluate(times))]
     return hashlib.sha256(json.dumps([facts, path]).encode()).hexdigest()

@@ -1,11 +1,11 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Monotone warps of time: σ(p) takes the phase p of a refined motion to that of the original.
+"""Monotone time warps σ(p) from the phase p of a refined motion to that of the original.
 
 σ' = exp(u) with u = Σ cₖ bₖ − κ b₀ and functions bₖ = p²(1−p)² Pₖ(2p−1) that vanish at both
 ends with their first derivative. So whatever the parameters c are, σ increases, σ' = 1 and
-σ'' = 0 at both ends, which leaves positions, velocities and accelerations there as they
-were; κ is what makes σ(1) = 1.
+σ'' = 0 at both ends, so positions, velocities and accelerations there do not change. κ ensures
+σ(1) = 1.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from ..arrays import FloatArray
 from ..primitives.basis import legendre_values
 
 N_WARP_PARAMETERS = 3
-"""Parameters of a warp: one moves time towards an end, one towards the middle, one both."""
+"""Parameters of a warp: towards an end, towards the middle, and both."""
 
 # exp(u) is analytic: this many nodes give it to rounding for parameters of a few units.
 _N_NODES = 40
@@ -71,7 +71,7 @@ def evaluate_warp(parameters: FloatArray, phases: FloatArray) -> WarpValues:
     rate = _QUADRATURE * np.exp(bumps @ parameters - kappa * bump)
     # κ follows the parameters so that the integral of σ' stays 1.
     admissible = bumps - bump[:, None] * ((rate @ bumps) / (rate @ bump))
-    # Columns: what belongs to the values, then to their derivatives by each parameter.
+    # Columns: of the values, then of their derivatives by each parameter.
     exponents = (_ANALYSIS @ np.column_stack([bumps @ parameters - kappa * bump, admissible])).T
     u, bend = (legendre_values(exponents, phases, d) for d in (0, 1))
     ratio = np.exp(u[:, :1])
@@ -91,7 +91,7 @@ def _normalising(exponent: FloatArray, bump: FloatArray) -> float:
     for _ in range(50):
         rate = _QUADRATURE * np.exp(exponent - kappa * bump) / 2.0
         excess = float(rate.sum()) - 1.0
-        # The integral is convex in κ and falls: after one step Newton's method comes from one side.
+        # The integral is convex in κ and decreasing: Newton's method converges monotonically.
         kappa += excess / float(rate @ bump)
         if abs(excess) < 1e-14:
             break

@@ -42,7 +42,7 @@ _CHEBYSHEV = -np.cos(np.linspace(0.0, np.pi, 5))
 _AT_CHEBYSHEV = np.array([hermite_functions(0.5 * (_CHEBYSHEV[:-1] + 1.0), d) for d in range(3)])
 _TO_CHEBYSHEV = np.linalg.inv(chebyshev.chebvander(_CHEBYSHEV, 4))
 _FROM_CHEBYSHEV = chebyshev.chebvander(np.linspace(-1.0, 1.0, 11), 4)
-# Largest error of that polynomial, as a share of the limit, at which it stands for the efforts.
+# Largest error of that polynomial, as a share of the limit, at which it represents the efforts.
 _SMOOTH = 1e-3
 
 
@@ -188,7 +188,7 @@ def check_limits(trajectory: Trajectory, robot: Robot, limits: JointLimits) -> L
     trajectory : Trajectory
         Of the joints of the robot, in its order.
     robot : Robot
-        For the efforts, which are computed here, not taken from the trajectory.
+        Computes the efforts; those of the trajectory are ignored.
     limits : JointLimits
         Limits of the same joints.
 
@@ -243,7 +243,7 @@ def require_effort_limits(robot: Robot, limits: JointLimits) -> None:
         If a moving link has no valid inertia.
     """
     if np.isfinite(limits.effort).any():
-        robot.require_inertias("limits of efforts", "take those away (max_effort: .inf)")
+        robot.require_inertias("limits of efforts", "remove those limits (max_effort: .inf)")
 
 
 def _stays_inside(ends: FloatArray, steps: FloatArray, limits: JointLimits) -> bool:
@@ -326,7 +326,7 @@ def check_executable(
     Raises
     ------
     TrajectoryError
-        If it breaks a limit, doesn't start at the present state, or doesn't end at rest.
+        If it violates a limit, doesn't start at the present state, or doesn't end at rest.
     """
     if check.violations:
         raise TrajectoryError(str(check.violations[0]))

@@ -1,16 +1,17 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Time alignment: which instant of each demonstration belongs to which phase of the primitive.
+"""Time alignment of demonstrations.
 
-Demonstrations of one task differ in timing, and components that have to explain timing are
-lost for the path. A warp γ, increasing from γ(0) = 0 to γ(1) = 1, says at which share of its
-duration T a demonstration is at the aligned phase s: its aligned motion is q(T γ(s)). The warps
-are kept with the primitive, so that each demonstration is known with its own timing, too.
+Demonstrations of one task differ in timing, and components that explain timing are lost for the
+path. A warp γ increases from γ(0) = 0 to γ(1) = 1: at the aligned phase s a demonstration is at the
+share γ(s) of its duration T, and its aligned motion is q(T γ(s)). A primitive stores the warps, so
+each demonstration can be reproduced with its own timing.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -24,30 +25,45 @@ if TYPE_CHECKING:
     from ..recordings.demonstration import Demonstration
 
 ALIGNMENTS = ("linear", "arc_length", "dtw")
-"""Ways to align: equal shares of the time; equal shares of the way; nearest to the mean shape."""
+"""Alignment by equal shares of the time, of the path, or by the distance to the mean shape."""
 
 N_WARP_PHASES = 51
 """Values that make up a warp, at evenly spaced aligned phases; a monotone cubic joins them."""
 
 _KNOTS = np.linspace(0.0, 1.0, N_WARP_PHASES)
 
-# Instants at which a motion is looked at to measure its way: many for each knot of the warp.
-_N_WAY = 1001
-# Share of the mean speed that is added to the speed, so that the warp increases during a rest in
-# the middle of a motion, too. From 0.02 to 0.4 hardly any error in benchmarks/naturalness.py moves.
-_SPEED_OF_REST = 0.02
-# Ways [rad or m] below this are rounding errors.
-_NO_WAY = 1e-6
+# Samples of a motion to measure its path: many for each knot of the warp.
+_N_SAMPLES = 1001
+# Shorter paths [rad or m] are rounding errors.
+_MIN_PATH = 1e-6
 
-# Dynamic time warping: instants to choose from; instants from knot to knot, of which an even
-# pace has 4; price of an uneven pace, as a share of the mean square of the shapes; how often
-# the mean shape is made anew; and how often a warp is averaged with its neighbours, which
-# rounds off the steps between the instants.
-_N_INSTANTS = 201
-_STEPS = np.arange(1, 13)
-_PRICE = 0.02
-_N_ROUNDS = 4
-_N_AVERAGINGS = 4
+
+@dataclass(frozen=True)
+class WarpingOptions:
+    """Options of dynamic time warping.
+
+    Attributes
+    ----------
+    n_instants : int
+        Instants of a motion to choose from.
+    max_step : int
+        Most instants from knot to knot; an even timing has 4.
+    price : float
+        Cost of an uneven timing as a share of the mean square of the shapes.
+    n_rounds : int
+        Updates of the mean shape.
+    n_averagings : int
+        Averagings of a warp with its neighbours, which smooth the steps between instants.
+    """
+
+    n_instants: int = 201
+    max_step: int = 12
+    price: float = 0.02
+    n_rounds: int = 4
+    n_averagings: int = 4
+
+
+_WARPING = WarpingOptions()
 
 
 def align(demonstrations: Sequence[Demonstration], method: str) -> FloatArray:
@@ -68,22 +84,26 @@ def align(demonstrations: Sequence[Demonstration], method: str) -> FloatArray:
         Shares of the durations, strictly increasing from 0 to 1.
     """
     if method == "arc_length":
-        return np.array([arc_length_warp(d.time_normalised(_N_WAY)) for d in demonstrations])
+        return np.array([arc_length_warp(d.time_normalised(_N_SAMPLES)) for d in demonstrations])
     if method == "dtw":
-        return _dtw_warps(np.array([d.time_normalised(_N_INSTANTS) for d in demonstrations]))
+        samples = [d.time_normalised(_WARPING.n_instants) for d in demonstrations]
+        return _dtw_warps(np.array(samples), _WARPING)
     return np.tile(_KNOTS, (len(demonstrations), 1))
 
 
-def arc_length_warp(positions: FloatArray) -> FloatArray:
-    """Find the warp that lets a motion go its way at the pace of a minimum-jerk motion.
+def arc_length_warp(positions: FloatArray, speed_of_rest: float = 0.02) -> FloatArray:
+    """The warp by which a motion follows its path with the timing of a minimum-jerk motion.
 
-    At phase s it has done the share 10s³ − 15s⁴ + 6s⁵ of its way in joint space, so that it
+    At phase s it has covered the share 10s³ − 15s⁴ + 6s⁵ of its path in joint space, so that it
     starts and ends at rest.
 
     Parameters
     ----------
     positions : array, shape (n_steps, n_joints)
         The motion at evenly spaced times [rad or m].
+    speed_of_rest : float
+        Share of the mean speed that is added to the speed, so that the warp increases during a
+        rest within a motion. Values from 0.02 to 0.4 hardly change benchmarks/naturalness.py.
 
     Returns
     -------
@@ -92,10 +112,10 @@ def arc_length_warp(positions: FloatArray) -> FloatArray:
     """
     own = np.linspace(0.0, 1.0, len(positions))
     steps = np.linalg.norm(np.diff(positions, axis=0), axis=1)
-    way = np.concatenate([[0.0], np.cumsum(steps)])
-    if way[-1] < _NO_WAY:
+    path = np.concatenate([[0.0], np.cumsum(steps)])
+    if path[-1] < _MIN_PATH:
         return _KNOTS
-    share = (way / way[-1] + _SPEED_OF_REST * own) / (1.0 + _SPEED_OF_REST)
+    share = (path / path[-1] + speed_of_rest * own) / (1.0 + speed_of_rest)
     warp = np.interp(_minimum_jerk(_KNOTS), share, own)
     warp[[0, -1]] = 0.0, 1.0
     return np.asarray(warp)
@@ -169,29 +189,31 @@ def _minimum_jerk(phases: FloatArray) -> FloatArray:
     return np.asarray(hermite_functions(phases)[:, 3])
 
 
-def _dtw_warps(motions: FloatArray) -> FloatArray:
+def _dtw_warps(motions: FloatArray, options: WarpingOptions) -> FloatArray:
     """Warps of motions of shape (n_demonstrations, n_instants, n_joints)."""
-    way = motions[:, -1:] - motions[:, :1]
-    straight = motions[:, :1] + _minimum_jerk(_KNOTS)[None, :, None] * way
+    displacement = motions[:, -1:] - motions[:, :1]
+    straight = motions[:, :1] + _minimum_jerk(_KNOTS)[None, :, None] * displacement
     curves = [_curve(motion) for motion in motions]
     warps = np.tile(_KNOTS, (len(motions), 1))
-    for _ in range(_N_ROUNDS):
+    for _ in range(options.n_rounds):
         aligned = np.array([curve(warp) for curve, warp in zip(curves, warps, strict=True)])
         shapes = aligned - straight
-        price = _PRICE * float(np.mean(np.sum(shapes**2, axis=2)))
+        price = options.price * float(np.mean(np.sum(shapes**2, axis=2)))
         targets = straight + shapes.mean(axis=0)
-        warps = np.array(
-            [_averaged(_cheapest(x, y, price)) for x, y in zip(targets, motions, strict=True)]
-        )
+        pairs = zip(targets, motions, strict=True)
+        warps = np.array([_cheapest(x, y, price, options.max_step) for x, y in pairs])
+        for _ in range(options.n_averagings):
+            warps[:, 1:-1] = (warps[:, :-2] + 2.0 * warps[:, 1:-1] + warps[:, 2:]) / 4.0
     return warps
 
 
-def _cheapest(target: FloatArray, motion: FloatArray, price: float) -> FloatArray:
+def _cheapest(target: FloatArray, motion: FloatArray, price: float, max_step: int) -> FloatArray:
     """Least sum of squared distances and prices, by dynamic programming from knot to knot."""
     distances = np.sum((target[:, None] - motion[None]) ** 2, axis=2)
     n_knots, n_instants = distances.shape
-    prices = price * np.log(_STEPS * (n_knots - 1) / (n_instants - 1)) ** 2
-    sources = np.arange(n_instants)[:, None] - _STEPS
+    steps = np.arange(1, max_step + 1)
+    prices = price * np.log(steps * (n_knots - 1) / (n_instants - 1)) ** 2
+    sources = np.arange(n_instants)[:, None] - steps
     costs = np.where(np.arange(n_instants) == 0, distances[0], np.inf)
     choices = np.zeros((n_knots, n_instants), dtype=np.intp)
     for knot in range(1, n_knots):
@@ -202,11 +224,5 @@ def _cheapest(target: FloatArray, motion: FloatArray, price: float) -> FloatArra
     instant = n_instants - 1
     for knot in range(n_knots - 1, -1, -1):
         chosen[knot] = instant
-        instant -= _STEPS[choices[knot, instant]]
+        instant -= steps[choices[knot, instant]]
     return np.asarray(chosen / (n_instants - 1))
-
-
-def _averaged(warp: FloatArray) -> FloatArray:
-    for _ in range(_N_AVERAGINGS):
-        warp[1:-1] = (warp[:-2] + 2.0 * warp[1:-1] + warp[2:]) / 4.0
-    return warp

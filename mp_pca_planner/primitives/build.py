@@ -165,7 +165,7 @@ def _fit_directions(shapes: FloatArray, options: PrimitiveOptions) -> tuple[Floa
     """
     n, n_joints, n_functions = shapes.shape
     values, _ = shape_functions(options.degree, options.n_phases)
-    # As samples, whose distances are the same, so that signs are chosen by what is seen.
+    # Samples have the same distances, and their largest entries fix the signs.
     samples = shapes @ values.T
     together = n_joints if options.coupling == "arm" else 1
     directions, variances = [], []
@@ -188,7 +188,7 @@ def _total_variance(coefficients: FloatArray, remainders: FloatArray) -> FloatAr
     coefficients : array, shape (n_demonstrations, n_joints, n_functions)
         Of the polynomials.
     remainders : array, shape (n_demonstrations, n_joints)
-        Squares of what the coefficients leave.
+        Sums of squares of the residuals of the coefficients.
     """
     squares = np.sum((coefficients - coefficients.mean(axis=0)) ** 2, axis=2) + remainders
     return np.asarray(squares.sum(axis=0) / max(len(squares) - 1, 1))

@@ -23,25 +23,13 @@ from ..arrays import FloatArray
 from .covariances import in_span_score, request_precision, shrunk_covariance
 from .pace import reversed_paces
 
-# More demonstrations are thinned out evenly: the time to fit grows with the cube of their number.
-_MAX_DEMONSTRATIONS = 200
-
 # Predicted durations stay within this many standard deviations of the demonstrated ones.
 _MAX_DEVIATIONS = 3.0
 
-# The kernels: inverse lengths in units of the spread of the requests, correlations of a motion with
-# the reversed one, and variances of the noise in units of the variance that depends on the request.
-# The largest noise leaves the prior mean.
+# Inverse lengths of the kernels in units of the spread of the requests.
 INVERSE_LENGTHS = (0.25, 1.0, 2.0)
-# Reversals are zero, then one number with both signs.
-_REVERSALS = (0.0, -0.8, 0.8)
-_NOISES = (0.02, 0.2, 2.0, 200.0)
-# Variance of what all outputs have in common, in the same units.
+# Variance of the common offset of all outputs, in units of that which depends on the request.
 _CONSTANT = 10.0
-# Power of the densities. Demonstrations that are left out one by one are not independent.
-_TEMPER = 0.7
-# Fewer demonstrations can't rank kernels; the first one is taken.
-_MIN_RANKED = 3
 # Share of the mean squared distance from start to goal that is added to each.
 _MIN_SQUARE = 0.09
 # Avoids logarithms of and divisions by zero.
@@ -49,6 +37,36 @@ _TINY = 1e-300
 
 Groups = Sequence[NDArray[np.intp]]
 """Indices of demonstrations that are left out together, in arrays of groups of one size."""
+
+
+@dataclass(frozen=True)
+class FitOptions:
+    """Kernels of a fit and their weighting.
+
+    Attributes
+    ----------
+    time_reversal : float
+        Magnitude of the time-reversal correlations of the kernels, from 0 to 1; there are kernels
+        without, with the positive and with the negative one.
+    noises : tuple of float
+        Variances of the noise in units of the variance that depends on the request. The largest
+        one leaves the prior mean.
+    temper : float
+        Power of the densities, below 1 because demonstrations are not independent.
+    min_ranked : int
+        Fewer demonstrations can't rank kernels; the first kernel is used.
+    max_demonstrations : int
+        More are thinned out evenly: the time to fit grows with the cube of their number.
+    """
+
+    time_reversal: float = 0.8
+    noises: tuple[float, ...] = (0.02, 0.2, 2.0, 200.0)
+    temper: float = 0.7
+    min_ranked: int = 3
+    max_demonstrations: int = 200
+
+
+_FIT = FitOptions()
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,8 +105,8 @@ class ConditionalModel:
 
     Shapes and durations grow with the square root of the distance from start to goal: small
     motions are straighter. Demonstrations of several activities are fitted twice, with kernels
-    ranked by left-out motions and by left-out activities. The second fit counts for requests
-    that are unlike all demonstrations.
+    ranked by left-out motions and by left-out activities. The second fit is used for requests
+    out of distribution.
 
     Attributes
     ----------
@@ -104,7 +122,7 @@ class ConditionalModel:
     duration_coefficients : array, shape (n_lengths, 1, 2, n_demonstrations, 1)
         Of log T less its mean, by the end points alone.
     weight_covariance, weight_precision : array, shape (n_weights, n_weights)
-        Covariance of what is left of the weights of left-out demonstrations, and its inverse.
+        Covariance of the errors of the weights of left-out demonstrations, and its inverse.
     request_precision : array, shape (2 n_joints + 1, 2 n_joints + 1)
         Inverse covariance of the requests.
     """
@@ -142,7 +160,7 @@ class ConditionalModel:
         labels : sequence of str
             Activity of each.
         """
-        kept = slice(None, None, -(-len(requests) // _MAX_DEMONSTRATIONS))
+        kept = slice(None, None, -(-len(requests) // _FIT.max_demonstrations))
         used, activities = requests[kept], np.asarray(labels)[kept]
         partitions: list[Groups] = [[np.arange(len(used))[:, None]]]
         if np.any(activities != activities[0]):
@@ -176,7 +194,7 @@ class ConditionalModel:
         given = ends if duration is None else request
         score = in_span_score(given, self.mean, self.request_precision)
         similar, distance = self._features(request)
-        # How unlike all demonstrations the request is, from 0 to 1, by the shortest kernel.
+        # Novelty of the request, from 0 to 1, by the shortest kernel.
         novelty = 1.0 + _CONSTANT - similar[-1, 0].max()
         shape, pace = (
             np.tensordot(similar, x[:, 0] + novelty * (x[:, -1] - x[:, 0]), axes=3)
@@ -202,7 +220,7 @@ class ConditionalModel:
     def _expected_duration(self, ends: FloatArray) -> float:
         similar, distance = self._end_features(ends)
         residual = np.tensordot(similar, self.duration_coefficients[:, 0], axes=3).item()
-        # A request far away must not make a motion of hours out of a trend.
+        # A distant request must not extrapolate a trend to hours.
         reach = _MAX_DEVIATIONS * self.requests[:, -1].std()
         deviation = np.clip(np.log(distance) / 2.0 + residual, -reach, reach)
         return float(np.exp(self.mean[-1] + deviation))
@@ -283,11 +301,13 @@ def _fit(
     """
     parts = np.array([outputs + reversed_outputs, outputs - reversed_outputs]) / 2.0
     shares, residuals, scores = [], [], []
-    for (there, back), noise in product(np.stack(similarities, axis=2), _NOISES):
-        gram = there + np.reshape(_REVERSALS, (-1, 1, 1)) * back
+    # Zero, then one number with both signs.
+    reversals = (0.0, -_FIT.time_reversal, _FIT.time_reversal)
+    for (there, back), noise in product(np.stack(similarities, axis=2), _FIT.noises):
+        gram = there + np.reshape(reversals, (-1, 1, 1)) * back
         inverses = np.linalg.inv(gram + noise * np.eye(len(outputs)))
-        for i, reversal in enumerate(_REVERSALS):
-            # What keeps its sign in reversed time is correlated so, what changes it the other way.
+        for i, reversal in enumerate(reversals):
+            # Parts that keep their sign in reversed time, then those that change it.
             inverse = inverses[[i, -i]]
             solved = inverse @ parts
             shares.append([solved[0] + solved[1], reversal * (solved[0] - solved[1])])
@@ -297,12 +317,12 @@ def _fit(
     squares = outputs @ outputs.T
     # As many independent outputs as these correlated ones are worth.
     freedom = np.trace(squares) ** 2 / (np.sum(squares**2) + _TINY)
-    probabilities = np.exp(_TEMPER * freedom * (np.array(scores) - np.max(scores, axis=0)))
-    if len(outputs) < _MIN_RANKED:
+    probabilities = np.exp(_FIT.temper * freedom * (np.array(scores) - np.max(scores, axis=0)))
+    if len(outputs) < _FIT.min_ranked:
         probabilities[1:] = 0.0
     probabilities /= probabilities.sum(axis=0)
     weighted = probabilities[:, :, None, None, None] * np.array(shares)[:, None]
-    first = range(0, len(scores), len(_REVERSALS) * len(_NOISES))
+    first = range(0, len(scores), len(reversals) * len(_FIT.noises))
     return np.add.reduceat(weighted, first), np.tensordot(probabilities[:, 0], residuals, axes=1)
 
 

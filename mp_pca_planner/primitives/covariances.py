@@ -8,8 +8,8 @@ import numpy as np
 
 from ..arrays import FloatArray
 
-# Deviation that a request may have even in a direction in which the demonstrations don't
-# vary, 1 degree (or 17 mm, or 1.7 % of the duration): keeps the score finite.
+# Least standard deviation of requests in any direction, 1 degree (or 17 mm, or 1.7 % of the
+# duration): keeps the score finite where demonstrations don't vary.
 _MIN_DEVIATION = np.deg2rad(1.0)
 
 

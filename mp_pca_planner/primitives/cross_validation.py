@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""How well the end points and the duration of a motion tell its shape, by leaving each out."""
+"""Leave-one-out errors of predicted motions."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ from .primitive import MovementPrimitive
 
 @dataclass(frozen=True, eq=False)
 class HeldOutErrors:
-    """Differences between motions and what primitives of the others predict of them.
+    """Differences between motions and the predictions of primitives of the others.
 
-    All predictions go from rest to rest, as a planner would be asked: it knows the end points
-    and the duration only.
+    All predictions are from rest to rest and use the end points and the duration only, as a
+    planner does.
 
     Attributes
     ----------
     minimum_jerk, mean_shape, expected : array, shape (n_motions, 3)
         :func:`.differences` of each motion from the boundary part alone, from the mean shape at
-        an even pace, and from the expected weights at the expected pace [rad or m].
+        an even time scaling, and from the expected weights and time scaling [rad or m].
     """
 
     minimum_jerk: FloatArray
@@ -54,9 +54,9 @@ def leave_one_out(
     motions :
         Motions of the same joints, at least two.
     options :
-        How to build the primitives.
+        Options of the primitives.
     left_out :
-        Which of the motions to leave out and predict; by default each in turn.
+        Indices of the motions to leave out and predict; all by default.
 
     Raises
     ------
@@ -90,7 +90,7 @@ def minimum_jerk_motion(motion: Demonstration) -> FloatArray:
 
 
 def expected_motion(primitive: MovementPrimitive, motion: Demonstration) -> FloatArray:
-    """What a primitive expects between the ends of a motion, at the fine phases."""
+    """The prediction of a primitive between the ends of a motion, at the fine phases."""
     start, goal = motion.positions[[0, -1]]
     expected = primitive.model.predict(start, goal, motion.duration)
     basis = primitive.paced_basis(start, goal, expected.pace)

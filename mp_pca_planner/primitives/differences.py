@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""How far one motion is from another: in time, after the best time alignment, and in path."""
+"""Differences of two motions: in time, after the best time alignment, and in path."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ FINE_PHASES = np.linspace(0.0, 1.0, 1001)
 """Evenly spaced shares of the duration at which motions are compared."""
 
 MEASURES = ("time", "aligned", "path")
-"""RMS differences over phases and joints: at equal shares of the time; after the prediction was
-warped to come as near to the motion as it can, at each of its instants; at equal shares of the
-way. Timing counts in the first alone."""
+"""RMS differences over phases and joints: at equal shares of the time; at each instant of the
+motion after the best warp of the prediction; at equal shares of the path. Only the first depends on
+the timing."""
 
 _PHASES = FINE_PHASES[::10]
 
@@ -44,7 +44,7 @@ def differences(prediction: FloatArray, truth: FloatArray) -> FloatArray:
 
 
 def by_way(positions: FloatArray) -> FloatArray:
-    """Positions at the pace of a minimum-jerk motion along their way.
+    """Positions along the path with the timing of a minimum-jerk motion.
 
     Parameters
     ----------

@@ -48,9 +48,9 @@ class MotionSummary:
     warp : array, shape (n_warp_phases,)
         See :func:`.align`.
     shape : array, shape (n_joints, n_functions)
-        Coefficients of what it has beyond its boundary part, see :func:`shape_functions`.
+        Coefficients of the motion less its boundary part, see :func:`shape_functions`.
     shape_remainder : array, shape (n_joints,)
-        Sum of squares over the phases of what the coefficients leave of the shape.
+        Sum of squares over the phases of the residual of these coefficients.
     angles : array, shape (n_joints, n_angle_functions)
         Coefficients of the joint angles over time.
     angle_remainder : array, shape (n_joints,)
@@ -198,7 +198,7 @@ def _summarise(
 
 
 def _project(curves: FloatArray, functions: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Coefficients of curves of shape (n_phases, n_joints), and squares of what they leave."""
+    """Coefficients of curves of shape (n_phases, n_joints), and the squares of their residuals."""
     coefficients = curves.T @ functions
     rest = curves - functions @ coefficients.T
     return coefficients, np.asarray(np.sum(rest**2, axis=0))

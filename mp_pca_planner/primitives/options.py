@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""How a primitive is built."""
+"""Options of building primitives."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from .primitive_values import COUPLINGS
 
 @dataclass(frozen=True)
 class PrimitiveOptions:
-    """How a primitive is built.
+    """Options of building a primitive.
 
     Attributes
     ----------
     coupling : {'joint', 'arm'}
         One PCA per joint, as in [P], or one of all joints stacked: far fewer weights.
     n_components : int or None
-        Components to keep (per joint for coupling 'joint'); None: as `variance` asks.
+        Components to keep (per joint for coupling 'joint'); None: as few as reach `variance`.
     variance : float
         Share of the variance that the components kept must explain, if their number is not given.
     n_phases : int

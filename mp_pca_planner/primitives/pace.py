@@ -22,32 +22,27 @@ from .basis import Basis, PolynomialBasis, legendre_derivatives, legendre_values
 PACE_DEGREE = 4
 """Degree of g: beyond 3 hardly any error on motions left out moves."""
 
-# Degree of the polynomial that stands for σ, which makes its derivatives exact.
+# Degree of the polynomial that represents σ, which makes its derivatives exact.
 _DEGREE = 26
-_NODES, _QUADRATURE = legendre.leggauss(_DEGREE)
-_TO_SERIES = (legendre.legvander(_NODES, _DEGREE - 1) * _QUADRATURE[:, None]).T * (
-    np.arange(_DEGREE)[:, None] + 0.5
-)
-_PACE_FUNCTIONS = legendre.legvander(_NODES, PACE_DEGREE)[:, 1:]
-_INTEGRATION = legendre.legint(np.eye(_DEGREE), lbnd=-1.0)
-# Most that the sum of the coefficients' magnitudes may be: rates e³ apart are no human's.
-_MOST_UNEVEN = 3.0
-
-# The fit: shares of the duration at which paces are compared, steps, and how much a coefficient
-# of 1 costs as a squared error.
-_SHARES = np.linspace(0.0, 1.0, 101)
-_N_STEPS = 12
-_PRICE = 1e-5
-_LONGEST_STEP = 1.0
+# Largest sum of the coefficients' magnitudes: no human's rates are e³ apart.
+_MAX_UNEVENNESS = 3.0
 
 
-def fit_paces(warps: FloatArray) -> FloatArray:
+def fit_paces(
+    warps: FloatArray, *, n_steps: int = 12, price: float = 1e-5, max_step: float = 1.0
+) -> FloatArray:
     """Paces nearest to warps, by Gauss–Newton steps.
 
     Parameters
     ----------
     warps : array, shape (n_demonstrations, n_warp_phases)
         See :func:`.align`.
+    n_steps : int
+        Gauss–Newton steps.
+    price : float
+        Cost of a coefficient of 1, as a squared error.
+    max_step : float
+        Largest change of a coefficient in a step.
 
     Returns
     -------
@@ -57,13 +52,14 @@ def fit_paces(warps: FloatArray) -> FloatArray:
     # Late, so that the node starts fast.
     from scipy.integrate import cumulative_trapezoid
 
-    integral = partial(cumulative_trapezoid, x=_SHARES, axis=1, initial=0)
+    shares = np.linspace(0.0, 1.0, 101)
+    integral = partial(cumulative_trapezoid, x=shares, axis=1, initial=0)
     is_even = np.all(warps == np.linspace(0.0, 1.0, warps.shape[1]), axis=1)
-    targets = np.array([aligned_phases(warp, _SHARES) for warp in warps])
-    functions = legendre.legvander(2.0 * _SHARES - 1.0, PACE_DEGREE)[:, 1:]
+    targets = np.array([aligned_phases(warp, shares) for warp in warps])
+    functions = legendre.legvander(2.0 * shares - 1.0, PACE_DEGREE)[:, 1:]
     paces = np.zeros((len(warps), PACE_DEGREE))
-    ridge = _PRICE * len(_SHARES) * np.eye(PACE_DEGREE)
-    for _ in range(_N_STEPS):
+    ridge = price * len(shares) * np.eye(PACE_DEGREE)
+    for _ in range(n_steps):
         rates = np.exp(paces @ functions.T)
         covered = integral(rates[:, :, None])
         slopes = integral(rates[:, :, None] * functions)
@@ -72,7 +68,7 @@ def fit_paces(warps: FloatArray) -> FloatArray:
         transposed = jacobian.transpose(0, 2, 1)
         downhill = transposed @ (targets[:, :, None] - phases) - ridge @ paces[:, :, None]
         step = np.linalg.solve(transposed @ jacobian + ridge, downhill)[:, :, 0]
-        paces = paces + np.clip(step, -_LONGEST_STEP, _LONGEST_STEP)
+        paces = paces + np.clip(step, -max_step, max_step)
     # Exactly zero: such motions need no :class:`PacedBasis`.
     paces[is_even] = 0.0
     return paces
@@ -112,8 +108,9 @@ class PacedBasis(Basis):
         self.scales = basis.scales
         self.breakpoints = np.array([0.0, 1.0])
         uneven = float(np.abs(pace).sum())
-        g = _PACE_FUNCTIONS @ (pace * (_MOST_UNEVEN / max(uneven, _MOST_UNEVEN)))
-        series = _INTEGRATION @ (_TO_SERIES @ np.exp(g))
+        functions, integration = _rate_tables()
+        g = functions @ (pace * (_MAX_UNEVENNESS / max(uneven, _MAX_UNEVENNESS)))
+        series = integration @ np.exp(g)
         self._series = series / series.sum()
 
     def aligned_phases(self, phases: FloatArray, derivative: int = 0) -> FloatArray:
@@ -131,7 +128,7 @@ class PacedBasis(Basis):
         return self._by_phase(self._going.tables(self.aligned_phases(phases), highest), phases)
 
     def _by_phase(self, values: FloatArray, phases: FloatArray) -> FloatArray:
-        """Derivatives by p of what is given with its derivatives by σ at σ(p).
+        """Derivatives by p of values that are given with their derivatives by σ at σ(p).
 
         The first column becomes relative to h(p).
         """
@@ -144,6 +141,16 @@ class PacedBasis(Basis):
         chained = np.array([_chained(values, rates, d) for d in range(highest + 1)])
         chained[..., 0] -= found[:, :, 1:] * self._displacement
         return chained
+
+
+@lru_cache(maxsize=1)
+def _rate_tables() -> tuple[FloatArray, FloatArray]:
+    """Functions of g at nodes, and the matrix from rates there to the Legendre series of σ."""
+    nodes, quadrature = legendre.leggauss(_DEGREE)
+    norms = np.arange(_DEGREE)[:, None] + 0.5
+    to_series = (legendre.legvander(nodes, _DEGREE - 1) * quadrature[:, None]).T * norms
+    integration = legendre.legint(np.eye(_DEGREE), lbnd=-1.0) @ to_series
+    return np.asarray(legendre.legvander(nodes, PACE_DEGREE)[:, 1:]), np.asarray(integration)
 
 
 @lru_cache(maxsize=16)

@@ -82,7 +82,7 @@ def drawn_motions(
 def _request(
     primitive: MovementPrimitive, start: ArrayLike, goal: ArrayLike, duration: float | None
 ) -> tuple[FloatArray, ConditionalDistribution]:
-    """End points, shape (2, n_joints), and what is predicted for them."""
+    """End points, shape (2, n_joints), and the prediction for them."""
     shape = (primitive.n_joints,)
     ends = [
         frozen_array(x, shape, what, GoalError) for x, what in ((start, "start"), (goal, "goal"))

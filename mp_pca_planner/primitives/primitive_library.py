@@ -18,7 +18,7 @@ def load_primitives(paths: Sequence[str | Path]) -> tuple[MovementPrimitive, ...
     Parameters
     ----------
     paths :
-        Files, and folders of .npz files (taken in the order of their names).
+        Files, and folders of .npz files in the order of their names.
 
     Raises
     ------

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Validity of the inertias of moving bodies.
 
-A body is what one joint carries up to the next ones, with everything that is fixed to it. So a
+A body consists of the links between one joint and the next ones. So a
 frame without mass at the end of an arm needs none, and a link without mass or shape between the
 axes of a joint with several ones needs none, either, if the next one carries some.
 """

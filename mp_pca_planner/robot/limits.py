@@ -32,7 +32,7 @@ _QUANTITIES = {
 }
 
 Overrides = Mapping[str, Mapping[str, float]]
-"""Limits by joint name and key (see `LIMIT_KEYS`); infinite ones take a limit away."""
+"""Limits by joint name and key (see `LIMIT_KEYS`); infinite ones remove a limit."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -119,7 +119,7 @@ class Robot(Dynamics, Kinematics):
         Raises
         ------
         LimitsError
-            If what results is no usable limit, for example a velocity limit of 0.
+            If a resulting limit is invalid, for example a velocity limit of 0.
         """
         return JointLimits(
             self.joint_names,
@@ -229,10 +229,10 @@ class Robot(Dynamics, Kinematics):
         try:
             found = self._locked.collision_geometry(self._description.xml, folders)
         except (ValueError, RuntimeError) as error:
-            searched = f"is searched in {quote_names(folders)}" if folders else "must be given"
+            hint = f"were searched in {quote_names(folders)}" if folders else "must be given"
             raise RobotError(
                 f"the collision geometry of the {self._source} can't be read: "
-                f"{str(error).rstrip('.')}; the folder of such a package {searched} (package_dirs)"
+                f"{str(error).rstrip('.')}; folders of packages {hint} (package_dirs)"
             ) from None
         return *found, self._order.from_pin
 

@@ -231,22 +231,17 @@ def _repeated(names: Counter[str]) -> list[str]:
 
 def _copy_links(root: ET.Element, clean: ET.Element) -> tuple[dict[str, str], dict[str, str]]:
     """Copy the links; return what is wrong with the inertials and shapes left out, by link."""
-    inertials: dict[str, str] = {}
-    shapes: dict[str, str] = {}
+    lost: dict[str, dict[str, str]] = {"inertial": {}, "collision": {}}
     for link in root.findall("link"):
         name = link.get("name", "")
         copy = ET.SubElement(clean, "link", name=name)
-        for inertial in link.findall("inertial")[:1]:
-            if problem := _wrong_inertial(inertial):
-                inertials[name] = problem
+        for part in (*link.findall("inertial")[:1], *link.findall("collision")):
+            check = _wrong_inertial if part.tag == "inertial" else _wrong_shape
+            if problem := check(part):
+                lost[part.tag][name] = problem
             else:
-                copy.append(inertial)
-        for collision in link.findall("collision"):
-            if problem := _wrong_shape(collision):
-                shapes[name] = problem
-            else:
-                copy.append(collision)
-    return inertials, shapes
+                copy.append(part)
+    return lost["inertial"], lost["collision"]
 
 
 def _wrong_shape(collision: ET.Element) -> str:

@@ -12,7 +12,7 @@ import yaml
 from arm import JOINTS, arm_primitive, arm_robot, mass_matrix
 
 from mp_pca_planner.cli.main import main
-from mp_pca_planner.control.closed_loop import Sampling, simulate
+from mp_pca_planner.control.closed_loop import ControlLoop, Sampling, simulate
 from mp_pca_planner.control.errors import ErrorModel
 from mp_pca_planner.control.law import (
     COMPUTED_TORQUE,
@@ -91,16 +91,8 @@ def test_error_of_computed_torque_decays_as_the_chosen_second_order_system() -> 
     robot = Robot(PENDULUM)
     motion = reach(robot, [0.0], [1.0], 1.0)
     law = ControlLaw.from_frequency(COMPUTED_TORQUE, robot, motion, 10.0)
-    result = simulate(
-        robot,
-        robot,
-        law,
-        motion,
-        start_error=np.array([0.1]),
-        start_velocity_error=np.zeros(1),
-        effort_limits=np.array([np.inf]),
-        sampling=Sampling(1e-4, 0),
-    )
+    loop = ControlLoop(robot, law, motion, sampling=Sampling(1e-4, 0))
+    result = simulate(loop, robot, np.array([0.1]), np.zeros(1))
     times = np.arange(len(result.errors)) * 1e-4
     exact = 0.1 * (1.0 + 10.0 * times) * np.exp(-10.0 * times)
     assert np.abs(result.errors[:, 0] - exact).max() < 2e-4
@@ -110,7 +102,7 @@ def test_poles_of_computed_torque_are_those_asked_for() -> None:
     robot = arm_robot()
     motion = arm_reach()
     law = ControlLaw.from_frequency(COMPUTED_TORQUE, robot, motion, 20.0, 0.8)
-    known = analyse(robot, law, motion, ErrorModel(), np.full(4, np.inf), Sampling(1e-3, 0))
+    known = analyse(ControlLoop(robot, law, motion, sampling=Sampling(1e-3, 0)), ErrorModel())
     assert known.slowest_pole == pytest.approx(-16.0, rel=0.02)
     assert known.least_damping == pytest.approx(0.8, rel=0.02)
     assert known.sampled_radius == pytest.approx(np.exp(-16.0 * 1e-3), abs=1e-3)
@@ -122,9 +114,10 @@ def test_bound_holds_in_perturbed_simulations_and_is_not_vacuous(kind: str) -> N
     motion = arm_reach()
     law = ControlLaw.from_frequency(kind, robot, motion, 30.0)
     errors, limits = ErrorModel(), robot.limits().effort
-    known = analyse(robot, law, motion, errors, limits)
+    loop = ControlLoop(robot, law, motion, limits)
+    known = analyse(loop, errors)
     assert known.holds
-    found = verify(robot, law, motion, errors, known, effort_limits=limits, n_trials=12, seed=3)
+    found = verify(loop, errors, known, 12, seed=3)
     assert found.bound_held == 12
     assert found.saturated == 0
     assert known.error_bound is not None
@@ -136,30 +129,22 @@ def test_efforts_stay_within_the_bound_that_tells_whether_they_saturate() -> Non
     motion = arm_reach()
     law = ControlLaw.from_frequency(FEEDFORWARD_PD, robot, motion, 30.0)
     errors = ErrorModel()
-    known = analyse(robot, law, motion, errors, robot.limits().effort)
+    known = analyse(ControlLoop(robot, law, motion, robot.limits().effort), errors)
     assert known.effort_bound is not None
     rng = np.random.default_rng(0)
-    true, position, velocity = errors.sample(robot, rng, extreme=True)
-    result = simulate(
-        true,
-        robot,
-        law,
-        motion,
-        start_error=position,
-        start_velocity_error=velocity,
-        effort_limits=np.full(4, np.inf),
-    )
+    loop = ControlLoop(robot, law, motion)
+    result = simulate(loop, *errors.sample(robot, rng, extreme=True))
     # Efforts act one sample after the one that they are computed for.
     assert np.all(np.abs(result.efforts[1:]) <= known.effort_bound[:-1] + 1e-9)
     tight = known.effort_bound.max(axis=0) * 0.9
-    assert analyse(robot, law, motion, errors, tight).effort_reserve < 0.0
+    assert analyse(ControlLoop(robot, law, motion, tight), errors).effort_reserve < 0.0
 
 
 def test_loop_that_delay_makes_unstable_has_no_bound() -> None:
     robot = arm_robot()
     motion = arm_reach(0.3)
     law = ControlLaw.from_frequency(FEEDFORWARD_PD, robot, motion, 30.0)
-    known = analyse(robot, law, motion, ErrorModel(), np.full(4, np.inf), Sampling(1e-3, 60))
+    known = analyse(ControlLoop(robot, law, motion, sampling=Sampling(1e-3, 60)), ErrorModel())
     assert known.sampled_radius > 1.0
     assert not known.holds
 

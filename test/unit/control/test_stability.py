@@ -16,7 +16,7 @@ from arm import arm_robot
 from scipy.interpolate import BPoly
 from test_control import arm_reach, reach
 
-from mp_pca_planner.control.closed_loop import Sampling
+from mp_pca_planner.control.closed_loop import ControlLoop, Sampling
 from mp_pca_planner.control.errors import ErrorModel
 from mp_pca_planner.control.law import COMPUTED_TORQUE, FEEDFORWARD_PD, KINDS, ControlLaw
 from mp_pca_planner.control.stability import analyse
@@ -114,14 +114,13 @@ def simulated_errors(
 def test_no_error_leaves_the_bound_when_inertias_vary_independently(
     kind: str, share: float, offset: float, sampling: Sampling
 ) -> None:
-    unlimited = np.full(4, np.inf)
     for urdf, robot, motion in (
         (ARM, arm_robot(), arm_reach(0.6)),
         (BALANCED, Robot(BALANCED), reach(Robot(BALANCED), [0.0], [1.2], 0.6)),
     ):
         law = ControlLaw.from_frequency(kind, robot, motion, 30.0)
         errors = ErrorModel(inertia=share, position=offset)
-        known = analyse(robot, law, motion, errors, unlimited[: robot.n_joints], sampling)
+        known = analyse(ControlLoop(robot, law, motion, sampling=sampling), errors)
         assert known.error_bound is not None
         nominal = pin.buildModelFromXML(urdf)
         for seed in range(3 if share else 1):
@@ -138,7 +137,7 @@ def test_a_common_factor_is_not_all_that_the_bound_covers() -> None:
     motion = reach(robot, [0.0], [0.3], 1.0)
     law = ControlLaw.from_frequency(FEEDFORWARD_PD, robot, motion, 30.0)
     errors = ErrorModel(inertia=0.05, position=0.0)
-    known = analyse(robot, law, motion, errors, np.full(1, np.inf))
+    known = analyse(ControlLoop(robot, law, motion), errors)
     assert known.error_bound is not None
     # At most, both weights are wrong by 5 % in opposite senses: 2 · 0.05 · 2 kg · 0.5 m · g.
     heaviest = 0.1 * 9.81 / law.position_gains[0]

@@ -92,7 +92,10 @@ def test_proposal_stays_until_its_cost_is_told():
 
 
 def test_same_seed_and_costs_give_the_same_trials():
-    one, two, other = (TrialLearner([motion()], ROBOT, ROBOT.limits(), seed=s) for s in (1, 1, 2))
+    one, two, other = (
+        TrialLearner([motion()], ROBOT, ROBOT.limits(), RefinementOptions(seed=seed))
+        for seed in (1, 1, 2)
+    )
     assert learn(one, 12).trials == learn(two, 12).trials
     assert learn(other, 12).trials != one.trials
 
@@ -183,4 +186,4 @@ def test_trials_of_another_seed_are_refused(tmp_path):
     file = tmp_path / "trials.json"
     learn(TrialLearner([motion()], ROBOT, ROBOT.limits(), state=file), 2)
     with pytest.raises(LearningError, match="other options"):
-        TrialLearner([motion()], ROBOT, ROBOT.limits(), state=file, seed=1)
+        TrialLearner([motion()], ROBOT, ROBOT.limits(), RefinementOptions(seed=1), state=file)

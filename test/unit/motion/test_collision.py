@@ -190,7 +190,7 @@ def test_sliding_joints_reach_as_far_as_they_slide():
 
 def test_missing_mesh_is_refused_with_where_it_was_looked_for(tmp_path):
     mesh = chain(**{'<box size="0.1 0.1 0.1"/>': '<mesh filename="package://nobody/x.stl"/>'})
-    with pytest.raises(RobotError, match=r"nobody/x\.stl.*looked for in '.*here' .package_dirs"):
+    with pytest.raises(RobotError, match=r"nobody/x\.stl.*searched in '.*here' .package_dirs"):
         CollisionModel(mesh, package_dirs=[tmp_path / "here"])
 
 

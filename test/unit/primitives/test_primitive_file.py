@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 
 from mp_pca_planner.exceptions import PlannerError, PrimitiveError, PrimitiveFileError
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
-from mp_pca_planner.primitives.file import _checksum, load_primitive, save_primitive
+from mp_pca_planner.primitives.file import checksum, load_primitive, save_primitive
 from mp_pca_planner.primitives.primitive_library import load_primitives
 
 
@@ -27,7 +27,7 @@ def forge(path, change):
     def change_and_sign(arrays, metadata):
         change(arrays, metadata)
         metadata.pop("checksum")
-        metadata["checksum"] = _checksum(arrays, metadata)
+        metadata["checksum"] = checksum(arrays, metadata)
 
     rewrite(path, change_and_sign)
 

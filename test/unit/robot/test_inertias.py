@@ -11,7 +11,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from mp_pca_planner.cli.main import main
-from mp_pca_planner.control.closed_loop import simulate
+from mp_pca_planner.control.closed_loop import ControlLoop, simulate
 from mp_pca_planner.control.law import COMPUTED_TORQUE, FEEDFORWARD_PD, ControlLaw
 from mp_pca_planner.control.stability import ErrorModel, analyse
 from mp_pca_planner.exceptions import RobotError
@@ -197,7 +197,7 @@ def test_limits_of_efforts_take_inertias():
     options = PlannerOptions(objectives=((1.0, Jerk()),))
     some = {name: FREE[name] for name in JOINTS[1:]}
     for limits in (bare.limits(), bare.limits(some)):
-        with pytest.raises(RobotError, match=f"{BY_NAME}.*or take those away .max_effort: .inf"):
+        with pytest.raises(RobotError, match=f"{BY_NAME}.*remove those limits .max_effort: .inf"):
             Planner(bare, [arm_primitive()], limits, options)
         with pytest.raises(RobotError, match=BY_NAME):
             check_limits(TRAJECTORY, bare, limits)
@@ -228,16 +228,8 @@ def test_whatever_else_computes_efforts_takes_inertias():
         lambda: refine([plan.motion], bare, limits),
         lambda: random_reaches(bare, limits, 1, 1),
         lambda: ControlLaw.from_frequency(FEEDFORWARD_PD, bare, TRAJECTORY, 10.0, 1.0),
-        lambda: analyse(bare, law, TRAJECTORY, ErrorModel(), limits.effort),
-        lambda: simulate(
-            bare,
-            sound,
-            law,
-            TRAJECTORY,
-            start_error=zero,
-            start_velocity_error=zero,
-            effort_limits=limits.effort,
-        ),
+        lambda: analyse(ControlLoop(bare, law, TRAJECTORY, limits.effort), ErrorModel()),
+        lambda: simulate(ControlLoop(sound, law, TRAJECTORY), bare, zero, zero),
     ):
         with pytest.raises(RobotError, match=BY_NAME):
             attempt()
