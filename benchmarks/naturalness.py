@@ -107,7 +107,6 @@ def _text(comparison: Comparison) -> str:
         for q, error in zip(MEASURES, errors, strict=True):
             low, high = np.rad2deg(comparison.interval(name, q))
             row += [f"{error:.2f}", f"[{low:+.2f}, {high:+.2f}]"]
-        row.append(f"{comparison.motions_needed(name, 'path'):.0f}")
         row.append(f"{1e3 * comparison.rms(name, 'tip'):.0f}")
         row.append(f"{np.mean(comparison.column(name, 'peak')):.3f}")
         row.append(f"{np.median(comparison.column(name, 'deviation')):.2f}")
@@ -115,7 +114,7 @@ def _text(comparison: Comparison) -> str:
         row.append(f"{comparison.effort_ratio(name):.2f}" if has_efforts else "")
         rows.append(row)
     columns = [x for q in MEASURES for x in (q, "difference")]
-    return table(rows, header=["", *columns, "needed", "tip [mm]", "peak", "deviation", "effort"])
+    return table(rows, header=["", *columns, "tip [mm]", "peak", "deviation", "effort"])
 
 
 def peers() -> dict[str, Predictor]:

@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from ..evaluation.method import Method
+from ..evaluation.method import Method, PeerResult
 from ..evaluation.problems import (
     Scene,
     demonstrations_in,
@@ -18,7 +18,7 @@ from ..evaluation.problems import (
     random_problems,
     robot_file,
 )
-from ..evaluation.run import PEERS, Result, compare, ratios, set_up, summarise, unsolved
+from ..evaluation.run import PEERS, compare, ratios, set_up, summarise, unsolved
 from ..exceptions import PlannerError, quote_names, unknown_name
 from ..plotting.comparison import comparison_figure
 from ..plotting.drawing import picture
@@ -114,7 +114,7 @@ def _facts(
     scene: Scene,
     methods: Sequence[Method],
     absent: Mapping[str, str],
-    results: Sequence[dict[str, Result]],
+    results: Sequence[dict[str, PeerResult]],
 ) -> dict[str, Any]:
     names = [method.name for method in methods]
     own = [name for name in names if name.startswith("pca_")]
@@ -182,7 +182,7 @@ def _draw(
     arguments: argparse.Namespace,
     scene: Scene,
     methods: Sequence[Method],
-    results: Sequence[dict[str, Result]],
+    results: Sequence[dict[str, PeerResult]],
 ) -> None:
     clouds = {}
     for method in methods:

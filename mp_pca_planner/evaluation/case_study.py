@@ -154,23 +154,20 @@ def study(
     chosen = choose_motions(motions, number)
     activities = [motion.label for motion in chosen]
     groupings = [None, activities] if len(set(activities)) > 1 else [None]
-    comparisons = []
-    for i, groups in enumerate(groupings):
+    n_done = 0
 
-        def report(done: int, _: int, before: int = i * number) -> None:
-            if progress is not None:
-                progress(before + done, number * len(groupings))
+    def count(*_: int) -> None:
+        """Report the motions of all comparisons."""
+        nonlocal n_done
+        n_done += 1
+        if progress is not None:
+            progress(n_done, number * len(groupings))
 
-        comparisons.append(
-            compare(
-                chosen,
-                groups,
-                robot=robot,
-                tip=tip,
-                more={PAPER: paper_method(robot)},
-                progress=report,
-            )
-        )
+    more = {PAPER: paper_method(robot)}
+    held_out, *other_activities = (
+        compare(chosen, groups, robot=robot, tip=tip, more=more, progress=count)
+        for groups in groupings
+    )
     sets: dict[str, list[Demonstration]] = {}
     for motion in motions:
         sets.setdefault(motion.label, []).append(motion)
@@ -183,8 +180,8 @@ def study(
             if label and len(members) >= _MIN_OF_ACTIVITY
         },
         raising=_raise_arm(chosen, robot, tip),
-        held_out=comparisons[0],
-        other_activities=comparisons[1] if len(comparisons) > 1 else None,
+        held_out=held_out,
+        other_activities=other_activities[0] if other_activities else None,
     )
 
 

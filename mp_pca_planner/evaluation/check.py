@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""The referee of the benchmark: what a motion costs and whether it keeps the limits.
+"""The referee of the benchmark: effort of a motion and whether it keeps the limits.
 
 It shares no code with the planner, its solver and its validator: Pinocchio's `rnea` on a model
 of its own, SciPy's polynomials between the points of a trajectory, a grid of 0.5 ms.
@@ -22,27 +22,41 @@ from ..motion.trajectory import Trajectory
 from ..robot.limits import JointLimits
 from .problems import Problem
 
-PERIOD = 5e-4
-"""Longest step of the grid [s]."""
 
-LIMIT_TOLERANCE = 1e-6
-"""Relative excess over a limit that a feasible motion may have."""
+@dataclass(frozen=True)
+class RefereeOptions:
+    """Grid and tolerances of the referee.
 
-POSITION_TOLERANCE = 1e-3
-"""By how much a feasible motion may miss its start and goal [rad or m]."""
+    Attributes
+    ----------
+    period : float
+        Longest step of the grid [s].
+    limit_tolerance : float
+        Largest relative excess over a limit of a feasible motion.
+    position_tolerance : float
+        Largest distance of a feasible motion from its start and goal [rad or m].
+    velocity_tolerance : float
+        Largest velocity of a feasible motion at its ends [rad/s or m/s].
+    active_share : float
+        Share of a limit from which it counts as active.
+    end_share : float
+        Share of the duration at either end in which limits don't count as active.
+    """
 
-VELOCITY_TOLERANCE = 1e-2
-"""How fast a feasible motion from rest to rest may be at its ends [rad/s or m/s]."""
+    period: float = 5e-4
+    limit_tolerance: float = 1e-6
+    position_tolerance: float = 1e-3
+    velocity_tolerance: float = 1e-2
+    active_share: float = 0.998
+    end_share: float = 0.05
 
-# From this share of a limit on, somewhere between the ends, a limit counts as active.
-_ACTIVE = 0.998
-_ENDS = 0.05
-_N_PHASES = 101
+
+_OPTIONS = RefereeOptions()
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """What the referee finds of one motion.
+    """The referee's findings on one motion.
 
     Attributes
     ----------
@@ -54,16 +68,19 @@ class Verdict:
         Largest relative excess over a limit; for positions the distance outside, as a share of
         the range (of 1 rad or m if that is infinite).
     worst_limit : str
-        Which limit that is ('' if all hold).
+        The limit concerned ('' if all hold).
     limits_active : bool
         Whether the motion reaches 99.8 % of a limit away from its ends.
     end_error : float
-        By how much it misses start or goal [rad or m].
+        Largest distance from start and goal [rad or m].
     end_velocity : float
         Largest velocity at its ends [rad/s or m/s].
     demo_distance_deg : float
         RMS difference from the held-out demonstration with these ends over joints and 101
         phases [deg]; NaN if the problem has none.
+    feasible : bool
+        Whether it keeps the limits and goes from rest at the start to rest at the goal, within
+        the tolerances.
     """
 
     duration: float
@@ -74,15 +91,7 @@ class Verdict:
     end_error: float
     end_velocity: float
     demo_distance_deg: float
-
-    @property
-    def feasible(self) -> bool:
-        """Whether it keeps the limits and goes from rest at the start to rest at the goal."""
-        return (
-            self.limit_violation <= LIMIT_TOLERANCE
-            and self.end_error <= POSITION_TOLERANCE
-            and self.end_velocity <= VELOCITY_TOLERANCE
-        )
+    feasible: bool
 
 
 class RigidArm:
@@ -113,26 +122,17 @@ class RigidArm:
         self._data = self.model.createData()
         joints = [self.model.joints[self.model.getJointId(name)] for name in joint_names]
         self.velocity_index = np.array([joint.idx_v for joint in joints])
-        self._position_index = [(joint.idx_q, joint.nq) for joint in joints]
         self.continuous = np.array([joint.nq == 2 for joint in joints])
+        self._neutral = pin.neutral(self.model)
 
     def configuration(self, angles: FloatArray) -> FloatArray:
         """Pinocchio's configuration of joint positions, shape (nq,)."""
-        q = np.empty(self.model.nq)
-        for angle, (index, size) in zip(angles, self._position_index, strict=True):
-            q[index : index + size] = angle if size == 1 else (np.cos(angle), np.sin(angle))
-        return q
+        return np.asarray(pin.integrate(self.model, self._neutral, self.velocity(angles)))
 
     def angles(self, configuration: FloatArray) -> FloatArray:
         """Joint positions of one of Pinocchio's configurations, up to whole turns."""
-        return np.array(
-            [
-                configuration[index]
-                if size == 1
-                else np.arctan2(configuration[index + 1], configuration[index])
-                for index, size in self._position_index
-            ]
-        )
+        displacement = pin.difference(self.model, self._neutral, configuration)
+        return np.asarray(displacement[self.velocity_index])
 
     def velocity(self, v: FloatArray) -> FloatArray:
         """Pinocchio's vector of joint velocities (or accelerations), shape (nv,)."""
@@ -142,45 +142,53 @@ class RigidArm:
 
     def efforts(self, q: FloatArray, v: FloatArray, a: FloatArray) -> FloatArray:
         """Efforts of a motion, all of shape (n_steps, n_joints)."""
-        return np.array(
-            [
-                pin.rnea(
-                    self.model,
-                    self._data,
-                    self.configuration(q_k),
-                    self.velocity(v_k),
-                    self.velocity(a_k),
-                )[self.velocity_index]
-                for q_k, v_k, a_k in zip(q, v, a, strict=True)
-            ]
-        )
+        steps = zip(q, v, a, strict=True)
+        tau = [
+            pin.rnea(self.model, self._data, self.configuration(x), *map(self.velocity, rest))
+            for x, *rest in steps
+        ]
+        return np.array(tau)[:, self.velocity_index]
 
 
-def judge(trajectory: Trajectory, problem: Problem, arm: RigidArm, limits: JointLimits) -> Verdict:
-    """Look at a motion as a controller executes it: quintic polynomials between its points."""
+def judge(
+    trajectory: Trajectory,
+    problem: Problem,
+    arm: RigidArm,
+    limits: JointLimits,
+    options: RefereeOptions = _OPTIONS,
+) -> Verdict:
+    """Evaluate a motion as a controller executes it: quintic polynomials between its points."""
     curve = BPoly.from_derivatives(
         trajectory.times.copy(),  # older releases of SciPy refuse read-only arrays
         np.stack([trajectory.positions, trajectory.velocities, trajectory.accelerations], axis=1),
     )
-    times = np.linspace(0.0, trajectory.duration, int(np.ceil(trajectory.duration / PERIOD)) + 1)
+    n_steps = int(np.ceil(trajectory.duration / options.period))
+    times = np.linspace(0.0, trajectory.duration, n_steps + 1)
     q, v, a, jerk = (curve(times) if k == 0 else curve.derivative(k)(times) for k in range(4))
     tau = arm.efforts(q, v, a)
-    excess, worst, active = _against_limits(times, (q, v, a, jerk, tau), limits)
-    ends = np.array([problem.start, problem.goal])
+    excess, worst, active = _against_limits(times, (q, v, a, jerk, tau), limits, options)
+    end_error = float(np.abs(q[[0, -1]] - [problem.start, problem.goal]).max())
+    end_velocity = float(np.abs(v[[0, -1]]).max())
     return Verdict(
         duration=trajectory.duration,
         effort_cost=float(trapezoid(0.5 * np.sum(tau**2, axis=1), times)),
         limit_violation=excess,
         worst_limit=worst,
         limits_active=active,
-        end_error=float(np.abs(q[[0, -1]] - ends).max()),
-        end_velocity=float(np.abs(v[[0, -1]]).max()),
+        end_error=end_error,
+        end_velocity=end_velocity,
         demo_distance_deg=_distance(curve, trajectory.duration, problem),
+        feasible=excess <= options.limit_tolerance
+        and end_error <= options.position_tolerance
+        and end_velocity <= options.velocity_tolerance,
     )
 
 
 def _against_limits(
-    times: FloatArray, states: tuple[FloatArray, ...], limits: JointLimits
+    times: FloatArray,
+    states: tuple[FloatArray, ...],
+    limits: JointLimits,
+    options: RefereeOptions,
 ) -> tuple[float, str, bool]:
     """Largest relative excess, where that is, and whether a limit is active."""
     q, v, a, jerk, tau = states
@@ -193,8 +201,8 @@ def _against_limits(
         "jerk": np.abs(jerk) / limits.jerk - 1.0,
         "effort": np.abs(tau) / limits.effort - 1.0,
     }
-    inside = (times > _ENDS * times[-1]) & (times < (1.0 - _ENDS) * times[-1])
-    active = any(excess[inside].max() > _ACTIVE - 1.0 for excess in excesses.values())
+    inside = np.abs(times / times[-1] - 0.5) < 0.5 - options.end_share
+    active = any(excess[inside].max() > options.active_share - 1.0 for excess in excesses.values())
     quantity = max(excesses, key=lambda name: float(excesses[name].max()))
     step, joint = np.unravel_index(excesses[quantity].argmax(), q.shape)
     worst = float(excesses[quantity][step, joint])
@@ -207,6 +215,6 @@ def _against_limits(
 def _distance(curve: BPoly, duration: float, problem: Problem) -> float:
     if problem.demonstration is None:
         return float("nan")
-    phases = np.linspace(0.0, 1.0, _N_PHASES)
-    shown = problem.demonstration.time_normalised(_N_PHASES)
-    return float(np.rad2deg(np.sqrt(np.mean((curve(phases * duration) - shown) ** 2))))
+    shown = problem.demonstration.time_normalised(101)
+    found = curve(np.linspace(0.0, duration, 101))
+    return float(np.rad2deg(np.sqrt(np.mean((found - shown) ** 2))))

@@ -13,7 +13,7 @@ import time
 
 import numpy as np
 from scipy.interpolate import BSpline
-from scipy.optimize import NonlinearConstraint, minimize
+from scipy.optimize import minimize
 
 from ..arrays import FloatArray
 from ..motion.trajectory import Trajectory
@@ -23,31 +23,31 @@ from .without_optimisation import minimum_jerk, sample_times
 
 _N_CONTROL_POINTS, _DEGREE = 6, 5
 _N_PHASES = 41
-_MAX_ITERATIONS = 200
 
 
 def slsqp_method(scene: Scene, max_time: float, *, differences: bool) -> Method:
     """SLSQP, started from the minimum-jerk motion."""
 
     def solve(problem: Problem) -> PeerResult:
+        """Solve one problem."""
         program = SplineProgram(scene, problem)
         began = time.perf_counter()
 
         def stop_late(_: FloatArray) -> None:
+            """Raise when the time is up."""
             if time.perf_counter() > began + max_time:
                 raise TimeoutError
 
-        exact = {} if differences else {"jac": program.bounded_rows}
-        constraint = NonlinearConstraint(program.bounded, program.lower, program.upper, **exact)
+        exact = {} if differences else {"jac": program.slack_rows}
         try:
             found = minimize(
                 program.cost,
                 np.zeros(program.n_weights),
                 jac=None if differences else program.gradient,
-                constraints=[constraint],
+                constraints=[{"type": "ineq", "fun": program.slack, **exact}],
                 method="SLSQP",
                 callback=stop_late,
-                options={"maxiter": _MAX_ITERATIONS, "ftol": 1e-6},
+                options={"maxiter": 200, "ftol": 1e-6},
             )
         except TimeoutError:
             took = time.perf_counter() - began
@@ -68,15 +68,13 @@ def slsqp_method(scene: Scene, max_time: float, *, differences: bool) -> Method:
 class SplineProgram:
     """One problem as functions of the free control points.
 
-    Positions, velocities, accelerations and efforts between the ends are bounded, each as a share
-    of half the width of its range.
+    Positions, velocities, accelerations and efforts between the ends are limited. What is left to
+    their limits is a share of half the width of the range.
 
     Attributes
     ----------
     n_weights : int
         Number of unknowns.
-    lower, upper : array, shape (n_bounded,)
-        Bounds of :meth:`bounded`.
     """
 
     def __init__(self, scene: Scene, problem: Problem) -> None:
@@ -99,10 +97,7 @@ class SplineProgram:
         lower = np.array([limits.lower, *-upper[1:]])
         self._is_limited = np.isfinite(upper) & np.isfinite(lower)
         lower, upper = lower[self._is_limited], upper[self._is_limited]
-        self._half_widths = (upper - lower) / 2.0
-        self.lower, self.upper = (
-            np.repeat(bound / self._half_widths, _N_PHASES - 2) for bound in (lower, upper)
-        )
+        self._middles, self._half_widths = (upper + lower) / 2.0, (upper - lower) / 2.0
 
     def _values(self, phases: FloatArray) -> FloatArray:
         """The splines and two derivatives by time, shape (3, n_phases, n_control_points)."""
@@ -132,21 +127,23 @@ class SplineProgram:
         rows = np.einsum("kjdi,dkc->kjci", parts, self._functions)
         return tau, rows.reshape(len(tau), n, self.n_weights)
 
-    def bounded(self, weights: FloatArray) -> FloatArray:
-        """The quantities with limits, shape (n_bounded,)."""
+    def slack(self, weights: FloatArray) -> FloatArray:
+        """What is left to the upper and the lower limits, shape (n_bounds,)."""
         states = self._states(weights)
         values = np.array([*states, self._robot.inverse_dynamics(*states)])[:, 1:-1]
         limited = values.transpose(0, 2, 1)[self._is_limited]
-        return np.asarray(limited / self._half_widths[:, None]).ravel()
+        shares = (limited - self._middles[:, None]) / self._half_widths[:, None]
+        return np.concatenate([1.0 - shares.ravel(), 1.0 + shares.ravel()])
 
-    def bounded_rows(self, weights: FloatArray) -> FloatArray:
-        """Their derivatives by the weights, shape (n_bounded, n_weights)."""
+    def slack_rows(self, weights: FloatArray) -> FloatArray:
+        """Its derivatives by the weights, shape (n_bounds, n_weights)."""
         n = self._robot.n_joints
         linear = np.einsum("dkc,ji->dkjci", self._functions, np.eye(n))
         _, efforts = self._effort_rows(weights)
         rows = np.array([*linear.reshape(3, _N_PHASES, n, -1), efforts])[:, 1:-1]
         limited = rows.transpose(0, 2, 1, 3)[self._is_limited] / self._half_widths[:, None, None]
-        return np.asarray(limited.reshape(-1, self.n_weights))
+        shares = limited.reshape(-1, self.n_weights)
+        return np.concatenate([-shares, shares])
 
     def trajectory(self, weights: FloatArray) -> Trajectory:
         """The motion, sampled."""

@@ -25,6 +25,7 @@ def drake_method(scene: Scene, _: float) -> Method:
     zero = np.zeros(len(joints))
 
     def solve(problem: Problem) -> PeerResult:
+        """Solve one problem."""
         began = time.perf_counter()
         program = planning.KinematicTrajectoryOptimization(
             len(joints), _N_CONTROL_POINTS, _ORDER, problem.duration

@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
@@ -13,6 +13,7 @@ from ..exceptions import MissingDependencyError
 from ..motion.trajectory import Trajectory
 
 if TYPE_CHECKING:
+    from .check import Verdict
     from .problems import Problem
 
 SOLVED = "solved"
@@ -21,6 +22,8 @@ SOLVED = "solved"
 @dataclass(frozen=True, eq=False)
 class PeerResult:
     """Result of a method for one problem.
+
+    Repeated solutions make one result, with the median time of all and the rest of the last one.
 
     Attributes
     ----------
@@ -32,12 +35,36 @@ class PeerResult:
         Iterations of its optimisation, 0 if it has none.
     status : str
         The status that the method reports: 'solved', or the reason of its failure.
+    verdict : Verdict or None
+        The referee's verdict on the motion, once there is one.
     """
 
     trajectory: Trajectory | None
     solve_time: float
     iterations: int = 0
     status: str = SOLVED
+    verdict: Verdict | None = None
+
+    @property
+    def feasible(self) -> bool:
+        """Whether there is a motion that the referee accepts."""
+        return self.verdict is not None and self.verdict.feasible
+
+    @property
+    def solved(self) -> bool:
+        """Whether there is a motion that the method itself calls solved."""
+        return self.verdict is not None and self.status == SOLVED
+
+    def facts(self) -> dict[str, Any]:
+        """The result by the names of the package's public interface."""
+        return {
+            "effort_cost": None,
+            "solve_time_s": self.solve_time,
+            "iterations": self.iterations,
+            "feasible": False,
+            "status": self.status,
+            **({} if self.verdict is None else asdict(self.verdict)),
+        }
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.integrate import trapezoid
@@ -45,8 +45,6 @@ RHOS = (0.0, 0.01, 0.03, 0.1, 0.3)
 MINIMUM_JERK, MEAN_SHAPE, RIDGE = "minimum-jerk", "mean shape", "ridge regression"
 EXPECTED, BSPLINES = "expected (ρ = ∞)", "least-effort B-splines"
 
-# Penalties of the ridge regression, in units of the variance of the requests.
-_PENALTIES = np.logspace(-3.0, 3.0, 25)
 _PHASES = FINE_PHASES[::10]
 _OPTIONS = PrimitiveOptions()
 
@@ -108,27 +106,13 @@ class Comparison:
 
         Above zero: the reference is nearer to the motions.
         """
-        low, high = self._bootstrap(method, quantity).confidence_interval
-        return float(low), float(high)
-
-    def motions_needed(self, method: str, quantity: str) -> float:
-        """Number of motions like these after which the 95 % interval would exclude zero.
-
-        It assumes that the difference stays the same; infinite if there is none.
-        """
-        difference = self.rms(method, quantity) - self.rms(self.reference, quantity)
-        if difference == 0.0:
-            return float("inf")
-        spread = 1.96 * float(self._bootstrap(method, quantity).standard_error)
-        return len(self.motions) * (spread / difference) ** 2
-
-    def _bootstrap(self, method: str, quantity: str) -> Any:
         from scipy.stats import bootstrap  # late: its import takes a while
 
         def difference(other: FloatArray, ours: FloatArray, axis: int) -> FloatArray:
+            """Difference of the RMS of two methods, given squares."""
             return np.asarray(np.sqrt(other.mean(axis=axis)) - np.sqrt(ours.mean(axis=axis)))
 
-        return bootstrap(
+        found = bootstrap(
             [self.column(name, quantity) ** 2 for name in (method, self.reference)],
             difference,
             n_resamples=2000,
@@ -136,6 +120,8 @@ class Comparison:
             method="percentile",
             random_state=np.random.default_rng(1),
         )
+        low, high = found.confidence_interval
+        return float(low), float(high)
 
 
 def planned(rho: float) -> str:
@@ -204,11 +190,6 @@ def compare(
     )
 
 
-def wide_limits(robot: Robot) -> JointLimits:
-    """No limits at all."""
-    return JointLimits(robot.joint_names, {})
-
-
 def _predictions(
     motion: Demonstration, primitive: MovementPrimitive, robot: Robot | None, rhos: Sequence[float]
 ) -> dict[str, Prediction]:
@@ -234,7 +215,8 @@ def plan_like(
 ) -> Prediction:
     """Plan between the ends of a motion in its time."""
     options = PlannerOptions(basis=basis, naturalness=rho, max_solve_time=10.0)
-    planner = Planner(robot, [primitive], wide_limits(robot), options)
+    unlimited = JointLimits(robot.joint_names, {})
+    planner = Planner(robot, [primitive], unlimited, options)
     start, goal = (JointState(robot.joint_names, motion.positions[end]) for end in (0, -1))
     plan = planner.plan(JointGoal(goal, motion.duration), start)
     positions, _, _ = plan.motion.evaluate(plan.motion.duration * FINE_PHASES)
@@ -247,9 +229,8 @@ def _ridge_weights(primitive: MovementPrimitive, motion: Demonstration) -> Float
     requests = np.column_stack([states[:, 0], states[:, 3], np.log(primitive.durations)])
     centred = requests - requests.mean(axis=0)
     request = np.concatenate([*motion.positions[[0, -1]], [np.log(motion.duration)]])
-    penalties = _PENALTIES * float(np.sum(centred.var(axis=0)))
     errors, predictions = [], []
-    for penalty in penalties:
+    for penalty in np.logspace(-3.0, 3.0, 25) * float(np.sum(centred.var(axis=0))):
         solved = np.linalg.solve(centred.T @ centred + penalty * np.eye(request.size), centred.T)
         # The residuals of leaving one out, by the diagonal of the hat matrix.
         hat = centred @ solved + 1.0 / len(requests)
@@ -270,15 +251,14 @@ def _quantities(
     """All quantities, in their order."""
     positions = prediction.positions
     truth = motion.time_normalised(FINE_PHASES.size)
-    distance = np.nan
+    distance = effort = np.nan
     if robot is not None and tip is not None:
         there, here = (robot.frame_positions(by_way(x), [tip])[:, 0] for x in (positions, truth))
         distance = float(np.sqrt(np.mean(np.sum((there - here) ** 2, axis=1))))
+    if robot is not None:
+        effort = prediction.effort or _effort(positions, motion, robot)
     peak = abs(_peak_phase(positions) - _peak_phase(truth))
     deviation = _deviation(positions, motion, primitive)
-    effort = prediction.effort
-    if effort is None:
-        effort = _effort(positions, motion, robot)
     return np.array(
         [*differences(positions, truth), distance, peak, deviation, effort, prediction.solve_time]
     )
@@ -303,10 +283,8 @@ def _deviation(positions: FloatArray, motion: Demonstration, primitive: Movement
     return float(np.sqrt(weights @ expected.precision @ weights / basis.n_weights))
 
 
-def _effort(positions: FloatArray, motion: Demonstration, robot: Robot | None) -> float:
+def _effort(positions: FloatArray, motion: Demonstration, robot: Robot) -> float:
     """J of a motion given by its positions, differentiated numerically."""
-    if robot is None:
-        return float("nan")
     times = motion.duration * FINE_PHASES
     curve = CubicSpline(times, positions)
     efforts = robot.inverse_dynamics(*(curve(times, order) for order in range(3)))

@@ -11,6 +11,7 @@ better, and a barrier for the limits of the efforts.
 from __future__ import annotations
 
 import time
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -22,27 +23,53 @@ from .method import Method, PeerResult, import_peer
 from .problems import Problem, Scene
 from .without_optimisation import minimum_jerk
 
-_STEP = 0.01  # [s]
-# Weights of the terminal cost and of the barriers, as multiples of the mean of ½‖τ‖² at the start:
-# goals are missed by less than 0.1 mrad, and limits broken by about 0.5 %. Larger ones take more
-# iterations.
-_GOAL_WEIGHT = 1e4
-_BARRIER_WEIGHT = 1e2
-_WITHIN = 0.01
-_MAX_ITERATIONS = 200
+
+@dataclass(frozen=True)
+class ShootingOptions:
+    """How the problems are discretised and solved.
+
+    The weights are multiples of the mean of ½‖τ‖² of the minimum-jerk motion. With these, goals are
+    missed by less than 0.1 mrad, and limits broken by about 0.5 %; larger ones take more
+    iterations.
+
+    Attributes
+    ----------
+    step : float
+        Longest time step [s].
+    goal_weight : float
+        Weight of the terminal cost.
+    barrier_weight : float
+        Weight of the barriers.
+    convergence : float
+        Relative difference from the converged cost that ends a timed run.
+    max_iterations : int
+        Iterations after which a run has converged.
+    """
+
+    step: float = 0.01
+    goal_weight: float = 1e4
+    barrier_weight: float = 1e2
+    convergence: float = 0.01
+    max_iterations: int = 200
 
 
-def crocoddyl_method(scene: Scene, max_time: float, *, box: bool) -> Method:
+_OPTIONS = ShootingOptions()
+
+
+def crocoddyl_method(
+    scene: Scene, max_time: float, *, box: bool, options: ShootingOptions = _OPTIONS
+) -> Method:
     """One of Crocoddyl's solvers, run until it is within 1 % of its own converged cost.
 
     A run to convergence without a clock finds the number of iterations after which the cost stays
     within 1 % of the last one; the timed runs do as many. Threads may get in each other's way, so
     that the faster one counts of a run with the solver's own choice of threads and one with one.
     """
-    shooting = _Shooting(scene, box)
+    shooting = _Shooting(scene, box, options)
     iterations: dict[Problem, int] = {}
 
     def solve(problem: Problem) -> PeerResult:
+        """Solve one problem; the time to set it up is not counted."""
         if problem not in iterations:
             iterations[problem] = _iterations_needed(shooting, problem, max_time)
         if iterations[problem] == 0:
@@ -60,8 +87,8 @@ def crocoddyl_method(scene: Scene, max_time: float, *, box: bool) -> Method:
 
     kind = "BoxFDDP, efforts limited" if box else "FDDP, efforts by a barrier"
     about = (
-        f"Crocoddyl's {kind}, steps of {1e3 * _STEP:g} ms, until within {_WITHIN:.0%} of its own "
-        "converged cost"
+        f"Crocoddyl's {kind}, steps of {1e3 * options.step:g} ms, until within "
+        f"{options.convergence:.0%} of its own converged cost"
     )
     return Method("box_fddp" if box else "fddp", about, solve, slow=True)
 
@@ -80,20 +107,23 @@ def _iterations_needed(shooting: _Shooting, problem: Problem, max_time: float) -
 
     solver.setCallbacks([Recorder()])
     try:
-        solver.solve(states, controls, _MAX_ITERATIONS, False)
+        solver.solve(states, controls, shooting.options.max_iterations, False)
     except TimeoutError:
         return 0
     if not costs or not np.isfinite(costs[-1]):
         return 0
-    outside = np.flatnonzero(np.abs(np.array(costs) / costs[-1] - 1.0) > _WITHIN)
+    outside = np.flatnonzero(
+        np.abs(np.array(costs) / costs[-1] - 1.0) > shooting.options.convergence
+    )
     return int(outside[-1]) + 2 if outside.size else 1
 
 
 class _Shooting:
     """Problems of one scene as Crocoddyl's shooting problems."""
 
-    def __init__(self, scene: Scene, box: bool) -> None:
+    def __init__(self, scene: Scene, box: bool, options: ShootingOptions) -> None:
         self.crocoddyl = import_peer("crocoddyl", "the peers 'fddp' and 'box_fddp'")
+        self.options = options
         self._box, self._limits = box, scene.limits
         self._joints = scene.robot.joint_names
         self._arm = RigidArm(scene.urdf, self._joints)
@@ -103,7 +133,7 @@ class _Shooting:
     def set_up(self, problem: Problem) -> tuple[Any, list[FloatArray], list[FloatArray]]:
         """The solver, and the minimum-jerk motion with its controls as a start."""
         crocoddyl, arm = self.crocoddyl, self._arm
-        n_steps = int(np.ceil(problem.duration / _STEP))
+        n_steps = int(np.ceil(problem.duration / self.options.step))
         q, v, a = minimum_jerk(problem, np.linspace(0.0, 1.0, n_steps + 1))
         guess = [np.r_[arm.configuration(x), arm.velocity(y)] for x, y in zip(q, v, strict=True)]
         tau = [arm.velocity(x) for x in arm.efforts(q, v, a)[:-1]]
@@ -114,7 +144,7 @@ class _Shooting:
         target = np.r_[arm.configuration(problem.goal), v[-1]]
         residual = crocoddyl.ResidualModelState(self._state, target)
         goal = crocoddyl.CostModelResidual(self._state, residual)
-        ending.addCost("goal", goal, _GOAL_WEIGHT * unit)
+        ending.addCost("goal", goal, self.options.goal_weight * unit)
         final = self._action(ending, 0.0)
         shooting = crocoddyl.ShootingProblem(guess[0], [running] * n_steps, final)
         kind = crocoddyl.SolverBoxFDDP if self._box else crocoddyl.SolverFDDP
@@ -136,10 +166,11 @@ class _Shooting:
         lower = np.r_[arm.velocity(limits.lower), -arm.velocity(limits.velocity)]
         upper = np.r_[arm.velocity(limits.upper), arm.velocity(limits.velocity)]
         of_states = crocoddyl.ResidualModelState(state, state.zero())
-        costs.addCost("states", self._barrier(of_states, lower, upper), _BARRIER_WEIGHT * unit)
+        weight = self.options.barrier_weight
+        costs.addCost("states", self._barrier(of_states, lower, upper), weight * unit)
         if not self._box:
             bound = arm.velocity(limits.effort)
-            costs.addCost("efforts", self._barrier(effort, -bound, bound), _BARRIER_WEIGHT)
+            costs.addCost("efforts", self._barrier(effort, -bound, bound), weight)
         return costs
 
     def _barrier(self, residual: Any, lower: FloatArray, upper: FloatArray) -> Any:

@@ -31,6 +31,7 @@ def planner_method(
     planner.practise()
 
     def solve(problem: Problem) -> PeerResult:
+        """Plan one motion."""
         goal = JointGoal(JointState(names, problem.goal), problem.duration)
         plan = planner.plan(goal, JointState(names, problem.start))
         status = SOLVED if plan.is_executable else plan.message

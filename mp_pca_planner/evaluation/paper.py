@@ -26,8 +26,9 @@ from ..primitives.basis import PolynomialBasis, legendre_values
 from ..primitives.differences import FINE_PHASES
 from ..primitives.pca import PrincipalComponents, fit_components
 from ..recordings.demonstration import Demonstration
+from ..robot.limits import JointLimits
 from ..robot.model import Robot
-from .naturalness import Prediction, Predictor, wide_limits
+from .naturalness import Prediction, Predictor
 
 TABLE_2 = {
     "shoulder1": (0.9249, 0.0639, 0.0082, 0.0013),
@@ -43,7 +44,6 @@ TABLE_3 = {"B-spline": (5.19594, 148.975), "PCA": (9.58805, 96.509)}
 N_COMPONENTS = 4
 DEGREE = 4
 _N_PHASES = 101
-_ENDS = np.array([0.0, 1.0])
 
 
 def angle_components(motions: Sequence[Demonstration]) -> list[PrincipalComponents]:
@@ -70,15 +70,15 @@ def paper_basis(
         Its mean is the likeliest of these motions; its weights, of unit variance, are those of
         the others. Unlike other bases, its functions include the boundary part.
     """
-    n_joints = len(components)
+    n_joints, phases = len(components), np.array([0.0, 1.0])
     means, functions = [], []
     for j, found in enumerate(components):
         kept = found.truncated(N_COMPONENTS)
         # By standard deviations, so that the shortest vector of weights is the likeliest.
         scaled = kept.components * np.sqrt(kept.explained_variance)[:, None]
         mean, polynomials = _polynomials(kept.mean), _polynomials(scaled)
-        at_ends = legendre_values(polynomials, _ENDS).reshape(2, -1)
-        missing = np.array([start[j], goal[j]]) - legendre_values(mean, _ENDS)
+        at_ends = legendre_values(polynomials, phases).reshape(2, -1)
+        missing = np.array([start[j], goal[j]]) - legendre_values(mean, phases)
         weights = np.linalg.lstsq(at_ends, missing, rcond=None)[0]
         means.append(mean + weights @ polynomials)
         for direction in null_space(at_ends).T if at_ends.size else ():
@@ -96,6 +96,7 @@ def paper_method(robot: Robot) -> Predictor:
     """The method, for comparisons."""
 
     def predict(motion: Demonstration, others: Sequence[Demonstration]) -> Prediction:
+        """Plan between the ends of a motion in its time."""
         components = angle_components(others)
         start, goal = motion.positions[[0, -1]]
         began = time.perf_counter()
@@ -106,8 +107,8 @@ def paper_method(robot: Robot) -> Predictor:
         tables = QuadratureTables(basis)
         program = MotionProgram(robot, tables, boundary, motion.duration, nothing)
         ends = np.zeros((2, 4, motion.n_joints))
-        unlimited = LimitedProgram(program, LimitTables(tables), wide_limits(robot), ends)
-        solution = solve(unlimited, nothing)
+        unlimited = JointLimits(robot.joint_names, {})
+        solution = solve(LimitedProgram(program, LimitTables(tables), unlimited, ends), nothing)
         solve_time = time.perf_counter() - began
         positions = basis.shape(solution.unknowns, FINE_PHASES)
         return Prediction(positions, solution.cost, solve_time)

@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""What the benchmark is run on: a robot, demonstrations, and problems with fixed seeds."""
+"""Robots, demonstrations and problems of the benchmark, with fixed seeds."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from ..robot.limits import JointLimits
 from ..robot.model import Robot
 from .method import import_peer
 
-# Where the package example-robot-data keeps a robot, and which of its joints are the arm's.
+# Files of the package example-robot-data, and the joints of the arms.
 EXAMPLE_ROBOTS = {
     "panda": (
         "panda_description/urdf/panda.urdf",
@@ -58,7 +58,7 @@ class Problem:
     duration : float
         Duration [s].
     demonstration : Demonstration or None
-        The motion the ends were taken from, if there is one; no primitive has seen it.
+        The motion that the ends were taken from, if there is one; no primitive was built from it.
     """
 
     start: FloatArray
@@ -69,12 +69,12 @@ class Problem:
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """Everything that all methods get.
+    """A robot, its limits and demonstrations: the same for all methods.
 
     Attributes
     ----------
     name : str
-        What the robot is called.
+        Name of the robot.
     urdf : Path
         Its description.
     robot : Robot
@@ -82,9 +82,9 @@ class Scene:
     limits : JointLimits
         Limits to keep.
     demonstrations : tuple of Demonstration
-        What primitives and peers learn from.
+        Motions to learn from.
     primitive : MovementPrimitive or None
-        A primitive that was given instead of demonstrations to learn from.
+        A primitive that is used instead of one learned from the demonstrations.
     """
 
     name: str
@@ -103,7 +103,7 @@ def scene_of(name: str, urdf: Path, joints: Sequence[str] | None, n_motions: int
     name, urdf, joints :
         The robot, see :func:`robot_file`.
     n_motions :
-        How many demonstrations. They are drawn with the seed 1: problems want another one.
+        Number of demonstrations. They are drawn with the seed 1: problems need another one.
     """
     robot = Robot.from_file(urdf, joints)
     limits = robot.limits()
@@ -132,10 +132,10 @@ def robot_file(name: str) -> tuple[str, Path, tuple[str, ...] | None]:
 
 
 def held_out_problems(scene: Scene, n_problems: int, seed: int) -> list[Problem]:
-    """Problems from the range of the demonstrations: ends and durations of motions held out.
+    """Problems like the demonstrations: ends and durations of motions held out.
 
-    With a primitive instead of demonstrations each end is a random mean of the ends of two of
-    its motions, and the duration the one it expects.
+    With a primitive instead of demonstrations, each end is a random mean of the ends of two of
+    its motions, and the duration is the one it predicts.
     """
     if scene.primitive is not None:
         return [
@@ -159,7 +159,7 @@ def random_problems(scene: Scene, n_problems: int, seed: int) -> list[Problem]:
 def demonstrations_of(
     name: str, robot: Robot, limits: JointLimits, n_motions: int, seed: int
 ) -> list[Demonstration]:
-    """Made-up motions of a robot: those of a person for the human-like arm, else reaches."""
+    """Generated motions of a robot: human-like ones for the human-like arm, else reaches."""
     if name == HUMAN_ARM:
         return [motion.as_demonstration() for motion in generate_motions(n_motions, seed)]
     return random_reaches(robot, limits, n_motions, seed)

@@ -4,18 +4,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
 import numpy as np
 
 from ..exceptions import MissingDependencyError, PlannerError
-from .check import RigidArm, Verdict, judge
+from .check import RigidArm, judge
 from .collocation import slsqp_method
 from .drake_optimization import drake_method
-from .method import SOLVED, Method, PeerResult
+from .method import Method, PeerResult
 from .optimal_control import crocoddyl_method
 from .own import BSPLINE, planner_methods
 from .problems import Problem, Scene
@@ -33,48 +33,11 @@ PEERS: dict[str, Callable[[Scene, float], Method]] = {
 }
 """Methods to compare the planner with: set up with the scene and a time limit [s]."""
 
+Results = Sequence[Mapping[str, PeerResult]]
+"""For each problem, the result of each method that was run on it, by name."""
+
 # A method that has taken this long on one problem [s] is not repeated on it.
 _ENOUGH_TIME = 2.0
-
-
-@dataclass(frozen=True, eq=False)
-class Result:
-    """One method on one problem.
-
-    Attributes
-    ----------
-    solve_time : float
-        Median over the repeats [s].
-    answer : PeerResult
-        The result of the last repeat.
-    verdict : Verdict or None
-        The referee's verdict of its motion, if there is one.
-    """
-
-    solve_time: float
-    answer: PeerResult
-    verdict: Verdict | None
-
-    @property
-    def feasible(self) -> bool:
-        """Whether there is a motion that the referee accepts."""
-        return self.verdict is not None and self.verdict.feasible
-
-    @property
-    def solved(self) -> bool:
-        """Whether there is a motion that the method itself calls solved."""
-        return self.verdict is not None and self.answer.status == SOLVED
-
-    def facts(self) -> dict[str, Any]:
-        """The result by the names of the package's public interface."""
-        return {
-            "effort_cost": None,
-            "solve_time_s": self.solve_time,
-            "iterations": self.answer.iterations,
-            "feasible": self.feasible,
-            "status": self.answer.status,
-            **({} if self.verdict is None else asdict(self.verdict)),
-        }
 
 
 def set_up(
@@ -107,7 +70,7 @@ def compare(
     repeats: int,
     n_slow: int,
     progress: Callable[[int, int], None] = lambda done, total: None,
-) -> list[dict[str, Result]]:
+) -> list[dict[str, PeerResult]]:
     """Run methods on problems, in an order that alternates from repeat to repeat.
 
     Parameters
@@ -140,7 +103,7 @@ def compare(
             for method in chosen if (i + repeat) % 2 == 0 else chosen[::-1]:
                 if sum(one.solve_time for one in found[method.name]) < _ENOUGH_TIME:
                     found[method.name].append(_solve(method, problem))
-        results.append({name: _result(x, problem, arm, scene) for name, x in found.items()})
+        results.append({name: _judged(x, problem, arm, scene) for name, x in found.items()})
         progress(i + 1, len(problems))
     return results
 
@@ -152,20 +115,24 @@ def _solve(method: Method, problem: Problem) -> PeerResult:
         return PeerResult(None, float("nan"), status=str(error))
 
 
-def _result(found: Sequence[PeerResult], problem: Problem, arm: RigidArm, scene: Scene) -> Result:
-    solve_time = float(np.median([one.solve_time for one in found]))
-    last = found[-1]
-    if last.trajectory is None:
-        return Result(solve_time, last, None)
-    return Result(solve_time, last, judge(last.trajectory, problem, arm, scene.limits))
+def _judged(
+    found: Sequence[PeerResult], problem: Problem, arm: RigidArm, scene: Scene
+) -> PeerResult:
+    """The repeated solutions of a problem as one result, with the referee's verdict."""
+    motion = found[-1].trajectory
+    return replace(
+        found[-1],
+        solve_time=float(np.median([one.solve_time for one in found])),
+        verdict=None if motion is None else judge(motion, problem, arm, scene.limits),
+    )
 
 
-def summarise(results: Sequence[dict[str, Result]], names: Sequence[str]) -> dict[str, Any]:
+def summarise(results: Results, names: Sequence[str]) -> dict[str, Any]:
     """Medians of each method, by name; of costs and violations over what it calls solved."""
     return {name: _summary([r[name] for r in results if name in r]) for name in names}
 
 
-def _summary(results: Sequence[Result]) -> dict[str, Any]:
+def _summary(results: Sequence[PeerResult]) -> dict[str, Any]:
     times = [r.solve_time for r in results]
     solved = [r for r in results if r.solved]
     verdicts = [r.verdict for r in solved if r.verdict is not None]
@@ -177,7 +144,7 @@ def _summary(results: Sequence[Result]) -> dict[str, Any]:
         "n_feasible": sum(r.feasible for r in results),
         "solve_time_s": _quantile(times),
         "solve_time_99_s": _quantile(times, 0.99),
-        "iterations": _quantile([r.answer.iterations for r in solved]),
+        "iterations": _quantile([r.iterations for r in solved]),
         **{name: _quantile([getattr(v, name) for v in verdicts]) for name in medians},
         **{name: max((getattr(v, name) for v in verdicts), default=None) for name in worst},
         "limits_active_share": float(np.mean([v.limits_active for v in verdicts]))
@@ -191,7 +158,7 @@ def _quantile(values: Sequence[float], share: float = 0.5) -> float | None:
     return float(np.quantile(known, share)) if known else None
 
 
-def ratios(results: Sequence[dict[str, Result]], ours: str, other: str) -> dict[str, float | None]:
+def ratios(results: Results, ours: str, other: str) -> dict[str, float | None]:
     """Compare two methods on the problems that both solve, ours within the limits.
 
     Returns
@@ -211,7 +178,7 @@ def ratios(results: Sequence[dict[str, Result]], ours: str, other: str) -> dict[
     return {"time_ratio": _quantile(times), "cost_ratio": _quantile(costs)}
 
 
-def unsolved(results: Sequence[dict[str, Result]], ours: str, other: str = BSPLINE) -> list[int]:
+def unsolved(results: Results, ours: str, other: str = BSPLINE) -> list[int]:
     """Indices of the problems that the other method solves and ours doesn't."""
     return [
         i

@@ -28,6 +28,7 @@ def minimum_jerk_method(scene: Scene) -> Method:
     joints = scene.robot.joint_names
 
     def solve(problem: Problem) -> PeerResult:
+        """Evaluate it."""
         began = time.perf_counter()
         states = minimum_jerk(problem, _PHASES)
         took = time.perf_counter() - began
@@ -46,6 +47,7 @@ def promp_method(scene: Scene, _: float) -> Method:
     exact = 1e-8 * np.eye(len(joints))
 
     def solve(problem: Problem) -> PeerResult:
+        """Condition on both ends, and take the mean."""
         began = time.perf_counter()
         from_start = model.condition_position(problem.start, exact, t=0.0)
         conditioned = from_start.condition_position(problem.goal, exact, t=1.0)
@@ -63,12 +65,14 @@ def dmp_method(scene: Scene, _: float) -> Method:
     joints = scene.robot.joint_names
 
     def model_of(duration: float, n_steps: int) -> Any:
+        """An untrained DMP."""
         step = duration / n_steps
         return module.DMP(
             n_dims=len(joints), execution_time=duration, dt=step, n_weights_per_dim=20
         )
 
     def learn(motion: Demonstration) -> FloatArray:
+        """Weights of a DMP trained with a motion."""
         model = model_of(motion.duration, len(motion.times) - 1)
         model.imitate(motion.times, motion.positions)
         return np.asarray(model.get_weights())
@@ -77,6 +81,7 @@ def dmp_method(scene: Scene, _: float) -> Method:
     ends = np.array([motion.positions[[0, -1]] for motion in scene.demonstrations])
 
     def solve(problem: Problem) -> PeerResult:
+        """Integrate it to the new goal in the new time."""
         began = time.perf_counter()
         distances = np.sum((ends - [problem.start, problem.goal]) ** 2, axis=(1, 2))
         model = model_of(problem.duration, _PHASES.size - 1)
@@ -103,6 +108,7 @@ def ruckig_method(scene: Scene, _: float) -> Method:
     jerk = np.minimum(limits.jerk, acceleration / 0.1)
 
     def solve(problem: Problem) -> PeerResult:
+        """Find the shortest motion."""
         began = time.perf_counter()
         request = ruckig.InputParameter(len(joints))
         request.current_position, request.target_position = list(problem.start), list(problem.goal)

@@ -17,9 +17,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-_N_STILLS = 8
-_ROW_HEIGHT = 4.0  # [inch]
-_MIN_VIEW = 0.05  # of arms without extent [m]
 _START: Line = {"marker": "o", "markersize": 8, "markerfacecolor": "white"}
 _END: Line = {"marker": "s", "markersize": 8}
 # Coordinates of the horizontal axes and what they are called: of the front and the side view.
@@ -29,7 +26,9 @@ _VIEWS = (
 )
 
 
-def plot_arm(axes: Axes, chain: FloatArray, horizontal: int, colour: str) -> Axes:
+def plot_arm(
+    axes: Axes, chain: FloatArray, horizontal: int, colour: str, n_stills: int = 8
+) -> Axes:
     """Plot stills of an arm that fade in, and the path of its tip.
 
     Parameters
@@ -42,9 +41,11 @@ def plot_arm(axes: Axes, chain: FloatArray, horizontal: int, colour: str) -> Axe
         Coordinate of the horizontal axis; z is the vertical one.
     colour : str
         Colour of the arm.
+    n_stills : int
+        Number of stills, first and last included.
     """
     flat = chain[:, :, [horizontal, 2]]
-    chosen = np.unique(np.linspace(0, len(flat) - 1, _N_STILLS).round().astype(int))
+    chosen = np.unique(np.linspace(0, len(flat) - 1, n_stills).round().astype(int))
     still = line("", colour, width=3.5, marker="o", markersize=6, solid_capstyle="round")
     for step, strength in zip(chosen, np.linspace(0.2, 1.0, chosen.size), strict=True):
         axes.plot(*flat[step].T, **still, alpha=strength)
@@ -81,8 +82,8 @@ def arm_figure(figure: Figure, motions: Mapping[str, FloatArray], title: str, ti
         line("start (pale)", BLACK, "", **_START),
         line("end (dark)", BLACK, "", **_END),
     ]
-    width = max((_ROW_HEIGHT - 0.9) * (front + side) / up + 2.0, 7.0)
-    add_header(figure, title, entries, width, _ROW_HEIGHT * len(motions))
+    width = max(3.1 * (front + side) / up + 2.0, 7.0)
+    add_header(figure, title, entries, width, 4.0 * len(motions))
     grid = figure.subplots(len(motions), 2, squeeze=False, width_ratios=[front, side])
     for i, (label, chain) in enumerate(motions.items()):
         for axes, (horizontal, view, name) in zip(grid[i], _VIEWS, strict=True):
@@ -96,6 +97,7 @@ def arm_figure(figure: Figure, motions: Mapping[str, FloatArray], title: str, ti
 def _view_box(points: FloatArray) -> FloatArray:
     """Ranges of x, y and z that hold all points, none too narrow for its labels, shape (3, 2)."""
     low, high = points.min(axis=0), points.max(axis=0)
-    span = np.maximum(high - low, max(0.6 * (high - low).max(), _MIN_VIEW)) * 1.12
+    # An arm without extent gets a view of 0.05 m.
+    span = np.maximum(high - low, max(0.6 * (high - low).max(), 0.05)) * 1.12
     middle = (low + high) / 2
     return np.stack([middle - span / 2, middle + span / 2], axis=1)

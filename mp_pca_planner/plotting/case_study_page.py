@@ -22,8 +22,6 @@ from .drawing import picture
 from .page import image_address, render
 from .primitive import angle_components_figure
 
-_N_FRAMES = 61  # of the animation
-
 
 def draw_pictures(study: CaseStudy, robot: Robot, frames: Sequence[str]) -> dict[str, io.BytesIO]:
     """Draw all figures as PNGs, by the names of their files."""
@@ -81,11 +79,12 @@ def case_study_page(
 def _chains(study: CaseStudy, robot: Robot, frames: Sequence[str]) -> dict[str, FloatArray]:
     """Origins of the frames, shape (n_frames, n_points, 3), by the label of the motion."""
     raising = study.raising
-    chosen = np.linspace(0, 1000, _N_FRAMES).round().astype(int)
+    n_frames = 61
+    chosen = np.linspace(0, 1000, n_frames).round().astype(int)
     positions = {
         name: raising.predictions[name].positions[chosen] for name in (BSPLINES, PAPER, OURS)
     }
-    positions["the person"] = raising.motion.time_normalised(_N_FRAMES)
+    positions["the person"] = raising.motion.time_normalised(n_frames)
     return {name: robot.frame_positions(q, frames) for name, q in positions.items()}
 
 

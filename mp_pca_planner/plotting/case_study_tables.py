@@ -16,7 +16,6 @@ from .page import Table
 from .text import percent, table
 from .variance import percents, variance_table
 
-_PAPER_SHARE = 0.9  # of two components: what the paper states for every joint
 _EFFORTS = ["method", "effort [N²m²s]", "ratio", "time [ms]", "time ratio"]
 
 
@@ -60,7 +59,7 @@ def less_than_paper(study: CaseStudy) -> list[str]:
         f"{percent(row[:3].sum())} %)"
         for activity, shares in study.shares_by_activity.items()
         for name, row in zip(names, shares, strict=True)
-        if row[:2].sum() < _PAPER_SHARE
+        if row[:2].sum() < 0.9
     ]
 
 

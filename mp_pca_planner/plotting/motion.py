@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..arrays import FloatArray
-from ..exceptions import PlannerError, printable, quote_names
+from ..exceptions import PlannerError, printable
 from ..motion.trajectory import Trajectory
 from ..robot.limits import JointLimits
 from .style import BLACK, COLOURS, MAX_COLUMNS, STYLES, Line, add_header, label_left, line
@@ -101,10 +101,12 @@ def motion_figure(
     Raises
     ------
     PlannerError
-        If no motion lasts, or the joints differ.
+        If the motions have one point each.
     """
     names = next(iter(motions.values())).joint_names
-    _check(motions, names, limits)
+    duration = max(motion.duration for motion in motions.values())
+    if duration == 0.0:
+        raise PlannerError("a motion of one point can't be drawn: at least two are needed")
     groups = [list(x) for x in np.array_split(names, min(len(names), MAX_COLUMNS))]
     quantities = [q for q in QUANTITIES if any(getattr(m, q) is not None for m in motions.values())]
     is_single = len(groups[0]) == 1
@@ -128,22 +130,8 @@ def motion_figure(
         for axes in column[:-1]:
             axes.set_xlabel("")
         _name_joints(column[0], group)
-    grid[0, 0].set_xlim(0.0, max(motion.duration for motion in motions.values()))
+    grid[0, 0].set_xlim(0.0, duration)
     return [list(column) for column in grid.T]
-
-
-def _check(
-    motions: Mapping[str, Trajectory], names: tuple[str, ...], limits: JointLimits | None
-) -> None:
-    if max(motion.duration for motion in motions.values()) == 0.0:
-        raise PlannerError("a motion of one point can't be drawn: at least two are needed")
-    joints = [motion.joint_names for motion in motions.values()]
-    for others in joints if limits is None else [*joints, limits.joint_names]:
-        if others != names:
-            raise PlannerError(
-                f"the joints {quote_names(others)} can't be drawn with the motion of "
-                f"{quote_names(names)}: they must be the same in the same order"
-            )
 
 
 def _lines(style: object, names: Sequence[str]) -> list[Line]:

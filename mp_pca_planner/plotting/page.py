@@ -6,11 +6,15 @@ from __future__ import annotations
 
 import base64
 import io
-from typing import Any, NamedTuple
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from .. import __version__
 from ..exceptions import MissingDependencyError
-from .style import require_matplotlib
+from .drawing import picture, require_matplotlib
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 
 class Table(NamedTuple):
@@ -59,3 +63,11 @@ def render(template: str, **content: Any) -> str:
 def image_address(content: io.BytesIO) -> str:
     """A PNG image as an address that holds its content."""
     return "data:image/png;base64," + base64.b64encode(content.getvalue()).decode("ascii")
+
+
+def figure_address(plot: Callable[[Figure], object]) -> str:
+    """A new figure, drawn by a function, as an address that holds its content."""
+    content = io.BytesIO()
+    with picture(content) as figure:
+        plot(figure)
+    return image_address(content)

@@ -18,7 +18,6 @@ from .units import unit_of
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_MAX_NAMED = 14  # joints in a legend
 _MOTION = line("motion", "#CFE6F5", width=8.0)
 _REST = line("rest", "#E6E6E6", width=8.0)
 
@@ -46,7 +45,8 @@ def recording_figure(
     if overview is None:
         raise PlannerError(f"recording '{report.name}' can't be drawn: its report has no overview")
     joints = [palette_line(name, i, 1.4) for i, name in enumerate(report.joint_names)]
-    entries = [*(joints if len(joints) <= _MAX_NAMED else []), _MOTION, _REST]
+    # The legend of more than 14 joints would be larger than the panels.
+    entries = [*(joints if len(joints) <= 14 else []), _MOTION, _REST]
     unit = unit_of(report.joint_names, prismatic)
     add_header(figure, "", entries, 8.0, 3.6)
     above, below = figure.subplots(2, 1, sharex=True, height_ratios=[3, 2])

@@ -4,30 +4,29 @@
 
 from __future__ import annotations
 
-import io
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
 
+from ..arrays import FloatArray
 from ..control.statement import control_statement
 from ..evaluation.paper import TABLE_2
 from ..exceptions import PrimitiveError
 from ..primitives.alignment import aligned_positions
 from ..primitives.cross_validation import HeldOutErrors, leave_one_out
-from ..primitives.differences import MEASURES
 from ..primitives.options import PrimitiveOptions
 from ..primitives.primitive import MovementPrimitive
 from ..recordings.demonstration import Demonstration
 from ..recordings.load import RecordingReport, RecordingSet
 from ..recordings.repair import REPAIRS
-from .drawing import picture
-from .page import Table, image_address, render
+from .page import figure_address, render
 from .primitive import PHASES, primitive_figure
 from .recording import recording_figure
-from .units import Unit, primitive_unit, prismatic_joints
+from .units import primitive_unit, prismatic_joints
 from .variance import variance_table
 
 REPORT_SAMPLES = 301
@@ -81,8 +80,9 @@ def report_page(
     """
     limits = ReportOptions()
     motions = recordings.demonstrations
-    unit = primitive_unit(primitive)
     drawn = _evenly(len(motions), limits.max_demonstrations_drawn)
+    shown = [aligned_positions(motions[i], primitive.warps[i], PHASES) for i in drawn]
+    prismatic = prismatic_joints(primitive)
     affordable = max(5, limits.max_built_from // len(motions))
     left_out = _evenly(len(motions), min(limits.max_left_out, affordable))
     errors, why_no_errors = _held_out(motions, options, left_out)
@@ -92,37 +92,33 @@ def report_page(
         limits=limits,
         primitive=primitive,
         motions=motions,
-        unit=unit,
-        residual=float(np.sqrt(np.mean(primitive.fit_residual**2))),
+        unit=primitive_unit(primitive),
+        residual=_rms(primitive.fit_residual),
+        residuals=_rms(primitive.fit_residual, axis=1),
         law=control_statement(primitive),
         n_drawn=len(drawn),
-        shapes=_shapes(motions, primitive, drawn),
+        shapes=figure_address(
+            partial(primitive_figure, primitive=primitive, demonstrations=np.array(shown))
+        ),
         shape_variance=variance_table(primitive.explained_variance_ratio),
         angle_variance=variance_table(primitive.metadata["angle_variance_ratio"], 4),
         paper_variance=variance_table(TABLE_2),
         errors=errors,
         why_no_errors=why_no_errors,
-        **({} if errors is None else _predictions(errors, unit)),
-        demonstrations=_demonstrations(motions[: limits.max_rows], primitive, errors, left_out),
-        refused=[(refusal.recording, refusal.reason) for refusal in recordings.refused],
+        left_out_as={motion: row for row, motion in enumerate(left_out)},
+        refused=recordings.refused,
         repairs=_repairs(recordings.reports),
         meanings=REPAIRS,
         reports=recordings.reports,
         images=[
-            _image(report, prismatic_joints(primitive))
+            figure_address(partial(recording_figure, report=report, prismatic=prismatic))
             for report in recordings.reports[: limits.max_recordings_drawn]
         ],
     )
 
 
-def _shapes(
-    motions: Sequence[Demonstration], primitive: MovementPrimitive, drawn: Sequence[int]
-) -> str:
-    shown = [aligned_positions(motions[i], primitive.warps[i], PHASES) for i in drawn]
-    content = io.BytesIO()
-    with picture(content) as figure:
-        primitive_figure(figure, primitive, np.array(shown))
-    return image_address(content)
+def _rms(values: FloatArray, axis: int | None = None) -> Any:
+    return np.sqrt(np.mean(values**2, axis=axis))
 
 
 def _held_out(
@@ -137,76 +133,14 @@ def _held_out(
         return None, f"Motions can't be left out: {error}"
 
 
-def _predictions(errors: HeldOutErrors, unit: Unit) -> dict[str, Any]:
-    """Errors by method and measure, and by which share predictions beat minimum-jerk."""
-    rms = errors.rms()
-    minimum_jerk, _, expected = rms[:, MEASURES.index("path")]
-    rows = [
-        [name, *map(unit.number, row)]
-        for name, row in zip(("minimum-jerk", "mean shape", "expected"), rms, strict=True)
-    ]
-    return {
-        "gain": 1.0 - expected / minimum_jerk if minimum_jerk > 0.0 else 0.0,
-        "prediction_errors": Table(
-            ["prediction", "in time", "after time alignment", "in path"], rows
-        ),
-    }
-
-
-def _demonstrations(
-    motions: Sequence[Demonstration],
-    primitive: MovementPrimitive,
-    errors: HeldOutErrors | None,
-    left_out: Sequence[int],
-) -> Table:
-    """A row per demonstration; errors of predictions for those that were left out."""
-    unit = primitive_unit(primitive)
-    residuals = np.sqrt(np.mean(primitive.fit_residual**2, axis=1))
-    rows = [
-        [
-            f"{motion.recording} {motion.label}".strip(),
-            f"{motion.start_time:.2f}",
-            f"{motion.duration:.2f}",
-            unit.number(residuals[i]),
-            primitive.joint_names[primitive.fit_residual[i].argmax()],
-        ]
-        for i, motion in enumerate(motions)
-    ]
-    reproduced = f"reproduced to [{unit.name} RMS]"
-    header = ["recording", "start [s]", "duration [s]", reproduced, "worst joint"]
-    if errors is not None:
-        header += [f"minimum-jerk, in time [{unit.name}]", f"expected [{unit.name}]"]
-        of_motion = dict(
-            zip(left_out, zip(errors.minimum_jerk, errors.expected, strict=True), strict=True)
-        )
-        for i, row in enumerate(rows):
-            found = of_motion.get(i)
-            row += ["", ""] if found is None else [unit.number(in_time) for in_time, *_ in found]
-    return Table(header, rows)
-
-
-def _repairs(reports: Sequence[RecordingReport]) -> Table:
-    """Kinds of repairs that were made, and in how many recordings."""
+def _repairs(reports: Sequence[RecordingReport]) -> list[tuple[str, int, int]]:
+    """Kinds of repairs that were made, how often, and in how many recordings."""
     totals, concerned = Counter[str](), Counter[str]()
     for report in reports:
         totals.update(report.repairs)
         concerned.update(kind for kind, count in report.repairs.items() if count)
     kinds = [*REPAIRS, *sorted(totals.keys() - REPAIRS.keys())]
-    return Table(
-        ["repair", "times", "recordings", "meaning"],
-        [
-            [kind, str(totals[kind]), str(concerned[kind]), REPAIRS.get(kind, "")]
-            for kind in kinds
-            if totals[kind]
-        ],
-    )
-
-
-def _image(report: RecordingReport, prismatic: Sequence[str]) -> str:
-    content = io.BytesIO()
-    with picture(content) as figure:
-        recording_figure(figure, report, prismatic)
-    return image_address(content)
+    return [(kind, totals[kind], concerned[kind]) for kind in kinds if totals[kind]]
 
 
 def _evenly(n: int, most: int) -> list[int]:

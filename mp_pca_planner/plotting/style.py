@@ -131,11 +131,12 @@ def add_header(
     figure.set_size_inches(width, height)
     # From average letters to a line of the widest ones.
     for letters_per_inch, n_columns in product((12, 9, 5), range(len(lines), 0, -1)):
+        for legend in [*figure.legends]:
+            legend.remove()
         legend = _legend(figure, title, lines, int(letters_per_inch * width), n_columns)
         box = legend.get_window_extent()
         if box.width <= figure.bbox.width:
             break
-        legend.remove()
     total = height + box.height / figure.dpi
     figure.set_size_inches(width, total)
     rect = (0.0, 0.0, 1.0, height / total)

@@ -11,8 +11,6 @@ from ..primitives.primitive import MovementPrimitive
 from .page import Table
 from .text import percent, table
 
-_ENOUGH = 0.99
-
 
 def variance_table(shares: Mapping[str, Sequence[float]], n_components: int | None = None) -> Table:
     """Shares of the variance by component, and their sums [%].
@@ -41,10 +39,10 @@ def variance_report(primitive: MovementPrimitive) -> list[str]:
     lines = ["Variance of the shapes (motions less their boundary parts) [%]"]
     lines += table(rows, header=header).splitlines()
     for name, values in shares.items():
-        if values and sum(values) < _ENOUGH:
+        if values and sum(values) < 0.99:
             lines.append(
                 f"'{name}': {len(values)} components explain {percent(sum(values))} %, "
-                f"{percent(_ENOUGH - sum(values))} less than 99 %"
+                f"{percent(0.99 - sum(values))} less than 99 %"
             )
     angles = primitive.metadata["angle_variance_ratio"]
     header, rows = variance_table(angles, 4)

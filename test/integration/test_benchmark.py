@@ -4,6 +4,7 @@
 
 import json
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -22,7 +23,7 @@ from mp_pca_planner.evaluation.problems import (
     held_out_problems,
     robot_file,
 )
-from mp_pca_planner.evaluation.run import PEERS, Result, compare, ratios, set_up, unsolved
+from mp_pca_planner.evaluation.run import PEERS, compare, ratios, set_up, unsolved
 from mp_pca_planner.evaluation.without_optimisation import minimum_jerk_method
 from mp_pca_planner.exceptions import MissingDependencyError
 from mp_pca_planner.planning.plan import PlannerOptions
@@ -101,7 +102,7 @@ def test_gradients_of_the_least_squares_program_match_differences(scene, problem
     step = 1e-6
     for function, derivative in (
         (program.cost, program.gradient),
-        (program.bounded, program.bounded_rows),
+        (program.slack, program.slack_rows),
     ):
         differences = np.array(
             [
@@ -158,8 +159,8 @@ def test_ratios_are_medians_over_what_both_solve(scene, problem):
     answer = method.solve(problem)
     verdict = judge(answer.trajectory, problem, arm, scene.limits)
 
-    def result(time: float, solved: bool = True) -> Result:
-        return Result(time, answer, verdict) if solved else Result(time, answer, None)
+    def result(time: float, solved: bool = True) -> PeerResult:
+        return replace(answer, solve_time=time, verdict=verdict if solved else None)
 
     results = [
         {"ours": result(1.0), "other": result(2.0)},

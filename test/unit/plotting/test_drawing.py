@@ -213,9 +213,22 @@ def test_joint_that_does_not_move_is_drawn(tmp_path: Path) -> None:
     assert n_pixels(tmp_path / "m.png", BLUE) > 1000
 
 
-def test_motions_of_other_joints_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(PlannerError, match="'joint0', 'joint1', 'joint2' can't be drawn with"):
-        draw_motion(tmp_path / "m.png", trajectory(2), title="", others={"x": trajectory(3)})
+def test_legend_that_fits_nowhere_is_still_there() -> None:
+    with styled_figure() as figure:
+        add_header(figure, "Title", [line("m" * 100, "#000000")], 1.0, 2.0)
+    (text,) = figure.legends[0].get_texts()
+    assert text.get_text().replace("\n", "") == "m" * 100
+
+
+def test_names_are_shown_as_they_are() -> None:
+    name = "a$_b$\n\x1b"
+    motion = Trajectory([name], [0.0, 1.0], [[0.0], [1.0]], np.zeros((2, 1)), np.zeros((2, 1)))
+    with styled_figure() as figure:
+        motion_figure(figure, {name: motion}, name)
+        figure.draw_without_rendering()
+        texts = [figure.axes[0].title, *figure.legends[0].get_texts()]
+    assert [text.get_text() for text in texts] == [r"a$_b$\n\x1b"] * 2
+    assert not any(text.get_parse_math() for text in texts)
 
 
 def test_motion_of_one_point_is_refused(tmp_path: Path) -> None:
