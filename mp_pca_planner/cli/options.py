@@ -54,7 +54,8 @@ def _add_motion_options(add: Options) -> None:
     add("--robot URDF", "the robot", Path, required=True)
     add("--start", f"start configuration: {VALUES}", required=True)
     add("--primitive --use NAME", "primitive to use (default: the nearest)")
-    add("--naturalness ρ", "likeness to the demonstrations against effort", number(0.0, 1e6), 1.0)
+    likeness = "weight of likeness to the demonstrations against effort"
+    add("--naturalness ρ", likeness, number(0.0, 1e6), 1.0)
     add("--limits FILE.yaml", "limits in the form of joint_limits.yaml", Path)
     add("--sample-period", "time step [s]", number(1e-4, 1.0, "s"), 0.01)
     add.flag("--collision", "avoid self-collisions")
@@ -74,7 +75,7 @@ def _add_single_goal(add: Options, via_form: str, via_time: str) -> None:
         for rate in ("velocity", "acceleration"):
             add(f"--{end}-{rate} {rate[0].upper()}", f"{rate} at the {end}, likewise")
     _add_via(add, via_form, f"{_PLACE} to pass, {via_time}")
-    text = "[s]; 'shortest' or 'free': of least cost (default: like the demonstrations)"
+    text = "duration [s], 'shortest', or 'free' for least cost (default: like the demonstrations)"
     add("--duration T", text, duration)
     text = "weighted sum to minimise, of effort, energy, jerk, time, straightness"
     add("--objective NAME=WEIGHT,…", text, default="effort=1")
@@ -143,7 +144,8 @@ def verify(add: Options) -> None:
     _add_motion_options(add)
     _add_single_goal(add, "V[@PHASE]", "at a phase from 0 to 1 or at the best one")
     law = add.group("control law (default: the primitive's own, if it has one)")
-    law("--law", "(default: feedforward_pd)", choices=("feedforward_pd", "computed_torque"))
+    kinds = ("feedforward_pd", "computed_torque")
+    law("--law", "kind of law (default: feedforward_pd)", choices=kinds)
     law("--natural-frequency ω", "for gains [rad/s]", number(1e-3, 1e5), 30.0)
     law("--damping-ratio ζ", "for gains", number(1e-3, 1e3), 1.0)
     law("--position-gains P", "gains: name=value,… of all joints")
