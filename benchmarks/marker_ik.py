@@ -22,7 +22,6 @@ from pathlib import Path
 import numpy as np
 
 from mp_pca_planner.arrays import FloatArray
-from mp_pca_planner.cli.common import rms
 from mp_pca_planner.mocap.marker_joint_states import (
     MarkerSource,
     marker_source,
@@ -77,7 +76,7 @@ def _measured(
     usable = np.isfinite(q).all(axis=1)
     differences = [""] * len(source.joint_names)
     if theirs is not None:
-        differences = [f"{np.rad2deg(rms(d)):.3f}" for d in (q - theirs)[usable].T]
+        differences = [f"{np.rad2deg(np.sqrt(np.mean(d**2))):.3f}" for d in (q - theirs)[usable].T]
     return [
         str(len(q)),
         str(np.count_nonzero(usable)),

@@ -11,8 +11,6 @@ from typing import Any
 
 from ..evaluation.method import Method, PeerResult
 from ..evaluation.problems import (
-    EXAMPLE_ROBOTS,
-    HUMAN_ARM,
     Scene,
     demonstrations_in,
     demonstrations_of,
@@ -23,88 +21,35 @@ from ..evaluation.problems import (
 from ..evaluation.run import PEERS, compare, ratios, set_up, summarise, unsolved
 from ..exceptions import PlannerError, quote_names, unknown_name
 from ..plotting.comparison import comparison_figure
-from ..plotting.drawing import picture, require_matplotlib
+from ..plotting.drawing import picture
 from ..plotting.text import table
+from ..primitives.primitive import MovementPrimitive
 from ..primitives.primitive_library import load_primitives
 from ..robot.model import Robot
-from .common import (
-    CommandParser,
-    check_output,
-    count,
-    joint_list,
-    limits_of,
-    print_json,
-    progress_bar,
-    run,
-    seconds,
-    seed,
-)
+from .common import check_output, limits_of, print_json, progress_bar
 from .terminal import DONE, say, written_lines
 
-_N_DEMONSTRATIONS = 40
 _DEMONSTRATIONS_SEED = 1
+_COLUMNS = (
+    ("effort_cost", ".4g"),
+    ("solve_time_s", ".2f", 1e3),
+    ("solve_time_99_s", ".2f", 1e3),
+    ("iterations", "g"),
+    ("limit_violation", ".1g"),
+    ("limits_active_share", ".0f", 100.0),
+    ("demo_distance_deg", ".2f"),
+    ("duration", ".2f"),
+    ("time_ratio", ".3g"),
+    ("cost_ratio", ".3g"),
+)
+"""Columns of the table: value, format, and factor of the unit."""
 
 
-def main(argv: Sequence[str] | None = None) -> int:
+def run(arguments: argparse.Namespace) -> int:
     """Run the command; returns the exit status."""
-    return run(_parser(), _benchmark, argv)
-
-
-def _parser() -> CommandParser:
-    parser = CommandParser(
-        "benchmark", "Compare components with B-splines and other methods on the same problems."
-    )
-    parser.add_argument(
-        "--robot",
-        default=HUMAN_ARM,
-        metavar="NAME|URDF",
-        help=f"a URDF file, '{HUMAN_ARM}', or of example-robot-data: {', '.join(EXAMPLE_ROBOTS)}",
-    )
-    parser.add_argument(
-        "--joints",
-        type=joint_list,
-        metavar="a,b,c",
-        help="joints that move, such as those of one arm (default: the robot's arm, or all)",
-    )
-    parser.add_argument(
-        "--primitives",
-        type=Path,
-        metavar="FILE",
-        help="a primitive file (default: learn from made-up motions of the robot)",
-    )
-    parser.add_argument("--limits", type=Path, metavar="FILE.yaml", help="as joint_limits.yaml")
-    parser.add_argument("--problems", type=count, default=200, metavar="N", help="how many")
-    parser.add_argument(
-        "--random-ends",
-        action="store_true",
-        help="problems anywhere within the limits, not from the range of the demonstrations",
-    )
-    parser.add_argument("--seed", type=seed, default=2, help="chooses the problems")
-    parser.add_argument(
-        "--peers",
-        default="all",
-        metavar="a,b,c",
-        help=f"other methods: all, none, or some of {', '.join(PEERS)}",
-    )
-    parser.add_argument(
-        "--peer-problems", type=count, default=10, metavar="N", help="problems for slow peers"
-    )
-    parser.add_argument("--repeats", type=count, default=3, help="times each is solved")
-    parser.add_argument(
-        "--time-limit", type=seconds, default=10.0, metavar="S", help="for one problem [s]"
-    )
-    parser.add_argument("--plot", type=Path, metavar="FILE.png", help="draw cost over time")
-    parser.add_argument("--force", action="store_true", help="overwrite the picture")
-    parser.add_argument("--json", action="store_true", help="print one JSON object")
-    return parser
-
-
-def _benchmark(arguments: argparse.Namespace) -> int:
     if arguments.seed == _DEMONSTRATIONS_SEED:
         raise PlannerError(f"--seed must not be {arguments.seed}, which chooses the demonstrations")
-    if arguments.plot is not None:
-        require_matplotlib()
-        check_output(arguments.plot, ".png", force=arguments.force)
+    check_output(arguments.plot, ".png", force=arguments.force)
     peers = _peers(arguments.peers)
     scene = _scene(arguments)
     draw = random_problems if arguments.random_ends else held_out_problems
@@ -141,24 +86,28 @@ def _peers(text: str) -> list[str]:
 
 def _scene(arguments: argparse.Namespace) -> Scene:
     name, urdf, usual_joints = robot_file(arguments.robot)
-    joints, primitive = arguments.joints or usual_joints, None
+    primitive = None
     if arguments.primitives is not None:
         if arguments.joints is not None:
-            raise PlannerError("--joints is for made-up motions: --primitives has its own joints")
-        primitives = load_primitives([arguments.primitives])
-        if len(primitives) != 1:
-            found = quote_names(p.name for p in primitives)
-            raise PlannerError(f"--primitives must be one primitive, but there are {found}")
-        primitive = primitives[0]
-        joints = primitive.joint_names
+            raise PlannerError("--joints is for generated motions: --primitives has its own joints")
+        primitive = _only_primitive(arguments.primitives)
+    joints = primitive.joint_names if primitive else arguments.joints or usual_joints
     robot = Robot.from_file(urdf, joints)
     limits = limits_of(robot, arguments.limits)
     motions = (
-        demonstrations_of(name, robot, limits, _N_DEMONSTRATIONS, _DEMONSTRATIONS_SEED)
-        if primitive is None
-        else demonstrations_in(primitive)
+        demonstrations_in(primitive)
+        if primitive
+        else demonstrations_of(name, robot, limits, 40, _DEMONSTRATIONS_SEED)
     )
     return Scene(name, urdf, robot, limits, tuple(motions), primitive)
+
+
+def _only_primitive(path: Path) -> MovementPrimitive:
+    primitives = load_primitives([path])
+    if len(primitives) != 1:
+        found = quote_names(p.name for p in primitives)
+        raise PlannerError(f"--primitives must be one primitive, but there are {found}")
+    return primitives[0]
 
 
 def _facts(
@@ -195,29 +144,17 @@ def _facts(
 def _text(facts: Mapping[str, Any]) -> list[str]:
     chosen = facts["ratios_of"]
     rows = []
-    for name, s in facts["summary"].items():
-        compared = facts["ratios"][chosen][name]
-        rows.append(
-            [
-                name,
-                f"{s['n_feasible']} / {s['n_solved']} / {s['n_problems']}",
-                _number(s["effort_cost"], "{:.4g}"),
-                _number(s["solve_time_s"], "{:.2f}", 1e3),
-                _number(s["solve_time_99_s"], "{:.2f}", 1e3),
-                _number(s["iterations"], "{:g}"),
-                _number(s["limit_violation"], "{:.1g}"),
-                _number(s["limits_active_share"], "{:.0f}", 100.0),
-                _number(s["demo_distance_deg"], "{:.2f}"),
-                _number(s["duration"], "{:.2f}"),
-                _number(compared["time_ratio"], "{:.3g}"),
-                _number(compared["cost_ratio"], "{:.3g}"),
-            ]
-        )
+    for name, summary in facts["summary"].items():
+        values = summary | facts["ratios"][chosen][name]
+        counts = f"{values['n_feasible']} / {values['n_solved']} / {values['n_problems']}"
+        rows.append([name, counts, *(_number(values[key], *form) for key, *form in _COLUMNS)])
     header = ["method", "feasible / solved / of", "J", "time [ms]", "99 %", "iterations"]
     header += ["violation", "active [%]", "from demo [°]", "T [s]", "time ratio", "cost ratio"]
-    lines = [
+    drawn = "anywhere within the limits" if facts["random_ends"] else "like the demonstrations"
+    missed = facts["solved_by_bspline_only"]
+    return [
         f"{facts['n_problems']} problems of '{facts['robot']}', {facts['n_joints']} joints, "
-        + ("anywhere within the limits" if facts["random_ends"] else "like the demonstrations"),
+        + drawn,
         "",
         *table(rows, header=header).splitlines(),
         "",
@@ -229,15 +166,16 @@ def _text(facts: Mapping[str, Any]) -> list[str]:
         f"{chosen} over the method.",
         "",
         *(f"{name}: {about}" for name, about in facts["methods"].items()),
+        *(f"{name} is absent: {reason}" for name, reason in facts["absent"].items()),
+        *(
+            f"{name}: of the problems that B-splines solve, {len(problems)} are not solved"
+            for name, problems in missed.items()
+        ),
     ]
-    lines += [f"{name} is absent: {reason}" for name, reason in facts["absent"].items()]
-    for name, missed in facts["solved_by_bspline_only"].items():
-        lines.append(f"{name}: of the problems that B-splines solve, {len(missed)} are not solved")
-    return lines
 
 
 def _number(value: float | None, form: str, factor: float = 1.0) -> str:
-    return "–" if value is None else form.format(factor * value)
+    return "–" if value is None else format(factor * value, form)
 
 
 def _draw(
@@ -248,14 +186,12 @@ def _draw(
 ) -> None:
     clouds = {}
     for method in methods:
-        points = [
-            (1e3 * r[method.name].solve_time, verdict.effort_cost / reference.effort_cost)
-            for r in results
-            if method.name in r
-            and r[method.name].solved
-            and (verdict := r[method.name].verdict) is not None
-            and (reference := r["minimum_jerk"].verdict) is not None
-        ]
+        points = []
+        for found in results:
+            own, reference = found.get(method.name), found["minimum_jerk"].verdict
+            if own and own.solved and own.verdict and reference:
+                ratio = own.verdict.effort_cost / reference.effort_cost
+                points.append((1e3 * own.solve_time, ratio))
         if points:
             clouds[method.name] = points
     with picture(arguments.plot, force=arguments.force) as figure:

@@ -7,17 +7,16 @@ from __future__ import annotations
 import argparse
 import os
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 import yaml
+from sensor_msgs.msg import JointState as JointStateMessage
 
 from ..arrays import FloatArray
-from ..exceptions import MissingDependencyError, PlannerError
+from ..exceptions import PlannerError
 from ..files import write_whole
 from ..motion.goal import JointGoal, JointState
 from ..motion.trajectory import Trajectory
@@ -25,7 +24,8 @@ from ..motion.validation import check_executable, check_limits
 from ..planning.plan import Plan, PlannerOptions
 from ..planning.planner import Planner
 from ..plotting.arm import arm_figure
-from ..plotting.drawing import draw_motion, picture, require_matplotlib
+from ..plotting.drawing import picture, require_matplotlib
+from ..plotting.motion import motion_figure
 from ..plotting.primitive import PHASES, primitive_figure
 from ..plotting.text import table
 from ..primitives.file import load_primitive
@@ -36,111 +36,114 @@ from ..recordings.synthetic import JOINT_NAMES, continuous_recording, generate_m
 from ..resources import config_file
 from ..robot.limits import JointLimits
 from ..robot.model import Robot
+from ..ros.client import Answer, GoalClient, this_machine_only
+from ..ros.messages import to_trajectory
+from ..ros.monitor import Monitor
 from . import build_primitives
 from .children import Children
-from .common import CommandParser, make_folder, run
+from .common import make_folder
+from .options import parse
 from .terminal import DONE, FAILED, say
 
-if TYPE_CHECKING:
-    from ..ros.client import GoalClient
-    from ..ros.monitor import Monitor
-
-_N_DEMONSTRATIONS = 30
-_N_GOALS = 6
-# Held-out motions give the goals, so that the planner has never seen them.
-_DEMONSTRATION_SEED, _GOAL_SEED = 1, 2
-_RATE = 100.0
-# Recordings start at a time that nobody takes for simulation time.
-_EPOCH_NS = 1_700_000_000_000_000_000
-# When the robot has arrived [rad, rad/s], and how long it may take to [s].
-_AT_GOAL, _AT_REST, _PATIENCE = 1e-3, 1e-5, 30.0
-_SETTLED = 1e-6  # [rad]
 _ARM = ("upper_arm", "lower_arm", "wrist")
 _GOOD = "executable"
+_READY = "ready for goals"  # in the node's diagnostics
+_COLUMNS = (
+    ("duration", 1.0, ".2f"),
+    ("effort_cost", 1.0, ".2f"),
+    ("solve_time_s", 1e3, ".2f"),
+    ("goal_error", 1.0, ".1g"),
+)
+"""Values of the node's report in the table: name, factor of the unit, and format."""
 
 
-def main(argv: Sequence[str] | None = None) -> int:
+@dataclass(frozen=True)
+class DemoOptions:
+    """Motions of the demo, and what counts as arrival.
+
+    Attributes
+    ----------
+    n_demonstrations, n_goals : int
+        Numbers of recorded motions and of goals; the robot returns after each goal.
+    seed, goal_seed : int
+        Seeds of both. Goals are ends of motions that are not among the demonstrations.
+    rate : float
+        Rate of the recording [Hz].
+    position_error, speed : float
+        Largest error [rad] and speed [rad/s] of a robot that has arrived.
+    patience : float
+        Longest time until it has arrived [s].
+    start_error : float
+        Largest difference between the measured starts here and in the node [rad].
+    """
+
+    n_demonstrations: int = 30
+    n_goals: int = 6
+    seed: int = 1
+    goal_seed: int = 2
+    rate: float = 100.0
+    position_error: float = 1e-3
+    speed: float = 1e-5
+    patience: float = 30.0
+    start_error: float = 1e-6
+
+
+_OPTIONS = DemoOptions()
+
+
+def run(arguments: argparse.Namespace) -> int:
     """Run the command; returns the exit status."""
-    parser = CommandParser(
-        "demo",
-        "Record demonstrations of a human-like arm into a bag, build primitives from it, start "
-        "the planner node and a simulated robot, send goals from another process, have the robot "
-        "execute the motions, and draw what came of it.",
-    )
-    parser.add_argument(
-        "--output", type=Path, default=Path("demo_output"), metavar="DIR", help="folder for results"
-    )
-    return run(parser, _demo, argv)
-
-
-def _demo(arguments: argparse.Namespace) -> int:
-    if find_spec("rclpy") is None:
-        raise MissingDependencyError("rclpy", "ros", "the command 'demo'")
     require_matplotlib()
-    folder = arguments.output
+    folder, urdf = arguments.output, config_file("human_arm.urdf")
     make_folder(folder)
-
-    say(f"1. Recording {_N_DEMONSTRATIONS} arm-raising motions into {folder / 'recording'}")
-    bag = _record(folder / "recording")
+    bag, file = folder / "recording", folder / "arm_raising.npz"
+    say(f"1. Recording {_OPTIONS.n_demonstrations} arm-raising motions into {bag}")
+    _record(bag)
     say("2. Building primitives from the bag", f"   $ build_primitives {bag}")
-    primitive_file = folder / "arm_raising.npz"
-    status = build_primitives.main(
-        [
-            *(str(bag), "--output", str(primitive_file), "--force"),
-            *("--robot", str(config_file("human_arm.urdf")), "--joints", ",".join(JOINT_NAMES)),
-        ]
-    )
-    if status != DONE:
-        return status
-    primitive = load_primitive(primitive_file)
-    robot = Robot.from_file(config_file("human_arm.urdf"), JOINT_NAMES)
-    say(
-        "",
-        "3. Starting the planner node and a simulated robot, and sending goals over ROS 2 topics",
-    )
-    served = _execute_over_topics(folder, primitive_file)
+    options = ["--robot", str(urdf), "--joints", ",".join(JOINT_NAMES), "--force"]
+    build = parse("build_primitives", [str(bag), "--output", str(file), *options])
+    build_primitives.run(build)
+    robot = Robot.from_file(urdf, JOINT_NAMES)
+    say("", "3. Starting the planner node and a simulated robot, sending goals over ROS 2 topics")
+    served = _execute_over_topics(folder, file)
     failures = _report(robot, served)
     say("", f"4. Drawing into {folder}")
-    for path in _draw(folder, bag, primitive, robot, served):
+    for path in _draw(folder, bag, load_primitive(file), robot, served):
         say(f"   {path}")
     return FAILED if failures else DONE
 
 
-def _record(path: Path) -> Path:
-    """Make a person's motions and write them as a rosbag2 recording."""
-    motions = generate_motions(_N_DEMONSTRATIONS, _DEMONSTRATION_SEED)
-    recording = continuous_recording(motions, _RATE, seed=_DEMONSTRATION_SEED)
-    stamps = _EPOCH_NS + np.round(recording.times * 1e9).astype(np.int64)
-    write_joint_states(
-        path, "mcap", recording.joint_names, stamps, recording.positions, overwrite=True
-    )
-    return path
+def _record(path: Path) -> None:
+    """Write generated motions of a person as a rosbag2 recording."""
+    motions = generate_motions(_OPTIONS.n_demonstrations, _OPTIONS.seed)
+    made = continuous_recording(motions, _OPTIONS.rate, seed=_OPTIONS.seed)
+    write_joint_states(path, "mcap", made.joint_names, made.stamps, made.positions, overwrite=True)
 
 
 @dataclass(frozen=True, eq=False)
 class _Served:
-    """A goal that was sent and what came back; how far from it the robot ended [rad]."""
+    """The start of a motion, the node's answer to its goal, and the error at the end [rad]."""
 
     start: FloatArray
-    trajectory: Trajectory | None
-    values: Mapping[str, str]
-    message: str
-    latency: float | None
+    answer: Answer
     arrival_error: float
+
+    @property
+    def trajectory(self) -> Trajectory | None:
+        """The motion, if there is one."""
+        message = self.answer.trajectory
+        return None if message is None else to_trajectory(message)
 
 
 def _execute_over_topics(folder: Path, primitive_file: Path) -> list[_Served]:
-    """Start the node and a simulated robot in processes of their own, and act as their user."""
-    from ..ros.client import GoalClient, this_machine_only
-    from ..ros.monitor import Monitor
-
+    """Start the node and a simulated robot as processes, and send goals to them."""
     os.environ.update(this_machine_only())
     parameters, arm = folder / "planner.yaml", config_file("human_arm.urdf")
     description = arm.read_text(encoding="utf-8")
     values = {"primitives": [str(primitive_file)], "robot_description": description}
     content = {"mp_pca_planner": {"ros__parameters": values}}
     write_whole(parameters, yaml.safe_dump(content).encode(), overwrite=True)
-    goals = generate_motions(_N_GOALS, _GOAL_SEED)
+    goals = generate_motions(_OPTIONS.n_goals, _OPTIONS.goal_seed)
     home = goals[0].positions[0]
     start = ",".join(f"{name}={q}" for name, q in zip(JOINT_NAMES, home, strict=True))
     ros_arguments = ("--params-file", str(parameters), "--log-level", "warn")
@@ -150,8 +153,8 @@ def _execute_over_topics(folder: Path, primitive_file: Path) -> list[_Served]:
         children.start("simulate", "--robot", str(arm), "--start", start, *record)
         with GoalClient() as client, Monitor() as monitor:
             client.wait_for_node()
-            client.wait_for_model()
             _wait_until_at(monitor, home)
+            client.wait_for_diagnostics(lambda values: values["text"] == _READY)
             return [
                 _serve(client, monitor, goal)
                 for motion in goals
@@ -160,21 +163,10 @@ def _execute_over_topics(folder: Path, primitive_file: Path) -> list[_Served]:
 
 
 def _serve(client: GoalClient, monitor: Monitor, goal: FloatArray) -> _Served:
-    """Send a goal to the arm, which stands still, and let it get there."""
-    from sensor_msgs.msg import JointState as JointStateMessage
-
-    from ..ros.messages import to_trajectory
-
+    """Send a goal to the arm at rest, and wait until it is there."""
     start = _measured(monitor)[0]
     answer = client.send(JointStateMessage(name=list(JOINT_NAMES), position=goal.tolist()))
-    return _Served(
-        start=start,
-        trajectory=None if answer.trajectory is None else to_trajectory(answer.trajectory),
-        values=answer.values,
-        message=answer.report.message,
-        latency=answer.latency,
-        arrival_error=_wait_until_at(monitor, goal if answer.trajectory else start),
-    )
+    return _Served(start, answer, _wait_until_at(monitor, goal if answer.trajectory else start))
 
 
 def _measured(monitor: Monitor) -> FloatArray:
@@ -185,35 +177,30 @@ def _measured(monitor: Monitor) -> FloatArray:
 
 def _wait_until_at(monitor: Monitor, goal: FloatArray) -> float:
     """Let the robot come to rest at a goal; returns how far from it the robot is [rad]."""
-    deadline = time.monotonic() + _PATIENCE
+    deadline = time.monotonic() + _OPTIONS.patience
     while True:
         q, v = _measured(monitor)
         error = float(np.abs(q - goal).max())
-        is_there = error < _AT_GOAL and np.abs(v).max() < _AT_REST
+        is_there = error < _OPTIONS.position_error and np.abs(v).max() < _OPTIONS.speed
         if is_there or time.monotonic() > deadline:
             return error
-        time.sleep(1.0 / _RATE)
+        time.sleep(1.0 / _OPTIONS.rate)
 
 
 def _report(robot: Robot, served: Sequence[_Served]) -> int:
-    """Print a table; returns how many goals were not served as they should be."""
+    """Print a table; returns the number of goals that were not served as they should be."""
     limits = robot.limits()
     rows, failures = [], 0
     for i, goal in enumerate(served, start=1):
         verdict = _verdict(robot, limits, goal)
-        failures += verdict != _GOOD or not goal.arrival_error < _AT_GOAL
-        rows.append(
-            [
-                str(i),
-                _number(goal.values.get("duration"), 1.0, ".2f"),
-                _number(goal.values.get("effort_cost"), 1.0, ".2f"),
-                _number(goal.values.get("solve_time_s"), 1e3, ".2f"),
-                _number(goal.values.get("goal_error"), 1.0, ".1g"),
-                _number(goal.latency, 1e3, ".2f"),
-                _number(goal.arrival_error, 1e3, ".2g"),
-                verdict,
-            ]
-        )
+        failures += verdict != _GOOD or not goal.arrival_error < _OPTIONS.position_error
+        columns = [
+            *((goal.answer.values.get(name), factor, form) for name, factor, form in _COLUMNS),
+            (goal.answer.latency, 1e3, ".2f"),
+            (goal.arrival_error, 1e3, ".2g"),
+        ]
+        numbers = ["" if x is None else format(float(x) * k, form) for x, k, form in columns]
+        rows.append([str(i), *numbers, verdict])
     header = ["goal", "duration [s]", "effort [N²m²s]", "solve [ms]", "end error [rad]"]
     header += ["goal to trajectory [ms]", "arrival error [mrad]", "checked on receipt"]
     say(*table(rows, header=header).splitlines())
@@ -221,22 +208,19 @@ def _report(robot: Robot, served: Sequence[_Served]) -> int:
 
 
 def _verdict(robot: Robot, limits: JointLimits, goal: _Served) -> str:
-    """Check what was received, without believing what its sender says of it."""
-    if goal.trajectory is None:
-        return goal.message
-    # The robot settles by some nanometres between our look at it and the planner's.
-    first = goal.trajectory.positions[0]
-    start = first if np.abs(first - goal.start).max() < _SETTLED else goal.start
+    """Check a received motion independently of the report of its sender."""
+    trajectory = goal.trajectory
+    if trajectory is None:
+        return str(goal.answer.report.message)
+    # The robot settles by some nanometres between this measurement and the planner's.
+    first = trajectory.positions[0]
+    start = first if np.abs(first - goal.start).max() < _OPTIONS.start_error else goal.start
     try:
-        check = check_limits(goal.trajectory, robot, limits)
-        check_executable(goal.trajectory, check, JointState(JOINT_NAMES, start))
+        check = check_limits(trajectory, robot, limits)
+        check_executable(trajectory, check, JointState(JOINT_NAMES, start))
     except PlannerError as error:
         return str(error)
     return _GOOD
-
-
-def _number(value: str | float | None, factor: float, form: str) -> str:
-    return "" if value is None else format(float(value) * factor, form)
 
 
 def _draw(
@@ -246,55 +230,37 @@ def _draw(
     robot: Robot,
     served: Sequence[_Served],
 ) -> list[Path]:
-    demonstrations = load_recordings([bag], joints=JOINT_NAMES).demonstrations
-    shown = np.array([motion.time_normalised(PHASES.size) for motion in demonstrations])
-    path = folder / "primitive.png"
-    with picture(path, force=True) as figure:
-        primitive_figure(
-            figure,
-            primitive,
-            shown,
-            "Demonstrations, and mean shape with principal components (±1 standard deviation)",
-        )
-    pictures = [path]
-    first = next((goal for goal in served if goal.trajectory is not None), None)
-    if first is None or first.trajectory is None:
-        return pictures
-    goal = JointGoal(
-        JointState(JOINT_NAMES, first.trajectory.positions[-1]), first.trajectory.duration
-    )
+    pictures = [folder / f"{name}.png" for name in ("primitive", "motion", "arm")]
+    motions = load_recordings([bag], joints=JOINT_NAMES).demonstrations
+    shown = np.array([motion.time_normalised(PHASES.size) for motion in motions])
+    title = "Demonstrations, and mean shape with principal components (±1 standard deviation)"
+    with picture(pictures[0], force=True) as figure:
+        primitive_figure(figure, primitive, shown, title)
+    planned = [goal.trajectory for goal in served if goal.trajectory is not None]
+    if not planned:
+        return pictures[:1]
     plans = {
-        name: _plan_offline(robot, primitive, basis_name, goal, first.start)
-        for name, basis_name in (("principal components", "pca"), ("B-splines", "bspline"))
+        name: _plan_again(robot, primitive, basis, planned[0])
+        for name, basis in (("principal components", "pca"), ("B-splines", "bspline"))
     }
-    labels = {
+    labelled = {
         f"{name}, {plan.solution.effort_cost:.1f} N²m²s"
         + ("" if plan.is_executable else " (breaks limits)"): plan.trajectory
         for name, plan in plans.items()
     }
-    (label, planned), *others = labels.items()
-    path = folder / "motion.png"
-    draw_motion(
-        path,
-        planned,
-        title="Planned motion, and the same goal with B-splines",
-        label=label,
-        others=dict(others),
-        limits=robot.limits(),
-        force=True,
-    )
-    pictures.append(path)
-    path = folder / "arm.png"
+    with picture(pictures[1], force=True) as figure:
+        title = "Planned motion, and the same goal with B-splines"
+        motion_figure(figure, labelled, title, robot.limits(), ())
     chains = {
         name: robot.frame_positions(plan.trajectory.positions, _ARM) for name, plan in plans.items()
     }
-    with picture(path, force=True) as figure:
-        arm_figure(figure, chains, "The arm on its way to the goal", _ARM[-1])
-    return [*pictures, path]
+    with picture(pictures[2], force=True) as figure:
+        arm_figure(figure, chains, "The arm on its path to the goal", _ARM[-1])
+    return pictures
 
 
-def _plan_offline(
-    robot: Robot, primitive: MovementPrimitive, basis: str, goal: JointGoal, start: FloatArray
-) -> Plan:
+def _plan_again(robot: Robot, primitive: MovementPrimitive, basis: str, motion: Trajectory) -> Plan:
+    """Plan from the start to the end of a motion, in its duration."""
+    start, end = (JointState(JOINT_NAMES, q) for q in motion.positions[[0, -1]])
     planner = Planner(robot, [primitive], robot.limits(), PlannerOptions(basis=basis))
-    return planner.plan(goal, JointState(JOINT_NAMES, start))
+    return planner.plan(JointGoal(end, motion.duration), start)

@@ -20,54 +20,33 @@ from ..plotting.variance import variance_report
 from ..primitives.file import load_primitive
 from ..primitives.primitive import MovementPrimitive
 from ..recordings.bags import find_recordings
-from ..recordings.inspection import (
-    MarkerFinding,
-    RecordingInspection,
-    inspect_recording,
-)
+from ..recordings.inspection import MarkerFinding, RecordingInspection, inspect_recording
 from ..recordings.repair import REPAIRS
-from .common import CommandParser, print_json, run
+from .common import print_json
 from .terminal import DONE, REFUSED, complain, say
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command; returns the exit status."""
-    parser = CommandParser("inspect", "Show what is in bags and primitive files.")
-    parser.add_argument("files", nargs="+", metavar="FILE", help="bag, folder of bags, or .npz")
-    parser.add_argument("--topic", help="JointState topic of the bags (default: the only one)")
-    parser.add_argument(
-        "--field", metavar="a.b", help="field of the topic's messages that is a JointState"
-    )
-    parser.add_argument(
-        "--salvage", action="store_true", help="of a damaged bag, look at what is before the damage"
-    )
-    parser.add_argument("--json", action="store_true", help="print one JSON object")
-    return run(parser, _inspect, argv)
-
-
-def _inspect(arguments: argparse.Namespace) -> int:
-    """Look at every file; one that can't be read doesn't hide the others."""
+def run(arguments: argparse.Namespace) -> int:
+    """Run the command; a file that can't be read doesn't hide the others."""
     reports: list[dict[str, Any]] = []
-    is_usable: list[bool] = []
     status = DONE
     for name in arguments.files:
         try:
-            found = _look_at(name, arguments)
+            found = _contents(name, arguments)
         except PlannerError as error:
             complain(f"mp_pca_planner inspect: {error}")
             status = REFUSED
             continue
         for facts, lines in found:
             reports.append(facts)
-            is_usable.append(facts.get("refusal") is None)
             if not arguments.json:
                 say(*lines, "")
     if arguments.json:
         print_json({"files": reports})
-    return status if any(is_usable) else REFUSED
+    return status if any(facts.get("refusal") is None for facts in reports) else REFUSED
 
 
-def _look_at(name: str, arguments: argparse.Namespace) -> list[tuple[dict[str, Any], list[str]]]:
+def _contents(name: str, arguments: argparse.Namespace) -> list[tuple[dict[str, Any], list[str]]]:
     if name.endswith(".npz"):
         primitive = load_primitive(name)
         return [(_primitive_facts(name, primitive), _primitive_text(name, primitive))]
@@ -76,7 +55,7 @@ def _look_at(name: str, arguments: argparse.Namespace) -> list[tuple[dict[str, A
             path,
             arguments.topic,
             state_field=arguments.field,
-            salvage=arguments.salvage,
+            salvage=arguments.recover,
             find_markers=find_markers,
         )
         for path in find_recordings([name])
@@ -120,36 +99,27 @@ def _marker_lines(markers: Sequence[MarkerFinding]) -> list[str]:
 
 
 def _primitive_facts(name: str, primitive: MovementPrimitive) -> dict[str, Any]:
+    shown = (
+        *("name", "joint_names", "coupling", "n_components", "degree"),
+        *("explained_variance_ratio", "fit_residual", "durations", "metadata"),
+    )
     return {
         "path": name,
         "format": "movement_primitive",
-        "name": primitive.name,
-        "joint_names": list(primitive.joint_names),
-        "coupling": primitive.coupling,
-        "n_components": primitive.n_components,
-        "degree": primitive.degree,
-        "explained_variance_ratio": primitive.explained_variance_ratio,
-        "fit_residual": primitive.fit_residual,
-        "durations": primitive.durations,
+        **{field: getattr(primitive, field) for field in shown},
         "control_statement": control_statement(primitive),
-        "metadata": primitive.metadata,
     }
 
 
 def _primitive_text(name: str, primitive: MovementPrimitive) -> list[str]:
     residual = np.sqrt(np.mean(primitive.fit_residual**2, axis=1))
     unit = unit_of(primitive.joint_names, prismatic_joints(primitive))
-    rows = [
-        [
-            f"{d['recording']} {d['label']}".strip(),
-            f"{d['start_time_s']:.2f}",
-            f"{duration:.2f}",
-            unit.number(error),
-        ]
-        for d, duration, error in zip(
-            primitive.metadata["demonstrations"], primitive.durations, residual, strict=True
-        )
-    ]
+    rows = []
+    demonstrations = primitive.metadata["demonstrations"]
+    for d, duration, error in zip(demonstrations, primitive.durations, residual, strict=True):
+        name_of_motion = f"{d['recording']} {d['label']}".strip()
+        times = [f"{d['start_time_s']:.2f}", f"{duration:.2f}"]
+        rows.append([name_of_motion, *times, unit.number(error)])
     header = ["demonstration", "start [s]", "duration [s]", f"reproduced to [{unit.name} RMS]"]
     return [
         f"{name}: movement primitive '{primitive.name}'",

@@ -1,64 +1,39 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Finds the command that is asked for and hands over to it."""
+"""The table of commands, and the program that runs one of them."""
 
 from __future__ import annotations
 
 import argparse
 import sys
 from collections.abc import Callable, Sequence
+from functools import partial
 from importlib import import_module
-from typing import NamedTuple, cast
 
 from .. import __version__
 from ..exceptions import MissingDependencyError, PlannerError, unknown_name
+from .options import parse
+from .parser import ROS_ARGUMENTS
 from .terminal import DEBUG, DEBUG_HELP, OneLineParser, guard
 
 PROGRAM = "mp_pca_planner"
-_ROS_ARGUMENTS = "--ros-args"
-
-CommandFunction = Callable[[Sequence[str] | None], int]
-
-
-class Command(NamedTuple):
-    """Where a command lives (``module:function``) and what it does."""
-
-    target: str
-    summary: str
-
-
 COMMANDS = {
-    "build_primitives": Command(
-        "mp_pca_planner.cli.build_primitives:main", "recorded bags to a primitive file"
-    ),
-    "inspect": Command("mp_pca_planner.cli.inspect:main", "what is in a bag or a primitive file"),
-    "plan": Command("mp_pca_planner.cli.plan:main", "one motion from primitive files, offline"),
-    "sequence": Command(
-        "mp_pca_planner.cli.sequence:main", "one motion through several configurations, offline"
-    ),
-    "refine": Command("mp_pca_planner.cli.refine:main", "improve a motion, keep it as a primitive"),
-    "benchmark": Command(
-        "mp_pca_planner.cli.benchmark:main", "components against B-splines and other methods"
-    ),
-    "library": Command(
-        "mp_pca_planner.cli.versioned_library:main", "a folder of primitives that keeps its history"
-    ),
-    "verify": Command(
-        "mp_pca_planner.cli.verify:main", "a control law for a motion, its bound, simulations of it"
-    ),
-    "case_study": Command(
-        "mp_pca_planner.cli.case_study:main", "the paper's case study, and naturalness measured"
-    ),
-    "demo": Command("mp_pca_planner.cli.demo:main", "the whole way: record, build, plan, publish"),
-    "send_goal": Command(
-        "mp_pca_planner.cli.send_goal:main", "a goal for the running node, and what it answers"
-    ),
-    "simulate": Command(
-        "mp_pca_planner.cli.simulate:main", "a simulated robot on ROS topics, with faults on demand"
-    ),
-    "watch": Command("mp_pca_planner.cli.watch:main", "the running node in the terminal, live"),
-    "planner_node": Command("mp_pca_planner.ros.planner_node:main", "the ROS 2 node"),
+    "build_primitives": "recorded bags to a primitive file",
+    "inspect": "what is in a bag or a primitive file",
+    "plan": "one motion from primitive files, offline",
+    "sequence": "one motion through several configurations, offline",
+    "refine": "improve a motion, keep it as a primitive",
+    "benchmark": "components against B-splines and other methods",
+    "library": "a folder of primitives that keeps its history",
+    "verify": "a control law for a motion, its bound, simulations of it",
+    "case_study": "the paper's case study, and naturalness measured",
+    "demo": "the whole pipeline: record, build, plan, publish",
+    "send_goal": "a goal for the running node, and its answer",
+    "simulate": "a simulated robot on ROS topics, with faults on demand",
+    "watch": "the running node in the terminal, live",
+    "planner_node": "the ROS 2 node",
 }
+_RUN_BY_ANOTHER_MODULE = {"sequence": "plan"}
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -81,41 +56,49 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _run(arguments: Sequence[str]) -> int:
-    # Only the first argument is ours: the command sees the others as they were typed.
+    # The command parses the other arguments.
     name = _parser().parse_args(arguments[:1] or ["--help"]).command
     if name not in COMMANDS:
         raise PlannerError(unknown_name("command", name, COMMANDS))
-    return load_command(name)(arguments[1:])
+    try:
+        return load_command(name)(arguments[1:])
+    except ModuleNotFoundError as error:
+        extra = _extra_with(error.name)
+        if extra is None:
+            raise
+        raise MissingDependencyError(str(error.name), extra, f"the command '{name}'") from error
 
 
 def _without_debug(argv: Sequence[str]) -> tuple[list[str], bool]:
-    """Take the option of every command off, wherever it is before the arguments for ROS."""
-    end = argv.index(_ROS_ARGUMENTS) if _ROS_ARGUMENTS in argv else len(argv)
+    """Remove the option of all commands from the arguments before those for ROS."""
+    end = argv.index(ROS_ARGUMENTS) if ROS_ARGUMENTS in argv else len(argv)
     own = [word for word in argv[:end] if word != DEBUG]
     return [*own, *argv[end:]], len(own) < end
 
 
-def load_command(name: str) -> CommandFunction:
-    """Import a command of the table; the others stay unloaded, and with them what they need.
+def load_command(name: str) -> Callable[[Sequence[str]], int]:
+    """The function that runs a command with its arguments and returns the exit status."""
+    if name == "planner_node":
+        from ..ros.planner_node import main as planner_node
 
-    Raises
-    ------
-    MissingDependencyError
-        If the command needs ROS 2 and there is none.
-    """
-    module_name, _, function_name = COMMANDS[name].target.partition(":")
-    try:
-        module = import_module(module_name)
-    except ModuleNotFoundError as error:
-        if not _belongs_to_ros(error.name):
-            raise
-        raise MissingDependencyError(str(error.name), "ros", f"the command '{name}'") from error
-    return cast(CommandFunction, getattr(module, function_name))
+        return planner_node
+    return partial(_parse_and_run, name)
 
 
-def _belongs_to_ros(module_name: str | None) -> bool:
+def _parse_and_run(name: str, argv: Sequence[str]) -> int:
+    # The module is imported after the parser has printed help or refused the arguments.
+    arguments = parse(name, argv)
+    module = import_module(f".{_RUN_BY_ANOTHER_MODULE.get(name, name)}", __package__)
+    status: int = module.run(arguments)
+    return status
+
+
+def _extra_with(module_name: str | None) -> str | None:
+    """The extra of the package that installs a module."""
     top_level = (module_name or "").partition(".")[0]
-    return top_level in {"rclpy", "std_srvs"} or top_level.endswith(("_msgs", "_interfaces"))
+    if top_level in {"rclpy", "std_srvs"} or top_level.endswith(("_msgs", "_interfaces")):
+        return "ros"
+    return "view" if top_level == "rich" else None
 
 
 def _parser() -> OneLineParser:
@@ -125,7 +108,7 @@ def _parser() -> OneLineParser:
         usage="%(prog)s [-h] [--version] [--debug] COMMAND ...",
         description="Movement primitives from recordings, and least-effort motions made of them.",
         epilog="commands (each has its own --help):\n"
-        + "\n".join(f"  {name:{width}}  {c.summary}" for name, c in COMMANDS.items()),
+        + "\n".join(f"  {name:{width}}  {summary}" for name, summary in COMMANDS.items()),
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--version", action="version", version=f"{PROGRAM} {__version__}")

@@ -24,16 +24,16 @@ _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 
 class OneLineParser(argparse.ArgumentParser):
-    """Argument parser whose complaints are one line on stderr and exit status 2."""
+    """Argument parser whose errors are one line on stderr, with exit status 2."""
 
     def error(self, message: str) -> NoReturn:
-        """Print the complaint and exit."""
+        """Print the error and exit."""
         complain(f"{self.prog}: {message} (see --help)")
         sys.exit(REFUSED)
 
 
 def say(*lines: str) -> None:
-    """Print lines on stdout. Foreign text in a line neither breaks it nor steers the terminal."""
+    """Print lines on stdout; characters that are not printable are escaped."""
     for line in lines:
         print(printable(line))
 
@@ -49,12 +49,12 @@ def written_lines(files: Iterable[Path | None]) -> list[str]:
 
 
 def guard(program: str, command: Callable[[], int], *, debug: bool = False) -> int:
-    """Run a command; whatever it raises ends in one line on stderr and an exit status.
+    """Run a command; every error becomes one line on stderr and an exit status.
 
     Parameters
     ----------
     program :
-        What the line starts with.
+        Start of the line.
     command :
         Returns the exit status.
     debug :
@@ -66,13 +66,13 @@ def guard(program: str, command: Callable[[], int], *, debug: bool = False) -> i
         The status: the command's own, 2 for refused input, 1 for anything else that it raised.
     """
     for stream in (sys.stdout, sys.stderr):
-        # Not every terminal knows our ° and →.
+        # Not every terminal has signs such as ° and →.
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")
     try:
         return _flushed(command)
     except BrokenPipeError:
-        # Whoever read our output, `head` for example, has seen enough.
+        # The reader of the output, such as `head`, has closed it.
         sys.stdout = None
         return FAILED
     except (Exception, KeyboardInterrupt) as error:
@@ -96,13 +96,13 @@ def _flushed(command: Callable[[], int]) -> int:
 
 
 def flush() -> None:
-    """Have all output arrive, or fail now."""
+    """Write all buffered output, or fail now."""
     if sys.stdout is not None:
         sys.stdout.flush()
 
 
 def _reason(error: BaseException) -> str:
-    """What went wrong, in one sentence."""
+    """The cause of an error, in one sentence."""
     if isinstance(error, PlannerError):
         return str(error)
     if isinstance(error, KeyboardInterrupt):

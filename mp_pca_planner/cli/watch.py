@@ -8,79 +8,51 @@ import argparse
 import math
 import time
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
 
-from ..exceptions import MissingDependencyError, printable
-from .common import REPORTED, CommandParser, known, run, seconds, short
+from diagnostic_msgs.msg import DiagnosticStatus
+from rich.console import Console, Group, RenderableType
+from rich.live import Live
+from rich.panel import Panel
+from rich.table import Table
+from rich.text import Text
+
+from ..exceptions import printable
+from ..ros.monitor import Monitor, Seen
+from .common import REPORTED, known, short
 from .terminal import DONE
 
-if TYPE_CHECKING:
-    from diagnostic_msgs.msg import DiagnosticStatus
-    from rich.console import RenderableType
-    from rich.table import Table
-
-    from ..ros.monitor import Seen
-
-_PERIOD = 0.2  # of frames [s]
-_BAR_WIDTH = 24
-# Older joint states are no present ones [s].
-_STALE = 0.5
+_BAR_WIDTH = 24  # [characters]
+_STALE_AGE = 0.5  # of joint states that are drawn dim [s]
 _LEVELS = (("OK", "green"), ("WARN", "yellow"), ("ERROR", "red"), ("STALE", "red"))
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command; returns the exit status."""
-    parser = CommandParser(
-        "watch",
-        "Show the running planner node in the terminal: present joint states within their limits, "
-        "the last goal and its report, diagnostics. Ctrl-C ends it.",
-    )
-    parser.add_argument("--node", default="mp_pca_planner", metavar="NAME", help="name of the node")
-    parser.add_argument("--namespace", default="", metavar="NS", help="namespace of the node")
-    parser.add_argument(
-        "--for", dest="duration", type=seconds, metavar="S", help="end after this time [s]"
-    )
-    return run(parser, _watch, argv)
-
-
-def _watch(arguments: argparse.Namespace) -> int:
-    try:
-        from rich.console import Console
-        from rich.live import Live
-    except ModuleNotFoundError as error:
-        raise MissingDependencyError(str(error.name), "view", "the command 'watch'") from error
-    try:
-        from ..ros.monitor import Monitor
-    except ModuleNotFoundError as error:
-        raise MissingDependencyError(str(error.name), "ros", "the command 'watch'") from error
-    end = math.inf if arguments.duration is None else time.monotonic() + arguments.duration
+def run(arguments: argparse.Namespace) -> int:
+    """Run the command until its time has passed or Ctrl-C; returns the exit status."""
+    duration = arguments.duration
+    end = math.inf if duration is None else time.monotonic() + duration
     with (
         Monitor(arguments.namespace, arguments.node) as monitor,
-        Live(console=Console(), auto_refresh=False, screen=arguments.duration is None) as live,
+        Live(console=Console(), auto_refresh=False, screen=duration is None) as live,
     ):
         try:
             while time.monotonic() < end:
                 live.update(frame(monitor.look(), time.monotonic()), refresh=True)
-                time.sleep(_PERIOD)
-        except KeyboardInterrupt:  # how it is meant to be ended
+                time.sleep(0.2)  # 5 frames per second
+        except KeyboardInterrupt:  # the usual end
             pass
     return DONE
 
 
 def frame(seen: Seen, now: float) -> RenderableType:
-    """One picture.
+    """Content of the terminal.
 
     Parameters
     ----------
     seen : Seen
-        What was heard.
+        The newest messages.
     now : float
         The time, by :func:`time.monotonic` [s].
     """
-    from rich.console import Group
-    from rich.panel import Panel
-    from rich.text import Text
-
     goal = Text("none yet")
     if seen.goal is not None:
         goal = Text(f"{printable(seen.goal[0])}   ({now - seen.goal[1]:.0f} s ago)")
@@ -93,9 +65,6 @@ def frame(seen: Seen, now: float) -> RenderableType:
 
 
 def _joints(seen: Seen, now: float) -> RenderableType:
-    from rich.table import Table
-    from rich.text import Text
-
     if not seen.states:
         return Text("none yet")
     bounds = {}
@@ -107,7 +76,7 @@ def _joints(seen: Seen, now: float) -> RenderableType:
         table.add_column(title, justify="left" if title in ("joint", "") else "right")
     for name, (q, v, when) in seen.states.items():
         low, high = bounds.get(name, (-math.inf, math.inf))
-        style = "red" if not low <= q <= high else "dim" if now - when > _STALE else ""
+        style = "red" if not low <= q <= high else "dim" if now - when > _STALE_AGE else ""
         ends = [f"{x:.2f}" if math.isfinite(x) else "" for x in (low, high)]
         velocity = f"{v:.3f}" if math.isfinite(v) else ""
         age = f"{now - when:.1f} s"
@@ -129,9 +98,6 @@ def _bar(value: float, low: float, high: float) -> str:
 def _status(
     heard: tuple[DiagnosticStatus, float] | None, now: float, names: Sequence[str] | None = None
 ) -> RenderableType:
-    from rich.console import Group
-    from rich.text import Text
-
     if heard is None:
         return Text("none yet")
     status, when = heard
@@ -145,9 +111,6 @@ def _status(
 
 
 def _values(values: Mapping[str, str]) -> Table:
-    from rich.table import Table
-    from rich.text import Text
-
     table = Table.grid(padding=(0, 2))
     for name, value in values.items():
         table.add_row(Text(printable(name), style="cyan"), Text(printable(short(value))))

@@ -8,15 +8,11 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from ..robot.model import Robot
 from .bags import write_joint_states
 from .load import load_recordings
 from .reports import RecordingSet
 from .synthetic import continuous_recording, generate_motions
-
-_EXAMPLE_EPOCH = 1_700_000_000_000_000_000  # any time of day [ns]
 
 
 def load_demonstrations(
@@ -74,7 +70,6 @@ def write_example_recording(path: str | Path, n_motions: int = 40, *, seed: int 
         If the number of motions is too small, or the file can't be written.
     """
     recording = continuous_recording(generate_motions(n_motions, seed), seed=seed)
-    stamps = _EXAMPLE_EPOCH + np.round(recording.times * 1e9).astype(np.int64)
-    names = recording.joint_names
+    names, stamps = recording.joint_names, recording.stamps
     write_joint_states(path, "mcap", names, stamps, recording.positions, overwrite=True)
     return Path(path)

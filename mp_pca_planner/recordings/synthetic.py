@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline, PchipInterpolator
 from scipy.special import betainc
 
@@ -149,6 +150,11 @@ class SyntheticRecording:
     positions: FloatArray
     motion_spans: FloatArray
     return_spans: FloatArray
+
+    @property
+    def stamps(self) -> NDArray[np.int64]:
+        """Stamps [ns], shape (n_steps,), of a time of day and not of a simulation."""
+        return 1_700_000_000_000_000_000 + np.round(1e9 * self.times).astype(np.int64)
 
 
 def generate_motions(

@@ -21,7 +21,7 @@ from conftest import EPOCH, S, reaching, stamped, write_bag
 from rosbags.highlevel import AnyReader
 
 from mp_pca_planner.cli.main import main
-from mp_pca_planner.cli.states import status_line
+from mp_pca_planner.cli.requests import status_line
 from mp_pca_planner.motion.goal import JointGoal, JointState
 from mp_pca_planner.planning.plan import PlannerOptions
 from mp_pca_planner.planning.planner import Planner
@@ -581,17 +581,6 @@ def test_plan_refuses_a_robot_without_the_joints(primitive, tmp_path):
     urdf.write_text(config_file("human_arm.urdf").read_text().replace('"elbow"', '"ellbow"'))
     line = refusal("plan", primitive, "--robot", urdf, "--start", START, "--goal", GOAL)
     assert "no movable joint is called 'elbow'" in line and "'ellbow'" in line
-
-
-@pytest.mark.parametrize("command", ["build_primitives", "inspect", "plan", "demo"])
-def test_help_is_printed(command):
-    done = subprocess.run(
-        [sys.executable, "-m", "mp_pca_planner", command, "--help"],
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    assert command in done.stdout and done.stderr == ""
 
 
 def test_real_gestures_of_a_robot_become_a_primitive(shared_data, tmp_path):

@@ -85,9 +85,7 @@ def test_interrupted_demo_ends_its_child_processes(tmp_path, number):
 def test_without_ros_the_demo_names_the_extra(tmp_path):
     script = (
         "import sys\n"
-        "from importlib import util\n"
-        "find = util.find_spec\n"
-        "util.find_spec = lambda name, *rest: None if name == 'rclpy' else find(name, *rest)\n"
+        "sys.modules['rclpy'] = None\n"
         "from mp_pca_planner.cli.main import main\n"
         f"sys.exit(main(['demo', '--output', {str(tmp_path / 'out')!r}]))"
     )

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 from arm import JOINTS, arm_demonstrations
 
-from mp_pca_planner.cli import plan, refine, sequence, verify
+from mp_pca_planner.cli.main import main
 from mp_pca_planner.planning.remarks import UNUSUAL_IN_SPAN_SCORE
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
 from mp_pca_planner.primitives.file import save_primitive
@@ -43,8 +43,8 @@ def reversed_primitive(tmp_path_factory: pytest.TempPathFactory) -> str:
 def run(reversed_primitive: str, capsys: pytest.CaptureFixture[str]) -> Run:
     """Run a command on that primitive; returns what it prints."""
 
-    def run_command(command: Any, *options: str) -> str:
-        assert command.main([reversed_primitive, "--robot", str(URDF), *options]) == 0
+    def run_command(command: str, *options: str) -> str:
+        assert main([command, reversed_primitive, "--robot", str(URDF), *options]) == 0
         return capsys.readouterr().out
 
     return run_command
@@ -63,8 +63,8 @@ def test_described_joints_are_those_of_the_robot_in_its_own_order() -> None:
     assert Robot.from_file(URDF, ["elbow", "shoulder2"]).described_joints == ("shoulder2", "elbow")
 
 
-@pytest.mark.parametrize("command", [plan, sequence])
-def test_lists_follow_the_robot_description_and_not_the_primitive(command: Any, run: Run) -> None:
+@pytest.mark.parametrize("command", ["plan", "sequence"])
+def test_lists_follow_the_robot_description_and_not_the_primitive(command: str, run: Run) -> None:
     by_list = json.loads(run(command, "--start", START, "--goal", GOAL, "--json"))
     by_name = json.loads(run(command, "--start", START_BY_NAME, "--goal", GOAL_BY_NAME, "--json"))
     assert by_list["joint_names"] == list(JOINTS[::-1])
@@ -74,8 +74,8 @@ def test_lists_follow_the_robot_description_and_not_the_primitive(command: Any, 
     assert by_list["goal"] == dict(zip(JOINTS, [-1.2, 0.1, 0.5, -0.9], strict=True))
 
 
-@pytest.mark.parametrize("command", [plan, sequence, refine])
-def test_start_and_goal_are_printed_by_name_in_the_order_of_lists(command: Any, run: Run) -> None:
+@pytest.mark.parametrize("command", ["plan", "sequence", "refine"])
+def test_start_and_goal_are_printed_by_name_in_the_order_of_lists(command: str, run: Run) -> None:
     found = lines(run(command, "--start", START, "--goal", GOAL))
     assert found["start"] == START_BY_NAME
     assert found["goal"] == GOAL_BY_NAME
@@ -85,23 +85,23 @@ def test_vias_and_rates_are_printed_by_name(run: Run) -> None:
     via = "-0.6,0.1,0.5,-0.6"
     named = "shoulder1=-0.6, shoulder2=0.1, shoulder3=0.5, elbow=-0.6"
     rate = ("--start-velocity", "0.1,0,0,0.2")
-    text = run(plan, "--start", START, "--goal", GOAL, "--via", f"{via}@0.5", *rate)
+    text = run("plan", "--start", START, "--goal", GOAL, "--via", f"{via}@0.5", *rate)
     assert lines(text)["via 1"] == named
     assert "velocities shoulder1=0.1, shoulder2=0, shoulder3=0, elbow=0.2" in text
-    text = run(sequence, "--start", START, "--via", via, "--goal", GOAL)
+    text = run("sequence", "--start", START, "--via", via, "--goal", GOAL)
     assert lines(text)["via 1"] == named
 
 
 def test_gains_follow_the_robot_description(run: Run) -> None:
     gains = ("--position-gains", "90,80,70,60", "--velocity-gains", "6,5,4,3")
     options = ("--start", START, "--goal", GOAL, "--trials", "1", "--inertia-error", "0", *gains)
-    facts = json.loads(run(verify, *options, "--json"))
+    facts = json.loads(run("verify", *options, "--json"))
     assert facts["joint_names"] == list(JOINTS[::-1])
     assert facts["position_gains"] == [60.0, 70.0, 80.0, 90.0]
 
 
-@pytest.mark.parametrize("command", [plan, sequence, refine])
-def test_requests_unlike_the_demonstrations_are_remarked_in_words(command: Any, run: Run) -> None:
+@pytest.mark.parametrize("command", ["plan", "sequence", "refine"])
+def test_requests_unlike_the_demonstrations_are_remarked_in_words(command: str, run: Run) -> None:
     near = ("--start", "-0.2,0.1,0.5,-0.4", "--goal", "-0.7,0.2,0.4,-0.9")
     far = ("--start", "-2.5,-1.3,-0.5,-0.1", "--goal", "0.5,1,1,-2")
     for request in (near, far):

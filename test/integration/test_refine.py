@@ -11,7 +11,7 @@ from arm import JOINTS, arm_primitive, arm_robot
 from scipy.integrate import trapezoid
 from test_commands import GOAL, START, URDF, refusal, run
 
-from mp_pca_planner.cli.refine import main
+from mp_pca_planner.cli.main import load_command
 from mp_pca_planner.exceptions import PlannerError, RecordingError
 from mp_pca_planner.learning.executions import measure_execution
 from mp_pca_planner.motion.trajectory import Trajectory
@@ -191,6 +191,7 @@ def test_cost_is_not_counted_if_the_next_trial_could_not_be_written(primitive, t
     state, motion = tmp_path / "t.json", tmp_path / "trial.csv"
     request = ("--robot", URDF, "--start", START, "--goal", GOAL, "--trials", state)
     options = [str(word) for word in (primitive, *request, "--trajectory", motion, "--force")]
+    main = load_command("refine")
     assert main(options) == 0
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     limit = 4096  # between the sizes of the trials and of the motion

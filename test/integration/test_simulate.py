@@ -189,9 +189,7 @@ def test_wrong_use_is_refused_in_one_line(options, reason):
 def test_without_ros_the_command_names_the_extra():
     code = (
         "import sys\n"
-        "from importlib import util\n"
-        "find = util.find_spec\n"
-        "util.find_spec = lambda name, *rest: None if name == 'rclpy' else find(name, *rest)\n"
+        "sys.modules['rclpy'] = None\n"
         "from mp_pca_planner.cli.main import main\n"
         "sys.exit(main(['simulate', '--robot', 'arm.urdf']))"
     )

@@ -55,7 +55,7 @@ from test_primitive_file import forge
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from visualization_msgs.msg import MarkerArray
 
-from mp_pca_planner.cli.send_goal import main as send_goal
+from mp_pca_planner.cli.main import main
 from mp_pca_planner.execution.parameters import DECLARATIONS, limit_declarations
 from mp_pca_planner.motion.collision import Collision, CollisionModel
 from mp_pca_planner.motion.trajectory import Trajectory
@@ -564,10 +564,10 @@ def test_command_sends_a_goal_in_degrees_and_prints_the_report(
     with parameters(client, state_timeout=0.0):
         elbow = math.degrees(GOAL[3])
         n_trajectories = len(client.trajectories)
-        assert send_goal([f"elbow={elbow}", "--degrees", "--json"]) == 0
+        assert main(["send_goal", f"elbow={elbow}", "--degrees", "--json"]) == 0
         report = json.loads(capsys.readouterr().out)
         assert float(report["goal_error"]) == 0.0
-        assert send_goal(["elbo=0.1"]) == 2
+        assert main(["send_goal", "elbo=0.1"]) == 2
         assert "did you mean 'elbow'" in capsys.readouterr().out
         client.wait_for_diagnostics()
     assert len(client.trajectories) == n_trajectories + 1
@@ -577,7 +577,7 @@ def test_command_sends_a_goal_in_degrees_and_prints_the_report(
 
 def test_command_sends_a_sequence(client: NodeClient, capsys: pytest.CaptureFixture[str]) -> None:
     with parameters(client, state_timeout=0.0):
-        assert send_goal(["elbow=-0.3@2", "--via", "elbow=-0.6@1", "--json"]) == 0
+        assert main(["send_goal", "elbow=-0.3@2", "--via", "elbow=-0.6@1", "--json"]) == 0
         report = json.loads(capsys.readouterr().out)
         assert report["n_segments"] == "2"
         client.wait_for_diagnostics()

@@ -8,6 +8,8 @@ import pytest
 
 from mp_pca_planner.cli.main import main
 
+pytest.importorskip("rclpy", reason="ROS 2 (extra 'ros') is not installed")
+
 
 @pytest.mark.parametrize(
     ("arguments", "words"),
@@ -38,7 +40,6 @@ def test_goal_that_is_no_goal_is_refused_in_one_line(
 def test_names_that_no_node_can_have_are_refused_in_one_line(
     option: tuple[str, str], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    pytest.importorskip("rclpy")
     assert main(["send_goal", "elbow=1", *option]) == 2
     output = capsys.readouterr().err
     assert output.count("\n") == 1

@@ -29,7 +29,7 @@ from rclpy.executors import SingleThreadedExecutor
 from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory
 
-from mp_pca_planner.cli.send_goal import main as send_goal
+from mp_pca_planner.cli.main import main
 from mp_pca_planner.primitives.file import save_primitive
 from mp_pca_planner.ros.client import Answer
 
@@ -84,7 +84,7 @@ def test_nodes_in_namespaces_keep_apart_and_feed_the_controllers_they_are_remapp
         wait_for_diagnostics(left, "/left/mp_pca_planner")
         left.publish_state(JOINTS, START)
         goal = ",".join(f"{name}={value!r}" for name, value in zip(JOINTS, GOAL, strict=True))
-        assert send_goal([goal, "--namespace", "left"]) == 0
+        assert main(["send_goal", goal, "--namespace", "left"]) == 0
         deadline = time.monotonic() + HANG
         while not executed and time.monotonic() < deadline:
             executor.spin_once(0.1)

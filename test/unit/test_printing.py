@@ -20,6 +20,7 @@ from arm import arm_primitive
 from conftest import reaching, stamped, write_bag
 
 import mp_pca_planner.cli.main as program
+from mp_pca_planner.cli.common import report_lines
 from mp_pca_planner.exceptions import MissingDependencyError, PlannerError, printable
 from mp_pca_planner.primitives.file import save_primitive
 
@@ -205,8 +206,6 @@ def test_hint_for_a_managed_python_has_the_options_that_pip_needs_there(
 
 
 def test_numbers_of_a_report_that_nobody_asked_for_are_not_printed() -> None:
-    from mp_pca_planner.cli.send_goal import report_lines
-
     values = {"status": "solved", "effort_cost": "nan", "duration": "1.23456789", "x": "2"}
     found = [line.split() for line in report_lines(values, is_verbose=False)]
     assert found == [["status", "solved"], ["duration", "1.235"]]

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from arm import JOINTS, arm_primitive
 
-from mp_pca_planner.cli import inspect, refine, verify
+from mp_pca_planner.cli.main import main
 from mp_pca_planner.control.law import FEEDFORWARD_PD, ControlLaw, pair_law, paired_law
 from mp_pca_planner.control.statement import NO_LAW, control_statement
 from mp_pca_planner.primitives.file import load_primitive, save_primitive
@@ -31,7 +31,7 @@ def verified(tmp_path_factory: pytest.TempPathFactory) -> Path:
     save_primitive(arm_primitive(), folder / "reach.npz")
     path = folder / "paired.npz"
     output = ["--output", str(path), "--trials", "2"]
-    assert verify.main([str(folder / "reach.npz"), *REQUEST, *output]) == 0
+    assert main(["verify", str(folder / "reach.npz"), *REQUEST, *output]) == 0
     return path
 
 
@@ -64,15 +64,17 @@ def test_statement_says_bound_case_and_errors_assumed(verified: Path) -> None:
 
 def test_inspect_shows_the_statement(verified: Path, capsys: pytest.CaptureFixture[str]) -> None:
     statement = control_statement(load_primitive(verified))
-    assert inspect.main([str(verified)]) == 0
+    assert main(["inspect", str(verified)]) == 0
     assert statement in capsys.readouterr().out
-    assert inspect.main([str(verified), "--json"]) == 0
+    assert main(["inspect", str(verified), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["files"][0]["control_statement"] == statement
 
 
 def test_refined_primitive_keeps_gains_but_not_the_bound(verified: Path, tmp_path: Path) -> None:
     output = tmp_path / "refined.npz"
-    assert refine.main([str(verified), *REQUEST, "--min-gain", "0", "--output", str(output)]) == 0
+    assert (
+        main(["refine", str(verified), *REQUEST, "--min-gain", "0", "--output", str(output)]) == 0
+    )
     refined = load_primitive(output)
     before, after = paired_law(load_primitive(verified)), paired_law(refined)
     assert before is not None

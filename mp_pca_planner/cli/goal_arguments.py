@@ -1,0 +1,199 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Goals, vias and start states from the text of command-line arguments."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..exceptions import GoalError, unknown_name
+from ..motion.goal import JointGoal, JointState, Pose, PoseGoal, SequenceGoal, Via
+from .option_types import Stop, seconds
+
+if TYPE_CHECKING:
+    from ..robot.model import Robot
+
+
+def number_list(text: str, what: str) -> list[float]:
+    """Read numbers separated by spaces or commas.
+
+    Raises
+    ------
+    GoalError
+        If there is none, or one is no finite number.
+    """
+    parts = text.replace(",", " ").split()
+    if not parts:
+        raise GoalError(f"{what} '{text}' must be numbers, separated by spaces")
+    return [_finite(part, f"a number of {what}") for part in parts]
+
+
+def joint_values(
+    text: str, names: Sequence[str], what: str, kind: str = "joint"
+) -> dict[str, float]:
+    """Read ``name=value,…``, or one value per joint in joint order.
+
+    Raises
+    ------
+    GoalError
+        If a name is unknown or repeated, a value is no finite number, or the number of
+        values in a list is not that of the joints.
+    """
+    parts = [part.strip() for part in text.replace(" ", ",").split(",") if part.strip()]
+    named = ["=" in part for part in parts]
+    if not parts or any(named) != all(named):
+        raise GoalError(
+            f"{what} '{text}' must be name=value,… or {len(names)} values in {kind} order"
+        )
+    if not named[0]:
+        if len(parts) != len(names):
+            raise GoalError(
+                f"{what} has {len(parts)} values, but there are {len(names)} {kind}s: "
+                f"{', '.join(names)}"
+            )
+        parts = [f"{name}={part}" for name, part in zip(names, parts, strict=True)]
+    values: dict[str, float] = {}
+    for part in parts:
+        name, _, number = (piece.strip() for piece in part.partition("="))
+        if name not in names:
+            raise GoalError(f"{what}: {unknown_name(kind, name, names)}")
+        if name in values:
+            raise GoalError(f"{what}: {kind} '{name}' is given more than once")
+        values[name] = _finite(number, f"{what}: value of {kind} '{name}'")
+    return values
+
+
+def _finite(text: str, what: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        raise GoalError(f"{what} is '{text}', not a number") from None
+    if not np.isfinite(value):
+        raise GoalError(f"{what} is '{text}', but only finite numbers are accepted")
+    return value
+
+
+def start_state(arguments: argparse.Namespace, robot: Robot) -> JointState:
+    """The start of a motion, with its velocities and accelerations.
+
+    Raises
+    ------
+    GoalError
+        If the text can't be read, or positions of joints are missing.
+    """
+    start = _state(arguments, "start", robot.described_joints)
+    missing = [name for name in robot.joint_names if name not in start.joint_names]
+    if missing:
+        raise GoalError(f"--start lacks a position for {', '.join(missing)}")
+    return start
+
+
+def single_goal(arguments: argparse.Namespace, robot: Robot) -> JointGoal | PoseGoal:
+    """The goal of one motion, and what to pass before.
+
+    Raises
+    ------
+    GoalError
+        If the text can't be read, or a pose has a velocity.
+    """
+    names = robot.described_joints
+    how = {
+        "duration": arguments.duration if isinstance(arguments.duration, float) else None,
+        "primitive": arguments.primitive,
+        "vias": tuple(_via(text, names) for text in arguments.via),
+    }
+    if arguments.goal is not None:
+        return JointGoal(_state(arguments, "goal", names), **how)
+    for option in ("goal_velocity", "goal_acceleration"):
+        if getattr(arguments, option) is not None:
+            raise GoalError(f"--{option.replace('_', '-')} needs --goal: a pose is reached at rest")
+    return PoseGoal(_pose(_frame(arguments, robot), arguments.goal_pose, "--goal-pose"), **how)
+
+
+def sequence_goal(
+    arguments: argparse.Namespace, read: Callable[[str, str], JointState | Pose], goal: str
+) -> SequenceGoal:
+    """What to pass, what to stop at and when, from ``--via``, ``--stop`` and the goal.
+
+    Parameters
+    ----------
+    arguments : Namespace
+        The arguments.
+    read : callable
+        Reads one target from its text and the name of its option.
+    goal : str
+        How messages call the option of the goal.
+
+    Raises
+    ------
+    GoalError
+        If a text can't be read or the times don't increase.
+    """
+    targets, times = [], []
+    for option, text in [*(("--via", via) for via in arguments.via), (goal, arguments.goal)]:
+        place, at, moment = text.partition("@")
+        targets.append(read(place, option))
+        try:
+            times.append(seconds(moment) if at else None)
+        except argparse.ArgumentTypeError as error:
+            raise GoalError(f"{option} '{text}': after @, {error}") from None
+    stops = (*(isinstance(via, Stop) for via in arguments.via), False)
+    return SequenceGoal(tuple(targets), tuple(times), arguments.primitive, stops)
+
+
+def target(names: Sequence[str], text: str, option: str) -> JointState | Pose:
+    """Read a configuration (name=value,…) or a pose ('FRAME: X Y Z' or with a quaternion).
+
+    Raises
+    ------
+    GoalError
+        If it is neither.
+    """
+    frame, is_pose, numbers = text.partition(":")
+    if is_pose:
+        return _pose(frame.strip(), numbers, option)
+    q = joint_values(text, names, option)
+    return JointState(list(q), list(q.values()))
+
+
+def asked_texts(arguments: argparse.Namespace, robot: Robot) -> list[str]:
+    """The texts of the vias and the goal; a pose with the name of its frame."""
+    goal = arguments.goal or f"{_frame(arguments, robot)}: {arguments.goal_pose}"
+    return [*arguments.via, goal]
+
+
+def _frame(arguments: argparse.Namespace, robot: Robot) -> str:
+    return str(arguments.frame or robot.frame_names[-1])
+
+
+def _state(arguments: argparse.Namespace, end: str, names: Sequence[str]) -> JointState:
+    q = joint_values(getattr(arguments, end), names, f"--{end}")
+    rates = []
+    for rate in ("velocity", "acceleration"):
+        text, option = getattr(arguments, f"{end}_{rate}", None), f"--{end}-{rate}"
+        values = joint_values(text, names, option) if text else {}
+        for name in values:
+            if name not in q:
+                raise GoalError(f"{option} names joint '{name}', but --{end} does not")
+        rates.append([values.get(name, 0.0) for name in q])
+    return JointState(list(q), list(q.values()), *rates)
+
+
+def _pose(frame: str, text: str, option: str) -> Pose:
+    numbers = number_list(text, option)
+    if len(numbers) not in (3, 7):
+        raise GoalError(
+            f"{option} '{text}' has {len(numbers)} numbers, but a position has 3 (x y z) and a "
+            "pose 7 (x y z qx qy qz qw)"
+        )
+    return Pose(frame, numbers[:3], numbers[3:] or None)
+
+
+def _via(text: str, names: Sequence[str]) -> Via:
+    where, _, when = text.partition("@")
+    phase = number_list(when, "the phase of --via")[0] if when else None
+    return Via(target(names, where, "--via"), phase)

@@ -1,0 +1,216 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Motions planned from command-line arguments, in words and as facts for JSON."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from ..arrays import FloatArray, by_name, name_values
+from ..exceptions import GoalError, PlannerError
+from ..motion.collision import CollisionModel, package_folders
+from ..motion.goal import JointState
+from ..motion.trajectory import Trajectory
+from ..planning.motion import Motion
+from ..planning.objectives import OBJECTIVES, Objective, objective_by_name
+from ..planning.plan import DEMONSTRATED, INFEASIBLE, STOPPED_EARLY, Plan, PlannerOptions
+from ..planning.planner import Planner
+from ..planning.remarks import remarks
+from ..planning.sequence import SequencePlan, SequencePlanner
+from ..primitives.primitive import MovementPrimitive
+from ..primitives.primitive_library import load_primitives
+from ..robot.model import Robot
+from .common import limits_of
+from .goal_arguments import (
+    asked_texts,
+    joint_values,
+    sequence_goal,
+    single_goal,
+    start_state,
+    target,
+)
+
+_WEIGHTS = 1e-12, 1e12  # of objectives: wide enough for all units, safe from overflow
+
+
+@dataclass(frozen=True, eq=False)
+class PlannedRequest:
+    """A planned motion or sequence, and what planned it.
+
+    Attributes
+    ----------
+    planner : Planner or SequencePlanner
+        The planner.
+    plan : Plan or SequencePlan
+        Its plan.
+    asked : list of str
+        The texts of the vias and the goal.
+    """
+
+    planner: Planner | SequencePlanner
+    plan: Plan | SequencePlan
+    asked: list[str]
+
+    @property
+    def motions(self) -> tuple[Motion, ...]:
+        """The motions, one for each segment."""
+        return self.plan.motions if isinstance(self.plan, SequencePlan) else (self.plan.motion,)
+
+    @property
+    def primitives(self) -> list[MovementPrimitive]:
+        """The primitive of each segment."""
+        plan = self.plan
+        names = plan.primitives if isinstance(plan, SequencePlan) else (plan.primitive,)
+        known = {primitive.name: primitive for primitive in self.planner.primitives}
+        return [known[name] for name in names]
+
+    @property
+    def passed(self) -> list[JointState]:
+        """The start, the configurations at the vias, and the goal."""
+        if isinstance(self.plan, SequencePlan):
+            return [self.motions[0].start, *(motion.goal for motion in self.motions)]
+        motion = self.plan.motion
+        at_vias, _, _ = motion.evaluate(motion.duration * np.array(self.plan.via_phases))
+        vias = [JointState(motion.start.joint_names, q) for q in at_vias]
+        return [motion.start, *vias, motion.goal]
+
+    def collision_facts(self, trajectory: Trajectory) -> dict[str, str]:
+        """The result of the check of a motion for self-collisions, if it was asked for."""
+        collision = self.planner.collision
+        return {} if collision is None else {"collision": _collision_words(collision, trajectory)}
+
+    def facts(self, trajectory: Trajectory) -> dict[str, Any]:
+        """What JSON reports say of the request and of a motion planned for it."""
+        start, *vias, goal = [by_name(s.joint_names, s.positions) for s in self.passed]
+        return {
+            "start": start,
+            "goal": goal,
+            **({"vias": vias} if vias else {}),
+            "remarks": remarks(self.plan),
+            "joint_names": list(trajectory.joint_names),
+            **self.collision_facts(trajectory),
+        }
+
+    def lines(self) -> list[str]:
+        """Lines of text: remarks, and the start, the vias and the goal by joint name."""
+        passed = self.passed
+        labels = ["start", *(f"via {k}" for k in range(1, len(passed) - 1)), "goal"]
+        poses = ["", *(f" (for the pose {text})" if ":" in text else "" for text in self.asked)]
+        lines = [
+            f"remark       {remark}" for remark in remarks(self.plan) if remark != self.plan.message
+        ]
+        for label, state, pose in zip(labels, passed, poses, strict=True):
+            lines.append(f"{label:<12} {self._named(state, state.positions)}{pose}")
+            for rate in ("velocities", "accelerations") if label in ("start", "goal") else ():
+                values = getattr(state, rate)
+                if np.any(values):
+                    lines.append(f"{'':<12} {rate} {self._named(state, values)}")
+        return lines
+
+    def _named(self, state: JointState, values: FloatArray) -> str:
+        found = by_name(state.joint_names, values)
+        return name_values({name: found[name] for name in self.planner.robot.described_joints})
+
+
+def plan_request(arguments: argparse.Namespace) -> PlannedRequest:
+    """Plan the motion that command-line options ask for, or the sequence.
+
+    Raises
+    ------
+    PlannerError
+        If a file can't be read or an option can't be served.
+    """
+    primitives = load_primitives(arguments.primitives)
+    robot = Robot.from_file(arguments.robot, primitives[0].joint_names)
+    limits, collision = limits_of(robot, arguments.limits), _collision_model(arguments, robot)
+    start = start_state(arguments, robot)
+    if arguments.command == "sequence" or (arguments.command == "refine" and arguments.via):
+        planner = SequencePlanner(
+            robot,
+            primitives,
+            limits,
+            naturalness=arguments.naturalness,
+            sample_period=arguments.sample_period,
+            collision=collision,
+        )
+        read = partial(target, robot.described_joints)
+        goal, asked = sequence_goal(arguments, read, "--goal"), [*arguments.via, arguments.goal]
+        return PlannedRequest(planner, planner.plan(goal, start, arguments.mode), asked)
+    options = _options(arguments, robot)
+    single = Planner(robot, primitives, limits, options, collision)
+    plan = single.plan(single_goal(arguments, robot), start)
+    return PlannedRequest(single, plan, asked_texts(arguments, robot))
+
+
+def _options(arguments: argparse.Namespace, robot: Robot) -> PlannerOptions:
+    is_named = isinstance(arguments.duration, str)
+    # No controller follows the motion, so it may end in motion.
+    return PlannerOptions(
+        basis=arguments.basis,
+        objectives=_objectives(arguments.objective, robot, arguments.frame),
+        timing=arguments.duration if is_named else DEMONSTRATED,
+        naturalness=arguments.naturalness,
+        n_starts=arguments.starts,
+        sample_period=arguments.sample_period,
+        allow_nonzero_end_velocity=arguments.goal_velocity is not None,
+    )
+
+
+def _collision_model(arguments: argparse.Namespace, robot: Robot) -> CollisionModel | None:
+    if not arguments.collision:
+        if arguments.srdf is not None or arguments.package_dirs:
+            raise PlannerError("--srdf and --package-dirs are for --collision: give that, too")
+        return None
+    folders = package_folders(arguments.package_dirs, arguments.robot)
+    return CollisionModel(robot, srdf=arguments.srdf, package_dirs=folders)
+
+
+def _objectives(text: str, robot: Robot, frame: str | None) -> tuple[tuple[float, Objective], ...]:
+    weights = joint_values(text, OBJECTIVES, "--objective", "objective")
+    low, high = _WEIGHTS
+    for name, weight in weights.items():
+        if not low <= weight <= high:
+            raise GoalError(
+                f"--objective: the weight of '{name}' is {weight:g}, expected one from {low:g} "
+                f"to {high:g}"
+            )
+    return tuple((w, objective_by_name(name, robot, frame)) for name, w in weights.items())
+
+
+def status_line(plan: Plan | SequencePlan) -> str:
+    """The status of a plan, its meaning for the motion, and the plan's own sentence."""
+    meaning = {
+        STOPPED_EARLY: " (the motion may be executed, but is not optimal)",
+        INFEASIBLE: " (the motion must not be executed)",
+    }
+    return f"{plan.status}{meaning.get(plan.status, '')}: {plan.message}"
+
+
+def effort_words(effort: float, expected: float = math.nan) -> str:
+    """An effort, beside that of the expected motion; either may be unknown."""
+    if math.isnan(effort):
+        return "unknown: the robot description lacks inertias"
+    beside = "" if math.isnan(expected) else f" (expected motion: {expected:.4g})"
+    return f"{effort:.4g} N²m²s{beside}"
+
+
+def _collision_words(collision: CollisionModel, trajectory: Trajectory) -> str:
+    if not collision.has_geometry:
+        return "not checked: the robot description has no collision geometry"
+    found = collision.collisions(trajectory)
+    if not found:
+        return f"none; {len(collision.pairs)} pairs of links were checked"
+    more = f", and {len(found) - 1} more pairs of links collide" if len(found) > 1 else ""
+    return f"{found[0]}{more}"
+
+
+def collision_lines(facts: Mapping[str, Any]) -> list[str]:
+    """The line of text on self-collisions, if they were checked."""
+    return [f"collision    {facts['collision']}"] if "collision" in facts else []

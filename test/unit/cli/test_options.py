@@ -1,0 +1,132 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Options of the commands: help without heavy imports, and the library's choices and defaults."""
+
+from __future__ import annotations
+
+import argparse
+import subprocess
+import sys
+
+import pytest
+
+from mp_pca_planner.cli.main import COMMANDS
+from mp_pca_planner.cli.options import parse
+from mp_pca_planner.control.errors import ErrorModel
+from mp_pca_planner.control.law import KINDS
+from mp_pca_planner.evaluation.problems import EXAMPLE_ROBOTS
+from mp_pca_planner.evaluation.run import PEERS
+from mp_pca_planner.planning.objectives import OBJECTIVES
+from mp_pca_planner.planning.plan import BASES, PlannerOptions
+from mp_pca_planner.planning.request import LONGEST_DURATION
+from mp_pca_planner.planning.sequence import MODES
+from mp_pca_planner.planning.starts import MOST_STARTS
+from mp_pca_planner.primitives.alignment import ALIGNMENTS
+from mp_pca_planner.primitives.options import PrimitiveOptions
+from mp_pca_planner.primitives.primitive import COUPLINGS
+from mp_pca_planner.recordings.repair import RepairOptions
+from mp_pca_planner.recordings.segmentation import SegmentationOptions
+
+OFFLINE = [name for name in COMMANDS if name != "planner_node"]
+GOAL = ("FILE", "--robot", "URDF", "--start", "0", "--goal", "0")
+
+
+@pytest.fixture
+def helps(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> dict[str, str]:
+    """Help of every command, on one line."""
+    monkeypatch.setenv("COLUMNS", "1000")
+    texts = {}
+    for name in OFFLINE:
+        with pytest.raises(SystemExit):
+            parse(name, ["--help"])
+        texts[name] = " ".join(capsys.readouterr().out.split())
+    return texts
+
+
+def test_help_of_every_command_loads_no_heavy_library() -> None:
+    code = f"""
+import sys
+from mp_pca_planner.cli.main import main
+for name in {OFFLINE}:
+    try:
+        main([name, "--help"])
+    except SystemExit as ending:
+        assert ending.code == 0
+heavy = {{"numpy", "scipy", "pinocchio", "matplotlib", "rclpy", "rosbags"}} & set(sys.modules)
+sys.exit(f"loaded: {{heavy}}" if heavy else 0)
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout.count("usage: mp_pca_planner") == len(OFFLINE)
+
+
+def test_choices_are_those_of_the_library(helps: dict[str, str]) -> None:
+    for command, choices in (
+        ("plan", BASES),
+        ("sequence", MODES),
+        ("verify", KINDS),
+        ("build_primitives", COUPLINGS),
+        ("build_primitives", ALIGNMENTS),
+    ):
+        assert f"{{{','.join(choices)}}}" in helps[command]
+    assert f"(default: {KINDS[0]})" in helps["verify"]
+    assert ", ".join(OBJECTIVES) in helps["plan"]
+    assert ", ".join(PEERS) in helps["benchmark"]
+    assert ", ".join(EXAMPLE_ROBOTS) in helps["benchmark"]
+
+
+def defaults(options: argparse.Namespace, *names: str) -> list[object]:
+    return [getattr(options, name) for name in names]
+
+
+def test_defaults_are_those_of_the_library(helps: dict[str, str]) -> None:
+    planning, errors = PlannerOptions(), ErrorModel()
+    found = defaults(parse("plan", GOAL), "basis", "naturalness", "sample_period", "starts")
+    assert found == [planning.basis, planning.naturalness, planning.sample_period, MOST_STARTS]
+    found = defaults(parse("verify", GOAL), "inertia_error", "payload", "start_error")
+    assert found == [errors.inertia, errors.payload, errors.position]
+    building = PrimitiveOptions()
+    options = parse("build_primitives", ["BAG", "--output", "p.npz"])
+    found = defaults(options, "coupling", "variance", "phases", "degree", "align")
+    assert found == [
+        *(building.coupling, building.variance, building.n_phases),
+        *(building.degree, building.align),
+    ]
+    cutting, repair = SegmentationOptions(), RepairOptions()
+    for default in (
+        f"{cutting.min_rest}",
+        f"{cutting.min_duration}",
+        f"{repair.gap_time}, or {repair.gap_periods} usual periods",
+    ):
+        assert f"(default: {default})" in helps["build_primitives"]
+
+
+def test_longest_duration_and_most_starts_are_those_of_the_library() -> None:
+    most = ("--duration", f"{LONGEST_DURATION}", "--starts", f"{MOST_STARTS}")
+    assert parse("plan", [*GOAL, *most]).duration == LONGEST_DURATION
+    for more in (("--duration", f"{1.01 * LONGEST_DURATION}"), ("--starts", f"{MOST_STARTS + 1}")):
+        with pytest.raises(SystemExit):
+            parse("plan", [*GOAL, *more])
+
+
+@pytest.mark.parametrize(
+    ("command", "arguments", "old", "new"),
+    [
+        ("build_primitives", ["BAG", "--output", "p.npz"], ["--salvage"], ["--recover"]),
+        ("inspect", ["BAG"], ["--salvage"], ["--recover"]),
+        ("plan", GOAL, ["--use", "reach"], ["--primitive", "reach"]),
+    ],
+)
+def test_old_names_of_options_keep_working(
+    command: str, arguments: list[str], old: list[str], new: list[str]
+) -> None:
+    assert parse(command, [*arguments, *old]) == parse(command, [*arguments, *new])
+    assert parse(command, [*arguments, *new]) != parse(command, arguments)
+
+
+def test_arguments_for_ros_are_passed_on_as_they_are() -> None:
+    ros = ["--ros-args", "-p", "delay:=0.1", "--", "--seed", "3"]
+    options = parse("simulate", ["--robot", "arm.urdf", "--seed", "2", *ros])
+    assert (options.seed, options.ros_arguments) == (2, ros)
+    with pytest.raises(SystemExit):
+        parse("inspect", ["BAG", *ros])
