@@ -19,9 +19,9 @@ from itertools import pairwise
 import numpy as np
 
 from mp_pca_planner.motion.goal import JointGoal, JointState, Pose, SequenceGoal
+from mp_pca_planner.planning.plan import OPTIMAL, REAL_TIME, Plan, PlannerOptions
 from mp_pca_planner.planning.planner import Planner
 from mp_pca_planner.planning.selection import effort_of
-from mp_pca_planner.planning.sequence import OPTIMAL, REAL_TIME, SequencePlan, SequencePlanner
 from mp_pca_planner.plotting.text import table
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
 from mp_pca_planner.recordings.synthetic import JOINT_NAMES, generate_motions
@@ -37,7 +37,7 @@ def main() -> None:
     robot = Robot.from_file(config_file("human_arm.urdf"), JOINT_NAMES)
     motions = [motion.as_demonstration() for motion in generate_motions(40, 1)]
     primitive = build_primitive(motions, "sequences", PrimitiveOptions(n_components=6))
-    planner = SequencePlanner(robot, [primitive], robot.limits())
+    planner = Planner(robot, [primitive], options=PlannerOptions(max_solve_time=float("inf")))
     stopping = Planner(robot, [primitive], robot.limits())
     ends = np.array([m.positions[k] for m in generate_motions(60, 2) for k in (0, -1)])
     rng = np.random.default_rng(0)
@@ -98,7 +98,7 @@ def main() -> None:
     print(table(rows, header=[*header, "with all checks [s]"]))
 
 
-def beyond(plan: SequencePlan) -> list[float]:
+def beyond(plan: Plan) -> list[float]:
     """How far any joint goes beyond its positions at the ends of each segment [rad]."""
     found = []
     for motion in plan.motions:
@@ -108,7 +108,7 @@ def beyond(plan: SequencePlan) -> list[float]:
     return found
 
 
-def jump(plan: SequencePlan) -> float:
+def jump(plan: Plan) -> float:
     """Largest jump of q, q̇, q̈ between segments, evaluated on both sides."""
     tiny, worst = 1e-13, 0.0
     for before, after in pairwise(plan.motions):

@@ -10,7 +10,6 @@ from typing import Any
 
 from ..motion.trajectory_files import trajectory_columns
 from ..planning.plan import Plan
-from ..planning.sequence import SequencePlan
 from ..plotting.drawing import draw_motion
 from .common import check_motion_file, check_output, print_json, write_motion
 from .requests import (
@@ -47,16 +46,16 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _facts(request: PlannedRequest) -> dict[str, Any]:
     plan = request.plan
-    own: dict[str, Any] = {"durations": [motion.duration for motion in request.motions]}
-    if isinstance(plan, Plan):
-        own = {"weights": plan.solution.weights, "via_phases": list(plan.via_phases)}
+    own: dict[str, Any] = {"weights": plan.solution.weights, "via_phases": list(plan.via_phases)}
+    if plan.mode:
+        own = {"durations": [motion.duration for motion in plan.motions]}
     columns = trajectory_columns(plan.trajectory)
     return plan.summary() | request.facts(plan.trajectory) | own | columns
 
 
 def _draw(arguments: argparse.Namespace, request: PlannedRequest) -> None:
     plan = request.plan
-    drawn = f"'{plan.primitive}'" if isinstance(plan, Plan) else f"{len(plan.motions)} segments"
+    drawn = f"{len(plan.motions)} segments" if plan.mode else f"'{plan.primitive}'"
     draw_motion(
         arguments.plot,
         plan.trajectory,
@@ -69,7 +68,7 @@ def _draw(arguments: argparse.Namespace, request: PlannedRequest) -> None:
 
 def _text(request: PlannedRequest, facts: Mapping[str, Any]) -> list[str]:
     plan = request.plan
-    own = _plan_lines(plan, facts) if isinstance(plan, Plan) else _sequence_lines(plan, facts)
+    own = _sequence_lines(plan, facts) if plan.mode else _plan_lines(plan, facts)
     return [
         status_line(plan),
         *request.lines(),
@@ -100,7 +99,7 @@ def _plan_lines(plan: Plan, facts: Mapping[str, Any]) -> list[str]:
     return lines
 
 
-def _sequence_lines(plan: SequencePlan, facts: Mapping[str, Any]) -> list[str]:
+def _sequence_lines(plan: Plan, facts: Mapping[str, Any]) -> list[str]:
     durations = ", ".join(f"{duration:.3f}" for duration in facts["durations"])
     return [
         f"primitives   {facts['primitive']} (in-span score {facts['in_span_score']:.2f})",

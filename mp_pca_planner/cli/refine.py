@@ -46,7 +46,7 @@ def run(arguments: argparse.Namespace) -> int:
         sample_period=arguments.sample_period,
         seed=arguments.seed,
     )
-    problem = request.motions, planner.robot, planner.limits, options
+    problem = request.plan.motions, planner.robot, planner.limits, options
     found = refine(*problem, planner.collision)
     if arguments.trials is None:
         facts = _refine_by_model(arguments, request, found)
@@ -103,7 +103,7 @@ def _outputs(arguments: argparse.Namespace) -> list[Path]:
 def _refine_by_model(
     arguments: argparse.Namespace, request: PlannedRequest, found: Refinement
 ) -> dict[str, Any]:
-    before, after = RefinedMotion(request.motions).duration, found.motion.duration
+    before, after = RefinedMotion(request.plan.motions).duration, found.motion.duration
     facts = _facts(request, found) | {
         "original_cost": found.original_cost,
         "cost": found.cost,
@@ -213,7 +213,9 @@ def _keep(
     outputs = _outputs(arguments)
     if not outputs or not facts["gain"] >= arguments.min_gain:
         return False
-    segments = zip(outputs, request.motions, request.primitives, motion.parameters, strict=True)
+    segments = zip(
+        outputs, request.plan.motions, request.primitives, motion.parameters, strict=True
+    )
     for k, (path, segment, old, parameters) in enumerate(segments, start=1):
         provenance = {key: facts[key] for key in ("original_cost", "cost", "duration")} | {
             "start": segment.start.positions.tolist(),

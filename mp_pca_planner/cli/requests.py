@@ -18,12 +18,10 @@ from ..exceptions import GoalError, PlannerError
 from ..motion.collision import CollisionModel, package_folders
 from ..motion.goal import JointState
 from ..motion.trajectory import Trajectory
-from ..planning.motion import Motion
 from ..planning.objectives import OBJECTIVES, Objective, objective_by_name
 from ..planning.plan import DEMONSTRATED, INFEASIBLE, STOPPED_EARLY, Plan, PlannerOptions
 from ..planning.planner import Planner
 from ..planning.remarks import remarks
-from ..planning.sequence import SequencePlan, SequencePlanner
 from ..primitives.primitive import MovementPrimitive
 from ..primitives.primitive_library import load_primitives
 from ..robot.model import Robot
@@ -46,37 +44,30 @@ class PlannedRequest:
 
     Attributes
     ----------
-    planner : Planner or SequencePlanner
+    planner : Planner
         The planner.
-    plan : Plan or SequencePlan
+    plan : Plan
         Its plan.
     asked : list of str
         The texts of the vias and the goal.
     """
 
-    planner: Planner | SequencePlanner
-    plan: Plan | SequencePlan
+    planner: Planner
+    plan: Plan
     asked: list[str]
-
-    @property
-    def motions(self) -> tuple[Motion, ...]:
-        """The motions, one for each segment."""
-        return self.plan.motions if isinstance(self.plan, SequencePlan) else (self.plan.motion,)
 
     @property
     def primitives(self) -> list[MovementPrimitive]:
         """The primitive of each segment."""
-        plan = self.plan
-        names = plan.primitives if isinstance(plan, SequencePlan) else (plan.primitive,)
         known = {primitive.name: primitive for primitive in self.planner.primitives}
-        return [known[name] for name in names]
+        return [known[name] for name in self.plan.primitives]
 
     @property
     def passed(self) -> list[JointState]:
         """The start, the configurations at the vias, and the goal."""
-        if isinstance(self.plan, SequencePlan):
-            return [self.motions[0].start, *(motion.goal for motion in self.motions)]
         motion = self.plan.motion
+        if self.plan.mode:
+            return [motion.start, *(segment.goal for segment in self.plan.motions)]
         at_vias, _, _ = motion.evaluate(motion.duration * np.array(self.plan.via_phases))
         vias = [JointState(motion.start.joint_names, q) for q in at_vias]
         return [motion.start, *vias, motion.goal]
@@ -132,14 +123,12 @@ def plan_request(arguments: argparse.Namespace) -> PlannedRequest:
     limits, collision = limits_of(robot, arguments.limits), _collision_model(arguments, robot)
     start = start_state(arguments, robot)
     if arguments.command == "sequence" or (arguments.command == "refine" and arguments.via):
-        planner = SequencePlanner(
-            robot,
-            primitives,
-            limits,
+        options = PlannerOptions(
             naturalness=arguments.naturalness,
             sample_period=arguments.sample_period,
-            collision=collision,
+            max_solve_time=math.inf,
         )
+        planner = Planner(robot, primitives, limits, options, collision)
         read = partial(target, robot.described_joints)
         goal, asked = sequence_goal(arguments, read, "--goal"), [*arguments.via, arguments.goal]
         return PlannedRequest(planner, planner.plan(goal, start, arguments.mode), asked)
@@ -184,7 +173,7 @@ def _objectives(text: str, robot: Robot, frame: str | None) -> tuple[tuple[float
     return tuple((w, objective_by_name(name, robot, frame)) for name, w in weights.items())
 
 
-def status_line(plan: Plan | SequencePlan) -> str:
+def status_line(plan: Plan) -> str:
     """The status of a plan, its meaning for the motion, and the plan's own sentence."""
     meaning = {
         STOPPED_EARLY: " (the motion may be executed, but is not optimal)",

@@ -14,9 +14,8 @@ from pathlib import Path
 from typing import Any
 
 from ..exceptions import MissingDependencyError, PlannerError, quote_names, unknown_name
-from ..planning.plan import BASES, PlannerOptions
+from ..planning.plan import BASES, MODES, OPTIMAL, PlannerOptions
 from ..planning.request import LONGEST_DURATION
-from ..planning.sequence import MODES, OPTIMAL
 from ..planning.starts import MOST_STARTS
 
 AUTO = "auto"

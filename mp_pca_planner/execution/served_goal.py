@@ -12,7 +12,6 @@ import numpy as np
 
 from ..motion.goal import Goal, JointGoal, JointState, Pose, SequenceGoal
 from ..planning.plan import Plan
-from ..planning.sequence import SequencePlan
 from .adaptation import AdaptedPlan
 from .assembly import Model
 from .published_motion import PublishedMotion
@@ -24,7 +23,7 @@ if TYPE_CHECKING:
 # Goals closer than this are the same [rad or m]: controllers and encoders resolve no more.
 _SAME = 1e-4
 
-AnyPlan = Plan | SequencePlan | AdaptedPlan
+AnyPlan = Plan | AdaptedPlan
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +34,7 @@ class Served:
     ----------
     goal : Goal
         The goal.
-    plan : Plan, SequencePlan or AdaptedPlan
+    plan : Plan or AdaptedPlan
         The plan.
     model : Model
         The model it was planned with.

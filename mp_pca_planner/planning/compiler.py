@@ -96,6 +96,7 @@ class MotionProgram:
         self.scales = self.unknowns.scales
         self.expected = self.unknowns.from_weights(expected)
         self.precision = np.zeros((self.scales.size, self.scales.size))
+        self._last: tuple[FloatArray, Linearisation] | None = None
         functions = tables.functions.transpose(1, 0, 2, 3)
         self._states = StateMap(self.unknowns, tables.hermite, tables.mean, functions)
         if not unknowns.duration_is_free:
@@ -130,7 +131,12 @@ class MotionProgram:
         return np.asarray(0.5 * durations * (squares @ self._tables.quadrature))
 
     def linearise(self, x: FloatArray) -> Linearisation:
-        """The residual and its Jacobian."""
+        """The residual and its Jacobian; those of the last x are kept."""
+        if self._last is None or not np.array_equal(self._last[0], x):
+            self._last = x.copy(), self._linearised(x)
+        return self._last[1]
+
+    def _linearised(self, x: FloatArray) -> Linearisation:
         by_row = self._states.values(x)
         state_jacobian = self._states.jacobian(x, by_row)
         states = self._in_order(by_row)

@@ -5,6 +5,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from html import escape
+from typing import Any
 
 import numpy as np
 
@@ -27,6 +29,9 @@ SOLVED = "solved"
 STOPPED_EARLY = "stopped_early"
 INFEASIBLE = "infeasible"
 
+_SHOWN = ("status", "message", "primitive", "duration", "effort_cost", "in_span_score")
+"""Facts of a plan that notebooks show."""
+
 
 @dataclass(frozen=True)
 class SearchOptions:
@@ -37,6 +42,11 @@ class SearchOptions:
     near_expected : float
         From this naturalness on, motions stay near the expected one: limits are first left out of
         the program, one start is enough, and warm starts do not help.
+    effort_weight : float
+        The unit of naturalness is the cost of the expected motion, or this many times what the
+        objective falls along one standard deviation of the weights, if that is more. At ρ = 1 and
+        to first order, motions are displaced by at most 1 / effort_weight standard deviations
+        (benchmarks/naturalness.py).
     max_refinements : int
         Largest number of times that constraints are refined after a check on the dense grid.
     share_of_fixed : float
@@ -84,6 +94,7 @@ class SearchOptions:
     """
 
     near_expected: float = 0.1
+    effort_weight: float = 8.0
     max_refinements: int = 8
     share_of_fixed: float = 0.6
     max_search_iterations: int = 30
@@ -121,9 +132,10 @@ class PlannerOptions:
         Of goals that don't say their duration: like the demonstrations; the shortest that all
         limits allow; or the one with the least of the objectives.
     naturalness : float
-        ρ: how much a motion one standard deviation away from the expected one costs, as a
-        share of what the expected motion costs. 0: least effort alone, which may leave the
-        demonstrations far behind. It is raised when a motion breaks limits otherwise.
+        ρ: cost of a motion one standard deviation away from the expected one, as a share of the
+        cost of the expected motion (or more, see `SearchOptions.effort_weight`). 0: least effort
+        alone, which may leave the demonstrations far behind. It is raised when a motion breaks
+        limits otherwise.
     sample_period : float
         Time between the points of a trajectory [s].
     max_solve_time : float
@@ -306,6 +318,23 @@ class Plan:
     solve_time: float
     mode: str = ""
 
+    def __repr__(self) -> str:
+        return (
+            f"Plan: {self.status}, {self.duration:.2f} s by '{self.primitive}', effort "
+            f"{self.effort_cost:.4g}, in-span score {self.in_span_score:.2g}: {self.message}"
+        )
+
+    def _repr_html_(self) -> str:
+        rows = ((name, self.summary()[name]) for name in _SHOWN)
+        cells = "".join(f"<tr><th>{name}</th><td>{escape(f'{v}')}</td></tr>" for name, v in rows)
+        return f"<table>{cells}</table>"
+
+    def plot(self, axes: Any = None) -> Any:
+        """Plot the trajectory, see :func:`.figures.plot_plan`; returns the Axes."""
+        from ..plotting.figures import plot_plan
+
+        return plot_plan(self, axes)
+
     @property
     def is_executable(self) -> bool:
         """Whether the trajectory may be sent to a robot."""
@@ -325,6 +354,11 @@ class Plan:
     def duration(self) -> float:
         """Duration of all segments [s]."""
         return sum(motion.duration for motion in self.motions)
+
+    @property
+    def cost(self) -> float:
+        """The whole objective, naturalness included."""
+        return self.solution.cost
 
     @property
     def effort_cost(self) -> float:

@@ -28,6 +28,7 @@ from .compiler import MotionProgram
 from .constraints import LimitedProgram
 from .motion import Motion
 from .naturalness import segment_precision
+from .plan import SearchOptions
 from .pose_search import nearest_configuration
 from .program import Program
 from .request import Request
@@ -221,8 +222,7 @@ class SingleProblem(Problem):
             objectives=setup.options.objectives,
             conditions=request.conditions,
         )
-        near_expected = setup.options.search.near_expected
-        self.starts = _starts(basis, self._program, naturalness, near_expected)
+        self.starts = _starts(basis, self._program, naturalness, setup.options.search)
         ends = request.start, request.goal if request.pose is None else None
         self.parts = [Part(self._program, basis, ends)]
 
@@ -350,18 +350,34 @@ def passing_phases(durations: Sequence[float]) -> tuple[float, ...]:
     return tuple(map(float, ends / ends[-1]))
 
 
+def _unit_of_naturalness(
+    program: MotionProgram, precision: FloatArray, expected: FloatArray, effort_weight: float
+) -> float:
+    """Cost of one standard deviation from the expected motion at ρ = 1.
+
+    The cost of the expected motion, or `effort_weight` times the descent of the objective along one
+    standard deviation, if that is more. The second keeps motions natural whose effort could fall
+    fast: to first order, the optimum is at most 1 / (ρ effort_weight) standard deviations away.
+    """
+    here = program.linearise(expected)
+    gradient = (here.residual @ here.jacobian)[: len(precision)]
+    descent = float(np.sqrt(gradient @ np.linalg.solve(precision, gradient)))
+    cost = 0.5 * float(here.residual @ here.residual)
+    return max(cost, effort_weight * descent)
+
+
 def _starts(
-    basis: MotionBasis, program: MotionProgram, naturalness: float, near_expected: float
+    basis: MotionBasis, program: MotionProgram, naturalness: float, search: SearchOptions
 ) -> list[StartPoint]:
     """Set the program's naturalness; return the unknowns to start from, the cheapest first."""
     candidates = np.array([program.unknowns.from_weights(s.unknowns) for s in basis.starts])
     order: Sequence[int] = range(len(candidates))
     if basis.precision is not None and naturalness > 0.0:
         n = program.unknowns.n_weights
-        scales = program.scales[:n]
-        price = naturalness * program.costs(candidates[:1])[0]
-        program.precision[:n, :n] = price * basis.precision * np.outer(scales, scales)
-        if naturalness >= near_expected:
+        precision = basis.precision * np.outer(program.scales[:n], program.scales[:n])
+        unit = _unit_of_naturalness(program, precision, candidates[0], search.effort_weight)
+        program.precision[:n, :n] = naturalness * unit * precision
+        if naturalness >= search.near_expected:
             order = order[:1]
     if len(order) > 1:
         order = np.argsort(program.costs(candidates), kind="stable").tolist()

@@ -23,7 +23,6 @@ from ..motion.goal import JointGoal, JointState, Pose, PoseGoal, SequenceGoal
 from ..motion.trajectory import Trajectory
 from ..planning.plan import Plan
 from ..planning.remarks import remarks
-from ..planning.sequence import SequencePlan
 from ..primitives.primitive import MovementPrimitive
 
 UNDER_WAY = "under_way"
@@ -231,7 +230,7 @@ def _seconds(duration: Duration) -> float:
 
 
 def to_plan_report(
-    plan: Plan | SequencePlan | AdaptedPlan,
+    plan: Plan | AdaptedPlan,
     goal_stamp: Time,
     more: Mapping[str, str | float | int] | None = None,
     primitives: Sequence[MovementPrimitive] = (),
@@ -258,7 +257,7 @@ def to_plan_report(
 
 
 def to_under_way_report(
-    plan: Plan | SequencePlan | AdaptedPlan, reason: str, goal_stamp: Time
+    plan: Plan | AdaptedPlan, reason: str, goal_stamp: Time
 ) -> DiagnosticStatus:
     """Report a goal that is under way or reached already, so that nothing was published."""
     values = {**plan.summary(), "status": UNDER_WAY}
@@ -285,9 +284,7 @@ def to_overtaken_report(goal_stamp: Time) -> DiagnosticStatus:
     return _report(DiagnosticStatus.WARN, text, goal_stamp, {"status": OVERTAKEN})
 
 
-def to_refusal(
-    reason: str, goal_stamp: Time, plan: Plan | SequencePlan | None = None
-) -> DiagnosticStatus:
+def to_refusal(reason: str, goal_stamp: Time, plan: Plan | None = None) -> DiagnosticStatus:
     """Report a rejected goal, with its plan if there is one."""
     values = plan.summary() if plan else {"status": "refused"}
     return _report(DiagnosticStatus.ERROR, reason, goal_stamp, values)

@@ -17,9 +17,8 @@ from mp_pca_planner.control.law import KINDS
 from mp_pca_planner.evaluation.problems import EXAMPLE_ROBOTS
 from mp_pca_planner.evaluation.run import PEERS
 from mp_pca_planner.planning.objectives import OBJECTIVES
-from mp_pca_planner.planning.plan import BASES, PlannerOptions
+from mp_pca_planner.planning.plan import BASES, MODES, PlannerOptions
 from mp_pca_planner.planning.request import LONGEST_DURATION
-from mp_pca_planner.planning.sequence import MODES
 from mp_pca_planner.planning.starts import MOST_STARTS
 from mp_pca_planner.primitives.alignment import ALIGNMENTS
 from mp_pca_planner.primitives.options import PrimitiveOptions

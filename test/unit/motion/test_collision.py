@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
-from arm import JOINTS, arm_demonstrations, arm_primitive, arm_robot
+from arm import JOINTS, arm_demonstrations, arm_primitive, arm_robot, sequence_planner
 from patience import EVER, PATIENT
 
 from mp_pca_planner.cli.main import main
@@ -21,9 +21,15 @@ from mp_pca_planner.motion.goal import JointGoal, JointState, Pose, PoseGoal, Se
 from mp_pca_planner.motion.trajectory import Trajectory
 from mp_pca_planner.motion.validation import interpolate
 from mp_pca_planner.planning.motion import Motion
-from mp_pca_planner.planning.plan import INFEASIBLE, SOLVED, PlannerOptions
+from mp_pca_planner.planning.plan import (
+    INFEASIBLE,
+    OPTIMAL,
+    REAL_TIME,
+    SOLVED,
+    Plan,
+    PlannerOptions,
+)
 from mp_pca_planner.planning.planner import Planner
-from mp_pca_planner.planning.sequence import OPTIMAL, REAL_TIME, SequencePlan, SequencePlanner
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
 from mp_pca_planner.primitives.file import save_primitive
 from mp_pca_planner.primitives.primitive import MovementPrimitive
@@ -385,11 +391,9 @@ def test_robot_without_collision_geometry_is_said_so():
     assert "self-collisions were not checked" in plan.message
 
 
-def sequence_of_chain(
-    model: CollisionModel, *targets: list[float], mode: str = OPTIMAL
-) -> SequencePlan:
+def sequence_of_chain(model: CollisionModel, *targets: list[float], mode: str = OPTIMAL) -> Plan:
     robot = chain()
-    planner = SequencePlanner(robot, [fold()], robot.limits(), collision=model)
+    planner = sequence_planner(robot, [fold()], robot.limits(), collision=model)
     start, *states = (JointState(NAMES, q) for q in targets)
     return planner.plan(SequenceGoal(tuple(states)), start, mode)
 
@@ -411,8 +415,8 @@ def test_optimal_sequence_that_would_collide_takes_a_detour():
     robot, model = arm_robot(), CollisionModel(arm_robot())
     start, *targets = (JointState(JOINTS, d.positions[-1]) for d in arm_demonstrations()[:3])
     goal = SequenceGoal(tuple(targets))
-    bold = SequencePlanner(robot, [arm_primitive()], robot.limits(), naturalness=0.0)
-    careful = SequencePlanner(
+    bold = sequence_planner(robot, [arm_primitive()], robot.limits(), naturalness=0.0)
+    careful = sequence_planner(
         robot, [arm_primitive()], robot.limits(), naturalness=0.0, collision=model
     )
     assert model.collisions(bold.plan(goal, start).trajectory)

@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from arm import JOINTS, arm_primitive, arm_robot
+from arm import JOINTS, arm_primitive, arm_robot, sequence_planner
 from hypothesis import given
 from hypothesis import strategies as st
 from patience import EVER
@@ -23,9 +23,8 @@ from mp_pca_planner.learning.refined_motion import RefinedMotion
 from mp_pca_planner.motion.collision import CollisionModel
 from mp_pca_planner.motion.goal import JointGoal, JointState, Pose, PoseGoal, SequenceGoal, Via
 from mp_pca_planner.motion.validation import check_executable, check_limits
-from mp_pca_planner.planning.plan import INFEASIBLE, STOPPED_EARLY, PlannerOptions
+from mp_pca_planner.planning.plan import INFEASIBLE, MODES, STOPPED_EARLY, PlannerOptions
 from mp_pca_planner.planning.planner import Planner
-from mp_pca_planner.planning.sequence import MODES, SequencePlanner
 
 NO_TIME = 1e-9
 # Hardly any jerk: no motion that is optimised without time keeps these limits.
@@ -256,7 +255,7 @@ def test_sequences_rest_at_each_target_without_any_time(mode, times, moving):
     targets = tuple(goal.state for goal, _ in requests)
     start = requests[0][1]
     start = replace_rates(start, 0.1) if moving else start
-    subject = SequencePlanner(arm_robot(), [arm_primitive()], LIMITS, max_solve_time=NO_TIME)
+    subject = sequence_planner(arm_robot(), [arm_primitive()], LIMITS, max_solve_time=NO_TIME)
     plan = subject.plan(SequenceGoal(targets, times), start, mode)
     assert_serves(plan, start)
     # Passing all targets without a rest keeps the limits only in the last of these times.
@@ -275,7 +274,7 @@ def test_sequences_rest_at_each_target_without_any_time(mode, times, moving):
 
 def test_sequence_whose_times_are_too_short_is_told_how_long_it_takes():
     targets = tuple(request(i)[0].state for i in range(2))
-    subject = SequencePlanner(arm_robot(), [arm_primitive()], LIMITS, max_solve_time=NO_TIME)
+    subject = sequence_planner(arm_robot(), [arm_primitive()], LIMITS, max_solve_time=NO_TIME)
     plan = subject.plan(SequenceGoal(targets, (0.3, 0.6)), request(0)[1])
     assert plan.status == INFEASIBLE
     assert "found: to target 1 a motion with rests takes" in plan.message

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from arm import JOINTS, arm_demonstrations, arm_primitive, arm_robot
+from arm import JOINTS, arm_demonstrations, arm_primitive, arm_robot, sequence_planner
 from scipy.integrate import trapezoid
 from scipy.spatial.transform import Rotation
 
@@ -18,9 +18,9 @@ from mp_pca_planner.exceptions import GoalError, RobotError
 from mp_pca_planner.motion.goal import JointState, Pose, SequenceGoal
 from mp_pca_planner.motion.validation import check_limits
 from mp_pca_planner.planning.chain import ChainProgram
+from mp_pca_planner.planning.plan import MODES, OPTIMAL, REAL_TIME, Plan
+from mp_pca_planner.planning.planner import Planner
 from mp_pca_planner.planning.problem import ChainProblem
-from mp_pca_planner.planning.sequence import MODES, OPTIMAL, REAL_TIME, SequencePlan
-from mp_pca_planner.planning.sequence import SequencePlanner as Planner
 from mp_pca_planner.planning.solver import SolverOptions, solve
 from mp_pca_planner.primitives.file import save_primitive
 from mp_pca_planner.resources import config_file
@@ -29,7 +29,7 @@ from mp_pca_planner.resources import config_file
 def planner(max_solve_time: float = np.inf, **overrides: float) -> Planner:
     robot = arm_robot()
     limits = robot.limits(dict.fromkeys(JOINTS, overrides) if overrides else {})
-    return Planner(robot, [arm_primitive()], limits, max_solve_time=max_solve_time)
+    return sequence_planner(robot, [arm_primitive()], limits, max_solve_time=max_solve_time)
 
 
 def configurations(n: int, seed: int = 0) -> list[np.ndarray]:
@@ -46,7 +46,7 @@ def request(n: int, times: tuple[float | None, ...] = ()) -> tuple[SequenceGoal,
     )
 
 
-def joints(plan: SequencePlan) -> float:
+def joints(plan: Plan) -> float:
     """Largest jump of position, velocity or acceleration between segments, from both sides."""
     jumps = []
     for before, after in pairwise(plan.motions):

@@ -6,7 +6,7 @@ import re
 
 import numpy as np
 import pytest
-from arm import JOINTS, arm_demonstrations, arm_primitive
+from arm import JOINTS, arm_demonstrations, arm_primitive, sequence_planner
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
@@ -22,7 +22,6 @@ from mp_pca_planner.motion.validation import check_limits
 from mp_pca_planner.planning.objectives import Effort, Energy, Jerk
 from mp_pca_planner.planning.plan import SOLVED, PlannerOptions
 from mp_pca_planner.planning.planner import Planner
-from mp_pca_planner.planning.sequence import SequencePlanner
 from mp_pca_planner.primitives.file import save_primitive
 from mp_pca_planner.recordings.reaches import random_reaches
 from mp_pca_planner.resources import config_file
@@ -224,7 +223,7 @@ def test_whatever_else_computes_efforts_takes_inertias():
     law = ControlLaw.from_frequency(COMPUTED_TORQUE, sound, TRAJECTORY, 10.0, 1.0)
     plan = Planner(sound, [arm_primitive()], sound.limits()).plan(GOAL, START)
     for attempt in (
-        lambda: SequencePlanner(bare, [arm_primitive()], limits),
+        lambda: sequence_planner(bare, [arm_primitive()], limits),
         lambda: refine([plan.motion], bare, limits),
         lambda: random_reaches(bare, limits, 1, 1),
         lambda: ControlLaw.from_frequency(FEEDFORWARD_PD, bare, TRAJECTORY, 10.0, 1.0),
