@@ -17,7 +17,7 @@ from rich.table import Table
 from rich.text import Text
 
 from ..exceptions import printable
-from ..ros.monitor import Monitor, Seen
+from ..ros.monitor import Monitor, NodeView
 from .common import REPORTED, known, short
 from .terminal import DONE
 
@@ -43,12 +43,12 @@ def run(arguments: argparse.Namespace) -> int:
     return DONE
 
 
-def frame(seen: Seen, now: float) -> RenderableType:
+def frame(seen: NodeView, now: float) -> RenderableType:
     """Content of the terminal.
 
     Parameters
     ----------
-    seen : Seen
+    seen : NodeView
         The newest messages.
     now : float
         The time, by :func:`time.monotonic` [s].
@@ -64,7 +64,7 @@ def frame(seen: Seen, now: float) -> RenderableType:
     )
 
 
-def _joints(seen: Seen, now: float) -> RenderableType:
+def _joints(seen: NodeView, now: float) -> RenderableType:
     if not seen.states:
         return Text("none yet")
     bounds = {}

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..exceptions import TrajectoryError
 from ..motion.goal import JointState
-from .measured import Samples
+from .measured import MeasuredSamples
 from .options import FollowingOptions
 from .published_motion import Joined, PublishedMotion, hold
 from .servo import ServoModel
@@ -68,12 +68,12 @@ class Following:
 
 
 @dataclass(frozen=True, eq=False)
-class Seen:
+class FollowingState:
     """The measured state, whether the robot rests, and its positions in the last moments."""
 
     state: JointState
     at_rest: bool
-    samples: Samples
+    samples: MeasuredSamples
 
 
 @dataclass(eq=False)
@@ -129,7 +129,7 @@ class Publication:
     def confirm(
         self,
         found: Progress,
-        seen: Seen,
+        seen: FollowingState,
         servo: ServoModel,
         noise: float,
         options: FollowingOptions,
@@ -140,7 +140,7 @@ class Publication:
         ----------
         found : Progress
             Place of the robot on the newest motion.
-        seen : Seen
+        seen : FollowingState
             The measured positions.
         servo : ServoModel
             Offset and lag of the servos.

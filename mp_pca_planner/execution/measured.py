@@ -34,7 +34,7 @@ class StateReader(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class Samples:
+class MeasuredSamples:
     """Measured positions of the last moments.
 
     Attributes
@@ -199,7 +199,7 @@ class MeasuredStates:
             self.n_unusable += 1
             raise
 
-    def history(self) -> Samples:
+    def history(self) -> MeasuredSamples:
         """The usable states of the last moments."""
         messages, last = list(self._kept), self._newest
         if last is not None and messages and last is not messages[-1]:
@@ -213,7 +213,7 @@ class MeasuredStates:
             except GoalError:
                 continue
             times.append(message.time)
-        return Samples(np.array(times), np.reshape(positions, (-1, len(self.joint_names))))
+        return MeasuredSamples(np.array(times), np.reshape(positions, (-1, len(self.joint_names))))
 
     def velocities(self, state: JointState) -> FloatArray:
         """Velocities of the robot [rad/s or m/s], shape (n_joints,); exactly 0 for joints at rest.

@@ -20,10 +20,10 @@ from .following import (
     ON_TIME,
     REFUSED,
     Following,
+    FollowingState,
     Publication,
-    Seen,
 )
-from .measured import Clock, MeasuredStates, Samples, StateReader
+from .measured import Clock, MeasuredStates, MeasuredSamples, StateReader
 from .options import FollowingOptions
 from .parameters import Settings
 from .published_motion import Joined, PublishedMotion
@@ -138,7 +138,7 @@ class MotionFollower:
                 return None
             now = self._motion_clock()
             at_rest = not self.measured.velocities(measured).any()
-            seen = Seen(measured, at_rest, self.measured.history())
+            seen = FollowingState(measured, at_rest, self.measured.history())
             on_time = Progress(now, now - motion.began)
             following = self._follow(published, on_time, seen)
             if following is None:
@@ -146,14 +146,16 @@ class MotionFollower:
             is_near = following.distance <= settings.commanded_tolerance
             return following if is_near else replace(following, how=OFF)
 
-    def _follow(self, published: Publication, on_time: Progress, seen: Seen) -> Following | None:
+    def _follow(
+        self, published: Publication, on_time: Progress, seen: FollowingState
+    ) -> Following | None:
         """How the robot follows a motion; None if the motion or the servo model was wrong."""
         if published.is_arrived:
             return self._following(published, ON_TIME, on_time, seen)
         motion, samples, servo = published.current.motion, seen.samples, self._servo
         options = self._options
         known = samples.times >= motion.began
-        window = Samples(samples.times[known], samples.positions[known] - servo.offset)
+        window = MeasuredSamples(samples.times[known], samples.positions[known] - servo.offset)
         progress = published.current.progress
         found = locate(motion, window, progress, on_time.time, options)
         confirmation = published.confirm(found, seen, servo, self._noise, options)
@@ -186,7 +188,9 @@ class MotionFollower:
         following = self._following(published, ON_TIME, command, seen)
         return self._arrival(published, following, seen) if seen.at_rest and is_over else following
 
-    def _arrival(self, published: Publication, following: Following, seen: Seen) -> Following:
+    def _arrival(
+        self, published: Publication, following: Following, seen: FollowingState
+    ) -> Following:
         """Note that a robot that rests after a motion has arrived, unless it is elsewhere."""
         motion = following.motion
         away = np.abs(seen.state.positions - motion.end - self._servo.offset).max()
@@ -199,7 +203,7 @@ class MotionFollower:
         return following
 
     def _following(
-        self, published: Publication, how: str, progress: Progress, seen: Seen
+        self, published: Publication, how: str, progress: Progress, seen: FollowingState
     ) -> Following:
         motion, when = published.current.motion, self.measured.newest_time
         place = progress.at(when)

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..motion.goal import JointState
-from .measured import Samples
+from .measured import MeasuredSamples
 from .options import FollowingOptions
 from .published_motion import PublishedMotion
 
@@ -69,7 +69,7 @@ class TrackedMotion:
 
 def locate(
     motion: PublishedMotion,
-    samples: Samples,
+    samples: MeasuredSamples,
     prior: Progress,
     now: float,
     options: FollowingOptions,
@@ -80,7 +80,7 @@ def locate(
     ----------
     motion : PublishedMotion
         The motion.
-    samples : Samples
+    samples : MeasuredSamples
         Measured positions without the offset of the load.
     prior : Progress
         The last estimate.
@@ -103,7 +103,7 @@ def locate(
         found = other if other_cost < cost else found
     if found.error <= options.good_error or n < 4 * _N_NEWEST:
         return found
-    newer = Samples(samples.times[-(n // 2) :], samples.positions[-(n // 2) :])
+    newer = MeasuredSamples(samples.times[-(n // 2) :], samples.positions[-(n // 2) :])
     _, other = _fit(motion, newer, known, found, options)
     # Half a window says little about the change of the rate.
     return replace(other, change=found.change) if other.error < found.error else found
@@ -111,7 +111,7 @@ def locate(
 
 def _fit(
     motion: PublishedMotion,
-    samples: Samples,
+    samples: MeasuredSamples,
     prior: Progress,
     start: Progress,
     options: FollowingOptions,

@@ -20,7 +20,7 @@ from .budget import Budget
 from .motion import Motion
 from .plan import MotionSolution
 from .pose_search import POSE_TOLERANCE
-from .problem import ChainProblem, Problem, meets_at_ends
+from .problem import ChainProblem, PlanningProblem, meets_at_ends
 from .request import Request
 from .sequence_request import SequenceRequest
 from .setup import Setup
@@ -139,13 +139,17 @@ def checked(
 
 
 def attempt(
-    problem: Problem, budget: Budget, *, n_starts: int = 1, max_iterations: int | None = None
+    problem: PlanningProblem,
+    budget: Budget,
+    *,
+    n_starts: int = 1,
+    max_iterations: int | None = None,
 ) -> Attempt:
     """Solve a problem, and refine its constraints until the validator finds no violation.
 
     Parameters
     ----------
-    problem : Problem
+    problem : PlanningProblem
         The problem.
     budget : Budget
         The time for it.
@@ -200,7 +204,10 @@ def attempt(
 
 
 def _solutions(
-    problem: Problem, starts: Sequence[StartPoint], max_iterations: int | None, budget: Budget
+    problem: PlanningProblem,
+    starts: Sequence[StartPoint],
+    max_iterations: int | None,
+    budget: Budget,
 ) -> list[Solution]:
     """Solutions from one start after the other while there is time."""
     program, found = problem.program(), list[Solution]()
@@ -214,7 +221,9 @@ def _solutions(
     return found
 
 
-def _continued(problem: Problem, best: Solution, first: StartPoint | None) -> list[StartPoint]:
+def _continued(
+    problem: PlanningProblem, best: Solution, first: StartPoint | None
+) -> list[StartPoint]:
     """Starts where the solver stopped; with new clearance constraints also where it began.
 
     The detour on this side may be blocked.
@@ -228,7 +237,7 @@ def _continued(problem: Problem, best: Solution, first: StartPoint | None) -> li
 
 
 def _described(
-    problem: Problem, found: Solution, motions: Sequence[Motion], passes: int
+    problem: PlanningProblem, found: Solution, motions: Sequence[Motion], passes: int
 ) -> MotionSolution:
     """What the solver says of a motion."""
     x = found.unknowns

@@ -84,7 +84,7 @@ class Part:
         return ClearProgram(self.limited, self.basis.basis, collision, self.clearances)
 
 
-class Problem(ABC):
+class PlanningProblem(ABC):
     """A compiled request, with constraints that are refined.
 
     Attributes
@@ -175,7 +175,7 @@ class Problem(ABC):
         return bool(collisions)
 
 
-class SingleProblem(Problem):
+class SingleProblem(PlanningProblem):
     """The problem of a motion to a single goal.
 
     Parameters
@@ -255,7 +255,7 @@ class SingleProblem(Problem):
         return self._program.naturalness(x)
 
 
-class ChainProblem(Problem):
+class ChainProblem(PlanningProblem):
     """The problem of a motion through several targets.
 
     The naturalness of each segment counts by the effort of its joined motion.

@@ -26,7 +26,7 @@ from .subscriptions import PolledSubscription
 
 
 @dataclass
-class Seen:
+class NodeView:
     """What was received so far; times by :func:`time.monotonic` [s].
 
     Attributes
@@ -63,13 +63,13 @@ class Monitor(NodeInOwnContext):
 
     Attributes
     ----------
-    seen : Seen
+    seen : NodeView
         What was received until the last :meth:`look`.
     """
 
     def __init__(self, namespace: str = "", planner: str = NODE_NAME) -> None:
         super().__init__("watch", namespace, planner)
-        self.seen = Seen()
+        self.seen = NodeView()
         parent = self.node.get_namespace().rstrip("/")
         self._status_name = f"{parent}/{planner}: planner"
         topics: tuple[tuple[type, str, Callable[[Any], None], QoSProfile | int], ...] = (
@@ -86,7 +86,7 @@ class Monitor(NodeInOwnContext):
             for kind, topic, keep, qos in topics
         ]
 
-    def look(self) -> Seen:
+    def look(self) -> NodeView:
         """Take all that has arrived."""
         for subscription, keep in self._subscriptions:
             for message, _ in subscription.poll():

@@ -35,16 +35,18 @@ from rich.console import Console
 from mp_pca_planner.cli.watch import frame
 from mp_pca_planner.primitives.file import save_primitive
 from mp_pca_planner.robot.limits import JointLimits
-from mp_pca_planner.ros.monitor import Monitor, Seen
+from mp_pca_planner.ros.monitor import Monitor, NodeView
 
 
-def drawn(seen: Seen, *, with_colours: bool = False) -> str:
+def drawn(seen: NodeView, *, with_colours: bool = False) -> str:
     console = Console(width=110, record=True, file=StringIO(), color_system="standard")
     console.print(frame(seen, time.monotonic()))
     return console.export_text(styles=with_colours)
 
 
-def wait_until(monitor: Monitor, client: NodeClient, wanted: Callable[[Seen], bool]) -> Seen:
+def wait_until(
+    monitor: Monitor, client: NodeClient, wanted: Callable[[NodeView], bool]
+) -> NodeView:
     deadline = time.monotonic() + HANG
     while not wanted(monitor.look()) and time.monotonic() < deadline:
         client.publish_state((*JOINTS, "gripper"), (*START, 0.5))
@@ -63,7 +65,7 @@ def test_view_shows_states_goal_report_and_diagnostics(
         described_client() as client,
         Monitor() as monitor,
     ):
-        assert "none yet" in drawn(Seen())
+        assert "none yet" in drawn(NodeView())
         wait_until(monitor, client, lambda s: bool(s.states and s.limits and s.diagnostics))
         answer = client.send(goal_message(GOAL))
         wait_until(monitor, client, lambda s: s.report is not None)
@@ -89,7 +91,7 @@ def test_view_shows_states_goal_report_and_diagnostics(
 
 def test_position_outside_of_its_limits_is_at_the_end_of_its_bar_and_red() -> None:
     limits = JointLimits(["a"], {"a": {"min_position": -1.0, "max_position": 1.0}}, source="test")
-    seen = Seen(states={"a": (2.0, 0.0, time.monotonic())}, limits=limits)
+    seen = NodeView(states={"a": (2.0, 0.0, time.monotonic())}, limits=limits)
     (line,) = [x for x in drawn(seen, with_colours=True).splitlines() if "●" in x]
     assert "─●" in line
     assert "\x1b[31m" in line
@@ -107,7 +109,7 @@ def test_names_and_words_of_others_do_not_steer_the_terminal() -> None:
     now, hostile = time.monotonic(), "\x1b[31m\nroot# \u202e"
     report = DiagnosticStatus(message=hostile, values=[KeyValue(key=hostile, value=hostile)])
     text = drawn(
-        Seen(
+        NodeView(
             states={hostile: (0.0, 0.0, now)},
             goal=(hostile, now),
             report=(DiagnosticStatus(message=hostile), now),

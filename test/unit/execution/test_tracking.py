@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from dense import minimum_jerk_motion, spline
 
-from mp_pca_planner.execution.measured import Samples
+from mp_pca_planner.execution.measured import MeasuredSamples
 from mp_pca_planner.execution.options import FollowingOptions
 from mp_pca_planner.execution.published_motion import PublishedMotion
 from mp_pca_planner.execution.tracking import Progress, locate
@@ -25,7 +25,7 @@ CHANGING = [(0.7, -1.0), (0.5, 0.8)]
 
 
 def located(times, positions, prior, motion=MOTION):
-    return locate(motion, Samples(times, positions), prior, NOW, FollowingOptions())
+    return locate(motion, MeasuredSamples(times, positions), prior, NOW, FollowingOptions())
 
 
 def track(place, rate, change=0.0, noise=0.0, prior=None):
