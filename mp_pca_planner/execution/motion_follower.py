@@ -23,7 +23,7 @@ from .following import (
     FollowingState,
     Publication,
 )
-from .measured import Clock, MeasuredStates, MeasuredSamples, StateReader
+from .measured import Clock, MeasuredSamples, MeasuredStates, StateReader
 from .options import FollowingOptions
 from .parameters import Settings
 from .published_motion import Joined, PublishedMotion

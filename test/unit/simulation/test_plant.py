@@ -164,7 +164,8 @@ def test_without_mujoco_the_message_names_the_extra(monkeypatch):
 
 
 def test_mass_matrix_that_is_not_positive_definite_is_refused(monkeypatch):
-    robot = arm_robot().with_inertias(np.zeros(len(JOINTS)))
+    robot = arm_robot()
+    robot = robot.with_link_inertias(np.zeros((len(robot.link_inertias.links), 4)))
     drives = Drives(*(np.zeros(4),) * 3, np.full(4, np.inf))
     monkeypatch.setattr(Drives, "of", lambda _: drives)
     plant = PinocchioPlant(robot, START)
