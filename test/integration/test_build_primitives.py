@@ -157,10 +157,10 @@ def test_refusal_of_a_damaged_recording_says_what_may_help(bags: Path, tmp_path:
     (refused,) = build(bags, "--output", tmp_path / "p.npz")["refused"]
     assert refused["recording"] == "broken"
     assert refused["reason"].endswith(
-        "salvaging it takes what is before the damage, if there is any"
+        "recovering it (--recover) takes what is before the damage, if there is any"
     )
     (refused,) = build(bags, "--output", tmp_path / "q.npz", "--salvage")["refused"]
-    assert "salvaging" not in refused["reason"]
+    assert "--recover" not in refused["reason"]
 
 
 def test_segments_are_not_overwritten_unless_told(bags: Path, tmp_path: Path) -> None:

@@ -251,7 +251,7 @@ def _hint_at_salvage(salvage: bool) -> Iterator[None]:
     except DamagedRecordingError as error:
         if salvage:
             raise
-        hint = "salvaging it takes what is before the damage, if there is any"
+        hint = "recovering it (--recover) takes what is before the damage, if there is any"
         raise DamagedRecordingError(f"{error}; {hint}") from error.__cause__
 
 

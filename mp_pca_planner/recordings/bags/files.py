@@ -13,7 +13,7 @@ from pathlib import Path, PurePath
 
 from ...exceptions import DamagedRecordingError, RecordingError, quote_names
 from ...files import load_yaml, read_bytes
-from .discovery import METADATA, PACKED_SUFFIXES, BagFormat, bag_files
+from .discovery import METADATA, PACKED_SUFFIXES, BagFormat, bag_files, translated_os_errors
 from .mcap import McapFile
 from .rosbag1 import Rosbag1File
 from .sqlite import Sqlite3File
@@ -78,14 +78,18 @@ class RecordingFiles:
         RecordingError
             If a file or an index is damaged.
         """
+        if self._path.is_file():
+            # What the disk can't give is no damage of the recording.
+            with translated_os_errors(self._path), self._path.open("rb") as file:
+                file.read(1)
         counts: Counter[Channel] = Counter()
         with damage_reported(self._path, self._format):
             self._metadata = _read_metadata(self._path) if self._path.is_dir() else None
             files = bag_files(self._path) if self._metadata is None else self._metadata.files
-            self._files = [_READERS[file.suffix](file) for file in _plain_files(files, stack)]
-            for file in self._files:
+            self._files = [_READERS[part.suffix](part) for part in _plain_files(files, stack)]
+            for part in self._files:
                 # Channels without messages stay.
-                for channel, count in file.index().items():
+                for channel, count in part.index().items():
                     counts[channel] += count
         return counts
 
