@@ -13,7 +13,9 @@ raise_arm = mp.MovementPrimitive.fit(demonstrations, name="raise_arm")
 raise_arm.save("raise_arm.npz")
 robot = mp.Robot.from_file(urdf, raise_arm.joint_names)
 planner = mp.Planner(robot, [raise_arm])
-plan = planner.plan(start=demonstrations[0].positions[0], goal={"elbow": -0.5, "shoulder1": 0.6})
+plan = planner.plan(
+    start=demonstrations[0].positions[0], goal={"shoulder1": -1.8, "shoulder3": 0.6}
+)
 print(plan)
 plan.plot().flat[0].figure.savefig("motion.png")
 plan.trajectory.save("motion.csv")

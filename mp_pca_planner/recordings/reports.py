@@ -161,8 +161,8 @@ class RecordingSet:
 
     def __repr__(self) -> str:
         return (
-            f"<RecordingSet: {len(self.demonstrations)} demonstrations of {len(self.reports)} "
-            f"recordings, {len(self.refused)} rejected>"
+            f"RecordingSet: {len(self.demonstrations)} demonstrations of {len(self.reports)} "
+            f"recording(s), {len(self.refused)} rejected"
         )
 
     @property
@@ -173,7 +173,7 @@ class RecordingSet:
             repairs.update({kind: count for kind, count in one.repairs.items() if count})
         return "\n".join(
             [
-                f"{len(self.reports)} recordings used, {len(self.demonstrations)} motions found",
+                f"{len(self.demonstrations)} motions in {len(self.reports)} usable recording(s)",
                 *(f"repaired: {count} {kind}" for kind, count in sorted(repairs.items())),
                 *(f"{one.name}: {note}" for one in self.reports for note in one.notes),
                 *(f"rejected {one.recording}: {one.reason}" for one in self.refused),

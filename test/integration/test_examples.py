@@ -2,8 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """The examples run."""
 
+import json
 import os
 import re
+import runpy
 import subprocess
 import sys
 from pathlib import Path
@@ -33,3 +35,29 @@ def test_learning_loop_plans_executes_records_learns_and_plans_again(tmp_path):
         f"{name}.mcap" for name in ("planned", "trial_1", "trial_2", "planned_again")
     }
     assert (tmp_path / "cost_over_trials.png").stat().st_size > 1000
+
+
+def test_notebook_goes_from_a_recording_to_a_motion(tmp_path):
+    pytest.importorskip("matplotlib", reason="matplotlib (extra 'plot') is not installed")
+    done = subprocess.run(
+        [sys.executable, EXAMPLES / "notebook.py"],
+        capture_output=True,
+        text=True,
+        timeout=HANG,
+        check=False,
+        cwd=tmp_path,
+        env=os.environ | {"PYTHONPATH": str(EXAMPLES.parent), "MPLBACKEND": "Agg"},
+    )
+    assert done.returncode == 0, done.stderr
+    assert "Plan: solved" in done.stdout
+    made = {"motions.mcap", "raise_arm.npz", "motion.png", "motion.csv"}
+    assert {path.name for path in tmp_path.iterdir()} == made
+
+
+def test_notebook_holds_the_program():
+    script = runpy.run_path(str(EXAMPLES.parent / "scripts/execute_notebook.py"))
+    program = (EXAMPLES / "notebook.py").read_text(encoding="utf-8")
+    notebook = json.loads((EXAMPLES / "notebook.ipynb").read_text(encoding="utf-8"))
+    code = [cell for cell in notebook["cells"] if cell["cell_type"] == "code"]
+    assert ["".join(cell["source"]) for cell in code] == script["cells"](program)
+    assert all(cell["execution_count"] for cell in code)
