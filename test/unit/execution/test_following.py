@@ -1,0 +1,46 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Which of two motions a robot follows whose messages may be lost."""
+
+import numpy as np
+import pytest
+
+from mp_pca_planner.execution.following import REFUSED, FollowingState, Publication
+from mp_pca_planner.execution.measured import MeasuredSamples
+from mp_pca_planner.execution.options import FollowingOptions
+from mp_pca_planner.execution.published_motion import Joined, PublishedMotion, hold
+from mp_pca_planner.execution.servo import ServoModel
+from mp_pca_planner.execution.tracking import Progress, TrackedMotion
+from mp_pca_planner.motion.goal import JointState
+
+NAMES, NOW = ("a", "b"), 10.0
+
+
+def conclusion(distance: float, place: float, noise: float = 0.0) -> str:
+    """For motions that end this far apart, and a robot at rest at this share of that distance."""
+    held = [
+        PublishedMotion(hold(NAMES, np.array([end, 0.0])), began)
+        for end, began in ((0.0, 1.0), (distance, 2.0))
+    ]
+    old, new = (TrackedMotion(motion, Progress(NOW, NOW - motion.began)) for motion in held)
+    publication = Publication(Joined(held[1].trajectory, held[1], 2.0), new, old, 2.0)
+    position = np.array([place * distance, 0.0])
+    samples = MeasuredSamples(np.array([NOW]), position[None])
+    seen = FollowingState(JointState(NAMES, position), True, samples)
+    found = Progress(NOW, NOW - 2.0)
+    return publication.confirm(found, seen, ServoModel(2), noise, FollowingOptions())
+
+
+@pytest.mark.parametrize("distance", [3e-4, 4.3e-4, 1e-3, 1e-2])
+def test_robot_at_rest_on_the_old_motion_has_not_taken_the_new_one(distance: float) -> None:
+    assert conclusion(distance, place=0.02) == REFUSED
+
+
+@pytest.mark.parametrize("distance", [3e-4, 4.3e-4, 1e-3, 1e-2])
+@pytest.mark.parametrize("place", [0.6, 1.0, 1.2])
+def test_robot_at_rest_near_the_new_motion_may_have_taken_it(distance: float, place: float) -> None:
+    assert conclusion(distance, place) != REFUSED
+
+
+def test_distances_within_the_noise_say_nothing() -> None:
+    assert conclusion(3e-4, place=0.02, noise=1e-4) != REFUSED
