@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Naturalness of segments of a chain: how unlike the demonstrations a change of them is."""
+"""Naturalness: the cost of motions that are unlike the demonstrations."""
 
 from __future__ import annotations
 
@@ -49,3 +49,19 @@ def segment_precision(
         index = n + j + n_joints * np.arange(len(rows))
         precision[np.ix_(index, index)] += gram / spreads[j] ** 2
     return precision
+
+
+def unit_of_naturalness(
+    program: MotionProgram, precision: FloatArray, expected: FloatArray, effort_weight: float
+) -> float:
+    """Cost of one standard deviation from the expected motion at ρ = 1.
+
+    The cost of the expected motion, or `effort_weight` times the descent of the objective along one
+    standard deviation, if that is more. The second keeps motions natural whose effort could fall
+    fast: to first order, the optimum is at most 1 / (ρ effort_weight) standard deviations away.
+    """
+    here = program.linearise(expected)
+    gradient = (here.residual @ here.jacobian)[: len(precision)]
+    descent = float(np.sqrt(gradient @ np.linalg.solve(precision, gradient)))
+    cost = 0.5 * float(here.residual @ here.residual)
+    return max(cost, effort_weight * descent)

@@ -27,7 +27,7 @@ from .clearance import Clearance, ClearProgram, clearances_of
 from .compiler import MotionProgram
 from .constraints import LimitedProgram
 from .motion import Motion
-from .naturalness import segment_precision
+from .naturalness import segment_precision, unit_of_naturalness
 from .plan import SearchOptions
 from .pose_search import nearest_configuration
 from .program import Program
@@ -350,22 +350,6 @@ def passing_phases(durations: Sequence[float]) -> tuple[float, ...]:
     return tuple(map(float, ends / ends[-1]))
 
 
-def _unit_of_naturalness(
-    program: MotionProgram, precision: FloatArray, expected: FloatArray, effort_weight: float
-) -> float:
-    """Cost of one standard deviation from the expected motion at ρ = 1.
-
-    The cost of the expected motion, or `effort_weight` times the descent of the objective along one
-    standard deviation, if that is more. The second keeps motions natural whose effort could fall
-    fast: to first order, the optimum is at most 1 / (ρ effort_weight) standard deviations away.
-    """
-    here = program.linearise(expected)
-    gradient = (here.residual @ here.jacobian)[: len(precision)]
-    descent = float(np.sqrt(gradient @ np.linalg.solve(precision, gradient)))
-    cost = 0.5 * float(here.residual @ here.residual)
-    return max(cost, effort_weight * descent)
-
-
 def _starts(
     basis: MotionBasis, program: MotionProgram, naturalness: float, search: SearchOptions
 ) -> list[StartPoint]:
@@ -375,7 +359,7 @@ def _starts(
     if basis.precision is not None and naturalness > 0.0:
         n = program.unknowns.n_weights
         precision = basis.precision * np.outer(program.scales[:n], program.scales[:n])
-        unit = _unit_of_naturalness(program, precision, candidates[0], search.effort_weight)
+        unit = unit_of_naturalness(program, precision, candidates[0], search.effort_weight)
         program.precision[:n, :n] = naturalness * unit * precision
         if naturalness >= search.near_expected:
             order = order[:1]
