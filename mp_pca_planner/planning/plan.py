@@ -319,8 +319,9 @@ class Plan:
     mode: str = ""
 
     def __repr__(self) -> str:
+        names = ", ".join(dict.fromkeys(self.primitives))
         return (
-            f"Plan: {self.status}, {self.duration:.2f} s by '{self.primitive}', effort "
+            f"Plan: {self.status}, {self.duration:.2f} s by '{names}', effort "
             f"{self.effort_cost:.4g}, in-span score {self.in_span_score:.2g}: {self.message}"
         )
 

@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""The examples run."""
+"""The examples run, and the whole loop of recording, planning and learning with a node."""
 
 import json
 import os
@@ -14,13 +14,14 @@ import pytest
 from patience import HANG
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
+LOOP = Path(__file__).with_name("learning_loop.py")
 
 
 def test_learning_loop_plans_executes_records_learns_and_plans_again(tmp_path):
     for module, extra in (("rclpy", "ros"), ("cmaes", "learn"), ("matplotlib", "plot")):
         pytest.importorskip(module, reason=f"{module} (extra '{extra}') is not installed")
     done = subprocess.run(
-        [sys.executable, EXAMPLES / "learning_loop.py", "--output", tmp_path, "--trials", "2"],
+        [sys.executable, LOOP, "--output", tmp_path, "--trials", "2"],
         capture_output=True,
         text=True,
         timeout=HANG,
@@ -61,3 +62,25 @@ def test_notebook_holds_the_program():
     code = [cell for cell in notebook["cells"] if cell["cell_type"] == "code"]
     assert ["".join(cell["source"]) for cell in code] == script["cells"](program)
     assert all(cell["execution_count"] for cell in code)
+
+
+@pytest.mark.parametrize("name", ["own_objective", "several_targets", "learn_from_trials"])
+def test_example_runs(name, tmp_path):
+    if name == "learn_from_trials":
+        pytest.importorskip("cmaes", reason="cmaes (extra 'learn') is not installed")
+    done = subprocess.run(
+        [sys.executable, EXAMPLES / f"{name}.py"],
+        capture_output=True,
+        text=True,
+        timeout=HANG,
+        check=False,
+        cwd=tmp_path,
+        env=os.environ | {"PYTHONPATH": str(EXAMPLES.parent)},
+    )
+    assert done.returncode == 0, done.stderr
+    assert "N²m²s" in done.stdout
+
+
+@pytest.mark.parametrize("path", sorted(EXAMPLES.glob("*.py")), ids=lambda path: path.name)
+def test_example_is_short(path):
+    assert len(path.read_text(encoding="utf-8").splitlines()) <= 40

@@ -249,9 +249,7 @@ def test_each_objective_is_lowered_by_asking_for_it():
 
 def test_the_example_of_an_own_objective_does_what_it_says(capsys):
     runpy.run_path(str(EXAMPLE), run_name="__main__")
-    away = [
-        float(line.split("elbow ")[1].split()[0]) for line in capsys.readouterr().out.splitlines()
-    ]
+    away = [float(line.split(": ")[1].split()[0]) for line in capsys.readouterr().out.splitlines()]
     assert len(away) == 3 and away == sorted(away, reverse=True) and away[-1] < 0.9 * away[0]
 
 
