@@ -22,6 +22,7 @@ from mp_pca_planner.motion.collision import CollisionModel
 from mp_pca_planner.motion.goal import JointGoal, JointState
 from mp_pca_planner.motion.validation import check_executable, check_limits
 from mp_pca_planner.planning.plan import Plan
+from mp_pca_planner.planning.planner import Planner
 from mp_pca_planner.resources import config_file
 
 URDF = config_file("human_arm.urdf").read_text(encoding="utf-8")
@@ -103,7 +104,9 @@ def test_trials_avoid_self_collision_where_that_is_enabled(tmp_path: Path) -> No
             max_solve_time=NODE_EVER,
         )
         model = assemble_model(URDF, [arm_primitive()], settings)
-        planned = replace(model.planner, collision=collision).plan(goal, here)
+        own = model.planner
+        free = Planner(own.robot, own.primitives, own.limits, own.options, collision)
+        planned = free.plan(goal, here)
         n_collisions[is_enabled], store = 0, TrialStore()
         for number in range(1, 4):
             plan, trial = store.vary(goal, planned, model)
