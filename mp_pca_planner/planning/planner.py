@@ -91,6 +91,10 @@ class Planner:
         self._several = SeveralPlanner(setup, fallback, self._chooser)
         self._assembly = PlanAssembly(setup, self._resolver)
 
+    def __repr__(self) -> str:
+        names = ", ".join(f"'{primitive.name}'" for primitive in self.primitives)
+        return f"Planner of {self.robot!r}, primitives {names}"
+
     def check(self, goal: JointGoal) -> None:
         """Reject a goal that can't be served wherever the robot is.
 

@@ -79,6 +79,13 @@ class Demonstration:
                 value.flags.writeable = False
         self.__dict__.update(state)
 
+    def __repr__(self) -> str:
+        label = f" '{self.label}'" if self.label else ""
+        return (
+            f"Demonstration{label} of '{self.recording}': {self.n_joints} joints, "
+            f"{self.start_time:.2f} to {self.end_time:.2f} s"
+        )
+
     @property
     def n_joints(self) -> int:
         """Number of joints."""

@@ -94,6 +94,9 @@ class Robot(Dynamics, Kinematics):
         self.continuous.setflags(write=False)
         self.prismatic_joints = tuple(n for n in names if found.types[n] == "prismatic")
 
+    def __repr__(self) -> str:
+        return f"Robot '{self.name}': {', '.join(self.joint_names)}"
+
     @classmethod
     def from_file(
         cls,
