@@ -177,8 +177,10 @@ class Publication:
             return TAKEN
         at_rest = options.refused_rest_distance + margin
         refused = at_rest if seen.at_rest else options.refused_distance
-        # A robot that rests where the other motion ends is not on this one, however near they are.
-        rests_on_old = seen.at_rest and to_new >= 0.5 * at_rest and to_old < 0.1 * to_new
+        # A robot that rests after both motions where the old one ends is not on this one, however
+        # near they are. At its start, it may only be slow to move.
+        is_over = seen.at_rest and when >= motion.began + motion.duration
+        rests_on_old = is_over and to_new >= 0.5 * at_rest and to_old < 0.1 * to_new
         if rests_on_old or (to_new >= refused and to_old < 0.5 * to_new):
             self.give_up()
             return REFUSED

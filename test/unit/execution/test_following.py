@@ -12,16 +12,22 @@ from mp_pca_planner.execution.published_motion import Joined, PublishedMotion, h
 from mp_pca_planner.execution.servo import ServoModel
 from mp_pca_planner.execution.tracking import Progress, TrackedMotion
 from mp_pca_planner.motion.goal import JointState
+from mp_pca_planner.motion.trajectory import Trajectory
 
 NAMES, NOW = ("a", "b"), 10.0
 
 
-def conclusion(distance: float, place: float, noise: float = 0.0) -> str:
-    """For motions that end this far apart, and a robot at rest at this share of that distance."""
+def conclusion(distance: float, place: float, noise: float = 0.0, *, is_over: bool = True) -> str:
+    """For motions that are this far apart, and a robot at rest at this share of that distance."""
     held = [
         PublishedMotion(hold(NAMES, np.array([end, 0.0])), began)
         for end, began in ((0.0, 1.0), (distance, 2.0))
     ]
+    if not is_over:  # half way
+        ends, rest = np.array([[0.0, 0.0], [2.0 * distance, 0.0]]), np.zeros((2, 2))
+        held[1] = PublishedMotion(
+            Trajectory(NAMES, [0.0, 2.0 * (NOW - 2.0)], ends, rest, rest), 2.0
+        )
     old, new = (TrackedMotion(motion, Progress(NOW, NOW - motion.began)) for motion in held)
     publication = Publication(Joined(held[1].trajectory, held[1], 2.0), new, old, 2.0)
     position = np.array([place * distance, 0.0])
@@ -40,6 +46,10 @@ def test_robot_at_rest_on_the_old_motion_has_not_taken_the_new_one(distance: flo
 @pytest.mark.parametrize("place", [0.6, 1.0, 1.2])
 def test_robot_at_rest_near_the_new_motion_may_have_taken_it(distance: float, place: float) -> None:
     assert conclusion(distance, place) != REFUSED
+
+
+def test_robot_that_has_not_begun_to_move_may_have_taken_the_new_motion() -> None:
+    assert conclusion(3e-4, place=0.02, is_over=False) != REFUSED
 
 
 def test_distances_within_the_noise_say_nothing() -> None:
