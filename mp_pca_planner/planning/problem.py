@@ -95,7 +95,9 @@ class PlanningProblem(ABC):
         The request.
     bases : tuple of MotionBasis
         The basis of each segment.
-    naturalness : float Naturalness weight ρ. parts : list of Part
+    naturalness : float
+        Naturalness weight ρ.
+    parts : list of Part
         The segments.
     starts : list of StartPoint
         Starts of the solver, the cheapest first.
@@ -186,7 +188,9 @@ class SingleProblem(PlanningProblem):
         The basis of its motions.
     duration : float
         Duration [s], or its initial value if it is free.
-    naturalness : float Naturalness weight ρ. duration_is_free : bool
+    naturalness : float
+        Naturalness weight ρ.
+    duration_is_free : bool
         Whether the duration is an unknown.
     """
 

@@ -27,7 +27,9 @@ class Setting:
         The basis of motions.
     duration : float
         The duration [s].
-    naturalness : float Naturalness weight ρ. is_first : bool
+    naturalness : float
+        Naturalness weight ρ.
+    is_first : bool
         Whether it is the first one of its basis.
     """
 
@@ -139,7 +141,8 @@ class WiderBasis:
         From the narrowest to the widest; they are made when they are needed.
     duration : float
         Duration [s].
-    naturalness : float Naturalness weight ρ.
+    naturalness : float
+        Naturalness weight ρ.
     """
 
     bases: Iterator[MotionBasis]

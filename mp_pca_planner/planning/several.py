@@ -4,7 +4,7 @@
 
 Between targets, each segment is a motion q(s) = h(s) + μ(s) + Σ wₖ φₖ(s) of the primitive whose
 demonstrations are nearest. *In real time*, nothing is optimised: the segments have the expected
-weights and durations (see :mod:`.sequence_request`). **Optimal*: the weights, the velocities and
+weights and durations (see :mod:`.sequence_request`). *Optimal*: the weights, the velocities and
 accelerations at the targets, and the passing times of all segments are optimised together. The cost
 is the sum of the objectives and the naturalness of each segment: its distance from the segment
 joined in real time, in standard deviations of the demonstrations (see :mod:`.chain`).

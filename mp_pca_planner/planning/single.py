@@ -34,7 +34,8 @@ class BasisChooser:
 
     Parameters
     ----------
-    setup, primitives Robot, options and primitives of the planner.
+    setup, primitives
+        Robot, options and primitives of the planner.
 
     Attributes
     ----------
@@ -93,7 +94,8 @@ class SinglePlanner:
 
     Parameters
     ----------
-    setup, resolver, fallback, chooser Components of the planner.
+    setup, resolver, fallback, chooser
+        Components of the planner.
     """
 
     def __init__(
