@@ -1,9 +1,9 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Whether the error bounds of control laws hold, and how far they are from what happens.
+"""Validity and tightness of the error bounds of control laws.
 
-Motions of the human-like arm are planned; each is simulated many times with a wrong model, a
-wrong start, effort limits, sampling at 1 kHz and a delay of one sample.
+Motions of the human-like arm are planned. Each is simulated many times with errors of the model and
+of the start, effort limits, sampling at 1 kHz and a delay of one sample.
 
     python benchmarks/control_bound.py [--motions 20] [--trials 50]
 """

@@ -1,14 +1,16 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Which family of motions solves a problem, and what fewer components would do.
+"""Success of each motion basis, and the effect of fewer components.
 
-First, problems of fixed durations are planned: held-out motions of the demonstrated range, ends
-anywhere within the limits, and held-out ones with limits of velocity and acceleration so far drawn
-in that motions must be unlike those shown. It says whether it took components alone, components
-and splines, or splines alone, and whether a problem that splines alone solve is refused.
+First, problems of fixed duration are planned. Their ends are those of held-out motions, random ones
+within the limits, or those of held-out motions with tight velocity and acceleration limits, which
+demonstrated shapes would violate. The table counts the basis that solved each problem: components,
+components with B-splines, or B-splines. It also counts rejected problems that B-splines alone
+solve.
 
-Then held-out motions are planned with the first 1, 2, 4, … components, and with all of them and
-some naturalness ρ. Fewer components are nearer to what was shown at more effort; so is naturalness.
+Then held-out motions are planned with the first 1, 2, 4, … components, and with all components and
+several naturalness weights ρ. Fewer components and a larger ρ both bring motions nearer to the
+demonstrations at a higher effort.
 
     python benchmarks/families.py [--problems 50]
 """
@@ -39,8 +41,8 @@ from mp_pca_planner.robot.limits import JointLimits
 
 ROBOTS = ("human_arm", "panda", "ur5", "kinova")
 COMPONENTS = {"arm": 8, "joint": 4}
-# Limits as shares of the peaks of the minimum-jerk motion, which are these over D / T and D / T²,
-# and the least [rad/s, rad/s²], for joints that hardly move.
+# Limits as shares of the peaks of the minimum-jerk motion. The peaks are these factors times D / T
+# and D / T². Joints that hardly move get the least limits [rad/s, rad/s²].
 PEAKS = {"max_velocity": 1.875, "max_acceleration": 5.7735}
 DRAWN_IN = {"max_velocity": (0.65, 1.0), "max_acceleration": (0.8, 1.4)}
 LEAST = 0.05
@@ -72,14 +74,14 @@ def main() -> None:
 
 @dataclass(frozen=True)
 class Outcome:
-    """One problem: our plan, and that of splines alone."""
+    """One problem: the planner's result, and that of B-splines alone."""
 
     plan: Plan
     spline: Plan
 
     @property
     def family(self) -> str:
-        """What our plan is made of."""
+        """The basis that the plan uses."""
         if not self.plan.is_executable:
             return "refused"
         if self.plan.n_components_used == 0:
@@ -88,13 +90,13 @@ class Outcome:
 
 
 def primitive_of(scene: Scene, coupling: str, n_components: int) -> MovementPrimitive:
-    """What is learned from the demonstrations."""
+    """The primitive learned from the demonstrations."""
     options = PrimitiveOptions(coupling, n_components)
     return build_primitive(scene.demonstrations, scene.name, options)
 
 
 def problems_of(scene: Scene, n_problems: int) -> dict[str, list[tuple[Problem, JointLimits]]]:
-    """Problems of all kinds, with the limits to keep."""
+    """Problems of all kinds, with their limits."""
     held_out, rng = held_out_problems(scene, n_problems, 2), np.random.default_rng(3)
     return {
         "held out": [(problem, scene.limits) for problem in held_out],
@@ -104,7 +106,7 @@ def problems_of(scene: Scene, n_problems: int) -> dict[str, list[tuple[Problem, 
 
 
 def drawn_in(scene: Scene, problem: Problem, rng: np.random.Generator) -> JointLimits:
-    """Limits near what the problem needs."""
+    """Random limits near the peaks of the problem's minimum-jerk motion."""
     way, names = np.abs(problem.goal - problem.start), scene.robot.joint_names
     overrides: dict[str, dict[str, float]] = {name: {} for name in names}
     for order, (key, share) in enumerate(DRAWN_IN.items(), start=1):
@@ -138,14 +140,14 @@ def both_ways(
     limits: JointLimits,
     naturalness: float,
 ) -> Outcome:
-    """Plan one problem, and with splines alone."""
+    """Plan one problem with all bases, and with B-splines alone."""
     own = PlannerOptions(naturalness=naturalness)
     splines = PlannerOptions(basis="bspline", naturalness=0.0)
     return Outcome(*(planned(scene, primitive, problem, limits, one) for one in (own, splines)))
 
 
 def shares(outcomes: list[Outcome]) -> list[str]:
-    """How many problems each family solved, and the times."""
+    """Number of problems that each basis solved, and planning times."""
     families = Counter(one.family for one in outcomes)
     by_splines = [one for one in outcomes if one.spline.is_executable]
     times = [1e3 * one.plan.solve_time for one in outcomes]
@@ -159,7 +161,7 @@ def shares(outcomes: list[Outcome]) -> list[str]:
 
 
 def traded_off(scene: Scene, problems: list[Problem]) -> list[list[str]]:
-    """Medians of effort and likeness with fewer components, and with all and naturalness."""
+    """Median effort and distance from demonstrations by number of components and by naturalness."""
     most = FEWER[-1]
     ways = [(n, 0.0) for n in FEWER[::-1]] + [(most, rho) for rho in NATURALNESS] + [(1, 1.0)]
     rows, least = [], np.zeros(0)

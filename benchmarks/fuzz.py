@@ -1,14 +1,14 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Give spoilt files of every format to the commands that read them.
+"""Fuzz test of the commands that read files, with corrupted files of every format.
 
     python3 benchmarks/fuzz.py [--inputs 20000] [--formats npz,mcap] [--seed 0] [--jobs 2]
     python3 benchmarks/fuzz.py --formats mcap --only 17      # one input, with its traceback
 
-Each input is a valid file that was spoilt at random (`fuzz_files`); its number gives it. A command
-may do what is asked or refuse it: it exits with 0, 1 or 2 and prints one line of complaint. What it
-may not: raise, end its process, compute for more than 5 s, take more than 1 GB, print control
-characters, or write outside of the folder of its outputs. Exits with 1 if any did.
+Each input is a valid file that is corrupted at random (`fuzz_files`); its number is the seed. A
+command may succeed or reject the input: it exits with 0, 1 or 2 and prints one line of error. It
+fails the test if it raises, crashes, computes for more than 5 s, takes more than 1 GB, prints
+control characters, or writes outside of its output folder. The script exits with 1 on any failure.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ from fuzz_files import (
 from mp_pca_planner.cli.main import main as command
 
 CPU_SECONDS, MEMORY = 5.0, 1 << 30
-SILENCE = 60.0  # after which a process that says nothing counts as one that hangs [s]
+SILENCE = 60.0  # a process without output for this time counts as hung [s]
 CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069]")
 UNEXPECTED = ("internal error", "not enough memory")
 WRITES = {"os.remove", "os.rename", "os.rmdir", "os.mkdir", "os.link", "os.symlink", "os.truncate"}
@@ -70,11 +70,11 @@ class Format:
     seed : str
         The valid file, or the folder that holds it.
     spoil : callable
-        Spoils it.
+        Corrupts the file.
     commands : tuple of list of str
-        What reads it; `{file}` is its path.
+        The commands that read the file; `{file}` stands for its path.
     inside : str
-        The file to spoil in a folder.
+        The file to corrupt in a folder.
     """
 
     seed: str
@@ -134,11 +134,11 @@ FORMATS = {
 
 
 class TooLong(BaseException):
-    """An input took more than its share of computing time."""
+    """An input exceeded its computing time."""
 
 
 def try_input(name: str, number: int, seed: int, seeds: Path, work: Path, *more: str) -> list[str]:
-    """Spoil one file and give it to a command; what went wrong, and how the command ended."""
+    """Corrupt one file and run a command on it; return the failures and the exit status."""
     random = np.random.default_rng([seed, list(FORMATS).index(name), number])
     one, (inputs, out) = FORMATS[name], (work / "in", work / "out")
     for folder in (inputs, out):
@@ -146,7 +146,7 @@ def try_input(name: str, number: int, seed: int, seeds: Path, work: Path, *more:
         folder.mkdir(parents=True)
     file = inputs / one.seed
     (shutil.copytree if (seeds / one.seed).is_dir() else shutil.copy)(seeds / one.seed, file)
-    # Some values can't be written in some formats at all.
+    # Some formats can't represent some values.
     while not _is_spoilt(one.spoil, file / one.inside if one.inside else file, random):
         pass
     if name == "trials":
@@ -167,7 +167,7 @@ def _is_spoilt(spoil: Spoil, file: Path, random: np.random.Generator) -> bool:
 
 
 def judged(arguments: Sequence[str], allowed: tuple[Path, ...]) -> list[str]:
-    """Run a command and judge it: what went wrong, and its status as the last entry."""
+    """Run a command; return its failures, with the exit status as the last entry."""
     problems, printed = [], io.StringIO()
     signal.signal(signal.SIGPROF, _stop)
     signal.setitimer(signal.ITIMER_PROF, CPU_SECONDS)
@@ -207,7 +207,7 @@ _watch: tuple[tuple[Path, ...], list[str]] | None = None
 
 @contextlib.contextmanager
 def watched_writes(allowed: tuple[Path, ...]) -> Iterator[list[str]]:
-    """Collect the paths outside of some folders that Python writes meanwhile."""
+    """Collect the paths outside of some folders that Python writes inside the block."""
     global _watch
     found: list[str] = []
     _watch = tuple(path.resolve() for path in allowed), found
@@ -239,7 +239,7 @@ def _audit(event: str, arguments: tuple[Any, ...]) -> None:
 
 
 def check_seeds(seeds: Path, work: Path) -> None:
-    """Refuse to start if a valid file is refused: then spoilt ones would try nothing."""
+    """Raise an error if a valid file is rejected: corrupted ones would then test nothing."""
     for name, one in FORMATS.items():
         for command_line in one.commands:
             shutil.rmtree(work, ignore_errors=True)
@@ -254,20 +254,20 @@ def check_seeds(seeds: Path, work: Path) -> None:
 
 
 def work_on(jobs: Connection, seeds: Path, folder: Path, seed: int) -> None:
-    """Try the inputs that come, in a process of their own."""
+    """Test the received inputs in a separate process."""
     temporary = folder / "tmp"
     temporary.mkdir(parents=True, exist_ok=True)
     tempfile.tempdir = str(temporary)
     os.chdir(folder)
     sys.addaudithook(_audit)
-    # What libraries print past Python's own streams.
+    # Output of libraries that bypasses Python's streams.
     os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
     while (job := jobs.recv()) is not None:
         jobs.send(try_input(*job, seed, seeds, folder))
 
 
 def main() -> int:
-    """Try all inputs, and print what went wrong and a row per format."""
+    """Test all inputs; print the failures and a row per format."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--inputs", type=int, default=20000)
     parser.add_argument("--formats", default=",".join(FORMATS))
@@ -310,7 +310,7 @@ def _report(numbers: list[tuple[str, int]], folder: Path, seed: int, n_jobs: int
 def results(
     numbers: list[tuple[str, int]], folder: Path, seed: int, n_jobs: int
 ) -> Iterator[tuple[tuple[str, int], list[str]]]:
-    """What became of each input, from processes that are replaced when they end or hang."""
+    """Yield the result of each input; worker processes that end or hang are replaced."""
     context, left = get_context("spawn"), iter(numbers)
     busy: dict[Connection, tuple[Any, tuple[str, int]]] = {}
 

@@ -1,9 +1,9 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Valid files of every format that the package reads, and ways to spoil them.
+"""Valid files of every format that the package reads, and functions that corrupt them.
 
-Files with an inner order (trees of JSON and YAML, arrays, messages in bags) are spoilt inside, too,
-and closed again with right checksums: otherwise nothing behind the checksum would be tried.
+Structured files (trees of JSON and YAML, arrays, messages in bags) are also corrupted inside and
+get valid checksums. Otherwise the code behind the checksum would not be tested.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ Spoil = Callable[[Path, Random], None]
 START, GOAL = "-0.2,-0.2,-0.1,-0.4", "0.1,-0.9,0.2,-0.9"
 TRANSFORMS = "tf2_msgs/msg/TFMessage"
 JOINT_STATE = "sensor_msgs/msg/JointState"
-EPOCH = 1_700_000_000 * 10**9  # some time of day [ns]
+EPOCH = 1_700_000_000 * 10**9  # a plausible wall-clock time [ns]
 ODD_TEXTS = (
     *("", " ", "\x00", "\x1b[31m", "a\nb", "\u202e", "$$", "$\\frac$", "../x", "/etc/passwd"),
     *("~", "nan", "-inf", "1e308", "-1", "0", "9" * 400, "2001-02-30", "!!int x", "!!bool"),
@@ -53,7 +53,7 @@ NUMBER_OR_WORD = re.compile(r"-?\d+\.?\d*(?:[eE][-+]?\d+)?|[A-Za-z_]\w*")
 
 
 def make_seeds(folder: Path) -> None:
-    """Valid files of every format, small, so that each is read in a moment."""
+    """Small valid files of every format."""
     for suffix in (".bag", ".db3", ".mcap"):
         _write(folder / f"a{suffix}", messages_of(suffix))
     with Writer2(folder / "folder", version=9) as writer:
@@ -87,7 +87,7 @@ def make_seeds(folder: Path) -> None:
 
 @cache
 def messages_of(suffix: str) -> list[tuple[int, bytes]]:
-    """Stamps [ns] and bytes of joint states as a bag with this suffix holds them."""
+    """Stamps [ns] and serialised joint states for a bag with this suffix."""
     recording = continuous_recording(generate_motions(5, seed=1, rate=50.0), seed=1)
     store = get_typestore(Stores.ROS1_NOETIC if suffix == ".bag" else Stores.ROS2_JAZZY)
     types, empty = store.types, np.zeros(0)
@@ -107,7 +107,7 @@ def messages_of(suffix: str) -> list[tuple[int, bytes]]:
 
 
 def marker_messages() -> list[tuple[int, bytes]]:
-    """Stamps [ns] and bytes of transforms: where the markers of the map are while the arm moves."""
+    """Stamps [ns] and serialised transforms of the markers of the map while the arm moves."""
     recording = continuous_recording(generate_motions(1, seed=1, rate=50.0), seed=1)
     placements = yaml.safe_load(config_file("human_arm_markers.yaml").read_text())["markers"]
     model = pin.buildModelFromUrdf(str(config_file("human_arm.urdf")))
@@ -203,7 +203,7 @@ def spoil_tree(tree: Any, random: Random) -> Any:
 
 
 def spoil_json(path: Path, random: Random) -> None:
-    """Spoil one value of a JSON file, or of one of its lines; or its text."""
+    """Corrupt one value of a JSON file, or of one of its lines; or its text."""
     if random.random() < 0.3:
         return spoil_text(path, random)
     lines = [path.read_text()] if path.suffix == ".json" else path.read_text().splitlines()
@@ -214,7 +214,7 @@ def spoil_json(path: Path, random: Random) -> None:
 
 
 def spoil_yaml(path: Path, random: Random) -> None:
-    """Spoil one value of a YAML file, or its text."""
+    """Corrupt one value of a YAML file, or its text."""
     if random.random() < 0.4:
         return spoil_text(path, random)
     spoilt = spoil_tree(yaml.safe_load(path.read_text()), random)
@@ -223,7 +223,7 @@ def spoil_yaml(path: Path, random: Random) -> None:
 
 
 def spoil_npz(path: Path, random: Random) -> None:
-    """Spoil an array or the metadata of a primitive and write a right checksum; or its bytes."""
+    """Corrupt an array or the metadata of a primitive with a valid checksum; or its bytes."""
     if random.random() < 0.3:
         return spoil_bytes(path, random)
     with np.load(path) as content:
@@ -265,7 +265,7 @@ def _spoilt_array(array: Any, random: Random) -> Any:
 
 
 def spoil_bag(path: Path, random: Random) -> None:
-    """Spoil the bytes of messages and close the bag properly; or the bytes of the bag."""
+    """Corrupt the bytes of messages in a well-formed bag; or the bytes of the bag."""
     if random.random() < 0.5:
         return spoil_bytes(path, random)
     worst = random.random() ** 3

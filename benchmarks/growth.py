@@ -1,11 +1,11 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""How the time of planning grows with quadrature nodes and with weights.
+"""Growth of the planning time with the numbers of quadrature nodes and of weights.
 
 Motions of arms of 4, 7 and 14 joints are planned for least effort within all limits, with
-components that move all joints together. Times are medians over the problems, of a whole plan
-and of one pass over the nodes with all that follows from it; problems are solved with all
-numbers in turn. The exponent is that of the power law through the times: 1 is linear growth.
+components that move all joints together. Times are medians over the problems, of a whole plan and
+of one solver iteration with its pass over the nodes. Every problem is solved with each number in
+turn. The exponent is that of a power law fitted to the times: 1 is linear growth.
 
     python benchmarks/growth.py [--problems 20]
 """
@@ -79,7 +79,7 @@ def scenes() -> list[Scene]:
 
 
 def planner(scene: Scene, n_weights: int, n_nodes: int, like: Planner | None = None) -> Planner:
-    """For least effort, with the primitive of another planner if one is given."""
+    """A planner for least effort, with the primitive of another planner if one is given."""
     options = PrimitiveOptions("arm", n_weights)
     primitives = (
         like.primitives

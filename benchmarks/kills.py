@@ -1,13 +1,13 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Kill what writes files at random moments: every earlier file stays whole.
+"""Test of crash safety: processes are killed while they write, and earlier files stay intact.
 
     python3 benchmarks/kills.py [--kills 200] [--node-kills 50] [--seed 0]
 
 `library add`, `build_primitives --force`, `refine --trials --force`, and the node while it serves
-~/save_motion get a SIGKILL after their first write. Then each file that was there must hold its old
-content or the new one, whole, the same command must succeed, and leave no hidden file of a killed
-one. Exits with 1 if anything else was found.
+~/save_motion get a SIGKILL after their first write. Then each earlier file must hold its complete
+old or new content. The same command must succeed and remove the hidden files of the killed process.
+The script exits with 1 otherwise.
 """
 
 from __future__ import annotations
@@ -38,21 +38,21 @@ Files = dict[str, bytes]
 
 @dataclass(frozen=True)
 class Victim:
-    """What is killed.
+    """A command to kill.
 
     Attributes
     ----------
     name : str
-        What it is called.
+        Name in the output.
     arguments : callable
-        Its command line, in a folder.
+        Returns its command line for a folder.
     """
 
     name: str
     arguments: Callable[[Path], list[str]]
 
     def run(self, folder: Path, kill_after: float | None) -> float:
-        """Run it in a fork, killed so long after its first write [s]; how long it wrote [s]."""
+        """Run it in a fork; return the time from its first write to its end or its kill [s]."""
         reading, writing = os.pipe()
         process = os.fork()
         if process == 0:
@@ -91,7 +91,7 @@ def _as_child(arguments: list[str], folder: Path, writing: int) -> int:
 
 
 def contents(folder: Path) -> Files:
-    """All files below a folder, those that only lock left out."""
+    """All files below a folder, except lock files."""
     return {
         str(path.relative_to(folder)): path.read_bytes()
         for path in sorted(folder.rglob("*"))
@@ -100,12 +100,12 @@ def contents(folder: Path) -> Files:
 
 
 def is_temporary(name: str) -> bool:
-    """Whether a file is what a killed process leaves."""
+    """Whether a file is a leftover of a killed process."""
     return any(part.startswith(".") and part != ".versions" for part in Path(name).parts)
 
 
 def differences(before: Files, found: Files, after: Files) -> list[str]:
-    """Files that are neither what they were nor what they become."""
+    """Files with neither their old nor their new content."""
     problems = []
     for name, content in found.items():
         allowed = [files[name] for files in (before, after) if name in files]
@@ -119,7 +119,7 @@ def _changed(before: Files, found: Files) -> list[str]:
 
 
 def _is_same(name: str, content: bytes, other: bytes) -> bool:
-    # A journal says when, and by whom: the lines before are the same, and the last one is whole.
+    # A journal line holds time and author: earlier lines must be unchanged, the last one complete.
     if not name.endswith("journal.jsonl"):
         return content == other
     lines, others = content.splitlines(keepends=True), other.splitlines(keepends=True)
@@ -127,7 +127,7 @@ def _is_same(name: str, content: bytes, other: bytes) -> bool:
 
 
 def kill(victim: Victim, seeds: Path, work: Path, n: int, random: np.random.Generator) -> list[str]:
-    """Kill it so often; what was wrong after it."""
+    """Kill it this many times; return the failures."""
 
     def anew() -> None:
         shutil.rmtree(work, ignore_errors=True)
@@ -156,7 +156,7 @@ def kill(victim: Victim, seeds: Path, work: Path, n: int, random: np.random.Gene
 
 
 def kill_node(n: int, work: Path, random: np.random.Generator) -> list[str]:
-    """Kill the node so often while it keeps a motion; what was wrong after it."""
+    """Kill the node this many times while it saves a motion; return the failures."""
     from node_exits import wait_until_served, write_parameters
     from node_setup import primitive_file
     from sensor_msgs.msg import JointState
@@ -200,7 +200,7 @@ def kill_node(n: int, work: Path, random: np.random.Generator) -> list[str]:
 
 
 def unreadable(folder: Path) -> list[str]:
-    """What is wrong with primitive files below a folder."""
+    """Errors of primitive files below a folder."""
     problems = []
     for file in folder.glob("**/*.npz"):
         if not is_temporary(str(file.relative_to(folder))):
@@ -223,7 +223,7 @@ def build(folder: Path) -> list[str]:
 
 
 def trial(folder: Path) -> list[str]:
-    """The cost of a trial, and the next one."""
+    """Report the cost of a trial and propose the next one."""
     return [
         *("refine", str(folder / "a.npz"), "--robot", str(folder / "a.urdf")),
         *(f"--start={START}", f"--goal={GOAL}", "--cost", "2.5", "--force"),
@@ -232,7 +232,7 @@ def trial(folder: Path) -> list[str]:
 
 
 def main() -> int:
-    """Kill, and print a line for each victim."""
+    """Run all kills and print a line per command."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--kills", type=int, default=200)
     parser.add_argument("--node-kills", type=int, default=50, help="of the node; needs ROS 2")

@@ -1,13 +1,12 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""What the learning block gains: off-line, by trials, and in the primitives it makes.
+"""Gains of the learning block: off-line refinement, trials, and new primitives.
 
 Off-line: motions of the human-like arm between random end points like the demonstrations',
-planned in one shot and then refined in the same time. Trials: the planner's model is right
-about the limits and wrong about the inertias, each mass and inertia tensor by up to 30 %; the
-cost of a trial is its effort on the true robot, and the optimum that of an off-line refinement
-with the true model. Primitives: goals around refined motions, planned with the old primitive
-and with the new one.
+planned once and then refined with the same duration. Trials: the planner's model has the true
+limits, but each mass and inertia tensor is wrong by up to 30 %. The cost of a trial is its effort
+on the true robot. The optimum is that of an off-line refinement with the true model. Primitives:
+goals near refined motions, planned with the old primitive and with the new one.
 
     python benchmarks/learning.py [--problems 100] [--seeds 10] [--trials 60]
 """
@@ -65,7 +64,7 @@ def plan_between(planner: Planner, start: FloatArray, goal: FloatArray) -> Plan:
 
 
 def refine_all(planner: Planner, plans: list[Plan]) -> None:
-    """Off-line refinement in the same time."""
+    """Off-line refinement with the same duration."""
     gains, seconds = [], []
     for plan in plans:
         began = time.perf_counter()
@@ -83,7 +82,7 @@ def refine_all(planner: Planner, plans: list[Plan]) -> None:
 
 
 def learn_by_trials(planner: Planner, plan: Plan, n_seeds: int, n_trials: int) -> None:
-    """Trials on robots that are not like the model."""
+    """Trials on robots that differ from the model."""
     start = refine([plan.motion], planner.robot, planner.limits).motion.parameters
     rows = []
     for seed in range(n_seeds):

@@ -1,13 +1,13 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""What a recording costs when there are many of them, and what several processes gain.
+"""Time and memory per recording in large sets, with one process and with several.
 
-Writes short recordings of a made-up arm into a temporary folder and learns a primitive from 100,
-500 and 2000 of them, with one process and with several, which must give the same primitive. Prints
-seconds until the statistics of all are merged, the time per recording, and the ratio of the times;
-and by how much the memory grows in a process that does it, beside one that keeps all samples. On a
-machine that has other things to do the best of some repetitions counts, taken in turns; the
-processor time of one process depends less on them.
+Writes short recordings of a synthetic arm into a temporary folder. A primitive is learned from 100,
+500 and 2000 of them, with one process and with several; both must give the same primitive. Prints
+the time until all statistics are merged [s], the time per recording, and the ratio of the times.
+Prints also the growth of the memory of the process, and that of a process that keeps all samples.
+The best of several alternating repetitions counts, because other load disturbs the times. The CPU
+time of one process depends less on such load.
 
     python benchmarks/many_recordings.py [--counts 100,500,2000] [--jobs 2] [--repeat 2]
 """
@@ -70,7 +70,7 @@ def main() -> None:
     rows = []
     with tempfile.TemporaryDirectory() as folder:
         paths = [_write(Path(folder), i, arguments.format) for i in range(counts[-1])]
-        learn(paths[:2], 1)  # what is only done once
+        learn(paths[:2], 1)  # warm-up: work that is done once
         for count in counts:
             best = {1: np.inf, arguments.jobs: np.inf}
             processor = np.inf
@@ -105,7 +105,7 @@ def main() -> None:
 
 
 def learn(paths: list[Path], jobs: int) -> MotionStatistics:
-    """Do what `build_primitives` does, up to the components."""
+    """Run the steps of `build_primitives` up to the components."""
     loaded = load_recordings(
         paths,
         summarise=partial(MotionStatistics.of, options=OPTIONS),
@@ -131,7 +131,7 @@ def _content(statistics: MotionStatistics) -> bytes:
 
 
 def _peak(folder: str, count: int, kept: str) -> float:
-    """By how much the memory of a process of its own grows at most [MB]."""
+    """Largest growth of the memory of a separate process [MB]."""
     done = subprocess.run(
         [sys.executable, "-c", PEAK, folder, str(count), kept],
         check=True,

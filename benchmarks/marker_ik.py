@@ -1,14 +1,14 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""How well joint angles are found from markers, against another method's result.
+"""Accuracy of joint angles computed from markers, compared with those of another method.
 
-Prints for each recording the time it takes, the residuals of the markers and, where joint states
+Prints for each recording the computing time, the residuals of the markers and, where joint states
 of the same name are given, the RMS difference of each joint.
 
     python benchmarks/marker_ik.py BAG... --markers TOPIC --robot URDF --marker-map FILE.yaml
         [--joint-states FOLDER] [--noise MILLIMETRES] [--drop SHARE]
 
-`--noise` adds errors to the markers, `--drop` takes single ones away at random.
+`--noise` adds errors to the markers, `--drop` removes single markers at random.
 """
 
 from __future__ import annotations

@@ -1,25 +1,25 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Random events against simulated robots, judged by a referee that knows only the commands.
+"""Random events on simulated robots, judged by a referee from the commands alone.
 
 Goals at rest and in motion, streams of goals that repeat, drift or alternate, stops, holds,
 silences, speed scaling, delays, payloads, rejections, lost messages, and restarts of the node and
-of the controller: one fault at a time. Virtual time: the node and the robot are stepped together,
-so the outcome does not depend on how busy the machine is, and a seed gives the same run again.
+of the controller: one disturbance at a time. The node and the robot are stepped together in virtual
+time. Therefore the outcome does not depend on the load of the machine, and a seed reproduces a run.
 
-Four kinds of jumps up to 10 mrad are listed apart, for no sender can know better. Where it is not
-known where a robot is on its motion, a stop is a single point; the controller leads there from the
-measured state, so its first command is the tracking error away from the last one. Where a robot was
-slowed, the place of its command is estimated from measured positions: servos lag by some tenths of
-a milliradian more or less as they accelerate, and up to 5 ms behind the clock look like servos that
-lag; a stop does not even wait until the speed is steady. A controller that restarts shortly before
-the end of a motion holds what looks like the end.
+Four kinds of jumps up to 10 mrad are counted separately, because the sender can't prevent them. (1)
+If the robot's place on its motion is unknown, a stop is a single point. The controller leads there
+from the measured state, so its first command jumps by the tracking error. (2) If a robot was
+slowed, the place of its command is estimated from measured positions. The lag of servos varies by
+some tenths of a milliradian as they accelerate. A delay of up to 5 ms is indistinguishable from a
+servo lag. (3) A stop of a slowed robot does not wait until the speed is steady. (4) A controller
+that restarts shortly before the end of a motion holds a position close to that end.
 
     python benchmarks/moving_robot.py [--events 1000] [--robots panda,ur5] [--seed 0] [--json]
 
-Exits with 1 if a command was beyond a limit by more than 1 %, jumped by more than 0.2 mrad in a
-millisecond, a goal did not end in exactly one report, or a motion not in exactly one execution
-report, or a reachable goal that was not replaced did not arrive.
+Exits with 1 if a command exceeded a limit by more than 1 %, or jumped by more than 0.2 mrad in a
+millisecond. It also exits with 1 if a goal got no report or several, a motion got no execution
+report or several, or the robot did not arrive at a reachable goal that was not replaced.
 """
 
 from __future__ import annotations
@@ -42,18 +42,18 @@ from mp_pca_planner.motion.goal import JointGoal, JointState
 from mp_pca_planner.plotting.text import table
 
 EVENTS_IN_A_RUN = 10
-RATES = (1.0, 5.0, 20.0, 50.0)  # of streams of goals [Hz]
-DRIFT = 0.1  # of goals that move [rad/s]
-LISTED_APART = 1e-2  # jumps up to this one, for reasons that no sender can know [rad]
-LATELY = 4000  # ticks in which the slowed motion is not over
+RATES = (1.0, 5.0, 20.0, 50.0)  # rates of goal streams [Hz]
+DRIFT = 0.1  # speed of moving goals [rad/s]
+LISTED_APART = 1e-2  # largest jump that the sender can't prevent [rad]
+LATELY = 4000  # ticks after speed scaling in which a robot counts as slowed
 APART = {
     "point": "stop at a point",
     "hasty": "stop at changing speed",
     "slowed": "goal at a robot that was slowed",
     "unknown": "start at a rest of unknown command",
 }
-FINEST = 1e-6  # step that no encoder sees [rad]
-ARRIVED = 1e-3  # from where the controller should be at last [rad]
+FINEST = 1e-6  # step below the resolution of encoders [rad]
+ARRIVED = 1e-3  # largest final error of the controller [rad]
 
 
 @dataclass
@@ -71,7 +71,7 @@ class Run:
         self.ends = np.array([m.positions[[0, -1]] for m in self.scene.demonstrations])
         self.node = VirtualNode(self.model, self.ends[0, 0], seed=self.seed)
         self.faults = self.node.robot.faults
-        # Before its first motion, a node has no model of the servos and the load.
+        # Before its first motion, the node has no model of the servos and the load.
         self.node.run(0.2)
         self.send(self.target())
         self.node.run(4.0)
@@ -101,7 +101,7 @@ class Run:
         self.node.run(self.random.uniform(0.05, 1.5))
 
     def end(self) -> None:
-        """Clear all faults, send a last goal, and wait until it is reached."""
+        """Clear all disturbances, send a last goal, and wait until it is reached."""
         self.faults.speed_scaling, self.faults.held, self.faults.silent = 1.0, False, False
         self.faults.delay = self.faults.jitter = self.faults.drop = 0.0
         self.faults.active = True
@@ -111,18 +111,18 @@ class Run:
 
 
 def goal(run: Run) -> None:
-    """One goal."""
+    """Send one goal."""
     run.send(run.target())
 
 
 def part_of_a_goal(run: Run) -> None:
-    """A goal for two joints."""
+    """Send a goal for two joints."""
     chosen = run.random.choice(len(run.joints), 2, replace=False)
     run.send(run.target()[chosen], [run.joints[k] for k in chosen])
 
 
 def stream(run: Run, target: Callable[[float], Any]) -> None:
-    """Goals at some rate, as a function of the time since the first."""
+    """Send goals at some rate; each is a function of the time since the first."""
     rate = float(run.random.choice(RATES))
     for k in range(max(int(rate * run.random.uniform(0.5, 2.0)), 1)):
         run.send(target(k / rate))
@@ -130,13 +130,13 @@ def stream(run: Run, target: Callable[[float], Any]) -> None:
 
 
 def repeated_goal(run: Run) -> None:
-    """The same goal at some rate."""
+    """Send the same goal at some rate."""
     there = run.target()
     stream(run, lambda _: there)
 
 
 def drifting_goal(run: Run) -> None:
-    """A goal that moves."""
+    """Send a moving goal at some rate."""
     there, towards = run.target(), run.target()
     direction = (towards - there) / max(np.abs(towards - there).max(), 1e-3)
     most = np.abs(towards - there).max()
@@ -144,20 +144,20 @@ def drifting_goal(run: Run) -> None:
 
 
 def alternating_goals(run: Run) -> None:
-    """Two goals in turn."""
+    """Send two goals in turn at some rate."""
     targets, turn = (run.target(), run.target()), iter(range(10**6))
     stream(run, lambda _: targets[next(turn) % 2])
 
 
 def stop(run: Run) -> None:
-    """A goal, and a stop soon after."""
+    """Send a goal, and a stop soon after."""
     run.send(run.target())
     run.node.run(run.random.uniform(0.02, 1.5))
     run.node.stop()
 
 
 def faulty(name: str, draw: Callable[[np.random.Generator], Any]) -> Callable[[Run], None]:
-    """A goal, then a fault for a time with a goal or a stop in it."""
+    """Send a goal, then disturb the robot for a time; send a goal or a stop meanwhile."""
 
     def event(run: Run) -> None:
         usual = getattr(run.faults, name)
@@ -176,7 +176,7 @@ def faulty(name: str, draw: Callable[[np.random.Generator], Any]) -> Callable[[R
 
 
 def delays(run: Run) -> None:
-    """Messages take up to 20 ms for a while."""
+    """Delay messages by up to 20 ms for a while."""
     delay = run.random.uniform(0.0, 0.02)
     run.faults.delay, run.faults.jitter = delay, run.random.uniform(0.0, 0.02 - delay)
     for _ in range(4):
@@ -186,7 +186,7 @@ def delays(run: Run) -> None:
 
 
 def payload(run: Run) -> None:
-    """The robot at rest takes a load, moves, and puts it down at rest."""
+    """Attach a payload at rest, move, and remove it at rest."""
     run.node.run(6.0)
     run.faults.payload = float(run.random.choice([1.0, 3.0]))
     run.node.run(1.0)
@@ -199,14 +199,14 @@ def payload(run: Run) -> None:
 
 
 def restart_node(run: Run) -> None:
-    """The node is ended and started again."""
+    """Restart the node."""
     run.node.restart()
     run.node.run(0.1)
     run.send(run.target())
 
 
 def restart_controller(run: Run) -> None:
-    """The controller is ended and started again."""
+    """Restart the controller."""
     run.node.robot.restart_controller()
     run.node.run(run.random.uniform(0.0, 0.5))
     run.send(run.target())
@@ -278,11 +278,11 @@ def result_of(run: Run) -> Result:
 
 
 def messages_apart(run: Run) -> dict[str, set[int]]:
-    """Ticks at which the controller took messages whose jumps are listed apart, by the reason."""
+    """Ticks of messages whose jumps are counted separately, by reason."""
     robot = run.node.robot
     record = robot.record
     restarts = np.searchsorted(record.times, run.node.restarts)
-    # What a robot holds after these, only its controller knows.
+    # After these, the held position is known to the controller only.
     unknown = {-1, *record.cuts, *restarts}
     found: dict[str, set[int]] = {kind: set() for kind in APART}
     last = 0
@@ -296,19 +296,19 @@ def messages_apart(run: Run) -> dict[str, set[int]]:
         elif was_slowed:
             found["slowed"].add(tick)
         elif any(last <= cut <= tick for cut in unknown):
-            # What starts at rest may show in the tick after.
+            # The effect of a message at rest may appear one tick later.
             found["unknown"] |= {tick, tick + 1}
         last = tick
     return found
 
 
 def sent_as_stop(run: Run, time: float) -> bool:
-    """Whether what the controller took at a time was a stop."""
+    """Whether the message that the controller accepted at a time was a stop."""
     return any(time - 0.05 < when <= time for when in run.node.stops)
 
 
 def unanswered(run: Run) -> list[str]:
-    """Goals and motions without exactly one report."""
+    """Goals and motions with no report or several."""
     node, problems = run.node, []
     reports = Counter(report.name for report in node.plan_reports)
     n_restarts = run.events.count("node restart")
@@ -348,7 +348,7 @@ def main() -> int:
 
 
 def campaign(name: str, n_events: int, seed: int) -> Iterator[Result]:
-    """Runs of ten events each until there were so many."""
+    """Runs of ten events each, up to the given number of events."""
     scene, model = scene_and_model(name)
     for k in range(-(-n_events // EVENTS_IN_A_RUN)):
         run = Run(scene, model, seed + k)

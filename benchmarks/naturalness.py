@@ -1,16 +1,17 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""How near planned motions come to what was demonstrated: README, "Measured".
+"""Differences between planned and demonstrated motions: README, "Measured".
 
 Each motion is left out in turn (with --by-activity: together with all of its label) and predicted
-from its end points and its duration by what the others teach. Prints for every method the RMS error
+from its end points and its duration by a model of the others. Prints for every method the RMS error
 in time / after the best time alignment / in path [deg]; with a robot also that of the tip's path
 [mm], and the effort as a multiple of least-effort B-splines' (median). In brackets: the 95 %
-bootstrap interval of the method's error less that of the planner's default (without a robot: of
-what the primitive expects); above 0 the default is better. "needed": motions like these that it
-would take for the interval in path not to hold 0, if the difference stayed as it is. ProMP and DMP
-are those of movement_primitives (extra peers): a ProMP of all others, re-timed and with a shrunk
-covariance, conditioned on both ends; a DMP of the one with the nearest ends.
+bootstrap interval of the method's error less that of the planner's default (without a robot: of the
+primitive's prediction). Above 0 the default is better. "needed": number of such motions at which
+the interval in path would exclude 0, if the difference stayed the same. ProMP and DMP are those of
+movement_primitives (extra peers). The ProMP is learned from all other motions, re-timed, with a
+shrunk covariance, and conditioned on both ends. The DMP is learned from the motion with the nearest
+ends.
 
     python benchmarks/naturalness.py BAG... [--segments FILE.csv] [--by-label] [--by-activity]
         [--align linear,arc_length,dtw] [--robot URDF] [--tip FRAME] [--json]
@@ -49,7 +50,7 @@ _N_DMP_STEPS = 500
 
 
 def main() -> None:
-    """Print a table per set of motions and way to align."""
+    """Print a table per set of motions and alignment method."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("bags", nargs="+")
     parser.add_argument("--topic")
@@ -118,7 +119,7 @@ def _text(comparison: Comparison) -> str:
 
 
 def peers() -> dict[str, Predictor]:
-    """ProMP and DMP."""
+    """The methods ProMP and DMP."""
     try:
         import movement_primitives  # noqa: F401  # whether it can be imported is the question
     except ImportError:
@@ -149,7 +150,7 @@ def promp(motion: Demonstration, others: Sequence[Demonstration]) -> Prediction:
 
 
 def _paced(pace: FloatArray) -> FloatArray:
-    """Aligned phases at the fine phases."""
+    """Aligned phases on the fine grid of phases."""
     nothing = PolynomialBasis(np.zeros((1, 7)), np.zeros((0, 1, 7)), np.zeros(0))
     return PacedBasis(nothing, np.zeros(1), pace).aligned_phases(FINE_PHASES)
 
@@ -173,7 +174,7 @@ def ledoit_wolf(samples: FloatArray) -> FloatArray:
 
 
 def dmp(motion: Demonstration, others: Sequence[Demonstration]) -> Prediction:
-    """DMP of the motion with the nearest ends, taken to the ends asked for."""
+    """DMP of the motion with the nearest ends, adapted to the requested ends."""
     from movement_primitives.dmp import DMP
 
     ends = [d.positions[[0, -1]] for d in others]

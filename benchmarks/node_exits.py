@@ -1,13 +1,13 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Starts and ends the node again and again: how long it takes to be ready, and how it ends.
+"""Repeated starts and stops of the node: times until it is ready, and exit statuses.
 
 Run it as ``python benchmarks/node_exits.py``. Times count from the start of the interpreter: until
-the node says that it is ready, and until a client that runs already has the report on the first
-goal that it sent. The second of two signals comes at any moment of the end.
+the node reports that it is ready, and until a running client receives the report on its first goal.
+Of two signals, the second is sent at a random moment of the shutdown.
 
-It ends with status 1 if the node once ended with another status than 0, or printed a traceback.
-After a SIGKILL the next start must work as ever.
+The script exits with status 1 if the node ever exits with a status other than 0 or prints a
+traceback. After a SIGKILL the next start must succeed.
 """
 
 from __future__ import annotations
@@ -44,12 +44,12 @@ ENDS = {
     "SIGINT twice": [signal.SIGINT, signal.SIGINT],
     "SIGKILL": [signal.SIGKILL],
 }
-# Longest time between two signals [s]: the node has hardly ever ended by then.
+# Longest time between two signals [s]; the node is usually still running after it.
 _LONGEST_PAUSE = 0.3
 
 
 def main() -> int:
-    """Run and print."""
+    """Run the benchmark and print the results."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--repeats", type=int, default=100, help="starts for each signal")
     n_repeats = parser.parse_args().repeats
@@ -84,7 +84,7 @@ def main() -> int:
 
 
 def write_parameters(primitives: Path) -> Path:
-    """Write all that the node needs to know into a file beside the primitives."""
+    """Write the parameter file of the node beside the primitives."""
     values = {
         "primitives": [str(primitives)],
         "robot_description": URDF.read_text(encoding="utf-8"),
@@ -101,21 +101,22 @@ def told(times: list[float]) -> str:
 
 
 def wait_until_served(client: GoalClient, state: JointState, goal: JointState) -> None:
-    """Send the goal again and again, as somebody who waits for the node."""
+    """Send the goal repeatedly, as a client that waits for the node."""
     patience = 0.05
     while True:
-        # A stamp of its own, or an answer of the node before would be taken for this one's.
+        # Each goal has its own stamp: a report of the previous node must not be mistaken for this
+        # one's.
         goal.header.stamp.sec += 1
         client.publish("joint_states", state)
         try:
             if is_served(client.send(goal, patience, with_trajectory=False).report):
                 return
         except NoAnswerError:
-            patience *= 1.1  # a busy machine may take longer than that
+            patience *= 1.1  # a busy machine may need more time
 
 
 def time_of_readiness(log: IO[str]) -> float:
-    """When the node said that it is ready [s]."""
+    """Time at which the node reported that it is ready [s]."""
     log.seek(0)
     found = re.search(r"\[INFO\] \[([\d.]+)\].*ready for goals", log.read())
     assert found is not None
@@ -123,7 +124,7 @@ def time_of_readiness(log: IO[str]) -> float:
 
 
 def ends_cleanly(node: subprocess.Popen[str], signals: list[int], log: IO[str]) -> bool:
-    """Send the signals; whether the node ended as it should."""
+    """Send the signals; return whether the node exited as expected."""
     for k, number in enumerate(signals):
         if k > 0:
             time.sleep(random.uniform(0.0, _LONGEST_PAUSE))

@@ -1,10 +1,11 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Feeds the node what no node should get: garbage on every topic, odd values for every parameter.
+"""Fuzz test of the node: random messages on every topic, odd values for every parameter.
 
 Run it as ``python benchmarks/node_fuzz.py``. After each step, the services are called, the
-parameters are reset, and a good goal must be served. It ends with status 1 if the node died, did
-not answer, or reported an internal error. `test/ros/test_node_fuzz.py` runs a short one.
+parameters are reset, and a valid goal must be served. The script exits with status 1 if the node
+dies, does not answer, or reports an internal error. `test/ros/test_node_fuzz.py` runs a short
+version.
 """
 
 from __future__ import annotations
@@ -60,7 +61,7 @@ TOPICS: dict[str, Any] = {
     "mp_pca_planner/goal_sequence": JointTrajectory(joint_names=JOINT_NAMES, points=[_POINT] * 3),
     "mp_pca_planner/trial_cost": Float64(data=1.0),
 }
-"""Every subscription by name, and a message that is as it should be."""
+"""Every subscription by name, with a valid message."""
 
 _LONG = "x" * 5000
 _CHAIN = "".join(
@@ -79,18 +80,18 @@ ODD_VALUES: tuple[Any, ...] = (
     *([], [True], [0], [0.0], [""], [_LONG], ["/"], ["/dev/zero"], ["a"] * 10_000),
     *(b"", b"\xff\x00"),
 )
-"""Some fifty values, each for every parameter."""
+"""About fifty values that are tried for every parameter."""
 
 MESSAGES_OF_MANY = (
     JointState(name=[f"joint_{k}" for k in range(100_000)], position=[0.0] * 100_000),
     JointState(name=["joint"] * 100_000, position=[0.0] * 100_000),
     JointTrajectory(joint_names=JOINT_NAMES, points=[_POINT] * 100_000),
 )
-"""Goals that are well-formed, and far too large."""
+"""Well-formed goals that are far too large."""
 
 
 def main() -> int:
-    """Run and print."""
+    """Run the fuzz test and print the results."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--messages", type=int, default=2000, help="garbage for each topic")
     parser.add_argument("--share", type=int, default=1, help="set each parameter to 1 in so many")
@@ -121,18 +122,18 @@ def main() -> int:
 
 
 class Fuzzer:
-    """Sends the node what it should not get, and checks that it goes on.
+    """Sends invalid input to the node, and checks that it continues to serve goals.
 
     Parameters
     ----------
     node :
         The process of the node.
     client :
-        A client of it.
+        A client of the node.
     caller :
         A node of the fuzzer's own.
     seed : int
-        Seed of the garbage.
+        Seed of the random input.
     """
 
     def __init__(self, node: Popen[str], client: GoalClient, caller: Node, seed: int = 1) -> None:
@@ -148,7 +149,7 @@ class Fuzzer:
         self._first_values = self._all_parameters()
 
     def send_garbage(self, n_messages: int) -> None:
-        """Send serialised messages that are damaged or random, to one topic after the other."""
+        """Send damaged and random serialised messages to each topic in turn."""
         for topic, message in TOPICS.items():
             self._flood(topic, type(message), garbage(message, n_messages, self._random))
             self.check(topic)
@@ -166,7 +167,7 @@ class Fuzzer:
             self.check(f"a large message to {topic}")
 
     def set_odd_values(self, share: int = 1) -> None:
-        """Set each parameter to every so manieth odd value, in turn others."""
+        """Set each parameter to every n-th odd value, with a different offset each time."""
         for k, name in enumerate(value.name for value in self._first_values):
             for value in ODD_VALUES[k % share :: share]:
                 self._set({name: value})
@@ -174,7 +175,7 @@ class Fuzzer:
                 self.check(f"{name} = {value!r:.80}")
 
     def call_services(self) -> None:
-        """Call each service; what it answers depends on what went before."""
+        """Call each service; its answer depends on the input before."""
         there = "mp_pca_planner"
         for name in ("stop", "save_motion", "reload_primitives"):
             self._call(Trigger, f"{there}/{name}", Trigger.Request())
@@ -186,7 +187,7 @@ class Fuzzer:
             self._call(kind, f"{there}/{name}", kind.Request(names=odd))
 
     def check(self, what: str) -> None:
-        """Check that the next good goal is served, with the first parameters."""
+        """Reset the parameters and check that the next valid goal is served."""
         self.n_steps += 1
         client = self._client
         assert self._node.poll() is None, f"the node died of {what}"
@@ -195,7 +196,7 @@ class Fuzzer:
         client.publish("robot_description", TOPICS["robot_description"])
         deadline = time.monotonic() + _PATIENCE
         while True:
-            # What was sent on other topics may arrive between these two.
+            # Messages on other topics may arrive between these two.
             client.publish("joint_states", _STATE)
             report = client.send(self._next_goal(), _PATIENCE).report
             if is_served(report):
@@ -206,7 +207,7 @@ class Fuzzer:
         client.trajectories.clear()
 
     def _next_goal(self) -> JointState:
-        """A goal that was not sent before, with a stamp of its own."""
+        """A new goal with its own stamp."""
         shift = [self._random.uniform(-1e-2, 1e-2) for _ in JOINT_NAMES]
         goal = JointState(name=JOINT_NAMES, position=(_END + shift).tolist())
         goal.header.stamp.sec = self._random.randrange(1, 2**31)
@@ -218,10 +219,10 @@ class Fuzzer:
         while not publisher.get_subscription_count():
             self._executor.spin_once(0.05)
         for message in messages:
-            # DDS refuses to send more than a type of bounded size may have.
+            # DDS rejects messages beyond the bound of their type.
             with suppress(RuntimeError):
                 publisher.publish(message)
-            # Slowly enough that most of them are taken.
+            # This rate is low enough that the node receives most of them.
             time.sleep(_PERIOD)
             self._client.spin_once(0.0)
         self._caller.destroy_publisher(publisher)
@@ -230,7 +231,7 @@ class Fuzzer:
         names = self._call(
             ListParameters, "mp_pca_planner/list_parameters", ListParameters.Request()
         ).result.names
-        # It can't be set.
+        # This parameter can't be set.
         names = [name for name in names if name != "start_type_description_service"]
         request = GetParameters.Request(names=names)
         values = self._call(GetParameters, "mp_pca_planner/get_parameters", request).values
@@ -245,7 +246,7 @@ class Fuzzer:
         self._call(SetParameters, "mp_pca_planner/set_parameters", request)
 
     def _set_first_values(self) -> Any:
-        # Without primitives there are no limits to be set.
+        # Without primitives no limit parameters are declared.
         known = [value for value in self._first_values if not value.name.startswith("limits.")]
         for values in (known, self._first_values):
             result = self._call(
@@ -260,7 +261,8 @@ class Fuzzer:
             self._services[name] = self._caller.create_client(kind, name)
         client = self._services[name]
         assert client.wait_for_service(_PATIENCE), f"{name} is not there"
-        # DDS may find the service before the service finds the client; then the answer is lost.
+        # The client may discover the service before the service discovers it; then the answer is
+        # lost.
         for _ in range(3):
             future = client.call_async(request)
             self._executor.spin_until_future_complete(future, _PATIENCE / 3.0)
@@ -270,7 +272,7 @@ class Fuzzer:
 
 
 def as_message(name: str, value: object) -> ParameterMessage:
-    """A parameter as clients send it, an empty list with a type of its own."""
+    """A parameter message as clients send it; an empty list gets an explicit type."""
     if value is None:
         unset = ParameterValue(type=ParameterType.PARAMETER_NOT_SET)
         return ParameterMessage(name=name, value=unset)

@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Latency of the node over real topics, and what joint states at 1 kHz cost it.
+"""Latency of the node over real topics, and its CPU load by joint states at 1 kHz.
 
 The time from sending a goal to receiving its trajectory is measured; run it as
 ``python benchmarks/node_latency.py``. The robot is the arm of ``config/human_arm.urdf``.
@@ -27,7 +27,7 @@ _N_ROUNDS = 4
 
 
 def main() -> None:
-    """Measure and print."""
+    """Run the measurements and print them."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--goals", type=int, default=400, help="number of goals for each rate")
     parser.add_argument("--idle", type=float, default=5.0, help="time without goals [s]")
@@ -40,12 +40,12 @@ def main() -> None:
         client.publish("robot_description", String(data=URDF.read_text(encoding="utf-8")))
         client.wait_for_node()
         client.wait_for_model()
-        # In turns, so that what else the machine does meets both alike.
+        # Alternating, so that other load of the machine affects both alike.
         for _ in range(_N_ROUNDS):
             for rate in RATES:
                 with joint_states(rate, motions[0].positions[0].tolist()):
                     while plan(client, motions[0]).trajectory is None:
-                        pass  # the states have not come through yet
+                        pass  # no state has been received yet
                     shares[rate].append(idle_share(node, arguments.idle / _N_ROUNDS))
                     answers[rate] += [plan(client, motion) for motion in motions]
     for rate in RATES:
@@ -55,14 +55,14 @@ def main() -> None:
 
 
 def idle_share(node: Popen[str], duration: float) -> float:
-    """Share of one core that the node takes without goals."""
+    """CPU load of the node without goals, as a share of one core."""
     before, began = processor_time(node), time.monotonic()
     time.sleep(duration)
     return (processor_time(node) - before) / (time.monotonic() - began)
 
 
 def plan(client: GoalClient, motion: SyntheticMotion) -> Answer:
-    """Ask for the end of a motion."""
+    """A goal at the end of a motion."""
     return client.send(JointState(name=JOINT_NAMES, position=motion.positions[-1]))
 
 

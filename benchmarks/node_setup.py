@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""What the benchmarks of the node share: a node, joint states, and what the node takes."""
+"""Common parts of the node benchmarks: a node, joint states, and CPU and memory usage."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ PROCESSES = multiprocessing.get_context("spawn")
 
 @contextmanager
 def primitive_file() -> Iterator[Path]:
-    """A primitive of that arm."""
+    """A primitive of the human-like arm."""
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "raise_arm.npz"
         demonstrations = [motion.as_demonstration() for motion in generate_motions(20, seed=1)]
@@ -44,7 +44,7 @@ def primitive_file() -> Iterator[Path]:
 
 @contextmanager
 def running_node(*ros_arguments: str) -> Iterator[Popen[str]]:
-    """A node that is ended afterwards."""
+    """Context manager of a node, which is stopped at the end."""
     with primitive_file() as file:
         node = start_node("-p", f"primitives:=['{file}']", *ros_arguments)
         try:
@@ -56,7 +56,7 @@ def running_node(*ros_arguments: str) -> Iterator[Popen[str]]:
 
 @contextmanager
 def joint_states(rate: float, positions: list[float]) -> Iterator[None]:
-    """A process that publishes a state all the time, from before this is entered."""
+    """Context manager of a process that publishes a joint state at a fixed rate."""
     is_ready = PROCESSES.Event()
     arguments = (rate, positions, is_ready)
     process = PROCESSES.Process(target=_publish_states, args=arguments, daemon=True)
@@ -71,7 +71,7 @@ def joint_states(rate: float, positions: list[float]) -> Iterator[None]:
 
 def _publish_states(rate: float, positions: list[float], is_ready: Event) -> None:
     state = JointState(name=JOINT_NAMES, position=positions, velocity=[0.0] * len(positions))
-    # Serialised once: a robot's driver takes less of the machine than Python does.
+    # Serialised once, because the driver of a real robot needs less CPU time than Python.
     message = bytes(serialize_message(state))
     with silent_node("joint_state_broadcaster") as node:
         publisher = node.create_publisher(JointState, "joint_states", 1)
@@ -87,7 +87,7 @@ def _publish_states(rate: float, positions: list[float], is_ready: Event) -> Non
 
 @contextmanager
 def silent_node(name: str) -> Iterator[Node]:
-    """A node without more than it is given."""
+    """A node with the given parameters only."""
     context = rclpy.Context()
     rclpy.init(args=[], context=context, signal_handler_options=SignalHandlerOptions.NO)
     node = rclpy.create_node(
@@ -101,19 +101,19 @@ def silent_node(name: str) -> Iterator[Node]:
 
 
 def processor_time(node: Popen[str]) -> float:
-    """Time that all threads of the node have run [s]."""
+    """CPU time of all threads of the node [s]."""
     fields = Path(f"/proc/{node.pid}/stat").read_text(encoding="ascii").rpartition(")")[2].split()
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
 def resident_megabytes(node: Popen[str]) -> float:
-    """Memory of the node that is not swapped out [MB]."""
+    """Resident memory of the node [MB]."""
     pages = Path(f"/proc/{node.pid}/statm").read_text(encoding="ascii").split()[1]
     return int(pages) * os.sysconf("SC_PAGE_SIZE") / 1e6
 
 
 def print_latencies(latencies: np.ndarray, solve_times: np.ndarray) -> None:
-    """Medians and 99th percentiles of times from goal to trajectory, and of what is in them [s]."""
+    """Medians and 99th percentiles of the latency from goal to trajectory and of its parts [s]."""
     for name, values in (
         ("goal to trajectory", latencies),
         ("solve time", solve_times),

@@ -1,13 +1,15 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Soak test of the node: good, bad and mixed goals from three processes at once.
+"""Soak test of the node: valid, invalid and mixed goals from three processes at once.
 
-Run it as ``python benchmarks/node_soak.py``; joint states come at 500 Hz meanwhile. It ends with
-status 1 if a goal got a wrong answer, a motion is missing, or the memory grew by 5 MB.
+Run it as ``python benchmarks/node_soak.py``; joint states are published at 500 Hz meanwhile. The
+script exits with status 1 if a goal gets a wrong answer, a motion is missing, or the memory grows
+by 5 MB.
 
-With ``--flood RATE`` it sends goals at this rate and waits for none. Then it compares how many
-goals the node took by its own count, how many reports came to a client that keeps all, and how many
-to a client that lags; it ends with status 1 if a goal that was taken has no report, or several.
+With ``--flood RATE`` it sends goals at this rate without waiting for reports. Then it compares
+three counts: the goals that the node received by its own statistics, the reports received by a fast
+client, and those received by a slow client. It exits with status 1 if a received goal has no report
+or several.
 """
 
 from __future__ import annotations
@@ -59,7 +61,7 @@ _COUNTS = ("served", "refused", "under_way", "overtaken")
 
 
 class Outcome(NamedTuple):
-    """What became of a goal; times in seconds, 0 where there are none."""
+    """Outcome of a goal; times in seconds, 0 where there are none."""
 
     kind: str
     status: str
@@ -69,7 +71,7 @@ class Outcome(NamedTuple):
 
 
 def main() -> int:
-    """Run and print."""
+    """Run the soak test and print the results."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--goals", type=int, default=21_000, help="number of goals")
     parser.add_argument("--rate", type=float, default=75.0, help="goals per second of all clients")
@@ -106,7 +108,7 @@ def main() -> int:
 
 
 def flood(n_goals: int, rate: float, start: list[float]) -> int:
-    """Send goals and wait for none; print where they stayed, and return the exit status."""
+    """Send goals without waiting; print counts of goals and reports; return the exit status."""
     with (
         running_node("--log-level", "fatal"),
         joint_states(500.0, start),
@@ -135,7 +137,7 @@ def flood(n_goals: int, rate: float, start: list[float]) -> int:
 
 
 def n_taken(monitor: GoalClient) -> int:
-    """How many goals the node took, by its own count, when that no longer grows."""
+    """Final number of goals that the node received, by its own statistics."""
     counts = [-1]
     while len(counts) < 3 or counts[-1] != counts[-3]:
         values = monitor.wait_for_diagnostics()
@@ -144,7 +146,7 @@ def n_taken(monitor: GoalClient) -> int:
 
 
 def send_unawaited(node: Node, n_goals: int, rate: float) -> None:
-    """Send good and bad goals in turn, each with a stamp of its own."""
+    """Send valid and invalid goals in turn, each with its own stamp."""
     random = np.random.default_rng(1)
     ends = [motion.positions[-1] for motion in generate_motions(100, seed=3)]
     qos = QoSProfile(depth=1, history=HistoryPolicy.KEEP_ALL)
@@ -162,7 +164,7 @@ def send_unawaited(node: Node, n_goals: int, rate: float) -> None:
 
 
 class Reader:
-    """Collects reports in a thread of its own, with a pause after each [s]."""
+    """Collects reports in a separate thread, with a pause after each [s]."""
 
     def __init__(self, node: Node, qos: QoSProfile, pause: float = 0.0) -> None:
         self.n_lost = 0
@@ -195,7 +197,7 @@ class Reader:
         self.n_lost = event.total_count
 
     def stamps(self) -> list[str]:
-        """The stamp of the goal in each report that came."""
+        """The goal stamp of each received report."""
         found = [deserialize_message(report, DiagnosticStatus) for report in self._reports]
         return [report_values(report)["goal_stamp"] for report in found]
 
@@ -214,7 +216,7 @@ def watch(
 
 
 def send_goals(number: int, n_goals: int, rate: float, outcomes: Queue[Outcome]) -> None:
-    """Send goals of a kind one after the other: in a process of its own."""
+    """Send goals of one kind one after the other, in a separate process."""
     random = np.random.default_rng(number)
     ends = [motion.positions[-1] for motion in generate_motions(100, seed=3)]
     kinds = itertools.cycle(("good", "bad") if _KINDS[number] == "mixed" else (_KINDS[number],))
@@ -222,7 +224,7 @@ def send_goals(number: int, n_goals: int, rate: float, outcomes: Queue[Outcome])
         client = SoakClient(node)
         due = time.monotonic()
         for k, kind in zip(range(n_goals), kinds, strict=False):
-            # Of its own, so that its trajectory is known by it.
+            # A unique stamp identifies the trajectory.
             positions = ends[random.integers(len(ends))] + random.uniform(-1e-3, 1e-3, 4)
             if kind == "bad":
                 positions[random.integers(4)] = random.choice([np.nan, np.inf, 100.0])
@@ -232,7 +234,7 @@ def send_goals(number: int, n_goals: int, rate: float, outcomes: Queue[Outcome])
 
 
 class SoakClient:
-    """Takes as little of the machine as a client in Python can: messages stay serialised."""
+    """A client with little CPU load: messages stay serialised."""
 
     def __init__(self, node: Node) -> None:
         self._executor = SingleThreadedExecutor(context=node.context)
@@ -259,7 +261,7 @@ class SoakClient:
         self._trajectories.append((message, facts["received_timestamp"] * 1e-9))
 
     def send(self, kind: str, positions: np.ndarray, second: int, number: int) -> Outcome:
-        """Send a goal with this stamp, and wait for what comes of it."""
+        """Send a goal with this stamp, and wait for its outcome."""
         goal = JointState(name=JOINT_NAMES, position=positions.tolist())
         goal.header.stamp.sec, goal.header.stamp.nanosec = second, number
         stamp, end = to_stamp_text(goal.header.stamp).encode(), positions.tobytes()
@@ -280,7 +282,7 @@ class SoakClient:
         return Outcome(kind, "served", len(received), after, float(values["solve_time_s"]))
 
     def _first(self, candidates: Callable[[], Iterator[T]]) -> T | None:
-        """Wait for the first of these."""
+        """Wait for the first of these conditions."""
         deadline = time.monotonic() + _PATIENCE
         while time.monotonic() < deadline:
             for one in candidates():
@@ -303,7 +305,7 @@ def report(found: list[Outcome], memory: list[float]) -> int:
     )
     growth = max(memory[10:]) - memory[10]
     print(f"memory after a tenth of the goals {memory[10]:.1f} MB, at most {growth:.1f} MB more")
-    # A good goal may be given up for another client's.
+    # A valid goal may be preempted by that of another client.
     wrong = counts.keys() - {("good", "served"), ("good", "overtaken"), ("bad", "refused")}
     for pair in wrong:
         print(f"wrong: {pair}")

@@ -1,10 +1,10 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""By how much another solver betters our motions, started from them.
+"""Improvement of planned motions by another solver that starts from them.
 
 Motions are planned for least effort within all limits. SciPy's SLSQP then starts from each, on
-the same basis with the same constraints and analytic gradients, and is run until it finds
-nothing better. Only what it finds within the constraints (to 1e-6 of a limit) counts.
+the same basis with the same constraints and analytic gradients, and runs until it finds no
+improvement. Only motions within the constraints (to 1e-6 of a limit) count.
 
     python benchmarks/optimality.py [--problems 25]
 """
@@ -47,7 +47,7 @@ def main() -> None:
 
 
 def comparison(solved: list[tuple[LimitedProgram, Solution]]) -> list[str]:
-    """Number of weights, share of motions at a limit, and by how much SLSQP betters them."""
+    """Number of weights, share of motions at a limit, and improvement by SLSQP."""
     if not solved:
         return ["–"] * 5
     better = [100.0 * improvement(*pair) for pair in solved]
@@ -63,7 +63,7 @@ def comparison(solved: list[tuple[LimitedProgram, Solution]]) -> list[str]:
 def solved_programs(
     name: str, coupling: str, n_components: int, n_problems: int
 ) -> list[tuple[LimitedProgram, Solution]]:
-    """The last program of every motion that was found, and its solution."""
+    """The last program of every solved motion, and its solution."""
     scene = scene_of(*robot_file(name), n_motions=30)
     robot, limits = scene.robot, scene.limits
     components = PrimitiveOptions(coupling, n_components)
@@ -95,10 +95,10 @@ def is_held(program: LimitedProgram, solution: Solution) -> bool:
 
 
 def improvement(program: LimitedProgram, solution: Solution) -> float:
-    """By which share of the cost SLSQP lowers it."""
+    """Relative reduction of the cost by SLSQP."""
     found = solution.unknowns
     at = program.evaluate(found)
-    # Constraints far away would only make it slow; what it then breaks does not count.
+    # Distant constraints would only slow SLSQP; solutions that violate them do not count.
     room = np.minimum(program.upper - at.inequalities, at.inequalities - program.lower)
     near = np.flatnonzero(room < 0.2)
 

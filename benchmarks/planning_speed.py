@@ -1,11 +1,11 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""How fast motions of two arms are found, and how good the quadrature is.
+"""Planning times for two arms, and accuracy of the quadrature.
 
-Every row is the median over different goals, planned in one run within all limits, after some
-practice at the ends of demonstrations where that is of use. The floor is
-what ten passes of the dynamics alone would cost: the time of one `computeRNEADerivatives` call
-from Python, measured in the same run between the plans, times the number of nodes, times ten.
+Every row is the median over different goals, planned in one run within all limits, with precomputed
+warm starts between the ends of demonstrations where these help. The floor is the time of ten passes
+of the dynamics alone: the time of one `computeRNEADerivatives` call from Python, measured in the
+same run between the plans, times the number of nodes, times ten.
 
     python benchmarks/planning_speed.py [--goals 200]
 """
@@ -103,7 +103,7 @@ def rows_of(scene: Scene, problems: list[Problem]) -> list[list[str]]:
 def timed_plans(
     planner: Planner, scene: Scene, problems: list[Problem]
 ) -> tuple[list[Plan], float]:
-    """Plans of all problems, and the median time of one call between them [s]."""
+    """Plans of all problems, and the median time of one call of the dynamics between them [s]."""
     names = scene.robot.joint_names
     model = RigidArm(scene.urdf, names).model
     data, calls, plans = model.createData(), [], []
@@ -119,7 +119,7 @@ def timed_plans(
 
 
 def quadrature_error(robot: Robot, plan: Plan) -> float:
-    """Relative difference of the effort with the chosen nodes and with many."""
+    """Relative difference of the effort between the chosen number of nodes and many nodes."""
     motion, costs = plan.motion, []
     for tables in (QuadratureTables(motion.basis), QuadratureTables(motion.basis, N_MANY_NODES)):
         unknowns = Unknowns(tables.basis.scales, motion.boundary, motion.duration)

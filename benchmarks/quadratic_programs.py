@@ -1,11 +1,11 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Which solver of quadratic programs suits those that planning meets.
+"""Comparison of solvers on the quadratic programs of planning.
 
-Motions of several arms are planned; the quadratic programs that occur on the way are kept and
-given to every solver that is installed, one after the other, program by program. Times are
-medians of three calls each, with conversion to what a solver takes; the error is the distance
-to the constraints' and the optimality conditions, relative to the size of the gradient.
+Motions of several arms are planned, and their quadratic programs are stored. Every installed solver
+solves each of them. Times are medians of three calls, conversion to the solver's format included.
+The error is the largest violation of the constraints and the optimality conditions, relative to the
+size of the gradient.
 
     python benchmarks/quadratic_programs.py [--programs 200]
 """
@@ -70,7 +70,7 @@ def main() -> None:
 
 
 def occurring_programs(n_programs: int) -> list[Program]:
-    """Quadratic programs that planning meets, spread evenly over all of them."""
+    """Quadratic programs of planning, an evenly spread sample."""
     kept: list[Program] = []
 
     def keeping(*program: np.ndarray) -> object:
@@ -90,7 +90,7 @@ def occurring_programs(n_programs: int) -> list[Program]:
 
 
 def plan_motions(name: str) -> None:
-    """Plan with few and with many weights, at no and at little naturalness."""
+    """Plan with few and with many weights, with ρ = 0 and with a small naturalness ρ."""
     scene = scene_of(*robot_file(name), n_motions=30)
     robot, limits = scene.robot, scene.limits
     problems = held_out_problems(scene, N_PROBLEMS, 2)
@@ -105,7 +105,7 @@ def plan_motions(name: str) -> None:
 
 
 def timed(solve: Callable[..., Answer | None], program: Program) -> tuple[float, float | None]:
-    """Median time of a solver [s], and its error, None if it found nothing."""
+    """Median time of a solver [s], and its error; None if it found no solution."""
     times, answer = [], None
     for _ in range(N_REPEATS):
         began = time.perf_counter()

@@ -1,11 +1,10 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""How fast recordings are read, beside deserialising each message, and the memory it takes.
+"""Speed and memory of reading recordings, compared with deserialising each message.
 
-Makes recordings of seven joints at 1 kHz in each format, and reads each of them in processes of
-their own: one deserialises every message with rosbags, one reads the joint states, one goes all
-the way to demonstrations. Prints the times, their ratio, and the peak of the memory above that
-after the imports.
+Writes recordings of seven joints at 1 kHz in each format, and reads each of them in separate
+processes: one deserialises every message with rosbags, one reads the joint states, one loads the
+demonstrations. Prints the times, their ratio, and the peak memory above that after the imports.
 
     python benchmarks/reading_speed.py [--minutes 1 10 60] [--formats mcap sqlite3 rosbag1]
 """
@@ -66,7 +65,7 @@ print(json.dumps({"seconds": time.perf_counter() - start, "megabytes": peak() - 
 
 
 def main() -> None:
-    """Measure every format and length asked for, and print a table."""
+    """Measure every given format and length, and print a table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--minutes", type=float, nargs="+", default=[1.0, 10.0])
     parser.add_argument("--formats", nargs="+", default=["mcap", "sqlite3"])
@@ -114,7 +113,7 @@ def write_recording(path: Path, bag_format: str, n_steps: int) -> None:
 
 
 def measured(code: str, path: Path) -> dict[str, float]:
-    """Run code on a recording in a process of its own."""
+    """Run code on a recording in a separate process."""
     command = [sys.executable, "-c", code + MEASURE, str(path)]
     done = subprocess.run(command, check=True, capture_output=True, text=True)
     return dict(json.loads(done.stdout))

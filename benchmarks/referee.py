@@ -1,13 +1,13 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""A referee of commanded motions: limits and jumps, by its own finite differences.
+"""An independent referee of commanded motions: limits and jumps, by finite differences.
 
-It shares no code with the planner and knows only arrays. Derivatives are divided differences: of
-a smooth motion each is the derivative at some time nearby, so none exceeds what the motion really
-does, and a step of the acceleration shows as the jerk that one tick makes of it.
+It shares no code with the planner and takes only arrays. Derivatives are divided differences. For a
+smooth motion, each equals the derivative at some nearby time, so it never exceeds the true peak. A
+step of the acceleration appears as a jerk over one tick.
 
-Where a controller was slowed, pass its own clock: what was planned is judged, at the speed at
-which it was planned, and not how fast someone else slows the robot down.
+For a slowed controller, pass its own clock. The referee then judges the planned motion at its
+planned speed; the deceleration by the speed scaling does not count.
 """
 
 from __future__ import annotations
@@ -22,22 +22,21 @@ from numpy.typing import ArrayLike, NDArray
 Array = NDArray[np.float64]
 
 ORDERS = {"velocity": 1, "acceleration": 2, "jerk": 3}
-# Ticks nearer than this share of the usual one are passed over: little noise divided by very
-# little time is much.
+# Ticks closer than this share of the usual period are skipped, because division by a very short
+# time amplifies noise.
 _NEAREST = 0.5
-_NOISE = 1e-8  # of numbers [rad or m]
-# Rates are judged from tick to tick, and over so many ticks, where the finest step makes no
-# difference.
+_NOISE = 1e-8  # rounding of positions [rad or m]
+# Rates are judged from tick to tick, and over this many ticks, where the finest step has no effect.
 _STRIDES = (1, 20)
-_ALONE = 0.3  # share of a jump that other steps near it are smaller than
-_SAME_TICKS = 20  # in which two clocks see the same
-_MARGIN = 2  # ticks beside a cut
-_WINDOW = 7  # ticks whose median acceleration is that of the neighbouring motion
+_ALONE = 0.3  # other steps near a jump are below this share of it
+_SAME_TICKS = 20  # window in which two clocks are compared [ticks]
+_MARGIN = 2  # ticks around a cut that are not judged
+_WINDOW = 7  # window of the median acceleration of the neighbouring motion [ticks]
 
 
 @dataclass(frozen=True)
 class Exceeded:
-    """A limit that a joint exceeded, where it did so most.
+    """A violated limit of a joint, at its largest violation.
 
     Attributes
     ----------
@@ -46,7 +45,7 @@ class Exceeded:
     joint, tick : int
         Which joint, and the index of the command.
     value, limit : float
-        What was commanded, and what is allowed.
+        The commanded value and the limit.
     """
 
     quantity: str
@@ -58,7 +57,7 @@ class Exceeded:
 
 @dataclass(frozen=True)
 class Verdict:
-    """What a referee found.
+    """Findings of the referee.
 
     Attributes
     ----------
@@ -76,7 +75,7 @@ class Verdict:
 
     @property
     def is_clean(self) -> bool:
-        """Whether nothing was found."""
+        """Whether there are no findings."""
         return not self.exceeded and not self.jumps
 
 
@@ -99,26 +98,26 @@ def judge(
     positions : array, shape (n_ticks, n_joints)
         Commanded positions [rad or m].
     clock : array, shape (n_ticks,)
-        When each was due [s], never decreasing; equal times are one command.
+        Time of each command [s], not decreasing; of equal times the last command counts.
     limits : mapping
         ``lower``, ``upper``, ``velocity``, ``acceleration``, ``jerk``, each of shape (n_joints,);
-        those that are missing or infinite are not judged.
+        missing or infinite limits are not judged.
     time : array, shape (n_ticks,), optional
-        The time of the world, where the controller's own clock was slowed: a rate is exceeded if
-        it is so by both. By its own clock alone, a step of a micrometre that a slowed controller
-        makes in a millisecond is a step in next to no time; by that of the world alone, who slows
-        the controller down exceeds limits.
+        Real time, where the controller's own clock was slowed. A rate is exceeded only if it is
+        exceeded by both clocks. By the controller's clock alone, a micrometre per millisecond would
+        be a step in almost no time. By real time alone, the deceleration of the speed scaling would
+        count.
     cuts : sequence of int
         Ticks whose commands need not continue those before: the sender is not responsible.
     joins : sequence of int
-        Ticks whose commands continue those before, but for a jump that is judged as such alone:
-        where a slowed controller takes a message.
+        Ticks at which a slowed controller receives a message. Their commands continue those before
+        except for a jump, which is judged only as a jump.
     tolerance : float
         Share of a limit by which it may be exceeded (for positions, of their range).
     max_jump : float
         Largest jump that is allowed [rad or m].
     finest : float
-        A step that is smaller than what any encoder sees, and so exceeds no rate [rad or m].
+        A step below the resolution of encoders, which never violates a rate limit [rad or m].
     """
     q, own = np.asarray(positions, dtype=float), np.asarray(clock, dtype=float)
     exceeded, jumps, largest = list(_not_finite(q)), [], 0.0
@@ -143,7 +142,7 @@ def judge(
                 list(_rates_exceeded(joined, one[ticks], ticks, limits, tolerance, finest))
             )
         exceeded += _worst(found)
-        # Jumps are what happens in a millisecond of the world.
+        # Jumps are measured per millisecond of real time.
         largest = max(largest, float(np.abs(steps).max(initial=0.0)))
         jumps += [
             (int(ticks[k]), int(j), float(steps[k, j]))
@@ -153,7 +152,7 @@ def judge(
 
 
 def _jump_between(q: Array, tick: int) -> Array:
-    """How far the motions before and after a tick, continued by half a tick each, are apart."""
+    """Distance between the motions before and after a tick, each extrapolated by half a tick."""
     if not 3 <= tick <= len(q) - 3:
         return np.zeros(q.shape[1])
     weights = np.array([0.375, -1.25, 1.875])
@@ -161,7 +160,7 @@ def _jump_between(q: Array, tick: int) -> Array:
 
 
 def _worst(found: Sequence[Sequence[Exceeded]]) -> list[Exceeded]:
-    """For each quantity and joint the worst that every clock agrees on."""
+    """For each quantity and joint, the largest violation that all clocks confirm."""
     *others, last = found
     worst: dict[tuple[str, int], Exceeded] = {}
     for one in last:
@@ -185,7 +184,7 @@ def _not_finite(q: Array) -> list[Exceeded]:
 
 
 def _spread(time: Array) -> NDArray[np.intp]:
-    """Indices of the last commands of each time, far enough from one another."""
+    """Indices of the last command of each time, with a minimum distance in time."""
     if len(time) == 0:
         return np.zeros(0, dtype=np.intp)
     nearest = _NEAREST * float(np.diff(time).max(initial=0.0)) or 1.0
@@ -242,7 +241,7 @@ def _steps(q: Array, time: Array) -> tuple[Array, Array]:
 
 
 def _position_jumps(moved: Array, steps: Array) -> Array:
-    """Jumps of position only: the next step restores the velocity, and others are far smaller.
+    """Jumps of the position alone, after which the next step restores the velocity.
 
     The motion without them is judged by its derivatives, so that a jump counts once.
     """
@@ -251,7 +250,7 @@ def _position_jumps(moved: Array, steps: Array) -> Array:
         k = before + 1
         near = np.abs(np.r_[steps[max(k - _WINDOW, 0) : k, j], steps[k + 2 : k + _WINDOW, j]])
         if near.max() < _ALONE * np.abs(steps[k : k + 2, j]).min():
-            # Between the ticks before and after, which know nothing of the jump.
+            # Interpolated between the ticks before and after, which the jump does not affect.
             usual = moved[k - 1, j] + (moved[k + 2, j] - moved[k - 1, j]) * np.array([1, 2]) / 3
             there, back = moved[k : k + 2, j] - usual
             jumps[k, j] = np.sign(there) * min(abs(there), abs(back))

@@ -1,11 +1,11 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""How long it takes to choose among many primitives, and how good the choice is.
+"""Time and quality of the selection among many primitives.
 
-Primitives are made of random tens of motions of the human-like arm. The planner with all of them
-is compared with the cheapest plan of planners that have one each: of those that are in span of the
-request, that is, pass the filter of the selection, and of all of them. Costs are what the planner
-minimises.
+Each primitive is learned from ten random motions of the human-like arm. The planner with all
+primitives is compared with the cheapest plan of planners with one primitive each: over the
+primitives that pass the in-span filter of the selection, and over all of them. Costs are the
+planner's objective.
 
     python benchmarks/selection.py [--goals 200] [--primitives 100]
 """
@@ -31,7 +31,7 @@ from mp_pca_planner.robot.model import Robot
 
 
 def main() -> None:
-    """Print a row per size of the library, then how good the choices are."""
+    """Print a row per size of the library, then the quality of the choices."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--goals", type=int, default=200)
     parser.add_argument("--primitives", type=int, default=100)

@@ -1,9 +1,9 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""How often motions go through the robot itself, and what a way around costs.
+"""Frequency of self-collisions, and cost of the detours that avoid them.
 
-Held-out motions and ends anywhere within the limits are planned without and with regard to
-self-collision. Problems whose ends are in collision already are left out.
+Held-out motions and ends anywhere within the limits are planned with and without self-collision
+avoidance. Problems whose ends are in collision are left out.
 
     python benchmarks/self_collision.py [--problems 50]
 """
@@ -66,7 +66,7 @@ def main() -> None:
 def compared(
     bare: Planner, careful: Planner, collision: CollisionModel, problems: list[Problem]
 ) -> list[str]:
-    """Counts, ratios of efforts where the robot hits itself otherwise, and times."""
+    """Counts, effort ratios of motions with a detour, and times."""
     names = bare.robot.joint_names
     n_free, n_hits, n_solved = 0, 0, 0
     efforts: list[float] = []
@@ -101,7 +101,7 @@ def compared(
 
 
 def timed(function):
-    """What a function returns, and how long that took [s]."""
+    """The result of a function and its computing time [s]."""
     began = time.perf_counter()
     found = function()
     return found, time.perf_counter() - began

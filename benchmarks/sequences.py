@@ -1,11 +1,11 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""How smooth, cheap and fast sequences are.
+"""Smoothness, effort and planning time of sequences.
 
 Random sequences of the human-like arm, whose configurations are ends of motions that the
 demonstrations don't contain, are joined in real time, optimised, and planned as one motion for
-each segment that stops at every via, in the same total duration. In the same way, sequences of the
-poses of the wrist at these configurations are optimised, which leave one degree of freedom each.
+each segment that stops at every via, in the same total duration. Sequences of the wrist poses at
+these configurations are optimised, too; each pose leaves one degree of freedom.
 
     python benchmarks/sequences.py [--sequences 50]
 """
@@ -30,7 +30,7 @@ from mp_pca_planner.robot.model import Robot
 
 
 def main() -> None:
-    """Print what 5 segments take, and how the time grows to 50."""
+    """Print the results for 5 segments, and the growth of the time up to 50."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--sequences", type=int, default=50)
     n_sequences = parser.parse_args().sequences
@@ -99,7 +99,7 @@ def main() -> None:
 
 
 def beyond(plan: Plan) -> list[float]:
-    """How far any joint goes beyond its positions at the ends of each segment [rad]."""
+    """Largest overshoot of a joint beyond its positions at the ends of a segment [rad]."""
     found = []
     for motion in plan.motions:
         q, _, _ = motion.evaluate(motion.sample_times(0.01))

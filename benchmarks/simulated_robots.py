@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Simulated robots: time per cycle, lag of the drives, sag under a payload, what the referee says.
+"""Simulated robots: time per cycle, lag of the drives, sag under a payload, referee findings.
 
 Each arm makes minimum-jerk motions between random configurations, at the limits of the referee,
 through a hold and with speed scaling. Then it holds a payload.
@@ -24,7 +24,7 @@ from mp_pca_planner.simulation import SimulatedRobot
 
 PAYLOAD = 3.0
 DURATION = 1.5
-# Of the minimum-jerk motion, over D / T, D / T² and D / T³.
+# Peaks of the minimum-jerk motion in units of D / T, D / T² and D / T³.
 PEAKS = {"velocity": 1.875, "acceleration": 5.7735, "jerk": 60.0}
 
 
@@ -72,7 +72,7 @@ def measure(robot: Robot, arguments: argparse.Namespace) -> list[str]:
 
 
 def run(simulated: SimulatedRobot, *, faulty: bool) -> None:
-    """Let a motion end, slowed down and held on the way if it is to be faulty."""
+    """Run a motion to its end, optionally with speed scaling and a hold."""
     faults = simulated.faults
     for k in range(6000 if faulty else 2000):
         faults.held = faulty and 400 < k < 1200
@@ -84,14 +84,14 @@ def run(simulated: SimulatedRobot, *, faulty: bool) -> None:
 
 
 def lag(simulated: SimulatedRobot) -> float:
-    """How late the fastest joint is at its fastest [s]."""
+    """Delay of the fastest joint at its peak speed [s]."""
     record = simulated.record
     k, j = np.unravel_index(np.abs(record.v).argmax(), record.v.shape)
     return float((record.q[k, j] - record.measured[k, j]) / record.v[k, j])
 
 
 def judged(simulated: SimulatedRobot, displacement: np.ndarray) -> Verdict:
-    """What the referee says of a motion that is at all of its limits."""
+    """Findings of the referee on a motion that reaches all of its limits."""
     limits = {
         quantity: peak * np.abs(displacement) / DURATION ** (order + 1)
         for order, (quantity, peak) in enumerate(PEAKS.items())

@@ -1,11 +1,12 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""How often other starts find a better motion, and in which time.
+"""Benefit and time of several starts of the optimisation.
 
-Motions are planned for least effort within all limits, from the cheapest of these starts and from
-all: the expected weights, the mean shape, and the nearest demonstrations'. Then from the cheapest
-and from all after practice, which puts motions of least effort between the ends of the nearest
-demonstrations in the place of these. Better, or worse: by more than 0.5 % of the effort.
+Motions are planned for least effort within all limits, from the cheapest start and from all starts.
+The starts are the expected weights, the mean shape, and the weights of the nearest demonstrations.
+Then warm starts are precomputed: least-effort motions between the ends of the nearest
+demonstrations replace these. "Better" and "worse" mean a difference of more than 0.5 % of the
+effort.
 
     python benchmarks/starts.py [--problems 50]
 """
@@ -86,7 +87,7 @@ def planners_of(scene: Scene, primitive: MovementPrimitive) -> dict[str, Planner
 def compared(
     planners: list[Planner], problems: list[Problem]
 ) -> list[tuple[np.ndarray, np.ndarray]]:
-    """By which share of the effort each is better than the first, and the ratio of the times."""
+    """Relative effort reduction of each planner against the first, and the ratio of times."""
     costs, times = [], []
     names = planners[0].robot.joint_names
     for problem in problems:

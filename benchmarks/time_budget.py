@@ -1,10 +1,10 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""What becomes of goals when there is little time to plan.
+"""Outcomes of goals under short planning times.
 
 A panda with the limits of MoveIt's joint_limits.yaml, and jerks of 20 times the accelerations.
 Half of the goals are planned from rest; the others from a moment of a motion that is under way.
-The CPU time of a plan is that of all it takes: primitives are chosen and motions checked, too.
+The CPU time of a plan includes the selection of primitives and the checks of motions.
 
     python benchmarks/time_budget.py [--goals 200] [--times 0.01 0.1 1]
 """
@@ -59,7 +59,7 @@ def main() -> None:
 
 
 def panda_planner() -> Planner:
-    """A planner of patience."""
+    """A planner with a time limit."""
     overrides = {
         name: {"max_velocity": v, "max_acceleration": a, "max_jerk": 20.0 * a}
         for name, v, a in zip(SCENE.robot.joint_names, VELOCITY, ACCELERATION, strict=True)
@@ -88,7 +88,7 @@ def requests_of(planner: Planner, n_goals: int) -> list[tuple[JointGoal, JointSt
 
 
 def counts(plans: list[Plan]) -> list[str]:
-    """How many were solved, stopped early, and refused from rest and in motion."""
+    """Numbers of goals solved, stopped early, and rejected, from rest and in motion."""
     refused = [i % 2 for i, plan in enumerate(plans) if plan.status == INFEASIBLE]
     by_status = [sum(p.status == status for p in plans) for status in (SOLVED, STOPPED_EARLY)]
     return [str(n) for n in (*by_status, refused.count(0), refused.count(1))]

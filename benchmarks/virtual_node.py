@@ -31,7 +31,7 @@ from mp_pca_planner.simulation import SimulatedRobot
 
 STATE_PERIOD, WATCH_PERIOD = 2, 50  # in ticks of a millisecond
 JERK_OF_ACCELERATION = 20.0
-# Those of MoveIt's panda joint_limits.yaml; UR's driver has none, 3 rad/s² is a usual setting.
+# Limits of MoveIt's joint_limits.yaml for the panda; UR's driver has none, 3 rad/s² is usual.
 MAX_ACCELERATION = {"panda": (3.75, 1.875, 2.5, 3.125, 3.75, 5.0, 5.0), "ur5": (3.0,) * 6}
 
 
@@ -50,10 +50,10 @@ def scene_and_model(name: str, **settings: Any) -> tuple[Scene, Model]:
 
 
 class StateReader:
-    """States as bytes of their stamp, positions and velocities."""
+    """Reader of states that are stored as bytes of their stamp, positions and velocities."""
 
     def names_all(self, message: bytes, joint_names: Sequence[str]) -> bool:
-        """All messages have all joints."""
+        """Return True: all messages have all joints."""
         return True
 
     def read(self, message: bytes, joint_names: Sequence[str]) -> JointState:
@@ -68,7 +68,7 @@ class StateReader:
 
 @dataclass(frozen=True)
 class PlanReport:
-    """Outcome of a goal: 'served', 'under_way', 'overtaken' or 'refused', and the reason."""
+    """Report of a goal: 'served', 'under_way', 'overtaken' or 'refused', and the reason."""
 
     name: Any
     status: str
@@ -77,7 +77,7 @@ class PlanReport:
 
 
 class VirtualNode:
-    """A node beside a simulated robot.
+    """The core of the node, connected to a simulated robot.
 
     Parameters
     ----------

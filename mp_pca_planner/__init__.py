@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 __version__ = "0.1.0"
 
-# Imported at first use: `import mp_pca_planner` takes no time, and a program only what it uses.
+# Imported at first use, so that `import mp_pca_planner` is fast and loads only what is used.
 _HOMES = {
     "Demonstration": "recordings.demonstration",
     "JointGoal": "motion.goal",

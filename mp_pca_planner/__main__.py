@@ -7,7 +7,7 @@ import signal
 import sys
 
 if sys.argv[1:2] in (["planner_node"], ["simulate"]):
-    # Before anything else is loaded: a node that is stopped then has nothing to clean up.
+    # Installed before all other imports: a node that is stopped that early has nothing to clean up.
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: os._exit(0))
 

@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Checks and conversions that the value types share."""
+"""Checks and conversions of arrays and names, for all value types."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def frozen_array(
 
 
 def unique_names(names: Sequence[str], what: str, error: type[PlannerError]) -> tuple[str, ...]:
-    """Return the names as a tuple; refuse an empty list, empty names and repetitions."""
+    """Return the names as a tuple; reject an empty list, empty names and repetitions."""
     result = tuple(names)
     if not result:
         raise error(f"{what}: at least one is needed, none was given")

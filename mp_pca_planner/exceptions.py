@@ -20,7 +20,7 @@ from pathlib import Path
 _PACKAGE = "mp_pca_planner"
 
 MAX_NAMES = 100
-"""Names that a message lists."""
+"""Largest number of names that a message lists."""
 
 
 class PlannerError(Exception):
@@ -40,10 +40,10 @@ class DamagedRecordingError(RecordingError):
 
 
 class UnusableRecordingError(RecordingError):
-    """Joint states that can't be used, with the facts found before.
+    """Joint states that can't be used, with the facts found until then.
 
-    These are the counts of repairs, the topic, its number of messages, their joints, and notes on
-    how they were read.
+    The facts are the counts of repairs, the topic, its number of messages, their joints, and notes
+    on the reading.
     """
 
     def __init__(
@@ -64,7 +64,7 @@ class UnusableRecordingError(RecordingError):
 
 
 class PrimitiveError(PlannerError):
-    """Demonstrations that make no primitive, or a primitive that does not fit its use."""
+    """Demonstrations that give no primitive, or a primitive that does not fit its use."""
 
 
 class PrimitiveFileError(PrimitiveError):
@@ -84,7 +84,7 @@ class LimitsError(PlannerError):
 
 
 class LearningError(PlannerError):
-    """Trials that can't be used, or a motion that can't be kept."""
+    """Trials that can't be used, or a motion that can't be saved."""
 
 
 class ControlError(PlannerError):
@@ -110,19 +110,19 @@ class MissingDependencyError(PlannerError):
 def _how_to_install(extra: str) -> str:
     """The command that installs an extra for this Python."""
     if extra == "ros":
-        # An installed ROS is better than its wheels, which are for machines without one.
+        # An installed ROS takes precedence over the wheels, which are for machines without ROS.
         set_up = sorted(Path("/opt/ros").glob("*/setup.sh"))
         if set_up and "ROS_DISTRO" not in os.environ:
             return f"run `. {set_up[-1]}` first"
     pip = [sys.executable or "python3", "-m", "pip", "install"]
     if sys.prefix == sys.base_prefix and _is_managed():
-        # Debian's Python, which a sourced ROS uses, needs these options for other packages.
+        # A sourced ROS uses Debian's Python, where pip needs these options for other packages.
         pip += ["--user", "--break-system-packages"]
     return f"run `{shlex.join([*pip, *_requirements(extra)])}` (the extra {_PACKAGE}[{extra}])"
 
 
 def _is_managed() -> bool:
-    """Whether the Python installation refuses packages that pip installs, as PEP 668 has it."""
+    """Whether the Python installation is externally managed (PEP 668): pip rejects packages."""
     return (Path(sysconfig.get_path("stdlib")) / "EXTERNALLY-MANAGED").exists()
 
 
@@ -154,7 +154,7 @@ def unknown_name(kind: str, name: str, valid: Iterable[str]) -> str:
 
 
 def printable(text: str) -> str:
-    r"""Escape characters that are not printable, so that foreign text stays on its line.
+    r"""Escape characters that are not printable, so that external text stays on one line.
 
     Line breaks, terminal controls, bidirectional controls and surrogates become ``\n``, ``\x1b``,
     ``\u202e``.

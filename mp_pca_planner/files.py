@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Bounded reading of files, and writing of whole files or none."""
+"""Bounded reading and atomic writing of files."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ MAX_TEXT_BYTES = 16 << 20
 MAX_YAML_BYTES = 1 << 20
 """Largest YAML text that is parsed."""
 MAX_YAML_DEPTH = 20
-"""How deeply mappings and lists of YAML may be nested."""
+"""Largest nesting depth of mappings and lists of YAML."""
 MAX_YAML_SCALAR = 1 << 16
 """Most bytes of one value of YAML: parsing of integers takes time proportional to their square."""
 
@@ -156,7 +156,7 @@ def _reason(error: BaseException) -> str:
 
 
 def write_whole(path: str | Path, content: bytes, *, overwrite: bool = False) -> None:
-    """Write a file so that its name never shows a part of it, see :func:`write_together`."""
+    """Write a file atomically, see :func:`write_together`."""
     write_together({Path(path): content}, overwrite=overwrite)
 
 
@@ -164,12 +164,12 @@ def write_together(contents: Mapping[Path, bytes | None], *, overwrite: bool = F
     """Write several files; none changes unless all of them could be stored.
 
     Each content is written to a hidden folder beside its file first. When all are complete and on
-    disk, they take their names one by one, each in one step.
+    disk, they are renamed one by one, each atomically.
 
     Parameters
     ----------
     contents : mapping
-        Contents by path, in the order in which they take their names; None removes a file.
+        Contents by path, in the order of renaming; None removes a file.
     overwrite : bool
         Whether existing files may be replaced.
 
@@ -280,7 +280,7 @@ def take_free_name(source: Path, target: Path) -> None:
 
 
 def replace_path(source: Path, target: Path) -> None:
-    """Replace a file or folder by a complete one, in one step where the file system can."""
+    """Replace a file or folder by a complete one, atomically where the file system supports it."""
     if not target.exists() or not (source.is_dir() or target.is_dir()):
         os.replace(source, target)
     elif not _exchange(source, target):
@@ -294,7 +294,7 @@ def replace_path(source: Path, target: Path) -> None:
 
 
 def _exchange(first: Path, second: Path) -> bool:
-    """Exchange two names in one step; False where the system can't (other than Linux, NFS)."""
+    """Exchange two names atomically; return False where that is unsupported (not Linux, NFS)."""
     try:
         exchange = ctypes.CDLL(None).renameat2
     except AttributeError:
@@ -304,7 +304,7 @@ def _exchange(first: Path, second: Path) -> bool:
 
 
 def check_writable(path: Path, *, overwrite: bool) -> None:
-    """Refuse an output file that can't be written, before its content is computed.
+    """Reject an output file that can't be written, before its content is computed.
 
     Raises
     ------
@@ -320,5 +320,5 @@ def check_writable(path: Path, *, overwrite: bool) -> None:
 
 
 def exists_already(path: Path) -> PlannerError:
-    """Error for an output that would overwrite something."""
+    """The error for an output that would overwrite a file or folder."""
     return PlannerError(f"'{path}' exists already: choose another name, or use --force")

@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""JSON of foreign files: bounded parsing and a check of its form."""
+"""JSON of external files: bounded parsing, and a check of types and keys."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def load_json(text: str | bytes) -> Any:
 
 
 def check_form(value: Any, form: Any, name: str) -> None:
-    """Refuse a value of JSON types that has another form.
+    """Reject a JSON value that has another form than the given one.
 
     Parameters
     ----------

@@ -32,7 +32,7 @@ def config_folder(module: Path) -> Path:
     """Return the ``config/`` that belongs to a module file of this package.
 
     The search starts from the code that runs, not from the environment: two installations on one
-    machine never get each other's files, and nothing needs to be sourced.
+    machine never use each other's files, and no environment has to be sourced.
 
     Raises
     ------

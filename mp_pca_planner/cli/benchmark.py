@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""`benchmark`: components against B-splines and other methods, on the same problems."""
+"""`benchmark`: comparison of components with B-splines and other methods on the same problems."""
 
 from __future__ import annotations
 
@@ -119,7 +119,7 @@ def _facts(
     names = [method.name for method in methods]
     own = [name for name in names if name.startswith("pca_")]
     compared = {one: {name: ratios(results, one, name) for name in names} for one in own}
-    # The others know no naturalness, so the effort alone is what all of them minimise.
+    # Other methods have no naturalness term, so all methods minimise the effort alone.
     chosen = next(name for name in own if name.endswith("_effort_only"))
     return {
         "robot": scene.name,

@@ -33,7 +33,7 @@ from ..robot.model import Robot
 from .common import check_output, no_motion, print_json, progress_bar
 from .terminal import DONE, complain, say
 
-_MAX_NAMES = 5  # of recordings behind a note
+_MAX_NAMES = 5  # names of recordings listed after a note
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -202,7 +202,7 @@ def _text(facts: dict[str, Any], primitive: MovementPrimitive) -> list[str]:
 
 
 def _note_lines(notes: dict[str, list[str]]) -> list[str]:
-    """What is worth knowing about recordings; notes that differ in numbers only are said once."""
+    """Notes on recordings; notes that differ in numbers only are merged."""
     alike: dict[str, list[tuple[str, str]]] = {}
     for name, own in notes.items():
         for note in own:
@@ -216,7 +216,7 @@ def _note_lines(notes: dict[str, list[str]]) -> list[str]:
 
 
 def _marker_lines(residuals: dict[str, dict[str, dict[str, float]]]) -> list[str]:
-    """How well the markers were met, the worst of all recordings."""
+    """The largest marker residuals of all recordings."""
     if not residuals:
         return []
     lines = []

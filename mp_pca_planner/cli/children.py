@@ -10,7 +10,7 @@ import sys
 from typing import Any
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-_PATIENCE = 10.0  # between the signal to end and SIGKILL [s]
+_PATIENCE = 10.0  # time between the signal to end and SIGKILL [s]
 
 
 class Children:
@@ -36,8 +36,8 @@ class Children:
 
     def __enter__(self) -> Children:
         for number in _SIGNALS:
-            # nohup ignores SIGHUP on purpose. Shells ignore SIGINT for background jobs, but then it
-            # would not end the children.
+            # An ignored SIGHUP, as under nohup, stays ignored. SIGINT, which shells ignore for
+            # background jobs, is handled, because it must end the children.
             if number == signal.SIGINT or signal.getsignal(number) != signal.SIG_IGN:
                 self._previous[number] = signal.signal(number, self._interrupt)
         return self

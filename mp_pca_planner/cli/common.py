@@ -19,7 +19,7 @@ from ..motion.trajectory_files import check_format
 from ..robot.limits import JointLimits, read_limits_file
 from .terminal import say
 
-# Not for commands that need neither: these imports take a second.
+# Only for type checking: these imports take a second, and some commands need neither.
 if TYPE_CHECKING:
     from ..motion.trajectory import Trajectory
     from ..recordings.load import RecordingSet
@@ -55,7 +55,7 @@ def plain(content: Any) -> Any:
 
 
 def no_motion(recordings: RecordingSet) -> RecordingError:
-    """Error for recordings without a motion; names the first refusal."""
+    """The error for recordings without a motion, with the first reason."""
     if not recordings.refused:
         n = len(recordings.reports)
         return RecordingError(f"no motion was found: {n} recordings hold no motion")
@@ -78,12 +78,13 @@ def progress_bar(description: str, unit: str) -> Iterator[Progress]:
 
 
 def check_output(path: Path | None, suffix: str, *, force: bool) -> None:
-    """Refuse an output that could not be written, before the work.
+    """Reject an output that can't be written, before any computation.
 
     Raises
     ------
     PlannerError
-        If its name doesn't end in `suffix`, it could not be written, or what draws it is missing.
+        If its name doesn't end in `suffix`, it could not be written, or the package that draws it
+        is missing.
     """
     if path is None:
         return
@@ -101,7 +102,7 @@ def check_output(path: Path | None, suffix: str, *, force: bool) -> None:
 
 
 def check_motion_file(path: Path | None, *, force: bool) -> None:
-    """Refuse a file of a motion that could not be written, before the work.
+    """Reject a motion file that can't be written, before any computation.
 
     Raises
     ------
@@ -116,7 +117,7 @@ def check_motion_file(path: Path | None, *, force: bool) -> None:
 def write_motion(
     path: Path | None, trajectory: Trajectory, facts: Mapping[str, Any], *, force: bool
 ) -> None:
-    """Write a motion to the file of an option, if it is given; a .json file holds the facts.
+    """Write a motion to the file given by an option; a .json file contains the report.
 
     Raises
     ------
@@ -151,12 +152,12 @@ def limits_of(robot: Robot, file: Path | None) -> JointLimits:
 
 
 def known(values: Mapping[str, str], names: Sequence[str] | None = None) -> dict[str, str]:
-    """Values of a report by name, without unknown ones.
+    """The known values of a report, by name.
 
     Parameters
     ----------
     values : mapping
-        The values; "nan" is none.
+        The values; "nan" marks an unknown one.
     names : sequence of str, optional
         Which of them, in this order; by default all.
     """

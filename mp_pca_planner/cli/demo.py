@@ -59,7 +59,7 @@ _COLUMNS = (
 
 @dataclass(frozen=True)
 class DemoOptions:
-    """Motions of the demo, and what counts as arrival.
+    """Motions of the demo, and thresholds of arrival.
 
     Attributes
     ----------
@@ -70,9 +70,9 @@ class DemoOptions:
     rate : float
         Rate of the recording [Hz].
     position_error, speed : float
-        Largest error [rad] and speed [rad/s] of a robot that has arrived.
+        Largest error [rad] and speed [rad/s] at which the robot counts as arrived.
     patience : float
-        Longest time until it has arrived [s].
+        Longest time to wait for the arrival [s].
     start_error : float
         Largest difference between the measured starts here and in the node [rad].
     """
@@ -176,7 +176,7 @@ def _measured(monitor: Monitor) -> FloatArray:
 
 
 def _wait_until_at(monitor: Monitor, goal: FloatArray) -> float:
-    """Let the robot come to rest at a goal; returns how far from it the robot is [rad]."""
+    """Wait until the robot rests at a goal; return its distance from the goal [rad]."""
     deadline = time.monotonic() + _OPTIONS.patience
     while True:
         q, v = _measured(monitor)
@@ -188,7 +188,7 @@ def _wait_until_at(monitor: Monitor, goal: FloatArray) -> float:
 
 
 def _report(robot: Robot, served: Sequence[_Served]) -> int:
-    """Print a table; returns the number of goals that were not served as they should be."""
+    """Print a table; return the number of goals that failed."""
     limits = robot.limits()
     rows, failures = [], 0
     for i, goal in enumerate(served, start=1):
@@ -208,11 +208,11 @@ def _report(robot: Robot, served: Sequence[_Served]) -> int:
 
 
 def _verdict(robot: Robot, limits: JointLimits, goal: _Served) -> str:
-    """Check a received motion independently of the report of its sender."""
+    """Check a received motion independently of its report."""
     trajectory = goal.trajectory
     if trajectory is None:
         return str(goal.answer.report.message)
-    # The robot settles by some nanometres between this measurement and the planner's.
+    # Between this measurement and the planner's, the settling robot moves by some nanometres.
     first = trajectory.positions[0]
     start = first if np.abs(first - goal.start).max() < _OPTIONS.start_error else goal.start
     try:
@@ -260,7 +260,7 @@ def _draw(
 
 
 def _plan_again(robot: Robot, primitive: MovementPrimitive, basis: str, motion: Trajectory) -> Plan:
-    """Plan from the start to the end of a motion, in its duration."""
+    """Plan a motion with the start, the end and the duration of a given one."""
     start, end = (JointState(JOINT_NAMES, q) for q in motion.positions[[0, -1]])
     planner = Planner(robot, [primitive], robot.limits(), PlannerOptions(basis=basis))
     return planner.plan(JointGoal(end, motion.duration), start)

@@ -93,7 +93,7 @@ def start_state(arguments: argparse.Namespace, robot: Robot) -> JointState:
 
 
 def single_goal(arguments: argparse.Namespace, robot: Robot) -> JointGoal | PoseGoal:
-    """The goal of one motion, and what to pass before.
+    """The goal of one motion, with its vias.
 
     Raises
     ------
@@ -117,7 +117,7 @@ def single_goal(arguments: argparse.Namespace, robot: Robot) -> JointGoal | Pose
 def sequence_goal(
     arguments: argparse.Namespace, read: Callable[[str, str], JointState | Pose], goal: str
 ) -> SequenceGoal:
-    """What to pass, what to stop at and when, from ``--via``, ``--stop`` and the goal.
+    """Targets, stops and times of a sequence, from ``--via``, ``--stop`` and the goal.
 
     Parameters
     ----------
@@ -126,7 +126,7 @@ def sequence_goal(
     read : callable
         Reads one target from its text and the name of its option.
     goal : str
-        How messages call the option of the goal.
+        Name of the goal's option in messages.
 
     Raises
     ------

@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""`inspect`: what is in a bag or in a primitive file."""
+"""`inspect`: the content of bags and primitive files."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from .terminal import DONE, REFUSED, complain, say
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Run the command; a file that can't be read doesn't hide the others."""
+    """Run the command; files that can't be read are reported, the others are shown."""
     reports: list[dict[str, Any]] = []
     status = DONE
     for name in arguments.files:
@@ -83,7 +83,7 @@ def _recording_text(facts: RecordingInspection) -> list[str]:
 
 
 def _marker_lines(markers: Sequence[MarkerFinding]) -> list[str]:
-    """One line for all of which the same is said: a robot has dozens of frames."""
+    """One line for all markers with the same findings, because a robot has dozens of frames."""
     alike: dict[str, list[str]] = {}
     for m in markers:
         found = (

@@ -43,7 +43,7 @@ def _changes(arguments: argparse.Namespace) -> Sequence[Change]:
         latest = {change.name: change for change in library.history()}
         return [change for change in latest.values() if change.version is not None]
     if action == "add":
-        # All are read before any is added.
+        # All files are read before the first one is added.
         return [library.add(new, note) for new in [load_primitive(file) for file in what]]
     if action == "retire":
         return [library.retire(name, note) for name in what]

@@ -70,7 +70,7 @@ def _run(arguments: Sequence[str]) -> int:
 
 
 def _without_debug(argv: Sequence[str]) -> tuple[list[str], bool]:
-    """Remove the option of all commands from the arguments before those for ROS."""
+    """Remove the option that all commands share from the arguments before those for ROS."""
     end = argv.index(ROS_ARGUMENTS) if ROS_ARGUMENTS in argv else len(argv)
     own = [word for word in argv[:end] if word != DEBUG]
     return [*own, *argv[end:]], len(own) < end

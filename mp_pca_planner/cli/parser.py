@@ -93,7 +93,7 @@ def parse_command(
         allow_abbrev=False,
         formatter_class=_HelpFormatter,
     )
-    # The guard around all commands handles this option; here it is listed in the help.
+    # The guard around all commands handles this option. It is added here for the help only.
     parser.add_argument(DEBUG, action="store_true", help=DEBUG_HELP)
     add_options(Options(parser))
     has_ros_arguments = command == "simulate" and ROS_ARGUMENTS in argv
@@ -103,7 +103,7 @@ def parse_command(
 
 
 class _HelpFormatter(argparse.ArgumentDefaultsHelpFormatter):
-    """Appends defaults that are values, unless the help names them itself."""
+    """Help formatter that appends default values, unless the help text states them."""
 
     def _get_help_string(self, action: argparse.Action) -> str | None:
         has_value = action.default not in (None, False, "") and action.default not in ([], ())
@@ -113,7 +113,7 @@ class _HelpFormatter(argparse.ArgumentDefaultsHelpFormatter):
 
 
 def _with_negative_values(argv: Sequence[str]) -> list[str]:
-    """Join lists such as -0.2,0.1 with the option before them: argparse takes them for options."""
+    """Join lists such as -0.2,0.1 with the option before them: argparse parses them as options."""
     joined: list[str] = []
     for word in argv:
         before = joined[-1] if joined else ""

@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""`refine`: improve a planned motion or sequence, and keep it as new primitives."""
+"""`refine`: improvement of a planned motion or sequence, stored as new primitives."""
 
 from __future__ import annotations
 
@@ -142,7 +142,8 @@ def _refine_by_trials(
     ]
     _write_and_print(arguments, request, learner.propose(), facts, lines)
     if cost is not None:
-        # Last of all: if something else can't be written, the call can be repeated.
+        # This file is written last: if another output can't be written, the command can be
+        # repeated.
         flush()
         learner.keep_trials()
     return facts
@@ -209,7 +210,7 @@ def _keep(
     motion: RefinedMotion,
     facts: dict[str, Any],
 ) -> bool:
-    """Write the new primitives, if they are asked for and their gain suffices."""
+    """Write the new primitives, if requested and their gain suffices."""
     outputs = _outputs(arguments)
     if not outputs or not facts["gain"] >= arguments.min_gain:
         return False

@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Motions planned from command-line arguments, in words and as facts for JSON."""
+"""Motions planned from command-line arguments, and their reports as text and JSON."""
 
 from __future__ import annotations
 
@@ -35,12 +35,12 @@ from .goal_arguments import (
     target,
 )
 
-_WEIGHTS = 1e-12, 1e12  # of objectives: wide enough for all units, safe from overflow
+_WEIGHTS = 1e-12, 1e12  # range of objective weights: fits all units, avoids overflow
 
 
 @dataclass(frozen=True, eq=False)
 class PlannedRequest:
-    """A planned motion or sequence, and what planned it.
+    """A planned motion or sequence, and its planner.
 
     Attributes
     ----------
@@ -73,12 +73,12 @@ class PlannedRequest:
         return [motion.start, *vias, motion.goal]
 
     def collision_facts(self, trajectory: Trajectory) -> dict[str, str]:
-        """The result of the check of a motion for self-collisions, if it was asked for."""
+        """Result of the self-collision check of a motion, if it was requested."""
         collision = self.planner.collision
         return {} if collision is None else {"collision": _collision_words(collision, trajectory)}
 
     def facts(self, trajectory: Trajectory) -> dict[str, Any]:
-        """What JSON reports say of the request and of a motion planned for it."""
+        """Values of the JSON report on the request and on a motion planned for it."""
         start, *vias, goal = [by_name(s.joint_names, s.positions) for s in self.passed]
         return {
             "start": start,
@@ -111,7 +111,7 @@ class PlannedRequest:
 
 
 def plan_request(arguments: argparse.Namespace) -> PlannedRequest:
-    """Plan the motion that command-line options ask for, or the sequence.
+    """Plan the motion or the sequence that command-line options specify.
 
     Raises
     ------
@@ -140,7 +140,7 @@ def plan_request(arguments: argparse.Namespace) -> PlannedRequest:
 
 def _options(arguments: argparse.Namespace, robot: Robot) -> PlannerOptions:
     is_named = isinstance(arguments.duration, str)
-    # No controller follows the motion, so it may end in motion.
+    # No controller executes the motion, so its final velocity may be nonzero.
     return PlannerOptions(
         basis=arguments.basis,
         objectives=_objectives(arguments.objective, robot, arguments.frame),
@@ -183,7 +183,7 @@ def status_line(plan: Plan) -> str:
 
 
 def effort_words(effort: float, expected: float = math.nan) -> str:
-    """An effort, beside that of the expected motion; either may be unknown."""
+    """An effort and that of the expected motion as text; either may be unknown."""
     if math.isnan(effort):
         return "unknown: the robot description lacks inertias"
     beside = "" if math.isnan(expected) else f" (expected motion: {expected:.4g})"

@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""`send_goal`: give the node a goal, or a sequence of them, and print what it answers."""
+"""`send_goal`: a goal or a sequence sent to the node, and its answer."""
 
 from __future__ import annotations
 
@@ -49,12 +49,12 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _goal(arguments: argparse.Namespace) -> SequenceGoal:
-    """The goal and what to pass before, all of them positions of the joints of the goal."""
+    """The goal and its vias, all of them positions of the goal's joints."""
     goal, unit = arguments.goal, math.pi / 180.0 if arguments.degrees else 1.0
     parts = goal.partition("@")[0].split(",")
     names = [part.partition("=")[0].strip() for part in parts if "=" in part]
     if not names:
-        # The order of joints is the node's: a list without names can't be sent.
+        # Joint names are needed, because the order of the node's joints is unknown here.
         raise GoalError(f"the goal '{goal}' must be name=value,…")
 
     def read(text: str, option: str) -> JointState:

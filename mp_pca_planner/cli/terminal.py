@@ -19,7 +19,7 @@ DONE, FAILED, REFUSED = 0, 1, 2
 DEBUG = "--debug"
 DEBUG_HELP = "print the traceback of an error"
 
-# No room for the output.
+# Errors of a full disk.
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 
@@ -66,7 +66,7 @@ def guard(program: str, command: Callable[[], int], *, debug: bool = False) -> i
         The status: the command's own, 2 for refused input, 1 for anything else that it raised.
     """
     for stream in (sys.stdout, sys.stderr):
-        # Not every terminal has signs such as ° and →.
+        # Not every terminal can encode characters such as ° and →.
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")
     try:
@@ -79,7 +79,7 @@ def guard(program: str, command: Callable[[], int], *, debug: bool = False) -> i
         if debug:
             traceback.print_exc()
         if isinstance(error, OSError) and error.errno in _FULL:
-            # Python would try to write the rest when it ends, and fail again.
+            # Otherwise Python would write the rest at its exit, and fail again.
             sys.stdout = None
         complain(f"{program}: {_reason(error)}")
         return REFUSED if isinstance(error, PlannerError) else FAILED
@@ -96,7 +96,7 @@ def _flushed(command: Callable[[], int]) -> int:
 
 
 def flush() -> None:
-    """Write all buffered output, or fail now."""
+    """Write all buffered output; raise an error if that fails."""
     if sys.stdout is not None:
         sys.stdout.flush()
 

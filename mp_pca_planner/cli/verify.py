@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""`verify`: a control law for a primitive, its claimed error bound, and simulations as a check."""
+"""`verify`: a control law for a primitive, its error bound, and simulations of the bound."""
 
 from __future__ import annotations
 

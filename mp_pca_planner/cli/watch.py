@@ -22,7 +22,7 @@ from .common import REPORTED, known, short
 from .terminal import DONE
 
 _BAR_WIDTH = 24  # [characters]
-_STALE_AGE = 0.5  # of joint states that are drawn dim [s]
+_STALE_AGE = 0.5  # age above which joint states are dimmed [s]
 _LEVELS = (("OK", "green"), ("WARN", "yellow"), ("ERROR", "red"), ("STALE", "red"))
 
 
@@ -81,14 +81,14 @@ def _joints(seen: NodeView, now: float) -> RenderableType:
         velocity = f"{v:.3f}" if math.isfinite(v) else ""
         age = f"{now - when:.1f} s"
         bar = _bar(q, low, high)
-        # Names come from messages: no markup in them.
+        # Names come from messages, so markup in them is escaped.
         cells = (printable(name), f"{q:.3f}", ends[0], bar, ends[1], velocity, age)
         table.add_row(*(Text(cell) for cell in cells), style=style)
     return table
 
 
 def _bar(value: float, low: float, high: float) -> str:
-    """Where a value is between its limits; nothing if there are none."""
+    """A bar with the value's position between its limits; empty without limits."""
     if not (math.isfinite(high - low) and high > low and math.isfinite(value)):
         return ""
     place = round((_BAR_WIDTH - 1) * min(max((value - low) / (high - low), 0.0), 1.0))

@@ -162,7 +162,7 @@ def simulate(
     loop : ControlLoop
         The law and the motion.
     robot : Robot
-        The robot that moves, which may differ from the model of the controller.
+        The simulated robot, which may differ from the model of the controller.
     start_error, start_velocity_error : array, shape (n_joints,)
         q_d − q and its derivative at the start.
 
@@ -176,7 +176,7 @@ def simulate(
     desired, limits = loop.reference, loop.effort_limits
     feedforward = loop.model.inverse_dynamics(desired.q, desired.v, desired.a)
     q, v = desired.q[0] - start_error, desired.v[0] - start_velocity_error
-    # Before the start the robot was at rest under the same law.
+    # Before the start, the robot is at rest under the same law.
     pending = [_command(loop, feedforward, 0, q, v)] * loop.sampling.delay
     errors, efforts = np.empty_like(desired.q), np.empty_like(desired.q)
     saturated = 0

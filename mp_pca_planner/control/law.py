@@ -169,13 +169,13 @@ def paired_law(primitive: MovementPrimitive) -> ControlLaw | None:
 
 
 def known_stability(primitive: MovementPrimitive) -> dict[str, Any] | None:
-    """Stability of a primitive's law as :func:`pair_law` stored it, None if it is unknown."""
+    """Stability of a primitive's law as stored by :func:`pair_law`; None if unknown."""
     stored = primitive.metadata.get(_KEY) or {}
     return stored.get(_KNOWN)
 
 
 def with_gains_only(metadata: Mapping[str, Any]) -> dict[str, Any]:
-    """Metadata of a primitive without the stability of its law, which other motions void."""
+    """Metadata without the stability of the law, which holds for the original motion only."""
     law = metadata.get(_KEY)
     if not isinstance(law, Mapping):
         return dict(metadata)
@@ -191,7 +191,7 @@ def pair_law(
     Parameters
     ----------
     primitive : MovementPrimitive
-        The primitive; a law that it has is replaced.
+        The primitive; an existing law is replaced.
     law : ControlLaw
         Of the same joints.
     known : mapping
@@ -200,7 +200,7 @@ def pair_law(
     Raises
     ------
     ControlError
-        If the law is of other joints.
+        If the joints of the law differ from those of the primitive.
     """
     if law.joint_names != primitive.joint_names:
         raise ControlError(

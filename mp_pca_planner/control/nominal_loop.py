@@ -30,7 +30,7 @@ class NominalLoop:
         self.edges = np.arange(0, len(self.times), per_interval)
         ref = control.reference
         self.feedforward, linear = model.inverse_dynamics_derivatives(ref.q, ref.v, ref.a)
-        # The effort that the law adds per error, at the samples.
+        # Feedback gains of the law at the samples: effort per error.
         gains = np.concatenate([np.diag(law.position_gains), np.diag(law.velocity_gains)], axis=1)
         self.feedback = np.broadcast_to(gains, (len(self.times), n, 2 * n))
         if law.kind == COMPUTED_TORQUE:
@@ -69,7 +69,7 @@ class NominalLoop:
         """
         n = self.n
         x = start
-        # As in the simulation, the law acted on the start error before the start, too.
+        # As in the simulation, the law acts on the start error before the start.
         pending = [self.feedback[0] @ start] * self.delay
         responses = np.empty((len(self.times), 3 * n, start.shape[1]))
         for k, push in enumerate(disturbance):

@@ -9,23 +9,23 @@ and the true inertial parameters π̂ + Δπ, in which inverse dynamics are line
 
     M̂ë + Ĉė + Ĝe + (feedback) = Y(q_d)Δπ + lag − (ΔM ë + ΔC ė + ΔG e) + r
 
-on the right of which are the effort of the wrong parameters along the motion itself, the lag of
-the feed-forward by sampling and delay, the change of the linear part by the parameters, and the
-nonlinear remainder. The first two are known except for the factors Δπ: the nominal loop, sampled
-and delayed, is simulated for each of them, which bounds their joint effect exactly. Each link has
-four factors, of its mass and of its principal moments of inertia. The steps of this loop hold the
-efforts of their middles; the difference from a simulation of the nominal loop is added.
+with the following terms on the right: the effort of the wrong parameters along the motion itself,
+the lag of the feed-forward by sampling and delay, the change of the linear part by the parameters,
+and the nonlinear remainder. The first two are known except for the factors Δπ: the nominal loop,
+sampled and delayed, is simulated for each of them, which bounds their joint effect exactly. Each
+link has four factors, of its mass and of its principal moments of inertia. The steps of this loop
+hold the efforts of their middles; the difference from a simulation of the nominal loop is added.
 The rest, w, is bounded through the peaks z of (‖e‖, ‖ė‖, ‖ë‖) and the peak gains H of the nominal
 loop,
 
     ‖w‖ ≤ cᵀz + ‖r‖,   z ≤ z₁ + H ‖w‖,
 
 in each of some intervals of the motion: H is a matrix from the intervals before.
-Bounds ‖w‖ that these two map into themselves hold.
+Bounds ‖w‖ that these two inequalities map into themselves are valid.
 
-The norms are those of the mass matrix, ‖ë‖² = ëᵀM̂ë and ‖w‖² = wᵀM̂⁻¹w: inertias that are wrong by
-a share δ have ‖ΔM ë‖ ≤ δ‖ë‖ in them, on any robot. The remainder r is an estimate: its largest
-value at sampled corners of the box of errors, times a factor of safety.
+The norms are those of the mass matrix, ‖ë‖² = ëᵀM̂ë and ‖w‖² = wᵀM̂⁻¹w: for inertias with a
+relative error δ, ‖ΔM ë‖ ≤ δ‖ë‖ holds in these norms on any robot. The remainder r is an estimate:
+its largest value at sampled corners of the box of errors, times a factor of safety.
 """
 
 from __future__ import annotations
@@ -46,9 +46,9 @@ from .nominal_loop import NominalLoop, poles
 # Iterations towards bounds that map into themselves, and their relative excess at each.
 _MAX_ROUNDS = 1000
 _SETTLED = 1e-3
-# Relative size at which a response has died away.
+# Relative size below which a response counts as decayed.
 _FORGOTTEN = 1e-8
-# Bounds above this mean that there is none [SI].
+# Largest meaningful bound; above it, no bound is reported [SI].
 _MAX_BOUND = 1e4
 
 
@@ -198,7 +198,7 @@ def _known_responses(
     for robot, magnitude, _ in directions:
         difference = robot.inverse_dynamics(mid.q, mid.v, mid.a) - loop.middle_efforts
         pushes.append(magnitude * difference)
-    # Efforts computed for one sample act some later.
+    # Efforts computed for one sample act `delay` samples later.
     computed = np.arange(len(loop.times)) - loop.delay
     pushes.append(loop.middle_efforts - loop.feedforward[np.maximum(computed, 0)])
     signals = np.stack(pushes, axis=2)
@@ -214,8 +214,8 @@ def _known_responses(
     parts = np.split(responses, 3, axis=1)
     norms = [np.linalg.norm(loop.root @ part, axis=1).sum(axis=1) for part in parts]
     values = np.abs(responses).sum(axis=2)
-    # Efforts of the middle of a step represent all of it. The error of that is computed for the
-    # nominal loop; errors of its parameters change it little.
+    # The effort in the middle of a step represents the whole step. The error of this approximation
+    # is computed for the nominal loop; parameter errors change it little.
     missed = np.abs(loop.errors - responses[:, :n, len(pushes) - 1])
     values[:, :n] += safety * missed.max(axis=0)
     return _Known(
@@ -226,7 +226,7 @@ def _known_responses(
 
 
 class _Direction(NamedTuple):
-    """A robot one unit of a parameter away from the model, and the largest error of the parameter.
+    """A robot with one parameter changed by a unit, and the largest error of that parameter.
 
     is_share: whether the error is relative, as of a mass or moment of inertia of a link.
     """
@@ -250,7 +250,7 @@ def _directions(model: Robot, errors: ErrorModel) -> list[_Direction]:
 def _parameter_changes(
     loop: NominalLoop, directions: Sequence[_Direction], errors: ErrorModel
 ) -> FloatArray:
-    """The c of the module: norms of ΔG, ΔC and ΔM, shape (n_intervals, 3)."""
+    """Vector c of the module docstring: norms of ΔG, ΔC and ΔM, shape (n_intervals, 3)."""
     n, mid = loop.n, loop.middle
     change = np.zeros((len(loop.times), 3))
     root = loop.inverse_root[:, None]
@@ -308,7 +308,7 @@ def _peak_gains(loop: NominalLoop, period: int) -> _Gains:
 
 
 def _norms(matrices: FloatArray) -> FloatArray:
-    """Upper bounds, close and fast, on the spectral norms of many matrices."""
+    """Tight upper bounds on the spectral norms of many matrices, computed fast."""
     magnitude = np.abs(matrices)
     sums = magnitude.sum(axis=-1).max(axis=-1) * magnitude.sum(axis=-2).max(axis=-1)
     squares = np.einsum("...ij,...ij->...", matrices, matrices)
@@ -316,7 +316,7 @@ def _norms(matrices: FloatArray) -> FloatArray:
 
 
 def _alive(x: FloatArray, n: int) -> int:
-    """Index of the first response that has not died away."""
+    """Index of the first response that has not decayed."""
     size = np.abs(x).max(axis=0).reshape(-1, n).max(axis=1)
     return int(np.argmax(size > _FORGOTTEN * size.max()))
 
@@ -334,7 +334,7 @@ def _rest(
         needed = np.sum(changes * norms, axis=1) + remainder(z)
         if np.all(needed <= rest):
             return rest
-        # A little more than needed, so that the iteration ends inside of its own image.
+        # Slightly larger bounds than needed, so that the iteration ends inside of its own image.
         rest = np.maximum(rest, (1.0 + _SETTLED) * needed)
     return None
 
@@ -365,7 +365,7 @@ class _Remainder:
         errors = self._signs * z
         deviation = self._deviation(errors)
         if self._law.kind == COMPUTED_TORQUE:
-            # The law's own inverse dynamics, of the errors that it measures.
+            # Inverse dynamics within the law, as a function of the measured errors.
             e, rate = errors[..., : self._n], errors[..., self._n : 2 * self._n]
             command = -(self._law.position_gains * e + self._law.velocity_gains * rate)
             measured = np.concatenate([errors[..., : 2 * self._n], command], axis=2)

@@ -52,7 +52,7 @@ def _bound(primitive: MovementPrimitive, known: Mapping[str, Any]) -> str:
         bound = dict(zip(names, known["error_bound"], strict=True))
         verdict = f"errors stay within {name_values(bound)} rad or m"
     case, assumed = known["holds_for"], known["assumed"]
-    # Files keep names in alphabetical order.
+    # Names are in alphabetical order in files.
     start, goal = ({name: case[end][name] for name in names} for end in ("start", "goal"))
     return (
         f"{verdict} on the motion from {name_values(start)} to {name_values(goal)} in "

@@ -35,7 +35,7 @@ class Verification:
 
     @property
     def bound_held(self) -> int:
-        """Simulations in which no error left its bound."""
+        """Number of simulations in which no error exceeded its bound."""
         return int(np.count_nonzero(self.worst_share <= 1.0))
 
 

@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""The case study of [P], Section 4: arm motions, their components, and one that is planned."""
+"""The case study of [P], Section 4: arm motions, their components, and a planned motion."""
 
 from __future__ import annotations
 
@@ -30,8 +30,8 @@ PAPER = "components as in the paper"
 OURS = planned(DEFAULT_RHO)
 TABLE_3_METHODS = (BSPLINES, PAPER, planned(0.0), OURS)
 
-_MIN_OF_ACTIVITY = 5  # motions, for a table of its own
-_N_REPEATS = 9  # of timed solutions
+_MIN_OF_ACTIVITY = 5  # least number of motions for a table of an activity
+_N_REPEATS = 9  # number of timed solutions
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,18 +78,18 @@ class CaseStudy:
     other_activities: Comparison | None
 
     def closer_than_bsplines(self, quantity: str) -> float:
-        """Share of the motions for which our plan is nearer to the person's than B-splines."""
+        """Share of the motions for which the plan is nearer to the demonstration than B-splines."""
         ours, theirs = (self.held_out.column(name, quantity) for name in (OURS, BSPLINES))
         return float(np.mean(ours < theirs))
 
     def time_ratio(self, method: str) -> float:
-        """Median over the motions of a method's time to solve over that of B-splines."""
+        """Median ratio of a method's solve time to that of B-splines."""
         ours, theirs = (self.held_out.column(name, "solve_time") for name in (method, BSPLINES))
         return float(np.median(ours / theirs))
 
 
 def choose_motions(motions: Sequence[Demonstration], number: int) -> list[Demonstration]:
-    """Choose motions from all activities in turn, evenly spread over the motions of each.
+    """Choose motions from all activities in turn, evenly spread over each activity.
 
     Parameters
     ----------
@@ -195,7 +195,7 @@ def variance_shares(components: Sequence[PrincipalComponents]) -> FloatArray:
 
 
 def _raise_arm(motions: Sequence[Demonstration], robot: Robot, tip: str) -> Raising:
-    """Plan the motion that lifts the hand most, with a primitive of the others."""
+    """Plan the motion with the largest rise of the hand, with a primitive of the others."""
     heights = [robot.frame_positions(m.positions[[0, -1]], [tip])[:, 0, 2] for m in motions]
     highest = int(np.argmax([end - start for start, end in heights]))
     motion = motions[highest]

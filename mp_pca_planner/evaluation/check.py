@@ -79,8 +79,8 @@ class Verdict:
         RMS difference from the held-out demonstration with these ends over joints and 101
         phases [deg]; NaN if the problem has none.
     feasible : bool
-        Whether it keeps the limits and goes from rest at the start to rest at the goal, within
-        the tolerances.
+        Whether it keeps the limits, and starts and ends at rest at the start and goal, within the
+        tolerances.
     """
 
     duration: float
@@ -107,11 +107,11 @@ class RigidArm:
     Attributes
     ----------
     model : pinocchio.Model
-        The model; joints that turn without end are a cosine and a sine in its configurations.
+        The model; continuous joints are a cosine and a sine in its configurations.
     velocity_index : array of int, shape (n_joints,)
         Where the joints are in Pinocchio's velocities.
     continuous : array of bool, shape (n_joints,)
-        Which joints turn without end.
+        Whether each joint is continuous.
     """
 
     def __init__(self, urdf: str | Path, joint_names: Sequence[str]) -> None:

@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""SciPy's SLSQP on B-splines: the tools that the users of [P] had.
+"""SciPy's SLSQP on B-splines, a standard optimiser on the baseline of [P].
 
 The same B-splines with 6 control points per joint as the planner's, the same J, and the same
 limits at evenly spaced phases, written without the planner's compiler. Gradients come from SciPy's
@@ -34,7 +34,7 @@ def slsqp_method(scene: Scene, max_time: float, *, differences: bool) -> Method:
         began = time.perf_counter()
 
         def stop_late(_: FloatArray) -> None:
-            """Raise when the time is up."""
+            """Raise an error when the time limit is exceeded."""
             if time.perf_counter() > began + max_time:
                 raise TimeoutError
 
@@ -68,8 +68,8 @@ def slsqp_method(scene: Scene, max_time: float, *, differences: bool) -> Method:
 class SplineProgram:
     """One problem as functions of the free control points.
 
-    Positions, velocities, accelerations and efforts between the ends are limited. What is left to
-    their limits is a share of half the width of the range.
+    Positions, velocities, accelerations and efforts between the ends are limited. Distances to
+    limits are given as shares of half the width of the range.
 
     Attributes
     ----------
@@ -82,7 +82,7 @@ class SplineProgram:
         n_functions = _N_CONTROL_POINTS + 6
         breaks = np.linspace(0.0, 1.0, n_functions - _DEGREE + 1)
         knots = np.concatenate([np.zeros(_DEGREE), breaks, np.ones(_DEGREE)])
-        # The three first and last control points are those of rest at the ends.
+        # The three first and three last control points express rest at the ends.
         self._splines = BSpline(knots, np.eye(n_functions)[:, 3:-3], _DEGREE)
         self.n_weights = _N_CONTROL_POINTS * scene.robot.n_joints
         phases = np.linspace(0.0, 1.0, _N_PHASES)
@@ -128,7 +128,7 @@ class SplineProgram:
         return tau, rows.reshape(len(tau), n, self.n_weights)
 
     def slack(self, weights: FloatArray) -> FloatArray:
-        """What is left to the upper and the lower limits, shape (n_bounds,)."""
+        """Distances to the upper and the lower limits, shape (n_bounds,)."""
         states = self._states(weights)
         values = np.array([*states, self._robot.inverse_dynamics(*states)])[:, 1:-1]
         limited = values.transpose(0, 2, 1)[self._is_limited]

@@ -13,7 +13,7 @@ from .method import Method, PeerResult, import_peer
 from .problems import Problem, Scene
 from .without_optimisation import sample_times
 
-_N_CONTROL_POINTS = 12  # with those at the ends, which are fixed
+_N_CONTROL_POINTS = 12  # fixed ones at the ends included
 _ORDER = 6
 
 
@@ -46,7 +46,7 @@ def drake_method(scene: Scene, _: float) -> Method:
             return PeerResult(None, took, status=str(result.get_solution_result()))
         motion = program.ReconstructTrajectory(result)
         times = sample_times(problem.duration)
-        # Its end time may differ from the duration in the last digit.
+        # Drake's end time may differ from the duration by a rounding error.
         inside = np.clip(times, motion.start_time(), motion.end_time())
         states = [
             np.array([motion.EvalDerivative(t, order).ravel() for t in inside])

@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Methods of the benchmark: what they are given and what they return."""
+"""Interface of the benchmark's methods: inputs and results."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ class PeerResult:
 
     @property
     def solved(self) -> bool:
-        """Whether there is a motion that the method itself calls solved."""
+        """Whether there is a motion that the method itself reports as solved."""
         return self.verdict is not None and self.status == SOLVED
 
     def facts(self) -> dict[str, Any]:
@@ -69,18 +69,18 @@ class PeerResult:
 
 @dataclass(frozen=True, eq=False)
 class Method:
-    """A way to plan motions, set up for one robot, its limits and demonstrations.
+    """A planning method, set up for one robot, its limits and demonstrations.
 
     Attributes
     ----------
     name : str
         Its name in tables and JSON.
     about : str
-        What it is and how it was set up, in a sentence.
+        Description of the method and its setup, one sentence.
     solve : callable
         Solves one problem from scratch.
     slow : bool
-        Whether it is run on a part of the problems only.
+        Whether the method is run on a subset of the problems only.
     """
 
     name: str

@@ -3,8 +3,8 @@
 """Differences between demonstrated motions and motions planned from their ends and duration.
 
 Every motion is predicted from the others (all others, or those of other activities), by the planner
-with several naturalness weights ρ and by other methods. There are no limits, so that only the
-methods count.
+with several naturalness weights ρ and by other methods. There are no joint limits, so that only the
+methods are compared.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ class Prediction(NamedTuple):
     positions : array, shape (1001, n_joints)
         Positions at the fine phases [rad or m].
     effort : float or None
-        J [N²·m²·s], if the method computes it.
+        J [N²·m²·s], if the method computes the effort.
     solve_time : float
         Time to optimise it [s].
     """
@@ -106,7 +106,7 @@ class Comparison:
 
         Above zero: the reference is nearer to the motions.
         """
-        from scipy.stats import bootstrap  # late: its import takes a while
+        from scipy.stats import bootstrap  # imported late, because the import is slow
 
         def difference(other: FloatArray, ours: FloatArray, axis: int) -> FloatArray:
             """Difference of the RMS of two methods, given squares."""
@@ -140,7 +140,7 @@ def compare(
     more: Mapping[str, Predictor] | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Comparison:
-    """Leave out and predict each motion.
+    """Leave out and predict each motion in turn.
 
     Parameters
     ----------
@@ -193,7 +193,7 @@ def compare(
 def _predictions(
     motion: Demonstration, primitive: MovementPrimitive, robot: Robot | None, rhos: Sequence[float]
 ) -> dict[str, Prediction]:
-    """Predictions by minimum-jerk, by the primitive and, with a robot, by the planner."""
+    """Predictions by minimum jerk, by the primitive and, with a robot, by the planner."""
     start, goal = motion.positions[[0, -1]]
     basis = primitive.paced_basis(start, goal, fit_paces(primitive.warps).mean(axis=0))
     straight, mean = minimum_jerk_motion(motion), np.zeros(primitive.n_components)
@@ -213,7 +213,7 @@ def _predictions(
 def plan_like(
     motion: Demonstration, primitive: MovementPrimitive, robot: Robot, basis: str, rho: float
 ) -> Prediction:
-    """Plan between the ends of a motion in its time."""
+    """Plan between the ends of a motion with its duration."""
     options = PlannerOptions(basis=basis, naturalness=rho, max_solve_time=10.0)
     unlimited = JointLimits(robot.joint_names, {})
     planner = Planner(robot, [primitive], unlimited, options)
@@ -224,7 +224,7 @@ def plan_like(
 
 
 def _ridge_weights(primitive: MovementPrimitive, motion: Demonstration) -> FloatArray:
-    """Ridge regression of the weights on the request, penalty chosen by leaving one out."""
+    """Ridge regression of the weights on the request, penalty from leave-one-out errors."""
     states = primitive.boundary_states
     requests = np.column_stack([states[:, 0], states[:, 3], np.log(primitive.durations)])
     centred = requests - requests.mean(axis=0)
@@ -232,7 +232,7 @@ def _ridge_weights(primitive: MovementPrimitive, motion: Demonstration) -> Float
     errors, predictions = [], []
     for penalty in np.logspace(-3.0, 3.0, 25) * float(np.sum(centred.var(axis=0))):
         solved = np.linalg.solve(centred.T @ centred + penalty * np.eye(request.size), centred.T)
-        # The residuals of leaving one out, by the diagonal of the hat matrix.
+        # Leave-one-out residuals, from the diagonal of the hat matrix.
         hat = centred @ solved + 1.0 / len(requests)
         residuals = (primitive.weights - hat @ primitive.weights) / (1.0 - np.diag(hat))[:, None]
         errors.append(np.sum(residuals**2))
@@ -270,7 +270,7 @@ def _peak_phase(positions: FloatArray) -> float:
 
 
 def _deviation(positions: FloatArray, motion: Demonstration, primitive: MovementPrimitive) -> float:
-    """How unlikely a path is to the primitive, in standard deviations of a weight."""
+    """Deviation of a path from the prediction, in standard deviations of a weight."""
     start, goal = motion.positions[[0, -1]]
     expected = primitive.model.predict(start, goal, motion.duration)
     basis = primitive.basis

@@ -4,8 +4,8 @@
 
 The states at every step are the unknowns: semi-implicit Euler integration, J = ½∫‖τ‖²dt as the
 running cost, the goal as a terminal cost, limits of positions and velocities as quadratic barriers.
-BoxFDDP has the efforts as controls, with hard limits; FDDP has the accelerations, which suits it
-better, and a barrier for the limits of the efforts.
+BoxFDDP has the efforts as controls, with hard limits; FDDP has the accelerations, which improves
+its convergence, and a barrier for the limits of the efforts.
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ from .without_optimisation import minimum_jerk
 class ShootingOptions:
     """How the problems are discretised and solved.
 
-    The weights are multiples of the mean of ½‖τ‖² of the minimum-jerk motion. With these, goals are
-    missed by less than 0.1 mrad, and limits broken by about 0.5 %; larger ones take more
+    The weights are multiples of the mean of ½‖τ‖² of the minimum-jerk motion. With these weights,
+    goal errors are below 0.1 mrad and limit violations about 0.5 %; larger weights take more
     iterations.
 
     Attributes
@@ -62,8 +62,9 @@ def crocoddyl_method(
     """One of Crocoddyl's solvers, run until it is within 1 % of its own converged cost.
 
     A run to convergence without a clock finds the number of iterations after which the cost stays
-    within 1 % of the last one; the timed runs do as many. Threads may get in each other's way, so
-    that the faster one counts of a run with the solver's own choice of threads and one with one.
+    within 1 % of the last one; the timed runs do as many. Threads may slow each other down.
+    Therefore the faster of two runs counts: one with the solver's default number of threads, and
+    one with a single thread.
     """
     shooting = _Shooting(scene, box, options)
     iterations: dict[Problem, int] = {}
@@ -153,7 +154,8 @@ class _Shooting:
     def _running_costs(self, unit: float) -> Any:
         """J, and barriers for the limits."""
         crocoddyl, state, arm, limits = self.crocoddyl, self._state, self._arm, self._limits
-        # Of BoxFDDP the controls are the efforts; of FDDP they follow from its accelerations.
+        # The controls of BoxFDDP are the efforts; the efforts of FDDP follow from its
+        # accelerations.
         effort = (
             crocoddyl.ResidualModelControl(state, state.nv)
             if self._box
@@ -187,7 +189,7 @@ class _Shooting:
             dynamics = crocoddyl.DifferentialActionModelFreeInvDynamics(*parts)
             return crocoddyl.IntegratedActionModelEuler(dynamics, step)
         dynamics = crocoddyl.DifferentialActionModelFreeFwdDynamics(*parts)
-        # With Pinocchio 4 its other path, by `aba`, leaves gravity out (3.2.1).
+        # With Pinocchio 4, Crocoddyl 3.2.1 omits gravity in its alternative computation by `aba`.
         dynamics.armature = np.zeros(self._state.nv)
         action = crocoddyl.IntegratedActionModelEuler(dynamics, step)
         bound = self._arm.velocity(self._limits.effort)
@@ -195,11 +197,11 @@ class _Shooting:
         return action
 
     def trajectory(self, states: Any, problem: Problem) -> Trajectory:
-        """Its positions with their differences, which have no Euler step's error."""
+        """Positions and their finite differences, which avoid the error of an Euler step."""
         arm = self._arm
         x = np.array(states)
         q = np.array([arm.angles(configuration) for configuration in x[:, : arm.model.nq]])
-        # A cosine and a sine count no turns: each step is the smallest one.
+        # A cosine and a sine do not count full turns, so each step is the smallest possible.
         q = np.where(arm.continuous, np.unwrap(np.vstack([problem.start, q]), axis=0)[1:], q)
         times = np.linspace(0.0, problem.duration, len(q))
         v = np.gradient(q, times, axis=0)

@@ -14,7 +14,7 @@ from .problems import Problem, Scene
 
 BSPLINE = "bspline"
 
-# Numbers of components with which efforts come as near to the least one as in [P].
+# Numbers of components at which efforts are as close to the minimum as in [P].
 _N_COMPONENTS = {"arm": 10, "joint": 4}
 
 

@@ -1,12 +1,12 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""The method of [P], Section 4, as it is described there.
+"""The planning method of [P], Section 4.
 
 One PCA of the joint angles themselves for each joint; mean and components as fourth-order
 polynomials; motions m(s) + Σ wₖ φₖ(s) whose end points are linear equality constraints on the
-weights. Velocities at the ends are free, since [P] doesn't say otherwise. The weights that meet the
-constraints are an affine space, whose coordinates are the unknowns: of every joint, the components
-kept less two.
+weights. Velocities at the ends are free, since [P] states no constraint on them. The weights that
+meet the constraints are an affine space, whose coordinates are the unknowns: for every joint, their
+number is that of the components kept minus two.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ def angle_components(motions: Sequence[Demonstration]) -> list[PrincipalComponen
 def paper_basis(
     components: Sequence[PrincipalComponents], start: FloatArray, goal: FloatArray
 ) -> PolynomialBasis:
-    """The motions between two positions that the components can make.
+    """The basis of all motions between two positions that the components can represent.
 
     Parameters
     ----------
@@ -75,7 +75,7 @@ def paper_basis(
     means, functions = [], []
     for j, found in enumerate(components):
         kept = found.truncated(N_COMPONENTS)
-        # By standard deviations, so that the shortest vector of weights is the likeliest.
+        # Scaled by standard deviations, so that the shortest vector of weights is the likeliest.
         scaled = kept.components * np.sqrt(kept.explained_variance)[:, None]
         mean, polynomials = _polynomials(kept.mean), _polynomials(scaled)
         at_ends = legendre_values(polynomials, phases).reshape(2, -1)
@@ -94,16 +94,16 @@ def paper_basis(
 
 
 def paper_method(robot: Robot) -> Predictor:
-    """The method, for comparisons."""
+    """The method of the paper, as a predictor for comparisons."""
 
     def predict(motion: Demonstration, others: Sequence[Demonstration]) -> Prediction:
-        """Plan between the ends of a motion in its time."""
+        """Plan between the ends of a motion with its duration."""
         components = angle_components(others)
         start, goal = motion.positions[[0, -1]]
         began = time.perf_counter()
         basis = paper_basis(components, start, goal)
         nothing = np.zeros(basis.n_weights)
-        # The basis has the end points in it: there is no boundary part.
+        # The basis includes the end points, so there is no boundary part.
         boundary = np.zeros((6, motion.n_joints))
         tables = QuadratureTables(basis)
         unknowns = Unknowns(tables.basis.scales, boundary, motion.duration)

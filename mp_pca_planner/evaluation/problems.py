@@ -58,7 +58,7 @@ class Problem:
     duration : float
         Duration [s].
     demonstration : Demonstration or None
-        The motion that the ends were taken from, if there is one; no primitive was built from it.
+        The held-out motion with these ends, if there is one; it is not used to build primitives.
     """
 
     start: FloatArray
@@ -96,14 +96,14 @@ class Scene:
 
 
 def scene_of(name: str, urdf: Path, joints: Sequence[str] | None, n_motions: int) -> Scene:
-    """A robot within the limits of its description, and motions that are drawn for it.
+    """A robot with the limits of its description and randomly generated motions.
 
     Parameters
     ----------
     name, urdf, joints :
         The robot, see :func:`robot_file`.
     n_motions :
-        Number of demonstrations. They are drawn with the seed 1: problems need another one.
+        Number of demonstrations. They are drawn with the seed 1, so problems need another seed.
     """
     robot = Robot.from_file(urdf, joints)
     limits = robot.limits()
@@ -132,7 +132,7 @@ def robot_file(name: str) -> tuple[str, Path, tuple[str, ...] | None]:
 
 
 def held_out_problems(scene: Scene, n_problems: int, seed: int) -> list[Problem]:
-    """Problems like the demonstrations: ends and durations of motions held out.
+    """Problems like the demonstrations: ends and durations of held-out motions.
 
     With a primitive instead of demonstrations, each end is a random mean of the ends of two of
     its motions, and the duration is the one it predicts.

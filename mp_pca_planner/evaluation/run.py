@@ -34,7 +34,7 @@ PEERS: dict[str, Callable[[Scene, float], Method]] = {
 """Methods to compare the planner with: set up with the scene and a time limit [s]."""
 
 Results = Sequence[Mapping[str, PeerResult]]
-"""For each problem, the result of each method that was run on it, by name."""
+"""For each problem, the results of the methods that were run on it, by method name."""
 
 # A method that has taken this long on one problem [s] is not repeated on it.
 _ENOUGH_TIME = 2.0
@@ -50,7 +50,7 @@ def set_up(
     methods : list of Method
         The planner's, the minimum-jerk motion, and the peers that are installed.
     absent : dict
-        By name, why the other peers are missing.
+        Reasons why the other peers are missing, by name.
     """
     methods = [*planner_methods(scene, max_time), minimum_jerk_method(scene)]
     absent = {}
@@ -76,7 +76,7 @@ def compare(
     Parameters
     ----------
     scene : Scene
-        What the methods were set up with.
+        The robot, limits and demonstrations for which the methods were set up.
     methods : sequence of Method
         The methods.
     problems : sequence of Problem
@@ -128,7 +128,7 @@ def _judged(
 
 
 def summarise(results: Results, names: Sequence[str]) -> dict[str, Any]:
-    """Medians of each method, by name; of costs and violations over what it calls solved."""
+    """Medians by method name; costs and violations over problems that it reports as solved."""
     return {name: _summary([r[name] for r in results if name in r]) for name in names}
 
 
@@ -159,13 +159,13 @@ def _quantile(values: Sequence[float], share: float = 0.5) -> float | None:
 
 
 def ratios(results: Results, ours: str, other: str) -> dict[str, float | None]:
-    """Compare two methods on the problems that both solve, ours within the limits.
+    """Compare two methods on the problems that both solve, the planner's motion within the limits.
 
     Returns
     -------
     ratios : dict
-        Medians of `time_ratio` and `cost_ratio`, ours over the other's; None if there is no
-        such problem.
+        Medians of `time_ratio` and `cost_ratio`, the planner's over the other's; None if there is
+        no such problem.
     """
     times, costs = [], []
     for found in results:
@@ -179,7 +179,7 @@ def ratios(results: Results, ours: str, other: str) -> dict[str, float | None]:
 
 
 def unsolved(results: Results, ours: str, other: str = BSPLINE) -> list[int]:
-    """Indices of the problems that the other method solves and ours doesn't."""
+    """Indices of the problems that the other method solves and the planner doesn't."""
     return [
         i
         for i, r in enumerate(results)

@@ -28,7 +28,7 @@ def minimum_jerk_method(scene: Scene) -> Method:
     joints = scene.robot.joint_names
 
     def solve(problem: Problem) -> PeerResult:
-        """Evaluate it."""
+        """Evaluate the polynomial."""
         began = time.perf_counter()
         states = minimum_jerk(problem, _PHASES)
         took = time.perf_counter() - began
@@ -47,7 +47,7 @@ def promp_method(scene: Scene, _: float) -> Method:
     exact = 1e-8 * np.eye(len(joints))
 
     def solve(problem: Problem) -> PeerResult:
-        """Condition on both ends, and take the mean."""
+        """Condition the ProMP on both ends, and return its mean."""
         began = time.perf_counter()
         from_start = model.condition_position(problem.start, exact, t=0.0)
         conditioned = from_start.condition_position(problem.goal, exact, t=1.0)
@@ -81,7 +81,7 @@ def dmp_method(scene: Scene, _: float) -> Method:
     ends = np.array([motion.positions[[0, -1]] for motion in scene.demonstrations])
 
     def solve(problem: Problem) -> PeerResult:
-        """Integrate it to the new goal in the new time."""
+        """Integrate the DMP to the new goal with the new duration."""
         began = time.perf_counter()
         distances = np.sum((ends - [problem.start, problem.goal]) ** 2, axis=(1, 2))
         model = model_of(problem.duration, _PHASES.size - 1)
@@ -147,6 +147,6 @@ def sample_times(duration: float) -> FloatArray:
 
 
 def _through(joints: tuple[str, ...], times: FloatArray, positions: FloatArray) -> Trajectory:
-    """The quintic spline through positions that come without derivatives."""
+    """The quintic spline through positions without given derivatives."""
     curve = make_interp_spline(times, positions, k=5)
     return Trajectory(joints, times, *(curve(times, nu=order) for order in range(3)))

@@ -9,5 +9,5 @@ held one lags behind it. The *rate* is the derivative of the place by time.
 
 :mod:`.motion_server` is the entry point. :mod:`.motion_follower` estimates how the robot follows
 its motion, :mod:`.start_state` chooses where the next one starts, :mod:`.goal_planner` plans it,
-:mod:`.stop_planner` finds stops, and :mod:`.execution_monitor` reports outcomes.
+:mod:`.stopping` finds stops, and :mod:`.execution_monitor` reports outcomes.
 """

@@ -23,10 +23,10 @@ from ..robot.limits import JointLimits
 from ..robot.model import Robot
 from .published_motion import PublishedMotion
 
-# Duration of the shortest displacement [s]: even a small one should not be abrupt.
+# Duration of the shortest displacement [s], so that small ones are smooth, too.
 _MIN_DURATION = 0.25
-# Peaks of velocity, acceleration and jerk of the minimum-jerk polynomial from 0 to 1 in a unit of
-# time, and the power of the duration that divides them.
+# Peaks of velocity, acceleration and jerk of the minimum-jerk polynomial from 0 to 1 in unit time,
+# and the power of the duration by which they are divided.
 _PEAKS = ((1.875, 1), (5.7735, 2), (60.0, 3))
 
 
@@ -43,7 +43,7 @@ class AdaptedPlan:
     primitive : str
         Name of the primitive of the motion that was displaced.
     in_span_score : float
-        That of the motion that was displaced.
+        In-span score of the motion that was displaced.
     solve_time : float
         Time taken to find it [s].
     """
@@ -100,7 +100,7 @@ def displaced(
     motion : PublishedMotion
         The motion.
     place : float
-        Where on it the displacement begins [s].
+        Place on the motion at which the displacement begins [s].
     goal : JointState
         The new end, with its velocities; of the joints of the motion.
     robot, limits :
@@ -121,7 +121,8 @@ def displaced(
         for (peak, order), bound in zip(_PEAKS, bounds, strict=True)
     ]
     duration = max(motion.duration - place, _MIN_DURATION, *needed)
-    # Up to four times as long: limits also hold for the sum with the motion.
+    # Durations up to four times as long are tried, because the sum with the motion must keep the
+    # limits.
     for _ in range(7):
         trajectory = _displaced_in(duration, motion, place, goal, period)
         check = check_limits(trajectory, robot, limits)

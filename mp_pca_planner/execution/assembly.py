@@ -33,18 +33,18 @@ class Cancellation:
     is_cancelled: IsCancelled = staticmethod(lambda: False)
 
     def __call__(self) -> bool:
-        """See `is_cancelled`."""
+        """Whether the plan is no longer needed, see `is_cancelled`."""
         return self.is_cancelled()
 
 
 @dataclass(frozen=True, eq=False)
 class Model:
-    """The planner of a node, and what it was made of.
+    """The planner of a node with its robot, limits and settings.
 
     Attributes
     ----------
     planner : Planner
-        For the planning thread alone.
+        The planner; for the planning thread alone.
     planning_robot : Robot
         The planner's robot.
     cancellation : Cancellation

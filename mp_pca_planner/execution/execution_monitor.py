@@ -32,11 +32,11 @@ class ExecutionReport:
     progress : float
         The share of the motion that was executed.
     error : float
-        Largest distance of a joint from its commanded position at last [rad or m].
+        Largest final distance of a joint from its commanded position [rad or m].
     largest_deviation : float
         The largest such distance during the motion [rad or m].
     deviation_time : float
-        When that was, since the motion was published [s].
+        Time of that distance since the motion was published [s].
     """
 
     goal: Any
@@ -49,7 +49,7 @@ class ExecutionReport:
 
     @property
     def is_good(self) -> bool:
-        """Whether the robot did what was requested."""
+        """Whether the motion was executed as requested."""
         return self.outcome in (ARRIVED, REPLACED, STOPPED)
 
 
@@ -64,12 +64,12 @@ class _Execution:
     last: Following | None = None
     largest_deviation: float = 0.0
     deviation_time: float = 0.0
-    # How the robot follows, and since when.
+    # State of following, and the time since when it holds.
     how: str = ""
     since: float = 0.0
 
     def note(self, following: Following, now: float) -> None:
-        """Take note of how the robot follows the motion."""
+        """Record how the robot follows the motion."""
         self.last = following
         if following.distance > self.largest_deviation:
             self.largest_deviation = following.distance
@@ -130,7 +130,7 @@ class ExecutionMonitor:
         return now - max(current.since, current.published) > options.start_delay
 
     def update(self, following: Following | None, now: float) -> None:
-        """Note how the robot follows its motion; None if the robot is silent."""
+        """Record how the robot follows its motion; None means that it sends no states."""
         with self._lock:
             current, max_hold = self._current, self._options.max_hold
             if current is None:

@@ -85,12 +85,12 @@ class Publication:
     joined : Joined
         The motion with the time of its first point.
     current : TrackedMotion
-        The motion that the robot follows as far as is known.
+        The motion that the robot follows according to the measured positions.
     previous : TrackedMotion or None
-        What the robot follows if the controller has not taken that motion; None once the robot
-        is seen on it.
+        The motion that the robot follows if the controller has not accepted the newest one; None
+        once the measured positions confirm the newest one.
     unconfirmed_since : float
-        Since when that is unknown [s].
+        Time since when the accepted motion is unknown [s].
     is_lagging, is_arrived : bool
         Whether the robot was seen to lag, or to rest at the end.
     """
@@ -121,7 +121,7 @@ class Publication:
         return cls(joined, TrackedMotion(motion, progress), previous, since, is_lagging)
 
     def give_up(self) -> None:
-        """Note that the controller has not taken the motion."""
+        """Record that the controller has not accepted the motion."""
         if self.previous is not None:
             self.current, self.previous = self.previous, None
             self.is_arrived = self.is_lagging = False
@@ -134,7 +134,7 @@ class Publication:
         noise: float,
         options: FollowingOptions,
     ) -> str:
-        """See from the measured positions which motion was taken, and note it.
+        """Determine from measured positions which motion the controller accepted.
 
         Parameters
         ----------
@@ -162,8 +162,8 @@ class Publication:
             return ALIKE
         measured = seen.samples.positions[-1] - servo.offset
         new, old = motion.state(found.at(when)).positions, previous.state(when).positions
-        # Motions to goals that differ little share their path and differ by their timing, unless
-        # the robot is late on either.
+        # Motions to similar goals share their path and differ in timing only, unless the robot lags
+        # on either.
         due = new
         if self.joined.is_on_time and not self.is_lagging:
             due = motion.state(when - motion.began - servo.lag).positions
@@ -212,8 +212,8 @@ class Publication:
         has_its_rate = abs(found.rate - 1.0) <= options.on_time_rate
         if not self.is_lagging:
             return is_near or (has_no_lag and has_its_rate)
-        # A robot that has lagged stays late at full rate, even where it is near the end of its
-        # motion; unless a load made the lag of its servos look longer.
+        # A robot that lagged before remains late at full rate, even near the end of its motion,
+        # unless a load increased the apparent lag of its servos.
         is_usual = abs(lag - servo.lag) <= options.load_lag and has_its_rate
         return has_no_lag and (is_near or is_usual)
 
@@ -227,7 +227,7 @@ class Publication:
         following : Following
             How the robot follows the motion.
         then : float
-            When it is to be continued [s].
+            Time at which it is to be continued [s].
         lag : float
             Lag of the servos [s].
         options : FollowingOptions
@@ -236,7 +236,7 @@ class Publication:
         Raises
         ------
         UnconfirmedError
-            If the robot is being stopped, or may follow another motion.
+            If something else stops the robot, or it may follow another motion.
         """
         progress = following.progress
         if following.how == LAGGING and progress.rate < options.min_rate:

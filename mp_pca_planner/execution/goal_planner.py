@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Planning for goals: anew, or as a continuation of the motion that the robot follows."""
+"""Planning for goals: new motions, or continuations of the motion that the robot follows."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class PlanRequest:
     Attributes
     ----------
     start : MotionStart
-        Where the motion starts.
+        Start of the motion.
     model : Model
         The planner and the robot.
     is_cancelled : callable
@@ -61,7 +61,7 @@ class GoalPlanner:
     Parameters
     ----------
     states :
-        Where motions start.
+        Source of the start states of motions.
     clock :
         The clock of planning times [s].
     options :
@@ -108,8 +108,9 @@ class GoalPlanner:
         """Continue the motion that the robot follows to another goal; None if that is impossible.
 
         A planned motion takes no longer than the displaced one, so streams of goals do not delay
-        the arrival. Planning ends when it is time to publish. To a goal near the end of the
-        motion, the displaced one is the answer: planned motions swing as demonstrated ones do.
+        the arrival. Planning ends when it is time to publish. For a goal near the end of the
+        motion, the displaced motion is used, because planned motions would swing as the
+        demonstrations do.
         """
         start, model, began = request.start, request.model, self._clock()
         following = start.following
@@ -158,7 +159,7 @@ class GoalPlanner:
     def _plan_in_time(
         self, goal: JointGoal, adapted: AdaptedPlan, request: PlanRequest
     ) -> Plan | None:
-        """A plan as long as the displaced motion, or None if it would come too late."""
+        """A plan with the duration of the displaced motion; None if it would come too late."""
         start, cancellation = request.start, request.model.cancellation
         deadline = start.deadline - self._options.publishing_time
         if not goal.duration:

@@ -32,7 +32,8 @@ class GoalStatistics:
     def __init__(self) -> None:
         self.n_served = self.n_refused = self.n_under_way = self.n_overtaken = 0
         self._lock = threading.Lock()
-        # Enough for a 99th percentile; older times say little about the present.
+        # Enough times for a 99th percentile; older ones are discarded, because they may be
+        # outdated.
         self._solve_times: deque[float] = deque(maxlen=1000)
         # By kind: sequences take longer than single goals.
         self._latencies: dict[type[Goal], deque[float]] = defaultdict(lambda: deque(maxlen=100))

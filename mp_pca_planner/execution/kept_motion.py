@@ -48,7 +48,7 @@ def keep_motion(served: Served, folder: Path, provenance: Mapping[str, Any]) -> 
         raise GoalError(f"the last motion can't be kept: {reason}")
     known = {primitive.name: primitive for primitive in served.model.planner.primitives}
     primitive = known[plan.primitive]
-    # Names may hold anything, a path for example.
+    # Names may contain any characters, a path for example.
     stem = re.sub(r"[^A-Za-z0-9_-]+", "_", primitive.name)[:100]
     names = ((f"{primitive.name}_{k}", folder / f"{stem}_{k}.npz") for k in count(1))
     name, file = next((n, f) for n, f in names if n not in known and not f.exists())

@@ -76,7 +76,7 @@ class MeasuredStates:
     motion_clock :
         The clock of motions [s].
     fetch :
-        Called before the newest state is used; hands over messages that wait elsewhere.
+        Called before the newest state is used; adds messages that still wait in a queue.
     options :
         Parameters.
 
@@ -108,7 +108,7 @@ class MeasuredStates:
         # The planning thread reads a copy of them.
         self._kept: deque[_Message] = deque(maxlen=int(options.window / options.spacing))
         self._newest: _Message | None = None
-        # Times from the stamps to the receipts, by the clock of motions.
+        # Times from the stamps to the receipts, on the clock of motions.
         self._delays: deque[float] = deque(maxlen=20)
 
     def expect(self, joint_names: Sequence[str]) -> None:
@@ -118,7 +118,7 @@ class MeasuredStates:
         self._kept.clear()
 
     def receive(self, content: bytes, age: float = 0.0) -> None:
-        """Keep a message that has all joints; the publisher of a gripper sends others, too.
+        """Keep a message that has all joints; other publishers, such as a gripper's, send fewer.
 
         Parameters
         ----------
@@ -230,7 +230,7 @@ class MeasuredStates:
         slope = since @ positions / (since @ since)
         moving = np.abs(slope) > options.rest_slope
         if moving.any():
-            # The mean slope of a robot that slows down is not its present velocity.
+            # For a decelerating robot, the mean slope differs from the present velocity.
             newest = times >= times[-1] - options.min_span
             now = np.linalg.pinv(np.vander(times[newest] - times[-1], 3))[1] @ positions[newest]
             slope = np.where(moving, now, 0.0)

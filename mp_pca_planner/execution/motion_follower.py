@@ -32,7 +32,7 @@ from .tracking import Progress, TrackedMotion, locate
 
 
 class MotionFollower:
-    """Knows the motion that was published last, and how the robot follows it.
+    """Tracks the motion that was published last, and how the robot follows it.
 
     Parameters
     ----------
@@ -65,7 +65,7 @@ class MotionFollower:
     def _forget(self) -> None:
         self._published: Publication | None = None
         self._servo = ServoModel(len(self.measured.joint_names), self._options)
-        # Of positions at rest [rad or m].
+        # Noise of positions at rest [rad or m].
         self._noise = 0.0
 
     def expect(self, joint_names: tuple[str, ...]) -> None:
@@ -76,13 +76,13 @@ class MotionFollower:
                 self._forget()
 
     def command(self, joined: Joined) -> PublishedMotion:
-        """Note that a motion was published."""
+        """Record that a motion was published."""
         with self._lock:
             self._published = Publication.after(self._published, joined, self._servo.lag)
         return joined.motion
 
     def give_up(self) -> None:
-        """Note that the controller has not taken the motion that was published last."""
+        """Record that the controller has not accepted the motion that was published last."""
         with self._lock:
             if self._published is not None:
                 self._published.give_up()
@@ -112,7 +112,7 @@ class MotionFollower:
 
     @property
     def alternatives(self) -> list[JointState]:
-        """The commanded state if the controller has not taken that motion; none if it has."""
+        """The commanded state if the controller has not accepted that motion; else None."""
         with self._lock:
             previous = None if self._published is None else self._published.previous
             return [] if previous is None else [previous.state(self._motion_clock())]
@@ -170,7 +170,8 @@ class MotionFollower:
         if is_late and servo.unlearn():
             return None
         if seen.at_rest and len(samples.positions) > 2:
-            # Differences of neighbours: a robot that still settles is not noise.
+            # Differences of neighbouring samples, so that the settling of the robot is not counted
+            # as noise.
             steps = np.diff(samples.positions, axis=0)
             self._noise = float(steps.std(axis=0).max()) / np.sqrt(2.0)
         published.is_lagging = is_late and not seen.at_rest
@@ -183,7 +184,8 @@ class MotionFollower:
         if known.any() and is_sure and not is_over:
             lag = on_time.place - found.place
             servo.learn(motion, float(samples.times[-1]), seen.state.positions, lag)
-        # The clock does not say where a motion is that the controller started on receipt.
+        # For a motion that the controller started on receipt, the clock does not determine the
+        # place.
         command = on_time if is_timed or is_over else command
         following = self._following(published, ON_TIME, command, seen)
         return self._arrival(published, following, seen) if seen.at_rest and is_over else following
@@ -191,12 +193,12 @@ class MotionFollower:
     def _arrival(
         self, published: Publication, following: Following, seen: FollowingState
     ) -> Following:
-        """Note that a robot that rests after a motion has arrived, unless it is elsewhere."""
+        """Record the arrival of a robot at rest after its motion, unless far from the end."""
         motion = following.motion
         away = np.abs(seen.state.positions - motion.end - self._servo.offset).max()
         if away > self._options.missed_distance:
             return replace(following, how=OFF)
-        # A state from before the end of the motion says nothing about after it.
+        # A state from before the end of the motion is no evidence of the arrival.
         published.is_arrived = self.measured.newest_time >= motion.began + motion.duration
         if published.is_arrived:
             published.previous = None

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The server of goals: plans, joins, publishes, monitors and stops motions.
 
-This is the core of the node; it knows nothing of ROS.
+This is the core of the node; it is independent of ROS.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from .start_state import StartStates, TooLateError
 from .stopping import StopPlanner
 
 MakeGoal = Callable[[JointState], Goal]
-"""Makes the goal of a motion that starts at a state."""
+"""Function that returns the goal of a motion, given its start state."""
 
 
 class Publish(Protocol):
@@ -50,9 +50,9 @@ class MotionServer:
     Parameters
     ----------
     states :
-        Where motions start.
+        Source of the start states of motions.
     statistics :
-        Counts goals, and knows how long they take.
+        Counts of goals and their latencies.
     publish :
         Sends a trajectory to the controller.
     clock :
@@ -158,7 +158,7 @@ class MotionServer:
         Returns
         -------
         :
-            How it stops, one sentence.
+            Description of the stop, one sentence.
 
         Raises
         ------

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class FollowingOptions:
-    """How it is judged from measured states how a robot follows its motion.
+    """Options of the estimation, from measured states, of how a robot follows its motion.
 
     Attributes
     ----------
@@ -22,7 +22,8 @@ class FollowingOptions:
     rest_slope : float
         The same for the slope of positions over the window, which has less noise.
     clear_velocity : float
-        Reported velocity that no noise explains: the robot moves, whatever its positions say.
+        Reported velocity above any noise: the robot counts as moving, independently of its
+        positions.
     spacing, window : float
         Shortest time between the states that are kept, and how long they are kept [s].
     min_span : float
@@ -41,8 +42,8 @@ class FollowingOptions:
         Error above which the newer half of the window is fitted alone: the rate may have changed
         too fast for one fit.
     servo_memory : float
-        Time for which older values of the servo model are kept [s]: a robot that begins to lag is
-        noticed late, and what was learned in the meantime is discarded.
+        Time for which older values of the servo model are kept [s]: a lag is detected late, and the
+        values learned in the meantime are discarded.
     servo_time : float
         Time constant with which the offset of the servos is learned, > 0 [s].
     lag_share : float
@@ -56,13 +57,13 @@ class FollowingOptions:
     max_lag : float
         Largest lag of servos and messages together [s]; a robot that lags more is late.
     cycle : float
-        Cycle of the controller, by which commands are ahead of their time at any rate [s].
+        Cycle of the controller [s]; commands are ahead of time by one cycle at any rate.
     on_time_distance, on_time_rate : float
-        A robot is on time if its commanded position differs less from that of the clock, or if
-        its rate differs less from 1 and its lag is one of servos.
+        A robot is on time if its commanded position differs less from that of the clock. It is also
+        on time if its rate differs less from 1 and its lag is a plausible servo lag.
     start_distance, start_time : float
-        The same distance in this time after a motion from rest was published [s]: a robot starts
-        so slowly that servo errors look like a lag. By then it is seen to move.
+        The same distance during this time [s] after a motion from rest was published. A robot
+        starts so slowly that servo errors look like a lag; after this time its motion is visible.
     taken_distance : float
         Distance between the newest motion and the one before at which the robot's position shows
         that the newest one was taken.
@@ -70,7 +71,7 @@ class FollowingOptions:
         Distance from the newest motion at which a robot in motion, or at rest, shows that the
         newest one was not taken.
     same_distance : float
-        Distance between both motions that makes no difference.
+        Distance below which both motions count as the same.
     load_lag : float
         Change of the servo lag that an unknown load may cause [s].
     max_age : float
@@ -79,12 +80,12 @@ class FollowingOptions:
         A lagging robot's motion is continued if its place is known to this distance, beside the
         noise, and its rate changes more slowly [1/s].
     missed_distance : float
-        A robot that rests farther from the end of its motion has left it, whatever its load.
+        A robot that rests farther from the end of its motion has left it, for any plausible load.
     beside_share : float
         A robot that rests short of the end is this near to its path, as a share of the distance
         left. An unknown load pulls it away from the end in any direction.
     min_rate : float
-        Rate below which a robot is being stopped by something else.
+        Rate below which the robot counts as being stopped by something else.
     visible_time : float
         Time after publishing from which states show the motion [s].
     start_tolerance : float
@@ -93,7 +94,7 @@ class FollowingOptions:
     full_rate : float
         Difference from 1 up to which a rate is that of the clock.
     lead : float
-        Part of a motion that is kept when another one continues it [s].
+        Part of a motion that is retained when another one continues it [s].
     """
 
     rest_velocity: float = 0.01
@@ -139,7 +140,7 @@ class FollowingOptions:
 
 @dataclass(frozen=True)
 class ServingOptions:
-    """How goals are served, motions continued and stopped, and their execution monitored.
+    """Options of serving goals, continuing and stopping motions, and monitoring their execution.
 
     Attributes
     ----------
@@ -167,8 +168,8 @@ class ServingOptions:
         Time at rest at the start after which a motion never started [s], and the distance at
         which a joint has left the start.
     max_hold : float
-        Time at rest elsewhere on the path, or of silence after the end, after which a motion is
-        not followed [s].
+        Time at rest on the path before the end, or without states after the end, after which a
+        motion counts as not followed [s].
     """
 
     max_attempts: int = 3

@@ -98,7 +98,7 @@ class Settings:
     Raises
     ------
     ParameterError
-        If a text is none of the choices, or trials can't be kept.
+        If a text is none of the choices, or trials can't be stored.
     """
 
     # The default is a list with an empty text, because an empty list has no type in ROS.

@@ -13,11 +13,11 @@ T = TypeVar("T")
 IsCancelled = Callable[[], bool]
 
 PAUSE = 0.02
-"""Time without goals after which there is time for other work [s]."""
+"""Idle time after which other work is done [s]."""
 
 
 class CancelledError(Exception):
-    """Work was given up because its result is no longer needed."""
+    """Work was aborted because its result is no longer needed."""
 
 
 class PreemptiveWorker(Generic[T]):
@@ -32,7 +32,7 @@ class PreemptiveWorker(Generic[T]):
         Serves a goal. Once its second argument returns True, it may return at any time or raise
         `CancelledError`.
     drop :
-        Called with each goal that was not served to its end.
+        Called with each goal that was cancelled or replaced.
     rest :
         Called when a goal was served and no other came for `PAUSE`: for work that can wait.
     """
@@ -64,11 +64,11 @@ class PreemptiveWorker(Generic[T]):
         return self._waiting is None and not self._is_serving
 
     def cancel(self) -> None:
-        """Give up the waiting and the served goal."""
+        """Cancel the waiting and the served goal."""
         self._replace(None, always_cancel=True)
 
     def close(self, timeout: float = 5.0) -> None:
-        """Give up all goals and end the thread, within the timeout [s] if the served goal ends."""
+        """Cancel all goals and end the thread, within the timeout [s] if the served goal ends."""
         self._is_closed = True
         self.cancel()
         self._thread.join(timeout)

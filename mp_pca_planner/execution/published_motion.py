@@ -1,9 +1,9 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Motions as they are published and as the controller interpolates them.
+"""Published motions, with the interpolation of the controller.
 
-The controller interpolates between points by quintic polynomials, so a published trajectory says
-where the robot is commanded to be at every moment.
+The controller interpolates between points by quintic polynomials, so a published trajectory
+determines the commanded state at every time.
 """
 
 from __future__ import annotations

@@ -41,7 +41,7 @@ class Served:
     motion : PublishedMotion
         The published motion.
     trial : ServedTrial or None
-        The trial that it is, if the goal is learned by trials.
+        The trial of the motion, if the goal is learned by trials.
     under_way : str
         Why nothing was published for a goal that repeats; empty if a motion was.
     """
@@ -100,7 +100,7 @@ def _timing(goal: Goal) -> tuple[Any, ...]:
     """Options that two goals must share exactly; there are as many times as targets."""
     if isinstance(goal, SequenceGoal):
         return goal.primitive, goal.times, goal.stops
-    # Vias are compared by identity: goals of the node have none.
+    # Vias are compared by identity, because goals of the node have none.
     return goal.primitive, goal.duration, goal.vias
 
 

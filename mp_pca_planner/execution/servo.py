@@ -28,7 +28,7 @@ class ServoModel:
     load : array, shape (n_joints,)
         Measured minus commanded positions at the last rest [rad or m].
     offset : array, shape (n_joints,)
-        The same in the last moments, accelerations included [rad or m].
+        The current offset, with the effect of accelerations [rad or m].
     lag : float
         Delay with which commands are followed [s].
     """
@@ -38,7 +38,7 @@ class ServoModel:
         self.load: FloatArray = np.zeros(n_joints)
         self.offset = self.load
         self.lag = self._options.initial_lag
-        # Duration of fast motions that were learned from [s].
+        # Total duration of fast motions used for learning [s].
         self._experience = 0.0
         self._learned: deque[tuple[float, FloatArray, float]] = deque()
 
@@ -61,7 +61,7 @@ class ServoModel:
         positions : array, shape (n_joints,)
             Measured positions [rad or m].
         lag : float
-            How far behind the clock it was located [s].
+            Estimated lag behind the clock [s].
         """
         options = self._options
         last = self._learned[-1][0] if self._learned else time - 0.01
@@ -90,7 +90,7 @@ class ServoModel:
         return options.max_lag if is_new else self.lag + options.lag_noise
 
     def unlearn(self) -> bool:
-        """Discard what was learned last, if anything was: the robot was no longer on time."""
+        """Discard the values learned last, because the robot was no longer on time."""
         if not self._learned:
             return False
         _, self.offset, self.lag = self._learned[0]

@@ -40,13 +40,13 @@ class MotionStart:
     state : JointState
         The state.
     following : Following or None
-        The motion that it is on, if the robot follows one; None at a rest elsewhere.
+        The motion that the robot follows; None at a rest off any motion.
     last : PublishedMotion or None
         The motion that was published last, whether the robot follows it or not.
     place : float
         The place of the state on that motion [s].
     time : float
-        When the robot is there [s].
+        Time at which the robot is at the state [s].
     measured : JointState
         The measured state at the time of the choice.
     at_once : bool
@@ -73,7 +73,7 @@ class MotionStart:
 
 
 class StartStates(MotionFollower):
-    """Chooses where motions start, and leads to them.
+    """Chooses start states of motions, and joins motions to them.
 
     See `MotionFollower` for its parameters.
     """
@@ -97,7 +97,7 @@ class StartStates(MotionFollower):
             node. A motion that starts on another one needs a measured state, too: a robot without
             fresh states may have stopped.
         UnconfirmedError
-            If it is not known yet where on its motion the robot is.
+            If the place of the robot on its motion is not known yet.
         """
         with self._lock:
             following = self.follow(settings)
@@ -134,7 +134,7 @@ class StartStates(MotionFollower):
                     f"published less than {options.start_time:g} s ago; send the goal again"
                 )
             holds = following.is_over and start_from != MEASURED and last.joined.is_path_known
-            # A robot that has just come to the end of its motion may still settle.
+            # A robot that has just arrived at the end of its motion may still settle.
             may_settle = holds and not last.is_arrived
         if not may_settle and self.measured.velocities(measured).any():
             raise GoalError(_motion_refusal(start_from, following, settings))
@@ -150,7 +150,7 @@ class StartStates(MotionFollower):
         return MotionStart(state, held, self._last, place, now, measured)
 
     def join(self, rest: Trajectory, start: MotionStart, settings: Settings) -> Joined:
-        """Lead to a motion from where the robot is by now.
+        """Join a motion to the present state of the robot.
 
         Parameters
         ----------
@@ -221,11 +221,11 @@ class StartStates(MotionFollower):
         return None if self._published is None else self._published.current.motion
 
     def _held(self, measured: FloatArray) -> FloatArray:
-        """Commanded positions of a robot that rests elsewhere than at the end of its motion."""
+        """Commanded positions of a robot that rests away from the end of its motion."""
         for before in self.alternatives:
             away = np.abs(measured - before.positions).max()
             if away <= self._options.start_tolerance and not before.velocities.any():
-                # The controller has not taken the last motion, so what it holds is known.
+                # The controller has not accepted the last motion, so its held positions are known.
                 self._servo.rest(measured - before.positions)
                 return before.positions
         return measured - self._servo.load
@@ -260,7 +260,7 @@ class StartStates(MotionFollower):
 
 
 def _motion_refusal(start_from: str, following: Following | None, settings: Settings) -> str:
-    """Why no motion can start on a robot that moves."""
+    """The reason why no motion can start while the robot moves."""
     if start_from == MEASURED:
         return (
             "the robot moves, but start_from is 'measured', which accepts goals only at rest: send "

@@ -39,7 +39,7 @@ class StopPlanner:
     Parameters
     ----------
     states :
-        Where the robot is.
+        Source of the robot's state.
     options :
         Parameters.
     """
@@ -54,14 +54,14 @@ class StopPlanner:
         Returns
         -------
         message : str
-            How the robot stops, one sentence.
+            Description of the stop, one sentence.
         joined : Joined
             The motion to publish.
 
         Raises
         ------
         GoalError
-            If nothing is known of the robot.
+            If neither a measured nor a commanded state is known.
         """
         states = self._states
         try:
@@ -92,7 +92,7 @@ class StopPlanner:
         now, q = self._states.motion_time, measured.positions
         if not v.any():
             return _holding(measured, q, now)
-        # Since it was measured it has moved, at this velocity or a lower one.
+        # Since the measurement, the robot has moved at this velocity or a lower one.
         moved_by = v * max(now - self._states.measured.newest_time, 0.0)
         here, *moved = [
             JointState(measured.joint_names, q + share * moved_by, v) for share in (0.0, 0.5, 1.0)
@@ -170,7 +170,7 @@ def stop_on_path(
     motion : PublishedMotion
         The motion.
     place : float
-        Where on it the stop begins [s].
+        Place on the motion at which the stop begins [s].
     robot, limits :
         Of the joints of the motion.
     period : float
@@ -220,10 +220,10 @@ def stop_at_point(
 
 
 def braking_ends(state: JointState) -> list[FloatArray]:
-    """Where a moving robot comes to rest most smoothly, for each duration of a stop.
+    """The end of the smoothest stop of a moving robot, for each duration of a stop.
 
-    There the controller's quintic is the quartic of least jerk. Without an initial acceleration,
-    its cubic has a constant deceleration.
+    For this end, the controller's quintic is the quartic of least jerk. Without an initial
+    acceleration, its cubic has a constant deceleration.
     """
     q, v, a = state.positions, state.velocities, state.accelerations
     return [q + v * time / 2.0 + a * time**2 / 12.0 for time in _STOPPING_TIMES]
@@ -235,7 +235,7 @@ def ends_at(positions: FloatArray) -> list[FloatArray]:
 
 
 def ends_on_path(motion: PublishedMotion, place: float) -> list[FloatArray]:
-    """Where a constant deceleration along a motion ends, for each duration of a stop."""
+    """The end of a constant deceleration along a motion, for each duration of a stop."""
     q, _, _ = motion.sample(np.asarray(place + 0.5 * _STOPPING_TIMES))
     return list(q)
 
@@ -263,7 +263,7 @@ def _rest_of(motion: PublishedMotion, place: float) -> Trajectory:
 
 
 def _interpolated(state: JointState, end: FloatArray, time: float) -> list[Trajectory]:
-    """How a controller leads to a single point: a quintic, or a cubic without accelerations."""
+    """The controller's motion to a single point: a quintic, or a cubic without accelerations."""
     q, v, a = state.positions, state.velocities, state.accelerations
     zero = np.zeros_like(q)
     mean = (end - q) / time

@@ -2,9 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Estimation of a robot's place on its motion from the measured positions of a short window.
 
-A robot under speed scaling, or one that is held, lags along its path. Its place on the path then
-says where it is commanded to be; the clock does not. Place and rate are estimated together by
-regularised least squares. Where the motion is slow, positions say little and the prior decides.
+A robot under speed scaling, or one that is held, lags along its path. Then its commanded state
+follows from its place on the path, not from the clock. Place and rate are estimated together by
+regularised least squares. Where the motion is slow, positions carry little information and the
+prior dominates.
 """
 
 from __future__ import annotations
@@ -94,7 +95,8 @@ def locate(
         return known
     cost, found = _fit(motion, samples, known, known, options)
     if cost > n:
-        # A poor fit: the prior misled, so the nearest place of the whole motion is tried, too.
+        # A poor fit: the prior may be wrong, so the nearest place of the whole motion is tried,
+        # too.
         places = np.linspace(0.0, motion.duration, 100)
         away = motion.sample(places)[0] - samples.positions[-1]
         nearest = float(places[np.square(away).sum(axis=1).argmin()])
@@ -105,7 +107,7 @@ def locate(
         return found
     newer = MeasuredSamples(samples.times[-(n // 2) :], samples.positions[-(n // 2) :])
     _, other = _fit(motion, newer, known, found, options)
-    # Half a window says little about the change of the rate.
+    # Half a window carries little information on the change of the rate.
     return replace(other, change=found.change) if other.error < found.error else found
 
 

@@ -4,7 +4,7 @@
 
 Two goals are the same if they have the same target and start near each other, at rest. The
 parameters of a scaling and warping are learned. They are applied to the motion that is planned
-from the actual start. This module knows nothing of ROS.
+from the actual start. This module is independent of ROS.
 """
 
 from __future__ import annotations
@@ -80,7 +80,7 @@ class ServedTrial:
         Raises
         ------
         PlannerError
-            If the cost is known already, not finite, or can't be written; nothing was learned.
+            If the cost is known already, not finite, or can't be written; the learner is unchanged.
         """
         with self.learned.lock:
             if self.learned.is_over:
@@ -158,7 +158,7 @@ class TrialStore:
         Raises
         ------
         PlannerError
-            If trials can't be read or kept.
+            If trials can't be read or stored.
         """
         learned = self._learned(goal, plan, model)
         with learned.lock:
@@ -216,7 +216,8 @@ class TrialStore:
         """Learn around a plan, or continue with the trials in its file."""
         if not plan.is_executable:
             raise LearningError(f"the trials in '{file}' can't be continued: {plan.message}")
-        # A robot of its own: costs are reported in another thread than that of planning.
+        # The learner has its own robot, because costs are reported in another thread than that of
+        # planning.
         robot = Robot(model.urdf, model.robot.joint_names)
         motion = [plan.motion], robot, model.limits, _options(model)
         start = plan.motion.start

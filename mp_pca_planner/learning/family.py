@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Primitives around refined motions.
 
-The mean shape of a primitive is moved so that it predicts the refined motion for its end points;
-components and the conditional model are kept, so nearby requests give similar motions. Gains of a
-control law are kept; its error bound is removed, because it holds for another motion.
+The mean shape of a primitive is displaced so that it predicts the refined motion for its end
+points; components and the conditional model are kept, so nearby requests give similar motions.
+Gains of a control law are kept; its error bound is removed, because it holds for another motion.
 """
 
 from __future__ import annotations

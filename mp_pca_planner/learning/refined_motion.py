@@ -4,8 +4,8 @@
 
 With x(s) = h(s) + (1 + α)(μ + Σ wₖ φₖ)(s), a refined segment is q(t) = x(σ(t / T)) with
 T = T₀ exp(δ): the amplitude α scales the shape between the end states, δ the duration, and
-the warp σ moves time. Whatever the parameters are, the segment starts and ends in the states
-of the original, so segments stay joined.
+the warp σ moves time. For all parameters, the segment starts and ends in the states of the
+original, so segments remain continuous.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from .warp import N_WARP_PARAMETERS, evaluate_warp
 AMPLITUDE, LOG_DURATION = 0, 1
 WARP = slice(2, 2 + N_WARP_PARAMETERS)
 N_PARAMETERS = 2 + N_WARP_PARAMETERS
-"""Parameters of a segment: α, δ and those of the warp; zeros leave it as it is."""
+"""Parameters of a segment: α, δ and those of the warp; zeros leave it unchanged."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,7 +86,7 @@ class RefinedMotion:
         Returns
         -------
         q, v, a : array, shape (n_steps, n_joints)
-            [rad or m], [/s], [/s²]; at the ends of segments their states, to the last bit.
+            [rad or m], [/s], [/s²]; at the ends of segments exactly their states.
         """
         ends = self._ends
         starts = np.concatenate([[0.0], ends[:-1]])

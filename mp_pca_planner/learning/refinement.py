@@ -24,7 +24,7 @@ from .refined_motion import AMPLITUDE, LOG_DURATION, N_PARAMETERS, RefinedMotion
 from .refinement_terms import LimitConstraints
 from .refinement_terms import RefinementCost as RefinementCost
 
-# Share of a limit within which it becomes a constraint at first.
+# Distance to a limit, as a share of it, within which it is an initial constraint.
 _NEAR = 0.4
 # Optimisations, each with the violations of the one before as constraints.
 _MAX_ROUNDS = 6

@@ -4,8 +4,8 @@
 
 CMA-ES (Hansen and Ostermeier, Evolutionary Computation 9(2), 2001; the package `cmaes`)
 proposes the parameters of a :class:`.RefinedMotion`; a trial is one of them that the
-validator accepted, executed and measured. One file keeps all trials; learning resumes from it
-after a crash without a difference.
+validator accepted, executed and measured. One file keeps all trials; after a crash, learning
+resumes from it with the same results.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ _FORM = {"motion": str, "trials": [{"parameters": [float], "cost": float}]}
 # A proposal that violates limits is moved half-way to the best motion at most this often; then the
 # best motion itself is proposed.
 _MAX_HALVINGS = 8
-# Relative error of parameters that stored ones may exceed a bound by.
+# Relative tolerance of stored parameters beyond their bounds.
 _ROUNDING = 1e-6
 
 

@@ -3,9 +3,8 @@
 """Monotone time warps σ(p) from the phase p of a refined motion to that of the original.
 
 σ' = exp(u) with u = Σ cₖ bₖ − κ b₀ and functions bₖ = p²(1−p)² Pₖ(2p−1) that vanish at both
-ends with their first derivative. So whatever the parameters c are, σ increases, σ' = 1 and
-σ'' = 0 at both ends, so positions, velocities and accelerations there do not change. κ ensures
-σ(1) = 1.
+ends with their first derivative. For all parameters c, σ increases, σ' = 1 and σ'' = 0 at both
+ends, so positions, velocities and accelerations there do not change. κ ensures σ(1) = 1.
 """
 
 from __future__ import annotations
@@ -21,7 +20,7 @@ from ..primitives.basis import legendre_values
 N_WARP_PARAMETERS = 3
 """Parameters of a warp: towards an end, towards the middle, and both."""
 
-# exp(u) is analytic: this many nodes give it to rounding for parameters of a few units.
+# exp(u) is analytic: this number of nodes gives it to rounding for parameters of a few units.
 _N_NODES = 40
 _NODES, _QUADRATURE = legendre.leggauss(_N_NODES)
 # Values at the nodes → Legendre coefficients.

@@ -48,7 +48,7 @@ def _same_time(stamps: IntArray, others: IntArray) -> IntArray:
     column = clock_of([stamps, others])
     times, order = stamps[:, column], np.argsort(others[:, column], kind="stable")
     theirs = others[order, column]
-    # Between two others the nearer one is on its side of their mean; the first wins a tie.
+    # A time below the mean of two others is nearer to the first; on a tie the first is taken.
     nearest = np.searchsorted(theirs[:-1] + np.diff(theirs) // 2, times)
     near = np.abs(theirs[nearest] - times) <= 0.5 * usual_period(theirs)
     return np.where(near, order[nearest], -1)

@@ -9,8 +9,8 @@ q_1 … q_n of all frames minimise
 
 within the joint limits; a missing marker has no term in its frame. A first pass solves one frame
 after the other, each from the solution of the last. A second one improves all frames together, a
-banded system: the accelerations determine what markers don't show, such as the rotation of an upper
-arm about itself while the elbow is straight.
+banded system: the accelerations determine motions that markers don't show, such as the axial
+rotation of an upper arm while the elbow is straight.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ class MarkerSolverOptions:
 OPTIONS = MarkerSolverOptions()
 
 N_STARTS = 12
-"""Configurations to start from where there is no frame before."""
+"""Number of starting configurations for a frame without a solved frame before."""
 
 SINGULAR = 1e-6
 """Singular values below this share of the largest count as zero."""
@@ -198,7 +198,8 @@ class MarkerProblem:
         """Configurations to start from: all joints near zero, then at random within the limits."""
         low = np.where(np.isfinite(self.lower), self.lower, -np.pi)
         high = np.where(np.isfinite(self.upper), self.upper, np.pi)
-        # A little inside: at a limit, or where an arm is straight, gradients may vanish.
+        # Starts are slightly inside of the limits: at a limit, or with a straight arm, gradients
+        # may vanish.
         near_zero = np.clip(0.0, low + 0.1 * (high - low), high - 0.1 * (high - low))
         random = np.random.default_rng(0).uniform(low, high, (N_STARTS - 1, self.n_joints))
         return np.vstack([near_zero, random])
@@ -334,7 +335,7 @@ def _banded_step(
     """Solve for the steps of all frames; joints that are held have none."""
     n_frames, n_joints = gradients.shape
     free = ~held
-    # Diagonal d of the matrix is row d of the band: frames are n_joints apart.
+    # Diagonal d of the matrix is row d of the band: consecutive frames are offset by n_joints.
     band = np.zeros((2 * n_joints + 1, n_frames, n_joints))
     for d in range(n_joints):
         for j in range(n_joints - d):

@@ -108,7 +108,8 @@ def solve_trajectories(
     Returns
     -------
     joint_states : RawJointStates
-        As if they had been recorded, with notes; positions are NaN in frames with too few markers.
+        Joint states in the form of recorded ones, with notes; positions are NaN in frames with too
+        few markers.
     residuals : dict
         Residual of each marker, by its name.
 
@@ -248,7 +249,7 @@ def _base_poses(
     weights = seen * np.array([m.weight for m in source.on_base])
     finite = np.where(seen[..., None], measured, 0.0)
     if source.marker_map.base == "fixed":
-        # All frames together are one frame with all their markers.
+        # The markers of all frames are merged into one frame.
         finite, weights = finite.reshape(1, -1, 3), weights.reshape(1, -1)
         points = np.tile(points, (len(measured), 1))
     return fit_poses(points, finite, weights)

@@ -21,7 +21,7 @@ from .frame_tree import in_root
 POINT = "geometry_msgs/msg/PointStamped"
 POSE = "geometry_msgs/msg/PoseStamped"
 TF_TYPES = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
-"""The same message by its present name, and by that of the first years of ROS 1."""
+"""The same message type by its present name, and by its name in early ROS 1."""
 
 MARKER_TYPES = (MARKER_ARRAY, POINT, POSE, *TF_TYPES)
 
@@ -79,7 +79,7 @@ def read_samples(bag: Bag, topic: str, bodies: Collection[str]) -> dict[str, Bod
 
 
 def samples_on(bag: Bag, topic: Topic) -> dict[str, BodySamples]:
-    """Samples of all bodies on one topic as they are; none if it is of another type."""
+    """Samples of all bodies on one topic without conversion; none if it is of another type."""
     if topic.type == MARKER_ARRAY:
         return bag.read([topic], partial(_marker_array, bag))
     if topic.type in (POINT, POSE):

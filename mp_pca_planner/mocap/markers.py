@@ -4,7 +4,7 @@
 
 Three forms of messages are read: one MarkerArray for each frame; one topic of points or poses for
 each marker or body; frames of /tf. The first contains whole frames. In the others each marker has
-samples of its own, which are brought to the stamps of the marker that has most.
+its own samples, which are interpolated at the stamps of the marker with most samples.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from .marker_map import MarkerPlacement
 from .marker_messages import BodySamples, read_samples, samples_on
 
 MAX_STEP_PERIODS = 2.5
-"""A marker is missing between samples that are farther apart than this many usual periods."""
+"""Largest time between samples, in usual periods, within which a marker counts as present."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,7 +74,7 @@ def read_markers(
     markers :
         The markers, and their names in the recording.
     salvage :
-        Of a damaged recording, take what is before the damage.
+        Reads the messages before the damage of a damaged recording.
 
     Raises
     ------
@@ -156,7 +156,7 @@ def _refuse_mixed_frames(bodies: Mapping[str, BodySamples]) -> None:
 def _assemble(
     bodies: Mapping[str, BodySamples],
 ) -> tuple[IntArray, IntArray, dict[str, FloatArray]]:
-    """Bring all bodies to the stamps of the one that has most samples."""
+    """Interpolate all bodies at the stamps of the one with most samples."""
     base = max((samples.stamps for samples in bodies.values()), key=len)
     column = clock_of([samples.stamps for samples in bodies.values()])
     poses = {

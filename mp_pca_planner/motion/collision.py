@@ -3,8 +3,9 @@
 """Self-collisions along a trajectory.
 
 The distances of pairs of links are followed along the motion that the controller executes. A pair
-can't touch before the joints between have closed its distance, so it is checked again only then
-(conservative advancement: Mirtich, PhD thesis, Berkeley, 1996), and otherwise every millisecond.
+can't touch before the joints between its links have moved by its distance, so it is checked again
+only then (conservative advancement: Mirtich, PhD thesis, Berkeley, 1996), and otherwise every
+millisecond.
 """
 
 from __future__ import annotations
@@ -22,8 +23,8 @@ __all__ = ["NOT_CHECKED", "Collision", "CollisionModel", "package_folders"]
 NOT_CHECKED = "; self-collisions were not checked: the robot has no collision geometry"
 """End of messages on robots without collision geometry."""
 
-# A pair whose next check is more than so many samples away needs no exact distance; none waits for
-# more samples than the second number.
+# A pair whose next check is more samples away than the first number needs no exact distance. Every
+# pair is checked again after at most the second number of samples.
 _SOON, _LATEST = 20, 500
 
 

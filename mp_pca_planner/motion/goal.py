@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""States, poses and goals: the values that a request is made of."""
+"""States, poses and goals, the values of a request."""
 
 from __future__ import annotations
 

@@ -41,8 +41,8 @@ def _to_bezier(degree: int) -> FloatArray:
 
 BEZIER_POINTS = tuple(_to_bezier(5 - d) @ _HERMITE_DERIVATIVES[d] for d in range(4))
 """Take the values at both ends of a quintic, as :func:`hermite_functions` does, to the Bézier
-points of it and of its first three derivatives by phase, shape (6 - derivative, 6). All of the
-curve lies between the lowest and the highest of them."""
+points of it and of its first three derivatives by phase, shape (6 - derivative, 6). The curve lies
+between the lowest and the highest Bézier point."""
 
 
 def hermite_functions(phases: FloatArray, derivative: int = 0) -> FloatArray:

@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""States and goals from what people type: arrays, dicts, poses, lists of targets."""
+"""Conversion of arrays, dicts, poses and lists of targets to states and goals."""
 
 from __future__ import annotations
 
@@ -61,12 +61,12 @@ def as_goal(value: GoalLike, joint_names: Sequence[str], duration: float | None 
     Parameters
     ----------
     value : Goal, Pose, JointState, mapping, array or sequence of these
-        A goal is returned as it is. One target becomes a goal to reach at rest; several become
-        a sequence, passed without a stop.
+        A goal is returned unchanged. One target becomes a goal to reach at rest; several become a
+        sequence, passed without a stop.
     joint_names : sequence of str
         The joints of an array, n_joints of them.
     duration : float, optional
-        Duration of the motion [s]; left to the planner unless given.
+        Duration of the motion [s]; chosen by the planner unless given.
 
     Raises
     ------

@@ -45,14 +45,14 @@ def write_trajectory(trajectory: Trajectory, path: Path, *, overwrite: bool = Fa
         write_whole(path, content(trajectory), overwrite=overwrite)
         return
     check_format(path)
-    # Late: the reader of bags is no part of motions.
+    # Imported late, because `motion` must not depend on `recordings` at import.
     from ..recordings.bags import write_joint_trajectory
 
     write_joint_trajectory(path, trajectory, overwrite=overwrite)
 
 
 def check_format(path: Path) -> None:
-    """Refuse a file whose ending no format of trajectories has."""
+    """Reject a file whose ending is not that of a trajectory format."""
     from ..recordings.bags import FORMAT_OF_SUFFIX
 
     formats = (".csv", ".json", ".npz", *FORMAT_OF_SUFFIX)
@@ -69,7 +69,7 @@ def _csv(trajectory: Trajectory) -> bytes:
     kinds = list(columns)[1:]
     header = ["time", *(f"{name}.{kind}" for kind in kinds for name in trajectory.joint_names)]
     text = io.StringIO()
-    # 17 digits restore every number to the last bit.
+    # 17 digits restore every number exactly.
     np.savetxt(text, table, "%.17g", delimiter=",", header=",".join(header), comments="")
     return text.getvalue().encode()
 

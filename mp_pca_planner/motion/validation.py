@@ -32,13 +32,14 @@ LIMIT_NEAR = 2e-5
 """Relative distance from a limit within which the grid may miss a violation."""
 
 _START_TOLERANCE = 1e-9
-# Least number of steps between two points: a quintic from rest to rest has neither speed nor effort
-# at its ends, however short it is; at a quarter it is near its greatest acceleration.
+# Least number of steps between two points. At its ends, a quintic from rest to rest has no speed
+# and little effort for any duration; at a quarter of the duration, its acceleration is near the
+# peak.
 _MIN_PARTS = 4
 # Five points on each segment, from −1 to 1; the matrix from efforts at them to Chebyshev
 # coefficients; and the one from these to efforts at points about as dense as the grid.
 _CHEBYSHEV = -np.cos(np.linspace(0.0, np.pi, 5))
-# The last of a segment is the first of the next.
+# The last point of a segment is the first point of the next.
 _AT_CHEBYSHEV = np.array([hermite_functions(0.5 * (_CHEBYSHEV[:-1] + 1.0), d) for d in range(3)])
 _TO_CHEBYSHEV = np.linalg.inv(chebyshev.chebvander(_CHEBYSHEV, 4))
 _FROM_CHEBYSHEV = chebyshev.chebvander(np.linspace(-1.0, 1.0, 11), 4)
@@ -235,7 +236,7 @@ def _magnitude(
 
 
 def require_effort_limits(robot: Robot, limits: JointLimits) -> None:
-    """Refuse a robot whose efforts are limited, but can't be computed.
+    """Reject a robot whose efforts are limited, but can't be computed.
 
     Raises
     ------
@@ -309,7 +310,7 @@ def check_executable(
     *,
     allow_nonzero_end_velocity: bool = False,
 ) -> None:
-    """Refuse a trajectory that must not be sent to joint_trajectory_controller.
+    """Reject a trajectory that must not be sent to joint_trajectory_controller.
 
     Parameters
     ----------

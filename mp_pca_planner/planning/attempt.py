@@ -28,7 +28,7 @@ from .solver import FEASIBLE, Solution, SolverMemory, solve
 from .starts import StartPoint
 
 Violation = tuple[float, float, float]
-"""Relative excess over a limit, penetration [m] and missed distance [rad or m], largest ones."""
+"""Largest relative excess over a limit, penetration [m] and error of a condition [rad or m]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +44,7 @@ class Attempt:
     motions : tuple of Motion
         The motion found, segment by segment.
     solution : MotionSolution
-        What the solver says of it.
+        Result of the solver.
     naturalness : float
         The ρ used.
     phases : tuple of float
@@ -54,7 +54,7 @@ class Attempt:
     check : LimitCheck
         Comparison with the limits.
     collisions : tuple of Collision
-        Self-collisions; not searched for where limits are violated.
+        Self-collisions; not computed if limits are violated.
     solved_at : float
         When the solver was done, by the clock of `time.perf_counter` [s].
     has_clearances : bool
@@ -83,7 +83,7 @@ class Attempt:
 
     @cached_property
     def condition_errors(self) -> FloatArray:
-        """What it misses conditions by, shape (n_errors,) [rad or m]."""
+        """Residuals of the conditions, shape (n_errors,) [rad or m]."""
         places = [motion.goal.positions for motion in self.motions]
         if len(self.motions) == 1 and self.phases:
             motion = self.motions[0]
@@ -94,7 +94,7 @@ class Attempt:
 
     @property
     def violation(self) -> Violation:
-        """Violations of limits, of clearance and of conditions; the smaller, the better."""
+        """Violations of limits, clearances and conditions, for the comparison of attempts."""
         missed = largest(self.condition_errors)
         return (
             self.check.worst_excess if self.check.violations else 0.0,
@@ -109,7 +109,7 @@ class Attempt:
 
     @property
     def is_hopeless(self) -> bool:
-        """Whether links collide at an end that no other motion would change."""
+        """Whether links collide at an end of the motion that is fixed."""
         return meets_at_ends(self.collisions, self.request, self.duration)
 
 
@@ -121,7 +121,7 @@ def checked(
     solution: MotionSolution,
     phases: tuple[float, ...],
 ) -> Attempt:
-    """The attempt of motions that were found without the solver.
+    """Make an attempt of motions that were found without the solver.
 
     Parameters
     ----------
@@ -156,7 +156,7 @@ def attempt(
     n_starts : int
         Largest number of starts.
     max_iterations : int, optional
-        That of the solver's options unless given.
+        Largest number of iterations; that of the solver's options unless given.
     """
     setup, passes, touched = problem.setup, 0, False
     problem.bound(with_limits=not problem.is_near_expected)
@@ -169,7 +169,7 @@ def attempt(
         motions = problem.motions(best.unknowns)
         trajectory = setup.sample(motions)
         check = setup.check(trajectory)
-        # Where limits are violated, there will be another motion to check.
+        # If limits are violated, another motion will be checked for collisions.
         collisions = () if check.violations else setup.collisions(trajectory)
         if check.violations and budget.is_over():
             break
@@ -177,8 +177,8 @@ def attempt(
             problem.bound(with_limits=True)
             starts = first
             continue
-        # A limit that is only touched may be exceeded between the points of the grid: tighten
-        # once, for an end of the motion may be at the limit.
+        # A limit that is only touched may be exceeded between the points of the grid. It is
+        # tightened only once, because an end of the motion may be at the limit.
         tight = check.violations or (check.touched and not touched and problem.is_bounded)
         apart = problem.separate(collisions, motions)
         if not (tight or apart) or not best.converged:
@@ -209,7 +209,7 @@ def _solutions(
     max_iterations: int | None,
     budget: Budget,
 ) -> list[Solution]:
-    """Solutions from one start after the other while there is time."""
+    """Yield the solution from each start in turn until the time runs out."""
     program, found = problem.program(), list[Solution]()
     options = replace(problem.setup.options.solver, should_stop=budget.is_over)
     if max_iterations is not None:
@@ -224,14 +224,14 @@ def _solutions(
 def _continued(
     problem: PlanningProblem, best: Solution, first: StartPoint | None
 ) -> list[StartPoint]:
-    """Starts where the solver stopped; with new clearance constraints also where it began.
+    """The last solution as a start; with new clearance constraints also the original start.
 
-    The detour on this side may be blocked.
+    A detour on the side of the last solution may be blocked.
     """
     if first is None:
         return [StartPoint(best.unknowns, best.memory)]
     memory = best.memory
-    if isinstance(problem, ChainProblem):  # its inequalities are numbered anew
+    if isinstance(problem, ChainProblem):  # its inequalities are renumbered
         memory = memory.curvature_alone()
     return [StartPoint(best.unknowns, memory), first]
 
@@ -239,7 +239,7 @@ def _continued(
 def _described(
     problem: PlanningProblem, found: Solution, motions: Sequence[Motion], passes: int
 ) -> MotionSolution:
-    """What the solver says of a motion."""
+    """The result of the solver for a motion."""
     x = found.unknowns
     natural, (effort, start_effort) = problem.naturalness_cost(x), problem.efforts(x)
     return MotionSolution(

@@ -1,10 +1,10 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""The bases of motions that a request is planned with, from the narrowest to the widest.
+"""The motion bases for a request, from the narrowest to the widest.
 
-The components of the primitive come first, all of them: with fewer, motions are nearer to the
-demonstrations, but naturalness brings them there for less effort (benchmarks/families.py). Then
-follow components with B-splines added, which leave the demonstrations, and B-splines alone.
+All components of the primitive come first. Fewer components would keep motions nearer to the
+demonstrations, but naturalness does so at a lower effort (benchmarks/families.py). Components with
+B-splines follow, whose motions may be unlike the demonstrations, then B-splines alone.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from .constraints import LimitTables
 from .starts import StartPoint, WarmStarts
 from .unknowns import QuadratureTables
 
-# What correcting splines may usually add [rad or m], unless the primitive itself is less exact.
+# Usual magnitude of the correction by B-splines [rad or m]; larger if the primitive fits worse.
 _USUAL_CORRECTION = 0.02
 
 
@@ -39,7 +39,7 @@ class MotionBasis:
     expected : array, shape (n_weights,)
         Expected weights ŵ.
     precision : array, shape (n_weights, n_weights), or None
-        Λ⁻¹; None where nothing is expected.
+        Λ⁻¹; None without a prediction.
     starts : tuple of StartPoint
         Weights to start from, the expected ones first.
     n_components : int
@@ -60,7 +60,7 @@ class MotionBasis:
 
     @property
     def is_corrected(self) -> bool:
-        """Whether it reaches beyond the components."""
+        """Whether the basis includes B-splines."""
         return self.n_components < self.expected.size
 
 
@@ -81,11 +81,11 @@ def component_basis(
     primitive : MovementPrimitive
         The primitive.
     expected : ConditionalDistribution
-        What is expected of the request.
+        Prediction for the request.
     ends : array, shape (2 * n_joints,)
         Start and goal positions.
     warm_starts : WarmStarts, optional
-        From similar motions; the weights of the demonstrations unless given.
+        Starts from similar motions; the weights of the demonstrations unless given.
     """
     if warm_starts is None:
         own = primitive.boundary_states[:, [0, 3]].reshape(len(primitive.weights), -1)
@@ -120,11 +120,11 @@ def corrected_basis(narrow: MotionBasis, primitive: MovementPrimitive, n_nodes: 
 
 
 def spline_basis(tables: QuadratureTables, limit_tables: LimitTables) -> MotionBasis:
-    """B-splines alone, of which nothing is expected."""
+    """B-splines alone, without a prediction."""
     zero = np.zeros(tables.basis.n_weights)
     return MotionBasis(tables, limit_tables, zero, None, (StartPoint(zero),), 0)
 
 
 def fixed_basis(tables: QuadratureTables) -> MotionBasis:
-    """The one shape of a basis without weights."""
+    """The basis of a motion without weights."""
     return MotionBasis(tables, LimitTables(tables), tables.basis.scales, None, (), 0)

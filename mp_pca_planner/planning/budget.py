@@ -18,7 +18,7 @@ class Budget:
     deadline : float
         When it ends, by the clock of `time.perf_counter` [s].
     is_cancelled : callable
-        Whether nobody needs the result any more.
+        Returns whether the result is no longer needed.
     """
 
     deadline: float

@@ -5,8 +5,8 @@
 Each segment is a program of its own (:mod:`.compiler`), whose boundary values and duration are
 unknowns. In the chain the unknowns of neighbours meet at their target: its position if it is a
 pose, its velocity and acceleration unless the motion stops there, and the time at which it is
-passed. Passing times instead of durations keep the sums of durations without a constraint, and
-coordinates of the configurations that reach a pose keep the pose.
+passed. With passing times as unknowns, fixed sums of durations need no constraint. With coordinates
+of the configurations that reach a pose, the pose needs no constraint.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ class PoseChart:
         Raises
         ------
         ArithmeticError
-            If there is none near by.
+            If there is no such configuration nearby.
         """
         q = self._centre + self._along @ coordinates
         for _ in range(_MAX_RETURNS):
@@ -78,16 +78,16 @@ class PoseChart:
 
 @dataclass(frozen=True, eq=False)
 class Junction:
-    """The start or a target of a chain: what the segments before and after it share.
+    """The start or a target of a chain: the state and time that adjacent segments share.
 
     Attributes
     ----------
     state : JointState
-        The state there from which the search starts.
+        Initial value of the state.
     time : float
-        When it is passed at first [s].
+        Initial value of the passing time [s].
     unit : float
-        A usual duration [s]: rates and times are changed in units of it.
+        A typical duration [s], the unit of changes of times and derivatives.
     moves : bool
         Whether velocity and acceleration are unknowns.
     time_is_free : bool
@@ -105,7 +105,7 @@ class Junction:
 
     @property
     def fixed_state(self) -> JointState | None:
-        """What of the state is fixed, rates at rest otherwise; None if the position is free."""
+        """The fixed part of the state, derivatives 0 where free; None if the position is free."""
         if self.chart is not None:
             return None
         at_rest = JointState(self.state.joint_names, self.state.positions)
@@ -113,12 +113,12 @@ class Junction:
 
     @property
     def rows(self) -> list[int]:
-        """Orders of the derivatives that are unknowns, 0: the position."""
+        """Orders of the derivatives that are unknowns; 0 is the position."""
         return [0] * (self.chart is not None) + [1, 2] * self.moves
 
     @property
     def sizes(self) -> list[int]:
-        """Numbers of unknowns: of each of these derivatives."""
+        """Number of unknowns of each of these derivatives."""
         n = self.state.positions.size
         own = [] if self.chart is None else [self.chart.size]
         return own + [n, n] * self.moves
@@ -149,7 +149,7 @@ class Junction:
 
 
 def junctions_of(request: SequenceRequest, joined: Sequence[Motion]) -> tuple[Junction, ...]:
-    """The junctions of a request, at first as in a motion that was joined without optimisation."""
+    """The junctions of a request, with initial values of a motion joined without optimisation."""
     durations = np.array([motion.duration for motion in joined])
     ends = np.cumsum(durations)
     last_of_groups = {group[-1] for group, _ in request.groups}
@@ -182,7 +182,7 @@ class ChainProgram:
     junctions : sequence of Junction
         The start and the targets.
     programs : sequence of MotionProgram
-        The segments, with the free rows and the free durations that the junctions ask for.
+        The segments, with the free rows and the free durations of the junctions.
     parts : sequence of Program
         The same with their inequalities.
 
@@ -214,14 +214,14 @@ class ChainProgram:
 
     @property
     def start(self) -> FloatArray:
-        """Unknowns of the expected weights and of the first junctions."""
+        """Unknowns of the expected weights and of the initial junctions."""
         x = np.zeros(self.size)
         for i, program in enumerate(self._programs):
             x[self._own(i)] = program.expected[: program.unknowns.n_weights]
         return x
 
     def _own(self, i: int) -> slice:
-        """Where the weights of a segment are."""
+        """Slice of the weights of a segment in x."""
         return slice(self._where[i].stop, self._where[i + 1].start)
 
     def states(self, x: FloatArray) -> list[tuple[JointState, float, FloatArray]]:
@@ -246,7 +246,7 @@ class ChainProgram:
         return [self._local(i, x, pair, pair[1][1] - pair[0][1])[0] for i, pair in pairs]
 
     def evaluate(self, x: FloatArray) -> Any:
-        """Value and derivatives; the cost is NaN where a duration or a pose can't be kept."""
+        """Value and derivatives; the cost is NaN if a duration or a pose is out of range."""
         try:
             ends = self.states(x)
         except ArithmeticError:
@@ -265,7 +265,7 @@ class ChainProgram:
     def _local(
         self, i: int, x: FloatArray, ends: Sequence[tuple[Any, ...]], duration: float
     ) -> tuple[FloatArray, FloatArray]:
-        """Unknowns of a segment and their derivative by its slice of x."""
+        """Unknowns of a segment, and their derivatives by its slice of x."""
         unknowns, n = self._programs[i].unknowns, self._junctions[0].state.positions.size
         m, own, where = unknowns.n_weights, self._own(i), self.slices[i]
         local = np.zeros(unknowns.scales.size)

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Distances of pairs of links as inequalities of a motion program.
 
-Most pairs never come near each other. A pair is constrained once a motion was found in which it
-collides: at phases all along the motion, and later also where it collided between them.
+Most pairs never come near each other. A pair is constrained after a motion in which it collides:
+first at evenly spread phases, later also at the phases of further collisions.
 """
 
 from __future__ import annotations
@@ -23,18 +23,18 @@ from .unknowns import Rows, StateMap, Unknowns, hermite_tables
 
 @dataclass(frozen=True)
 class ClearanceOptions:
-    """How links are kept apart.
+    """Options of clearance constraints.
 
     Attributes
     ----------
     distance : float
-        Clearance [m]: it leaves room for what happens between the phases.
+        Least clearance [m], with a margin for the motion between the phases.
     share_of_ends : float
         Largest share of the distance at the fixed ends of the motion, 0 to 1.
     n_phases : int
         Number of phases at which a pair is constrained at first.
     n_more : int
-        Number of phases that are added where it collides nevertheless.
+        Number of phases that are added during each further collision.
     """
 
     distance: float = 3e-3
@@ -48,14 +48,14 @@ _OPTIONS = ClearanceOptions()
 
 @dataclass(frozen=True, eq=False)
 class Clearance:
-    """A clearance constraint: a pair of links and how far apart it is kept.
+    """A clearance constraint: a pair of links, phases and a least distance.
 
     Attributes
     ----------
     pair : int
         Index of the pair in the collision model.
     phases : array, shape (n_phases,)
-        When, rising.
+        Phases of the constraint, increasing.
     distance : float
         Least distance [m].
     """
@@ -77,7 +77,7 @@ def clearances_of(
     Parameters
     ----------
     collisions : iterable of Collision
-        Where pairs collide.
+        Collisions of the motion.
     known : sequence of Clearance
         Present constraints.
     model : CollisionModel
@@ -136,7 +136,7 @@ class ClearProgram:
         phases, places = np.unique(
             np.concatenate([one.phases for one in clearances]), return_inverse=True
         )
-        # All that is asked at a phase takes one pass of the kinematics.
+        # All pairs of a phase share one pass of the kinematics.
         self._rows_at = [np.flatnonzero(places == i) for i in range(phases.size)]
         self._pairs_at = [pairs[rows] for rows in self._rows_at]
         self._states = _positions(unknowns, basis, phases)

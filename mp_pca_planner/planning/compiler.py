@@ -7,8 +7,8 @@ The objective is J = ½∫‖τ‖²dt ([P] eq. (6)), or another sum of running 
 integral becomes a sum of squares, ½‖r(x)‖², whose Jacobian follows from the chain rule,
 ∂τ/∂w = ∂τ/∂q φ + ∂τ/∂q̇ φ'/T + M φ''/T².
 
-The unknowns x are the weights, then what a request leaves free: the goal configuration, of
-which a motion is as linear a function as of its weights; log T; the phases of vias.
+The unknowns x are the weights, then the quantities that a request leaves free: the goal
+configuration, on which a motion depends linearly as on its weights; log T; the phases of vias.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ class MotionProgram:
     tables : QuadratureTables
         The basis at the nodes.
     unknowns : Unknowns
-        What x means.
+        The meaning of x.
     expected : array, shape (n_weights,)
         Expected weights ŵ.
     objectives : sequence of (float, Objective)
@@ -73,9 +73,9 @@ class MotionProgram:
     Attributes
     ----------
     scales : array, shape (n_unknowns,)
-        Usual changes of the unknowns.
+        Typical changes of the unknowns.
     precision : array, shape (n_unknowns, n_unknowns)
-        ρΛ⁻¹ of the scaled weights; zeros, as at first, leave naturalness out.
+        ρΛ⁻¹ of the scaled weights; zeros, the initial value, mean no naturalness.
     """
 
     def __init__(
@@ -131,7 +131,7 @@ class MotionProgram:
         return np.asarray(0.5 * durations * (squares @ self._tables.quadrature))
 
     def linearise(self, x: FloatArray) -> Linearisation:
-        """The residual and its Jacobian; those of the last x are kept."""
+        """The residual and its Jacobian; those of the last x are cached."""
         if self._last is None or not np.array_equal(self._last[0], x):
             self._last = x.copy(), self._linearised(x)
         return self._last[1]
@@ -202,7 +202,7 @@ class MotionProgram:
         return by_joint.transpose(0, 2, 1)
 
     def equalities(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """What the conditions are missed by, shape (m,), and the derivative, (m, n_unknowns)."""
+        """Residuals of the conditions, shape (m,), and their derivatives, shape (m, n_unknowns)."""
         errors, rows = [np.zeros(0)], [np.zeros((0, x.size))]
         place = self.unknowns.first_place
         for condition, (phase, slope) in zip(self._conditions, self._phases(x), strict=True):

@@ -16,15 +16,15 @@ from ..robot.model import Robot
 
 
 class Target(Protocol):
-    """Something to reach, as equations of the joint positions."""
+    """A target, as equations of the joint positions."""
 
     def error(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """What it is missed by, shape (m,), and the derivative by q, shape (m, n_joints)."""
+        """Residuals, shape (m,), and their derivatives by q, shape (m, n_joints)."""
 
 
 @dataclass(frozen=True, eq=False)
 class PoseTarget:
-    """A frame is at a pose.
+    """The condition that a frame is at a pose.
 
     Attributes
     ----------
@@ -44,12 +44,12 @@ class PoseTarget:
 
 @dataclass(frozen=True, eq=False)
 class JointTarget:
-    """Some joints are at given positions.
+    """The condition that some joints are at given positions.
 
     Attributes
     ----------
     index : array, shape (m,)
-        Which joints.
+        Indices of the joints.
     positions : array, shape (m,)
         Their positions [rad or m].
     n_joints : int
@@ -67,14 +67,14 @@ class JointTarget:
 
 @dataclass(frozen=True, eq=False)
 class Condition:
-    """A target, and when to be there.
+    """A target and its phase.
 
     Attributes
     ----------
     target : Target
         What to reach.
     phase : float or None
-        When; None: at any phase of the `window`.
+        Phase of the target; None: any phase within the `window`.
     window : (float, float)
         Phases between which a free one is searched.
     """
@@ -84,7 +84,7 @@ class Condition:
     window: tuple[float, float] = (0.0, 1.0)
 
     def phase_at(self, place: float) -> tuple[float, float]:
-        """The phase at a place from −∞ to ∞ in the window, and its derivative by the place."""
+        """The phase within the window for an unbounded place, and its derivative by the place."""
         if self.phase is not None:
             return self.phase, 0.0
         low, high = self.window

@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Limits as inequalities of the motion program, on a grid that is dense already.
+"""Joint limits as inequalities of the motion program, on a dense grid.
 
 Positions and their derivatives are linear in the weights, so their constraints are exact and
 cost a product of matrices. Efforts are computed at the quadrature nodes anyway; between them
@@ -28,21 +28,21 @@ from .unknowns import (
     hermite_tables,
 )
 
-# Motions are kept this share of the limit away from it, so that what happens between points
-# of the grid (see the check on the dense grid) has room.
+# Margin between motions and limits, as a share of the limit. It leaves room for peaks between
+# points of the grid, which the check on the denser grid finds.
 MARGIN = 5e-4
-# Points at which limits are kept. Two waves in a motion are seen to 0.05 % on them.
+# Points of the grid. The peaks of a motion with two waves are resolved to 0.05 %.
 N_LIMIT_POINTS = 200
-# Bounds are drawn in by so many times what a peak between points is out of them, for it moves as
-# they do, and by this share more.
+# A bound is tightened by this multiple of the violation between points, because the peak moves with
+# the bound, and by this additional share.
 _TIMES, _EXTRA = 2.0, 2e-5
 
 QUANTITIES = ("position", "velocity", "acceleration", "jerk", "effort")
-"""What is limited, in the order of the constraints; the last is not linear in the weights."""
+"""Limited quantities, in the order of the constraints; the last is not linear in the weights."""
 
 
 class LimitTables:
-    """A basis on the grid on which limits are kept: what no request changes.
+    """Tables of a basis on the grid of the limits; they are the same for all requests.
 
     Parameters
     ----------
@@ -56,7 +56,7 @@ class LimitTables:
     n_points : int
         Points of the grid.
     from_nodes : array, shape (n_points, n_nodes)
-        Matrix that interpolates what is known at the nodes.
+        Matrix that interpolates values at the nodes.
     """
 
     def __init__(self, tables: QuadratureTables, n_points: int = N_LIMIT_POINTS) -> None:
@@ -68,7 +68,8 @@ class LimitTables:
     def states(self, highest: int) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Positions and their derivatives by phase up to the highest one that is limited.
 
-        Made when limits turn out to matter: with a pace they are another request's never.
+        Computed when limits become constraints. Tables with a time scaling are never reused by
+        another request.
 
         Returns
         -------
@@ -101,7 +102,7 @@ class LimitTables:
 @lru_cache(maxsize=16)
 def _interpolation(nodes: bytes, breakpoints: bytes, points: bytes) -> FloatArray:
     """Matrix from values at nodes to those, in each piece, of the polynomial through them."""
-    # Late, so that the node starts fast.
+    # Imported late for a fast start of the node.
     from scipy.interpolate import BarycentricInterpolator
 
     known, edges, asked = (np.frombuffer(x) for x in (nodes, breakpoints, points))
@@ -127,8 +128,8 @@ class LimitedProgram:
     limits : JointLimits or None
         Limits of its joints. Infinite ones make no constraints; None makes none at all.
     end_states : array, shape (n_ends, 4, n_joints)
-        Positions, velocities, accelerations and efforts at the fixed ends: where they leave less
-        room than the margin, the margin is smaller.
+        Positions, velocities, accelerations and efforts at the fixed ends: the margin is reduced
+        where an end is closer to the limit.
 
     Attributes
     ----------
@@ -165,7 +166,7 @@ class LimitedProgram:
         rows = Rows(quantities[of_states], joints[of_states], units[of_states])
         highest = int(rows.orders.max(initial=0))
         self._states = StateMap(program.unknowns, *tables.states(highest), rows)
-        # While no duration is free they are linear in the unknowns.
+        # Without a free duration, these constraints are linear in the unknowns.
         self._linear = None if program.unknowns.duration_is_free else self._expand(program.expected)
         self._effort_joints, self._effort_units = joints[of_efforts], units[of_efforts]
 
@@ -180,20 +181,21 @@ class LimitedProgram:
         return np.repeat(self._group_of_row, self._tables.n_points)
 
     def tightened(self, violations: Iterable[Violation]) -> LimitedProgram:
-        """The same with bounds drawn in, for peaks that lie between points of the grid.
+        """The same program with bounds tightened for violations between points of the grid.
 
         Parameters
         ----------
         violations : iterable of Violation
-            What a motion within the present bounds breaks or touches. Of the room that the ends
-            of the motion leave, never more than half is taken.
+            Limits that a motion within the present bounds violates or touches. A bound moves by at
+            most half of the distance between the fixed ends and the limit.
         """
         amount = np.zeros(self._end_room.size)
         n_joints = len(self._joint_names)
         for violation in violations:
             quantity = QUANTITIES.index(violation.quantity)
             group = quantity * n_joints + self._joint_names.index(violation.joint)
-            # Positions are bounded as shares of half the range, but judged by the whole.
+            # Bounds of positions are shares of half the range, violations are shares of the whole
+            # range.
             excess = violation.excess * (2.0 if violation.quantity == "position" else 1.0)
             amount[group] = min(_TIMES * max(excess, 0.0) + _EXTRA, 0.5 * self._end_room[group])
         tighter = copy(self)
@@ -247,7 +249,7 @@ class LimitedPoint:
     inequalities : array, shape (n_inequalities,)
         The bounded quantities as shares of their limits.
     equalities : array, shape (n_equalities,)
-        What the program's conditions are missed by; the ends are met by construction.
+        Residuals of the program's conditions; the ends are met by construction.
     equality_rows : array, shape (n_equalities, n)
         Their derivatives.
     """
@@ -296,7 +298,7 @@ def _bounds(
     lower[0] = limits.lower
     scale = np.where(np.isfinite(upper), upper, 1.0)
     scale[0] = np.where(np.isfinite(half), half, 1.0)
-    # Jerks at the ends are not given: the weights decide them.
+    # Jerks at the ends are not fixed: they depend on the weights.
     room = np.full(upper.shape, np.inf)
     given = [QUANTITIES.index(name) for name in ("position", "velocity", "acceleration", "effort")]
     room[given] = np.minimum(upper[given] - end_states, end_states - lower[given]).min(

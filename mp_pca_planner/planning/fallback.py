@@ -1,8 +1,8 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Requests served without optimisation, where no optimised motion was found within the limits.
+"""Slow motions without optimisation, for requests without an optimised motion within the limits.
 
-The motion brakes, if the robot moves, and goes from rest to rest: see :mod:`.stop_and_go`.
+A moving robot is braked first; then the motion leads from rest to rest, see :mod:`.stop_and_go`.
 """
 
 from __future__ import annotations
@@ -39,8 +39,8 @@ class Fallback:
     Attributes
     ----------
     attempt : Attempt or None
-        The motion, within the limits and without collisions; None if there is none in the
-        duration that was asked for.
+        The motion, within the limits and without collisions; None if there is none with the
+        requested duration.
     duration : float
         A feasible duration [s]; NaN if none is known.
     reason : str
@@ -53,30 +53,30 @@ class Fallback:
 
 
 class FallbackPlanner:
-    """Serves requests by slow motions, in a few milliseconds.
+    """Search for slow motions, which takes a few milliseconds.
 
     Parameters
     ----------
     setup : Setup
-        The planner's.
+        Robot, limits and options of the planner.
     """
 
     def __init__(self, setup: Setup) -> None:
         self._setup = setup
 
     def serve(self, requests: Sequence[Request], failed: Attempt) -> Fallback:
-        """Serve the first of the requests that a slow motion can serve.
+        """Find a slow motion for the first request that has one.
 
         Parameters
         ----------
         requests : sequence of Request
-            Of one goal: several configurations, or several primitives.
+            Requests for one goal, with several configurations or several primitives.
         failed : Attempt
             The best attempt to optimise a motion.
         """
         feasible, reason = float("inf"), ""
         configurations: dict[int, Request] = {}
-        for request in requests:  # contenders for one goal differ in their primitives only
+        for request in requests:  # requests for one configuration differ in their primitives only
             configurations.setdefault(id(request.goal), request)
         for request in configurations.values():
             for at_least, step in self._timings(request):
@@ -103,7 +103,7 @@ class FallbackPlanner:
         return [(duration, duration / n_steps), (0.0, period)]
 
     def serve_sequence(self, request: SequenceRequest, failed: Attempt) -> Fallback:
-        """Rest at each target of a sequence."""
+        """Find a motion that rests at each target of a sequence."""
         period = self._setup.options.sample_period
         try:
             route = stop_and_go(self._setup.robot, self._setup.limits, request.states, period)
@@ -147,10 +147,10 @@ class FallbackPlanner:
         motions: tuple[Motion, ...],
         phases: tuple[float, ...],
     ) -> Attempt:
-        """The attempt of a slow motion, in the place of a failed one."""
+        """The attempt of a slow motion, which replaces a failed one."""
         n_nodes = self._setup.options.n_nodes
         bases = tuple(fixed_basis(QuadratureTables(motion.basis, n_nodes)) for motion in motions)
-        # The costs are computed for the plan alone.
+        # The costs are computed in the assembly of the plan.
         unknown = float("nan")
         solution = replace(
             failed.solution,
@@ -165,7 +165,7 @@ class FallbackPlanner:
     def _durations(
         self, motion: StopAndGo, phases: Sequence[float | None], at_least: float
     ) -> tuple[float, ...]:
-        """Durations of the segments, which end at the phases that are given."""
+        """Durations of the segments, which end at the given phases."""
         total, least = at_least, motion.durations
         began, first = 0.0, 0
         for i, phase in enumerate(phases):

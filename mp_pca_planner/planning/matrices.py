@@ -26,7 +26,7 @@ class BlockMatrix:
     Attributes
     ----------
     slices : tuple of slice
-        Rows and columns of each block, in rising order; together they are all.
+        Rows and columns of each block, in increasing order; together they cover the matrix.
     blocks : tuple of array
         Symmetric matrices of the sizes of the slices.
     """

@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""A continuous motion: q(s) = h(s) + μ(s) + Σ wₖ φₖ(s) in the time it takes."""
+"""A continuous motion: q(s) = h(s) + μ(s) + Σ wₖ φₖ(s) with its duration."""
 
 from __future__ import annotations
 
@@ -53,8 +53,8 @@ class Motion:
         Returns
         -------
         q, v, a : array, shape (n_steps, n_joints)
-            [rad or m], [/s], [/s²]. At the ends they are those of `start` and `goal` to the
-            last bit: a controller refuses a final velocity of 1e-17.
+            [rad or m], [/s], [/s²]. At the ends they equal those of `start` and `goal` exactly,
+            because a controller rejects a final velocity of 1e-17.
         """
         phases = np.clip(times / self.duration, 0.0, 1.0)
         boundary = self.boundary

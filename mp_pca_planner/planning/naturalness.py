@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Naturalness: the cost of motions that are unlike the demonstrations."""
+"""Naturalness: the cost of deviations from the demonstrations."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ def segment_precision(
 ) -> FloatArray:
     """Precision of the unknowns of a segment, shape (n_unknowns, n_unknowns).
 
-    A change of the states at the ends bends the motion, as weights do, so that it is weighed by the
-    spread of the demonstrations, joint by joint, in the mean over the motion.
+    A change of the boundary states bends the motion as weights do. Its cost is relative to the
+    spread of the demonstrations of each joint, averaged over the motion.
     """
     unknowns, tables = program.unknowns, basis.tables
     n, n_joints = unknowns.n_weights, unknowns.boundary.shape[1]
@@ -56,9 +56,10 @@ def unit_of_naturalness(
 ) -> float:
     """Cost of one standard deviation from the expected motion at ρ = 1.
 
-    The cost of the expected motion, or `effort_weight` times the descent of the objective along one
-    standard deviation, if that is more. The second keeps motions natural whose effort could fall
-    fast: to first order, the optimum is at most 1 / (ρ effort_weight) standard deviations away.
+    It is the larger of two values: the cost of the expected motion, and `effort_weight` times the
+    decrease of the objective along one standard deviation. The second keeps motions natural if
+    their effort could decrease fast: to first order, the optimum is at most 1 / (ρ effort_weight)
+    standard deviations away.
     """
     here = program.linearise(expected)
     gradient = (here.residual @ here.jacobian)[: len(precision)]

@@ -1,11 +1,11 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""What makes a motion good: running costs ½∫‖r‖²dt, to be added up with weights.
+"""Objectives of motions: running costs ½∫‖r‖²dt, summed with weights.
 
-An objective says what its residual r is at every moment and how it depends on positions,
-velocities, accelerations, jerks and efforts; the motion compiler does the rest of the chain rule.
-To add one, write a class with a method `residuals` (examples/own_objective.py). A cost ∫f dt
-with f ≥ 0 is one, too, with r = √(2f).
+An objective computes its residual r at every node, and the derivatives of r by positions,
+velocities, accelerations, jerks and efforts. The motion compiler applies the chain rule. To add
+one, write a class with a method `residuals` (examples/own_objective.py). A cost ∫f dt with f ≥ 0
+has this form with r = √(2f).
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from ..exceptions import GoalError, unknown_name
 from ..robot.model import Robot
 
 QUANTITIES = ("positions", "velocities", "accelerations", "jerks", "efforts")
-"""What residuals may depend on."""
+"""Quantities that residuals may depend on."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +37,7 @@ class Nodes:
     efforts : array, shape (n_nodes, n_joints)
         Efforts [N·m or N].
     start, goal : array, shape (n_joints,)
-        Positions at the ends; for a pose goal, where the search for the configuration began.
+        Positions at the ends; for a pose goal, the initial configuration of the search.
     """
 
     robot: Robot
@@ -122,7 +122,7 @@ class Energy:
 
 @dataclass(frozen=True)
 class Time:
-    """The duration [s]; of influence only where that is free."""
+    """The duration [s]; it has an effect only if the duration is free."""
 
     def residuals(self, nodes: Nodes) -> Residuals:
         """The root of 2."""
@@ -154,18 +154,18 @@ class Straightness:
 
 
 def uses_efforts(objective: Objective, robot: Robot) -> bool:
-    """Whether an objective depends on efforts, by its derivatives."""
+    """Whether an objective depends on efforts, judged by its derivatives."""
     zero = np.zeros((1, robot.n_joints))
     nodes = Nodes(robot, zero, zero, zero, zero, zero, zero[0], zero[0])
     return "efforts" in objective.residuals(nodes).partials
 
 
 OBJECTIVES = ("effort", "energy", "jerk", "time", "straightness")
-"""Names that :func:`objective_by_name` knows."""
+"""Names that :func:`objective_by_name` accepts."""
 
 
 def objective_by_name(name: str, robot: Robot, frame: str | None = None) -> Objective:
-    """One of the objectives here.
+    """Return an objective of this module.
 
     Parameters
     ----------

@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""What a planner is asked to do, and what comes of it."""
+"""Options of the planner, and its result, the plan."""
 
 from __future__ import annotations
 
@@ -30,42 +30,43 @@ STOPPED_EARLY = "stopped_early"
 INFEASIBLE = "infeasible"
 
 _SHOWN = ("status", "message", "primitive", "duration", "effort_cost", "in_span_score")
-"""Facts of a plan that notebooks show."""
+"""Values of a plan that notebooks show."""
 
 
 @dataclass(frozen=True)
 class SearchOptions:
-    """How a planner searches; the defaults suit arms of 4 to 14 joints.
+    """Options of the planner's search; the defaults suit arms of 4 to 14 joints.
 
     Attributes
     ----------
     near_expected : float
-        From this naturalness on, motions stay near the expected one: limits are first left out of
-        the program, one start is enough, and warm starts do not help.
+        From this naturalness on, motions stay near the expected one: the first attempt has no
+        limits in the program, one start is enough, and warm starts do not help.
     effort_weight : float
-        The unit of naturalness is the cost of the expected motion, or this many times what the
-        objective falls along one standard deviation of the weights, if that is more. At ρ = 1 and
-        to first order, motions are displaced by at most 1 / effort_weight standard deviations
+        The unit of naturalness is the cost of the expected motion, or this multiple of the decrease
+        of the objective along one standard deviation of the weights, if that is larger. At ρ = 1
+        and to first order, motions are displaced by at most 1 / effort_weight standard deviations
         (benchmarks/naturalness.py).
     max_refinements : int
         Largest number of times that constraints are refined after a check on the dense grid.
     share_of_fixed : float
-        Share of the time that goes to a duration that was asked for, 0 to 1. The rest goes to
-        finding a feasible one.
+        Share of the time for planning with a requested duration, 0 to 1. The rest is for finding a
+        feasible duration.
     max_search_iterations : int
         Largest number of iterations for each duration in the search for the shortest.
     first_step, duration_precision : float
         First factor of that search, and the factor between the longest infeasible and the shortest
         feasible duration at which it ends.
     search_naturalness : float
-        Largest naturalness in that search, where it must not stand against the limits.
+        Largest naturalness in that search, so that it does not prevent motions within the limits.
     duration_margin : float
-        Factor by which the shortest duration is reported longer, for a motion to fit into it again.
+        Factor on the reported shortest duration, so that a motion with that duration is found
+        again.
     max_stretch : float
         Largest factor of a free duration where an attempt does not meet the limits.
     naturalness_steps : tuple of float
-        Values to which naturalness is raised where less effort is what violated a limit. At the
-        last, effort hardly counts.
+        Values to which naturalness is raised if the reduction of effort caused a limit violation.
+        At the last value, effort hardly counts.
     n_warm_starts : int
         Number of demonstrations of a primitive between whose ends motions are precomputed.
     n_configurations : int
@@ -74,23 +75,24 @@ class SearchOptions:
     n_route_configurations : int
         Number of configurations that reach a pose of a sequence that are compared.
     here : float
-        Initial targets that the robot is this near to are passed already [rad or m].
+        Initial targets within this distance of the robot count as passed [rad or m].
     max_stretches : int
         Largest number of times that durations of joined segments are stretched, for each share.
     passing_shares : tuple of float
-        Shares to which passing velocities are lowered in turn where joined segments exceed a
-        position limit.
+        Shares to which passing velocities are reduced in turn if joined segments exceed a position
+        limit.
     duration_spread : float
-        Change of the logarithm of a segment's duration that is as natural as a standard deviation
-        of weights.
+        Change of the logarithm of a segment's duration with the same cost as one standard deviation
+        of the weights.
     bend_spread : float
-        Passing at speed bends segments by more than demonstrations from rest to rest show: this
-        many of their standard deviations count as one (benchmarks/sequences.py).
+        Passing a target at speed bends segments more than in demonstrations from rest to rest.
+        Therefore this number of their standard deviations counts as one (benchmarks/sequences.py).
     min_spread : float
-        Least standard deviation of a joint in that [rad or m].
+        Least standard deviation of a joint in that cost [rad or m].
     warm_start_score : float
-        Largest in-span score of a request that starts from them. Requests like the demonstrations
-        have at most 2, those from anywhere to anywhere 6 and more, and may end in poor optima.
+        Largest in-span score of a request that uses warm starts. Requests like the demonstrations
+        have at most 2. Those between arbitrary configurations have 6 and more, and may end in poor
+        optima.
     """
 
     near_expected: float = 0.1
@@ -118,42 +120,42 @@ class SearchOptions:
 
 @dataclass(frozen=True)
 class PlannerOptions:
-    """How motions are planned.
+    """Options of planning.
 
     Attributes
     ----------
     basis : {'pca', 'bspline'}
-        Components of the primitive, or B-splines with 6 control points per joint ([P]). Where
-        components can't do it, B-splines are added to them, and the plan says so.
+        Components of the primitive, or B-splines with 6 control points per joint ([P]). If
+        components have no motion within the limits, B-splines are added, and the plan reports it.
     objectives : tuple of (float, Objective)
-        What to minimise: running costs and their weights, see :mod:`.objectives`. Effort alone
-        unless given.
+        Objectives: running costs and their weights, see :mod:`.objectives`. Effort alone unless
+        given.
     timing : {'demonstrated', 'shortest', 'free'}
-        Of goals that don't say their duration: like the demonstrations; the shortest that all
-        limits allow; or the one with the least of the objectives.
+        Duration of goals that don't specify one: as predicted from the demonstrations; the shortest
+        within all limits; or the one with the least objective.
     naturalness : float
         ρ: cost of a motion one standard deviation away from the expected one, as a share of the
         cost of the expected motion (or more, see `SearchOptions.effort_weight`). 0: least effort
-        alone, which may leave the demonstrations far behind. It is raised when a motion breaks
+        alone, whose motions may be far from the demonstrations. It is raised if a motion violates
         limits otherwise.
     sample_period : float
         Time between the points of a trajectory [s].
     max_solve_time : float
         Longest time for the solver [s].
     n_starts : int
-        Where likeness to the demonstrations counts for little (ρ < 0.1), there may be several
-        optima: from how many weights, at most 5, the least is searched for while there is time.
-        Five starts instead of one find a motion better by over 0.5 % for 3 % of the problems of
-        four robots, at most 12 % better, in about four times the time (benchmarks/starts.py).
+        Number of starts of the solver, at most 5, for a small naturalness (ρ < 0.1), where there
+        may be several optima. The best solution found in the available time is used. Five starts
+        instead of one find a motion better by over 0.5 % for 3 % of the problems of four robots, at
+        most 12 % better, in about four times the time (benchmarks/starts.py).
     n_nodes : int
         Quadrature nodes.
     allow_nonzero_end_velocity : bool
         Whether the controller accepts motions that don't end at rest.
     solver : SolverOptions
-        When the solver stops. Its `should_stop` cancels planning: the best motion found by then is
-        returned.
+        Stopping criteria of the solver. Its `should_stop` cancels planning: the best motion found
+        until then is returned.
     search : SearchOptions
-        How the planner searches.
+        Options of the search.
 
     Raises
     ------
@@ -197,7 +199,7 @@ class PlannerOptions:
 
 @dataclass(frozen=True, eq=False)
 class MotionSolution:
-    """What the solver found for a motion.
+    """Result of the solver for a motion.
 
     Attributes
     ----------
@@ -230,7 +232,7 @@ class MotionSolution:
 
     @classmethod
     def unknown(cls, iterations: int = 0) -> MotionSolution:
-        """Of a motion that was not optimised; its costs are computed for the plan alone."""
+        """The result for a motion that was not optimised; the plan's assembly adds its costs."""
         nan = float("nan")
         return cls(np.zeros(0), nan, nan, 0.0, nan, False, iterations, nan)
 
@@ -242,7 +244,7 @@ class MotionSolution:
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """What came of a request.
+    """The result of planning for a request.
 
     Attributes
     ----------
@@ -250,19 +252,19 @@ class Plan:
         'solved': converged, and executable. 'stopped_early': executable, but not optimal: time
         ran out, or no optimised motion met the limits. 'infeasible': must not be executed.
     message : str
-        One sentence for a person.
+        One sentence for the user.
     trajectory : Trajectory
-        The sampled motion with its efforts; also of an infeasible plan, to look at.
+        The sampled motion with its efforts; present for an infeasible plan, too, for inspection.
     motions : tuple of Motion
         The continuous motion, segment by segment; a single goal has one.
     primitives : tuple of str
         Names of the primitives of the segments.
     solution : MotionSolution
-        What the solver says.
+        Result of the solver.
     considered : int
-        Number of primitives near the request, at most 32, that it was chosen among.
+        Number of primitives near the request that were considered, at most 32.
     selection : str
-        Why the primitives were used, in a sentence.
+        Reason for the choice of the primitives, one sentence.
     in_span_score : float
         Distance of the request from the demonstrations (about 1: like them); the largest of
         the segments.
@@ -274,18 +276,18 @@ class Plan:
     via_error : float
         Largest distance from the vias [rad or m].
     via_phases : tuple of float
-        When the vias are passed, as shares of the duration.
+        Passing times of the vias, as shares of the duration.
     shortest_duration : float
         Shortest duration [s] for which a motion within the limits was found; NaN unless it was
-        asked for, or the duration asked for was too short.
+        requested, or the requested duration was too short.
     n_components_used : int
         Number of principal components of the motion, the largest of the segments.
     correction : float
-        Root of the mean square of what B-splines add to the components [rad or m].
+        RMS of the correction that B-splines add to the components [rad or m].
     deviation_score : float
-        How far the motion is from the one that the demonstrations predict: root of the mean
-        square of its components' weights, less their expected ones, in standard deviations;
-        the largest of the segments, NaN without components.
+        Deviation of the motion from the predicted one: RMS difference between the components'
+        weights and the expected weights, in standard deviations. The largest of the segments; NaN
+        without components.
     naturalness : float
         The ρ used: that of the options, or a larger one that was needed to meet the limits.
     solve_time : float

@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Assembly of a plan from the attempt that was chosen."""
+"""Assembly of a plan from the selected attempt."""
 
 from __future__ import annotations
 
@@ -30,14 +30,14 @@ class PlanAssembly:
     Parameters
     ----------
     setup, resolver
-        The planner's.
+        Components of the planner.
     """
 
     def __init__(self, setup: Setup, resolver: GoalResolver) -> None:
         self._setup, self._resolver, self._judge = setup, resolver, Judge(setup)
 
     def plan(self, planned: Planned, reason: str, solve_time: float) -> Plan:
-        """The plan, with its status, message and figures."""
+        """The plan, with its status, message and values."""
         attempt = planned.attempt
         request, trajectory = attempt.request, attempt.trajectory
         via_error, goal_error = _errors(attempt, self._setup.robot)
@@ -68,7 +68,7 @@ class PlanAssembly:
         )
 
     def _solution(self, attempt: Attempt) -> MotionSolution:
-        """What the solver says; costs of a motion that was not optimised are computed here."""
+        """The result of the solver; costs of a motion that was not optimised are computed here."""
         solution = attempt.solution
         if np.isfinite(solution.objective_cost):
             return solution
@@ -82,7 +82,7 @@ class PlanAssembly:
         return replace(solution, objective_cost=objective, effort_cost=effort)
 
     def _in_span_score(self, attempt: Attempt) -> float:
-        """That of the request; of a pose, with the configuration that was chosen for it."""
+        """The goal state of the request; for a pose, the configuration that was found for it."""
         request = attempt.request
         if isinstance(request, Request) and request.pose is None:
             return request.expected.in_span_score
@@ -110,7 +110,7 @@ def _errors(attempt: Attempt, robot: Robot) -> tuple[float, float]:
 
 
 def selection_reason(goal: Goal, best: Attempt, attempts: Sequence[Attempt]) -> str:
-    """Why the primitives of the best attempt were used."""
+    """The reason for the choice of the primitives of the best attempt."""
     request, names = best.request, [primitive.name for primitive in best.request.primitives]
     if goal.primitive is not None:
         return f"the goal names '{goal.primitive}'"
@@ -126,7 +126,7 @@ def selection_reason(goal: Goal, best: Attempt, attempts: Sequence[Attempt]) -> 
 
 
 def _deviation(attempt: Attempt) -> float:
-    """How far the components' weights are from the expected ones, in standard deviations."""
+    """RMS deviation of the components' weights from the expected ones, in standard deviations."""
     found = [
         _deviation_of(basis, motion)
         for basis, motion in zip(attempt.bases, attempt.motions, strict=True)

@@ -40,10 +40,10 @@ class Planner:
     limits : JointLimits, optional
         Limits of the joints; those of the robot description unless given.
     options : PlannerOptions, optional
-        How to plan.
+        Options of planning.
     collision : CollisionModel, optional
-        Of the same robot, not shared between threads: keeps the robot from hitting itself, where it
-        has collision geometry at all.
+        Collision model of the same robot, not shared between threads. Enables self-collision
+        avoidance if the robot has collision geometry.
 
     Raises
     ------
@@ -96,7 +96,7 @@ class Planner:
         return f"Planner of {self.robot!r}, primitives {names}"
 
     def check(self, goal: JointGoal) -> None:
-        """Reject a goal that can't be served wherever the robot is.
+        """Reject a goal that can't be served from any start state.
 
         This takes far less time than planning, and may be done while another thread plans.
 
@@ -109,7 +109,7 @@ class Planner:
         self._resolver.check(goal)
 
     def target(self, goal: JointGoal, start: JointState) -> JointState:
-        """The configuration of all joints that a goal asks for.
+        """The configuration of all joints that a goal specifies.
 
         Raises
         ------
@@ -126,25 +126,25 @@ class Planner:
         *,
         duration: float | None = None,
     ) -> Plan:
-        """Plan the motion with the least of the objectives to a goal, or through several targets.
+        """Plan the motion with the least objective to a goal, or through several targets.
 
         Parameters
         ----------
         goal : Goal, Pose, JointState, mapping, array, shape (n_joints,), or sequence of these
-            What to reach. Joints that are not named keep their position. Initial targets of a
-            sequence where the robot is already are passed.
+            The goal. Joints that are not named keep their position. Initial targets of a sequence
+            at the robot's position count as passed.
         start : JointState, mapping or array, shape (n_joints,)
             Present state; further joints are ignored.
         mode : {'optimal', 'real_time'}
             Whether to optimise a sequence, or only to join its segments. Free durations of a
             sequence are lengthened where the limits can't be kept otherwise.
         duration : float, optional
-            Duration of the motion [s], for a goal that is no `Goal`, which holds its own.
+            Duration of the motion [s], for goals other than a `Goal`, which has its own.
 
         Returns
         -------
         plan : Plan
-            The motion; look at its status.
+            The plan; its status states whether the motion may be executed.
 
         Raises
         ------
@@ -173,9 +173,9 @@ class Planner:
     def practise(self, max_time: float = float("inf")) -> None:
         """Precompute motions between the ends of demonstrations, as warm starts of similar ones.
 
-        That takes as long as twenty goals for each primitive, and goals later take about two
-        thirds of the time (benchmarks/starts.py). Where motions stay near the expected ones
-        anyway (naturalness of 0.1 and more), and for B-splines alone, it does nothing.
+        For each primitive this takes as long as planning twenty goals, and reduces later planning
+        times to about two thirds (benchmarks/starts.py). It has no effect if motions stay near the
+        expected ones (naturalness of 0.1 and more), or for B-splines alone.
 
         Parameters
         ----------

@@ -1,10 +1,10 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Configurations that reach a pose, as starts of the search for the best motion to it.
+"""Configurations that reach a pose, as starting points of the optimisation of a motion to it.
 
-Levenberg–Marquardt steps within the joint limits, from several configurations. With fewer
-equations than joints each start finds a solution of its own near by; the optimisation of the
-motion chooses among these and between them.
+Levenberg–Marquardt steps within the joint limits, from several configurations. With fewer equations
+than joints, each start leads to a different solution nearby. The optimisation of the motion chooses
+among these, and may move between them.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ from ..robot.limits import JointLimits
 from ..robot.model import Robot
 
 POSE_TOLERANCE = 1e-6
-"""Largest distance from a pose that counts as none [m or rad]."""
+"""Largest error of a reached pose [m or rad]."""
 
 
 @dataclass(frozen=True)
 class PoseSearchOptions:
-    """How configurations are searched.
+    """Options of the search for configurations.
 
     Attributes
     ----------
@@ -39,9 +39,9 @@ class PoseSearchOptions:
     n_known : int
         Number of known configurations to search from.
     n_random : int
-        Number of further starts, spread over the limits, if those lead nowhere.
+        Number of further starts, spread over the limits, if the known ones lead to no solution.
     distinct : float
-        Configurations nearer to each other [rad or m] count as one.
+        Configurations nearer to each other than this count as one [rad or m].
     """
 
     max_steps: int = 100
@@ -57,14 +57,14 @@ _OPTIONS = PoseSearchOptions()
 
 
 def starts_near(robot: Robot, pose: Pose, known: FloatArray) -> list[FloatArray]:
-    """Those of known configurations whose frame is nearest to a pose, to search from.
+    """The known configurations whose frame is nearest to a pose, as starts of the search.
 
     Parameters
     ----------
     robot : Robot
         The model.
     pose : Pose
-        What to reach.
+        The pose to reach.
     known : array, shape (n_configurations, n_joints)
         Ends of demonstrations, for example.
 
@@ -90,14 +90,14 @@ def configurations_at(
     limits : JointLimits
         Limits of its joints.
     pose : Pose
-        What to reach.
+        The pose to reach.
     starts : iterable of array, shape (n_joints,)
         Configurations to search from.
 
     Raises
     ------
     GoalError
-        If none is found; the message says how near the nearest comes.
+        If none is found; the message states the least distance.
     RobotError
         If there is no such frame.
     """
@@ -122,7 +122,7 @@ def configurations_at(
 def nearest_configuration(
     robot: Robot, limits: JointLimits, pose: Pose, start: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """The configuration nearest to a pose that is found downhill from a start.
+    """The configuration nearest to a pose, by descent from a start.
 
     Returns
     -------
@@ -137,7 +137,7 @@ def nearest_configuration(
         if np.abs(error).max() <= _OPTIONS.reached or damping > _OPTIONS.max_damping:
             break
         downhill = -jacobian.T @ error
-        # Joints that are stopped by a limit stay there.
+        # Joints that are blocked by a limit are held there.
         stopped = ((q <= limits.lower) & (downhill < 0.0)) | (
             (q >= limits.upper) & (downhill > 0.0)
         )
@@ -155,7 +155,7 @@ def nearest_configuration(
 
 
 def _spread(robot: Robot, limits: JointLimits) -> Iterable[FloatArray]:
-    """Configurations all over the limits, the same ones each time."""
+    """Configurations spread over the joint ranges; the same ones in every call."""
     low, high = np.maximum(limits.lower, -np.pi), np.minimum(limits.upper, np.pi)
     random = np.random.default_rng(0)
     return (random.uniform(low, high) for _ in range(_OPTIONS.n_random))

@@ -1,10 +1,10 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""A compiled request with the constraints that were found to matter, refined until they hold.
+"""A compiled request with the constraints that are relevant, refined until they hold.
 
-The solver keeps limits at the points of its grid, and pairs of links apart once they collided. The
-validator checks the motion on a denser grid. Where it finds a violation, bounds are tightened or
-clearance constraints are added, and the solver continues from where it was.
+The solver enforces limits at the points of its grid, and clearances of pairs of links that collided
+before. The validator checks the motion on a denser grid. If it finds a violation, bounds are
+tightened or clearance constraints are added, and the solver continues from its last solution.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ class Part:
     ends : tuple of (JointState or None)
         Start and goal, None where the position is free.
     limited : LimitedProgram
-        With limits; without until they are found to matter.
+        The segment with limits; without limits until they become constraints.
     clearances : tuple of Clearance
         Clearance constraints.
     """
@@ -64,9 +64,9 @@ class Part:
     clearances: tuple[Clearance, ...] = ()
 
     def bound(self, limits: JointLimits | None, robot: Robot) -> None:
-        """Keep limits from now on; none without them."""
+        """Add the limits as constraints."""
         known = [state for state in self.ends if state is not None]
-        # A free end leaves itself as much room as it needs.
+        # Only fixed ends reduce the margin.
         n = robot.n_joints
         states = np.zeros((len(known), 4, n))
         if known:
@@ -90,17 +90,17 @@ class PlanningProblem(ABC):
     Attributes
     ----------
     setup : Setup
-        The planner's.
+        Robot, limits and options of the planner.
     request : Request or SequenceRequest
         The request.
     bases : tuple of MotionBasis
         The basis of each segment.
     naturalness : float
-        ρ.
+        Naturalness weight ρ.
     parts : list of Part
         The segments.
     starts : list of StartPoint
-        Unknowns to start from, the cheapest first.
+        Starts of the solver, the cheapest first.
     is_bounded : bool
         Whether limits are constraints; otherwise they are only checked.
     """
@@ -115,7 +115,7 @@ class PlanningProblem(ABC):
 
     @property
     def is_near_expected(self) -> bool:
-        """Whether motions stay near the expected one, where limits hardly ever matter."""
+        """Whether motions stay near the expected one, so that limits are rarely active."""
         certain = all(basis.precision is not None for basis in self.bases)
         return certain and self.naturalness >= self.setup.options.search.near_expected
 
@@ -149,7 +149,7 @@ class PlanningProblem(ABC):
         """Tighten the bounds of the segments in which limits are violated or touched."""
         began = 0.0
         for part, motion in zip(self.parts, motions, strict=True):
-            # At a target, either segment may be the one that violates a limit.
+            # At a target, the violation may belong to either segment.
             first, last = began - GRID_PERIOD, began + motion.duration + GRID_PERIOD
             own = [one for one in violations if first <= one.time <= last]
             if own:
@@ -157,7 +157,7 @@ class PlanningProblem(ABC):
             began += motion.duration
 
     def separate(self, collisions: Sequence[Collision], motions: Sequence[Motion]) -> bool:
-        """Add clearance constraints where links collide; whether there was anything to add."""
+        """Add clearance constraints for collisions; return whether any were added."""
         duration = sum(motion.duration for motion in motions)
         if self.setup.collision is None or meets_at_ends(collisions, self.request, duration):
             return False
@@ -181,15 +181,15 @@ class SingleProblem(PlanningProblem):
     Parameters
     ----------
     setup : Setup
-        The planner's.
+        Robot, limits and options of the planner.
     request : Request
         The request.
     basis : MotionBasis
         The basis of its motions.
     duration : float
-        Duration [s], or where its search begins.
+        Duration [s], or its initial value if it is free.
     naturalness : float
-        ρ.
+        Naturalness weight ρ.
     duration_is_free : bool
         Whether the duration is an unknown.
     """
@@ -231,7 +231,7 @@ class SingleProblem(PlanningProblem):
         return self.parts[0].whole(self.setup.collision)
 
     def motions(self, x: FloatArray) -> tuple[Motion, ...]:
-        """The motion, its end moved on to the goal pose to the last digits."""
+        """The motion, with its end corrected to reach the goal pose exactly."""
         request, unknowns = self.request, self._program.unknowns
         goal = request.goal
         if request.pose is not None:
@@ -246,24 +246,24 @@ class SingleProblem(PlanningProblem):
         return tuple(self._program.phases(x))
 
     def efforts(self, x: FloatArray) -> tuple[float, float]:
-        """Those of the motion and of the expected one."""
+        """Efforts ½∫‖τ‖²dt of the motion and of the expected one [N²·m²·s]."""
         found, expected = self._program.effort_costs(np.array([x, self._program.expected]))
         return float(found), float(expected)
 
     def naturalness_cost(self, x: FloatArray) -> float:
-        """That of the weights."""
+        """The naturalness term of the weights."""
         return self._program.naturalness(x)
 
 
 class ChainProblem(PlanningProblem):
     """The problem of a motion through several targets.
 
-    The naturalness of each segment counts by the effort of its joined motion.
+    The unit of each segment's naturalness is the effort of its joined motion.
 
     Parameters
     ----------
     setup : Setup
-        The planner's.
+        Robot, limits and options of the planner.
     request : SequenceRequest
         The request.
     bases : tuple of MotionBasis
@@ -317,11 +317,11 @@ class ChainProblem(PlanningProblem):
         return self._chain.motions(x)
 
     def phases(self, x: FloatArray) -> tuple[float, ...]:
-        """When the targets are passed, as shares of the duration."""
+        """Passing times of the targets, as shares of the duration."""
         return passing_phases([motion.duration for motion in self.motions(x)])
 
     def efforts(self, x: FloatArray) -> tuple[float, float]:
-        """Those of the motion and of the joined one."""
+        """Efforts ½∫‖τ‖²dt of the motion and of the joined one [N²·m²·s]."""
         found, joined = (
             sum(effort_of(self.setup.robot, motion) for motion in motions)
             for motions in (self.motions(x), self._joined)
@@ -329,7 +329,7 @@ class ChainProblem(PlanningProblem):
         return found, joined
 
     def naturalness_cost(self, x: FloatArray) -> float:
-        """The sum over the segments."""
+        """The sum of the naturalness terms of the segments."""
         local = zip(self.parts, self._chain.locals(x), strict=True)
         return sum(part.program.naturalness(own) for part, own in local)
 
@@ -365,6 +365,6 @@ def _starts(
             order = order[:1]
     if len(order) > 1:
         order = np.argsort(program.costs(candidates), kind="stable").tolist()
-    # The state of a solver of weights alone does not fit other unknowns.
+    # The state of a solver for weights alone does not fit programs with other unknowns.
     fits = program.scales.size == program.unknowns.n_weights
     return [StartPoint(candidates[i], basis.starts[i].memory if fits else None) for i in order]

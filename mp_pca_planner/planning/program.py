@@ -4,9 +4,9 @@
 
 A program is: minimise f(x) subject to l ≤ c(x) ≤ u and e(x) = 0. Its unknowns x (weights, a
 goal configuration, a log duration, …) are to be scaled so that usual steps are of order 1,
-its inequalities to shares of their bounds, its equalities to SI units. Inequalities that are
-alike, one limit along a motion, are neighbours: where several in a row are broken, only the
-worst of them need matter.
+its inequalities to shares of their bounds, its equalities to SI units. Inequalities of one limit
+along a motion are neighbours: of several adjacent violations, only the largest is needed as a
+constraint.
 """
 
 from __future__ import annotations
@@ -35,8 +35,8 @@ class Point(Protocol):
     def hessian(self) -> Matrix:
         """The part of ∇²f that is known, shape (n, n), symmetric.
 
-        RᵀR of sums of squares, exact Hessians of quadratic terms. The solver estimates what
-        is missing, the curvature of the constraints included, from the gradients.
+        RᵀR of sums of squares, exact Hessians of quadratic terms. The solver estimates the rest,
+        the curvature of the constraints included, from the gradients.
         """
 
     @property
@@ -47,7 +47,7 @@ class Point(Protocol):
         """∂c/∂x of the chosen ones, shape (n_chosen, n)."""
 
     def inequalities_after(self, step: FloatArray) -> FloatArray:
-        """C + ∂c/∂x · step of all of them, shape (n_inequalities,)."""
+        """Linear prediction c + ∂c/∂x · step of all of them, shape (n_inequalities,)."""
 
     @property
     def equalities(self) -> FloatArray:

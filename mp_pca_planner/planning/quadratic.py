@@ -18,7 +18,7 @@ import numpy as np
 from ..arrays import FloatArray
 from .matrices import Matrix, cholesky
 
-# Squared distance to infeasibility, in units of the scaled right-hand side, that is rounding.
+# Squared distance to infeasibility that counts as rounding, in units of the scaled right-hand side.
 _INFEASIBLE = 1e-12
 
 
@@ -65,7 +65,7 @@ def solve_quadratic(
     solution : QuadraticSolution or None
         None if the constraints contradict each other (or H is not positive definite).
     """
-    # Imported here: it would slow the start of the node.
+    # Imported here for a fast start of the node.
     from scipy.optimize import nnls
 
     factor = cholesky(hessian, shift)
@@ -77,7 +77,7 @@ def solve_quadratic(
     whole[:, 0], whole[:, 1:] = gradient, rows.T
     whole = factor.solve_lower(whole)
     shifted, whitened = whole[:, 0], whole[:, 1:]
-    # Rows of unit length: their lengths do not change the solution, but the rounding.
+    # Rows are scaled to unit length, which reduces rounding errors.
     lengths = np.maximum(np.sqrt(np.sum(whitened * whitened, axis=0)), 1e-12)
     system = np.empty((n + 1, len(bounds)))
     np.divide(whitened, -lengths, out=system[:n])

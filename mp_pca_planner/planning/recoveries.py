@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Recoveries: what to change where an attempt failed, tried in order until one applies."""
+"""Recoveries: changes of the settings after a failed attempt, tried in order until one applies."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from .stop_and_go import slowdown
 
 @dataclass(frozen=True, eq=False)
 class Setting:
-    """What an attempt is made with.
+    """Settings of an attempt.
 
     Attributes
     ----------
@@ -28,7 +28,7 @@ class Setting:
     duration : float
         The duration [s].
     naturalness : float
-        ρ.
+        Naturalness weight ρ.
     is_first : bool
         Whether it is the first one of its basis.
     """
@@ -40,16 +40,16 @@ class Setting:
 
 
 class Failure:
-    """A failed attempt, and the expected motion in its place.
+    """A failed attempt, and the expected motion for comparison.
 
     Parameters
     ----------
     attempt : Attempt
         The attempt, of a single segment.
     setting : Setting
-        What it was made with; of a free duration that which was found.
+        Settings of the attempt; a free duration has the value that was found.
     setup : Setup
-        The planner's.
+        Robot, limits and options of the planner.
     """
 
     def __init__(self, attempt: Attempt, setting: Setting, setup: Setup) -> None:
@@ -76,7 +76,7 @@ class Failure:
 
 
 class Recovery(Protocol):
-    """Something to change after a failure."""
+    """A change of the settings after a failure."""
 
     def propose(self, failure: Failure) -> Setting | None:
         """The setting to try next; None if this recovery does not apply."""
@@ -84,7 +84,7 @@ class Recovery(Protocol):
 
 @dataclass(frozen=True)
 class Slower:
-    """More time, where the expected motion violates limits, too.
+    """A longer duration, if the expected motion violates limits, too.
 
     Attributes
     ----------
@@ -107,14 +107,14 @@ class Slower:
 
 @dataclass(frozen=True)
 class MoreNatural:
-    """More naturalness, where the expected motion keeps the limits.
+    """A larger naturalness, if the expected motion keeps the limits.
 
-    Less effort is then what violated a limit or made links collide.
+    In that case, the reduction of effort caused the violation of a limit or a collision.
 
     Attributes
     ----------
     steps : tuple of float
-        Values of ρ, rising.
+        Increasing values of ρ.
     """
 
     steps: Sequence[float]
@@ -142,7 +142,7 @@ class WiderBasis:
     duration : float
         Duration [s].
     naturalness : float
-        ρ.
+        Naturalness weight ρ.
     """
 
     bases: Iterator[MotionBasis]

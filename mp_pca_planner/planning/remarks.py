@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Remarks on what is unusual about a planned motion."""
+"""Remarks on unusual properties of a planned motion."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ UNUSUAL_IN_SPAN_SCORE = 3.0
 
 
 class AnyPlan(Protocol):
-    """What every kind of plan says of itself."""
+    """Common interface of all kinds of plans."""
 
     @property
     def status(self) -> str:
-        """Whether it was solved, and in time."""
+        """Status of the plan."""
 
     @property
     def message(self) -> str:
@@ -29,7 +29,7 @@ class AnyPlan(Protocol):
 
 
 def remarks(plan: AnyPlan) -> list[str]:
-    """Sentences on what is unusual about a plan; none for a usual one."""
+    """Sentences on unusual properties of a plan; none for a usual one."""
     found = [plan.message] if plan.status == STOPPED_EARLY else []
     if plan.in_span_score > UNUSUAL_IN_SPAN_SCORE:
         found.append(

@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Single goals resolved: what they leave open is filled in, unusable ones are rejected."""
+"""Resolution of single goals: open quantities are filled in, unusable goals are rejected."""
 
 from __future__ import annotations
 
@@ -25,30 +25,30 @@ from .states import check_within_limits, completed, in_order, unwrapped
 LONGEST_DURATION = 600.0
 """Longest duration that is accepted [s]."""
 
-# More points would exhaust the memory.
+# Largest number of points; more would exhaust the memory.
 _MAX_POINTS = 100_000
 
 
 @dataclass(frozen=True, eq=False)
 class Request:
-    """A resolved goal: everything the compiler needs to know.
+    """A resolved goal: the complete input of the compiler.
 
     Attributes
     ----------
     selection : Selection
-        Why its primitive was chosen.
+        Reason for the choice of the primitive.
     primitive : MovementPrimitive
-        The primitive to serve it with.
+        The primitive of the motion.
     start, goal : JointState
         States of all joints; of a pose, one that reaches it.
     pose : Pose or None
-        The pose to reach, if that is the goal: the goal state is a start then.
+        The goal pose, if the goal is a pose; then the goal state is an initial value.
     conditions : tuple of Condition
         The vias, then a pose.
     duration_is_free : bool
-        Whether nobody fixed the duration.
+        Whether the duration is not specified.
     expected : ConditionalDistribution
-        What the demonstrations predict.
+        Prediction from the demonstrations.
     """
 
     selection: Selection
@@ -62,7 +62,7 @@ class Request:
 
     @property
     def usual_duration(self) -> float:
-        """The duration asked for, or the predicted one [s]."""
+        """The requested duration, or the predicted one [s]."""
         return self.expected.duration
 
     @property
@@ -72,7 +72,7 @@ class Request:
 
     @property
     def selections(self) -> tuple[Selection, ...]:
-        """Why it was chosen."""
+        """The reason for the choice of the primitive."""
         return (self.selection,)
 
     @property
@@ -87,7 +87,7 @@ class GoalResolver:
     Parameters
     ----------
     setup : Setup
-        The planner's.
+        Robot, limits and options of the planner.
     selector : Selector
         Chooses among its primitives.
     """
@@ -99,17 +99,17 @@ class GoalResolver:
         self._anywhere = JointState(robot.joint_names, np.clip(zero, limits.lower, limits.upper))
 
     def check(self, goal: JointGoal) -> None:
-        """Reject a goal that can't be served from anywhere, see :meth:`.Planner.check`."""
+        """Reject a goal that can't be served from any start, see :meth:`.Planner.check`."""
         self._check_size(goal.duration)
         self._selector.check_name(goal.primitive)
         here = self._anywhere
         there = completed(goal.state, here, self._setup.robot, "goal")
-        # Which turn of a joint that turns without end is meant depends on the start.
+        # The number of turns of a continuous joint depends on the start.
         q = np.where(self._setup.robot.continuous, here.positions, there.positions)
         self._check_end(JointState(here.joint_names, q, there.velocities, there.accelerations))
 
     def resolve(self, goal: JointGoal | PoseGoal, start: JointState) -> list[Request]:
-        """Fill in what the goal leaves open; reject what can't be served.
+        """Fill in the open quantities of a goal; reject a goal that can't be served.
 
         A pose can be reached in several configurations: several requests, the most natural first.
         A configuration can be reached with several primitives, the one expected to be cheapest
@@ -118,7 +118,7 @@ class GoalResolver:
         Parameters
         ----------
         goal : JointGoal or PoseGoal
-            What to reach.
+            The goal.
         start : JointState
             Present state.
 
@@ -164,7 +164,7 @@ class GoalResolver:
         return chosen
 
     def target(self, goal: JointGoal, here: JointState) -> JointState:
-        """The whole configuration that a goal asks for; see :meth:`resolve`."""
+        """The configuration of all joints that a goal specifies; see :meth:`resolve`."""
         there = completed(goal.state, here, self._setup.robot, "goal")
         self._check_end(there)
         return there
@@ -181,7 +181,7 @@ class GoalResolver:
     def _pose_goals(
         self, pose: Pose, here: JointState, candidates: Sequence[MovementPrimitive]
     ) -> list[JointState]:
-        """Configurations that reach the pose, from where the demonstrations end and from here."""
+        """Configurations that reach the pose, from ends of demonstrations and the start."""
         ends = np.concatenate([p.boundary_states[:, 3] for p in candidates])
         starts = [*starts_near(self._setup.robot, pose, ends), here.positions]
         found = configurations_at(self._setup.robot, self._setup.limits, pose, starts)
@@ -236,8 +236,8 @@ class GoalResolver:
         goal: JointState,
         duration: float | None,
     ) -> ConditionalDistribution:
-        """What the demonstrations predict for a motion, however often joints have turned."""
-        # The demonstrations of a joint that turns without end may lie whole turns away.
+        """The prediction for a motion, with continuous joints shifted by full turns."""
+        # The demonstrations of a continuous joint may be full turns away.
         mean = primitive.model.mean[: primitive.n_joints]
         turns = np.round((mean - start.positions) / (2.0 * np.pi))
         shift = np.where(self._setup.robot.continuous, 2.0 * np.pi * turns, 0.0)
@@ -252,7 +252,7 @@ def longest_duration(options: PlannerOptions) -> float:
 def _windows(
     targets: Sequence[Target], vias: Sequence[Via], phases: FloatArray, usual: FloatArray
 ) -> list[tuple[float, float]]:
-    """Windows of the free phases of vias: around where the usual motion comes nearest.
+    """Windows of the free phases of vias, around the phase at which the expected motion is nearest.
 
     Parameters
     ----------
@@ -266,7 +266,7 @@ def _windows(
         until = via.phase or (later[0] if later else 1.0)
         n_left = 1 + next((j for j, v in enumerate(vias[i + 1 :]) if v.phase), len(vias) - i - 1)
         if via.phase is None:
-            # Room is left for the free ones after it.
+            # Phases are reserved for the free vias after it.
             low, high = last, last + (until - last) * (1.0 if n_left == 1 else 1.5 / n_left)
             inside = np.flatnonzero((phases > low) & (phases < high))
             misses = [float(np.sum(target.error(q)[0] ** 2)) for q in usual[inside]]

@@ -1,8 +1,8 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Goals of several targets resolved: configurations for poses, primitives, usual durations.
+"""Resolution of goals of several targets: configurations for poses, primitives, durations.
 
-A pose is first reached in that of several configurations which makes the sequence most like the
+For each pose, the initial configuration is the one that makes the sequence most similar to the
 demonstrations.
 """
 
@@ -26,7 +26,7 @@ from .setup import Setup
 from .states import check_within_limits, completed, in_order, unwrapped
 
 _MAX_TARGETS = 200
-# Targets that are this near to each other are the same [rad or m].
+# Targets within this distance of each other count as the same [rad or m].
 _SAME = 1e-6
 
 
@@ -36,7 +36,7 @@ class SequenceResolver:
     Parameters
     ----------
     setup : Setup
-        The planner's.
+        Robot, limits and options of the planner.
     selector : Selector
         Chooses among its primitives.
     """
@@ -51,7 +51,7 @@ class SequenceResolver:
         Parameters
         ----------
         goal : SequenceGoal
-            The targets. Initial ones where the robot is already are passed.
+            The targets. Initial targets at the robot's position count as passed.
         start : JointState
             Present state.
 
@@ -98,10 +98,10 @@ class SequenceResolver:
     def _route(
         self, goal: SequenceGoal, here: JointState, selector: Selector, first_number: int
     ) -> tuple[JointState, ...]:
-        """The states at the start and the targets, most like the demonstrations.
+        """The states at the start and the targets that are most similar to the demonstrations.
 
-        Where poses leave a choice, the sum of squared in-span scores is least (dynamic
-        programming over the configurations that were found).
+        For poses, the configurations with the least sum of squared in-span scores are chosen, by
+        dynamic programming.
         """
         known = np.concatenate([p.boundary_states[:, [0, 3]] for p in selector.primitives])
         known = known.reshape(-1, self.robot.n_joints)
@@ -122,14 +122,14 @@ class SequenceResolver:
         states = min(routes, key=lambda route: route.cost).states
         for number, (a, b) in enumerate(pairwise(states[1:]), first_number):
             if np.abs(a.positions - b.positions).max() <= _SAME:
-                # The optimiser would fill a segment without displacement with any swing.
+                # A segment without displacement would get an arbitrary swing from the optimiser.
                 raise GoalError(
                     f"targets {number} and {number + 1} of the sequence are the same: give it once"
                 )
         return states
 
     def _n_passed(self, goal: SequenceGoal, here: JointState) -> int:
-        """The number of targets at the beginning where the robot is already."""
+        """The number of initial targets at the robot's position."""
         for n_passed, (target, when) in enumerate(
             zip(goal.targets[:-1], goal.times[:-1], strict=True)
         ):
@@ -173,7 +173,7 @@ class SequenceResolver:
         return longer
 
     def _check_size(self, goal: SequenceGoal) -> None:
-        """Reject what would take all time or memory, before it does."""
+        """Reject sequences that would exceed time or memory."""
         if len(goal.targets) > _MAX_TARGETS:
             raise GoalError(
                 f"the sequence has {len(goal.targets)} targets, at most {_MAX_TARGETS} are accepted"

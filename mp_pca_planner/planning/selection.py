@@ -1,12 +1,13 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Which primitive serves a request best, without solving for all of them.
+"""Selection of the best primitive for a request, without solving for all of them.
 
-First the in-span score is a filter: only primitives whose demonstrations are about as near to the
-request as the nearest ones' stay. It is computed for all primitives at once, from stacked
-statistics. Those that stay are ranked by the cost of the motion that they expect, compiled but
-not optimised. How much optimising lowers it differs by a few percent between primitives, so that
-the planner solves for those first ones that are nearer to each other than that.
+The in-span score is a first filter: only primitives whose demonstrations are about as near to the
+request as those of the nearest primitive remain. It is computed for all primitives at once, from
+stacked statistics. The remaining ones are ranked by the cost of their expected motion, compiled but
+not optimised. The reduction of the cost by optimisation differs by a few percent between
+primitives. Therefore the planner solves for all primitives whose expected costs differ from the
+least one by less.
 """
 
 from __future__ import annotations
@@ -31,21 +32,21 @@ from .unknowns import QuadratureTables
 
 @dataclass(frozen=True)
 class SelectionOptions:
-    """How primitives are chosen.
+    """Options of the selection.
 
     Attributes
     ----------
     relative_score : float
         Largest in-span score of a primitive that is considered, as a multiple of the least one.
     near_score : float
-        Primitives below this score are all like their demonstrations, and considered.
+        All primitives below this score are considered: the request is like their demonstrations.
     max_considered : int
         Largest number of primitives that are considered.
     usual_error : float
         Usual relative error of expected costs: three standard deviations of optimised to expected
         costs among the primitives of a request (1.6 % for the human-like arm).
     max_contenders : int
-        Largest number of primitives that motions are planned with.
+        Largest number of primitives with which motions are planned.
     max_named : int
         Largest number of primitives that a message names.
     """
@@ -70,11 +71,11 @@ class Considered:
     primitive : MovementPrimitive
         The primitive.
     expected : ConditionalDistribution
-        What it expects of the request.
+        Its prediction for the request.
     in_span_score : float
-        How far outside its demonstrations the request lies.
+        Distance of the request from its demonstrations.
     cost : float
-        Objective of the motion that it expects; NaN if it is the only one considered.
+        Objective of its expected motion; NaN if it is the only one considered.
     """
 
     primitive: MovementPrimitive
@@ -97,7 +98,7 @@ class Selection:
     considered : tuple of Considered
         Those that passed the filter, the one with the least expected cost first.
     n_primitives : int
-        Number of primitives that there were to choose from.
+        Number of available primitives.
     """
 
     considered: tuple[Considered, ...]
@@ -110,13 +111,13 @@ class Selection:
 
     @property
     def contenders(self) -> tuple[Considered, ...]:
-        """Those whose expected costs are too near to the first one's to rank them."""
+        """Those whose expected costs are too close to the least one to be ranked."""
         near = (1.0 + _OPTIONS.usual_error) * self.first.cost
         others = (c for c in self.considered[1:] if c.cost <= near)
         return (self.first, *others)[: _OPTIONS.max_contenders]
 
     def reason(self, winner: str, solved: Mapping[str, float | None]) -> str:
-        """Why a primitive won, in a sentence.
+        """The reason for the choice of a primitive, one sentence.
 
         Parameters
         ----------
@@ -161,7 +162,7 @@ class Selector:
     primitives : sequence of MovementPrimitive
         At least one.
     objectives : sequence of (float, Objective)
-        What the cost is made of, as in :class:`.PlannerOptions`.
+        Running costs and their weights, as in :class:`.PlannerOptions`.
     """
 
     def __init__(
@@ -184,12 +185,12 @@ class Selector:
         self._tables: dict[int, QuadratureTables] = {}
 
     def among(self, name: str | None) -> Selector:
-        """The same for the only primitive of a name; for all if there is no name.
+        """The selector for the primitive of that name; the selector for all if no name is given.
 
         Raises
         ------
         GoalError
-            If no primitive is called so.
+            If no primitive has that name.
         """
         self.check_name(name)
         if name is None:
@@ -213,7 +214,7 @@ class Selector:
         start, goal : array, shape (n_joints,)
             End points [rad or m].
         duration : float, optional
-            Duration [s], if it is asked for.
+            Duration [s], if it is requested.
         """
         requests = np.concatenate([start, goal]) + np.tile(self._turns(start), 2)
         if duration is not None:
@@ -233,7 +234,7 @@ class Selector:
         start, goal : array, shape (n_joints,)
             End points [rad or m].
         duration : float, optional
-            Duration [s]; that which each primitive expects unless given.
+            Duration [s]; the one that each primitive predicts unless given.
         """
         scores = self.scores(start, goal, duration)
         order = np.argsort(scores, kind="stable")
@@ -250,7 +251,7 @@ class Selector:
         return Selection(tuple(found), len(self.primitives))
 
     def _turns(self, start: FloatArray) -> FloatArray:
-        """Whole turns to the demonstrations of each primitive, shape (n_primitives, n_joints)."""
+        """Full turns to the demonstrations of each primitive, shape (n_primitives, n_joints)."""
         turns = np.round((self._means[:, : len(start)] - start) / (2.0 * np.pi))
         return np.where(self._robot.continuous, 2.0 * np.pi * turns, 0.0)
 
@@ -262,18 +263,18 @@ class Selector:
         if i not in self._tables:
             self._tables[i] = QuadratureTables(basis)
         ends = JointState(names, start), JointState(names, goal)
-        # At an even pace: tables of each request's own would take longer than all else.
+        # Without time scaling, because tables for each request would dominate the computing time.
         motion = Motion(*ends, expected.duration, basis, expected.weights)
         return cost_of(self._robot, motion, self._tables[i], self._objectives)
 
 
 def is_near(scores: FloatArray) -> NDArray[np.bool_]:
-    """Whether primitives with these in-span scores are worth compiling, shape (n_primitives,).
+    """Whether primitives with these in-span scores pass the filter, shape (n_primitives,).
 
     Parameters
     ----------
     scores : array, shape (n_primitives,)
-        Those of all.
+        In-span scores of all primitives.
     """
     return scores <= max(_OPTIONS.relative_score * float(scores.min()), _OPTIONS.near_score)
 

@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Resolved goals of several targets, and their motions joined in real time.
 
-As shapes vanish with two derivatives at both ends, segments join in position, velocity and
-acceleration as soon as their boundary parts h do, whatever the weights. The boundary parts that
-are joined here are the quintic spline of least jerk through the vias (de Boor, "A Practical Guide
-to Splines", 1978: one banded system).
+Shapes vanish with two derivatives at both ends. Therefore segments are continuous in position,
+velocity and acceleration for any weights if their boundary parts h are. Here the boundary parts
+form the quintic spline of least jerk through the vias (de Boor, "A Practical Guide to Splines",
+1978: one banded system).
 """
 
 from __future__ import annotations
@@ -36,15 +36,15 @@ class SequenceRequest:
     Attributes
     ----------
     states : tuple of JointState
-        At the start, then at rest at each target; n + 1 of them.
+        States at the start, and at rest at each target; n + 1 of them.
     targets : tuple of Target
-        What the n last states must meet.
+        Targets of the last n states.
     stops : tuple of bool
         Whether the motion rests at each target.
     selections : tuple of Selection
-        Why the primitive of each segment was chosen.
+        Reason for the choice of each segment's primitive.
     durations : tuple of float
-        The usual ones [s], fitted to fixed times.
+        Predicted durations [s], scaled to fixed times.
     groups : tuple
         See :func:`duration_groups`.
     """
@@ -81,7 +81,7 @@ class SequenceRequest:
 
     @property
     def conditions(self) -> tuple[Condition, ...]:
-        """The targets, at phases that are left to the planner."""
+        """The targets as conditions, with phases that the planner chooses."""
         return tuple(Condition(target, None) for target in self.targets)
 
     @property
@@ -91,12 +91,12 @@ class SequenceRequest:
 
     @property
     def expected(self) -> tuple[ConditionalDistribution, ...]:
-        """What the demonstrations predict for each segment."""
+        """The prediction for each segment."""
         return tuple(one.first.expected for one in self.selections)
 
     @property
     def usual_duration(self) -> float:
-        """The usual duration of the whole [s]."""
+        """The predicted duration of the whole motion [s]."""
         return sum(self.durations)
 
     def concatenate(
@@ -113,7 +113,7 @@ class SequenceRequest:
         share : float
             Factor of the velocities and accelerations at the vias.
         """
-        # Imported here: it takes long, and a node may never need it.
+        # Imported here, because the import is slow and a node may never need it.
         from scipy.interpolate import make_interp_spline
 
         times = np.concatenate([[0.0], np.cumsum(durations)])
@@ -145,11 +145,11 @@ class SequenceRequest:
         Parameters
         ----------
         check : LimitCheck
-            Of the motion of these durations.
+            Check of the motion with these durations.
         durations : list of float
             The durations of the segments [s].
         most : float
-            Factor of the usual durations up to which they are stretched.
+            Largest factor on the predicted durations.
         """
         ends, longer = np.cumsum(durations), list(durations)
         for violation in check.violations:
@@ -163,19 +163,19 @@ class SequenceRequest:
         return longer
 
     def resting_durations(self, least: FloatArray, step: float) -> tuple[float, ...]:
-        """Durations of segments that begin and end at rest, at least so long [s].
+        """Durations of segments from rest to rest, not below the least ones [s].
 
         Parameters
         ----------
         least : array, shape (n_segments,)
             The least durations [s].
         step : float
-            The first duration, if free, is a multiple of it where the start moves [s].
+            If the start moves, a free first duration is a multiple of this step [s].
 
         Raises
         ------
         TrajectoryError
-            If fixed times leave less.
+            If fixed times leave less time.
         """
         durations = np.maximum(least, self.durations)
         if np.any([self.states[0].velocities, self.states[0].accelerations]):
@@ -196,7 +196,7 @@ class SequenceRequest:
 def fit_durations(
     usual: Sequence[float] | FloatArray, times: Sequence[float | None]
 ) -> tuple[float, ...]:
-    """Usual durations, those between two fixed times scaled to fill them."""
+    """Predicted durations; those between two fixed times are scaled to the interval."""
     durations = np.array(usual)
     began, first = 0.0, 0
     for i, fixed in enumerate(times):
@@ -210,7 +210,7 @@ def fit_durations(
 def duration_groups(times: Sequence[float | None]) -> tuple[tuple[tuple[int, ...], bool], ...]:
     """The segments between fixed times, and whether the sum of their durations is fixed.
 
-    It is for all but those after the last fixed time.
+    The sum is fixed for all groups except the segments after the last fixed time.
     """
     groups, current = [], []
     for i, fixed in enumerate(times):

@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""What all parts of a planner work with."""
+"""The robot, limits and options that all parts of a planner share."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from .plan import PlannerOptions
 
 @dataclass(frozen=True, eq=False)
 class Setup:
-    """The robot of a planner and how it plans.
+    """The robot, limits and options of a planner.
 
     Attributes
     ----------
@@ -29,7 +29,7 @@ class Setup:
     limits : JointLimits
         Limits of its joints.
     options : PlannerOptions
-        How to plan.
+        Options of planning.
     collision : CollisionModel or None
         The model of its self-collisions, if they are checked.
     """

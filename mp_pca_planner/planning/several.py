@@ -4,10 +4,10 @@
 
 Between targets, each segment is a motion q(s) = h(s) + μ(s) + Σ wₖ φₖ(s) of the primitive whose
 demonstrations are nearest. *In real time*, nothing is optimised: the segments have the expected
-weights and durations (see :mod:`.sequence_request`). *Optimal* are the weights, the velocities and
-accelerations at the targets, and the passing times of all segments together: least are the
-objectives and the naturalness of each segment, its distance from the one joined in real time, in
-spreads of the demonstrations (see :mod:`.chain`).
+weights and durations (see :mod:`.sequence_request`). *Optimal*: the weights, the velocities and
+accelerations at the targets, and the passing times of all segments are optimised together. The cost
+is the sum of the objectives and the naturalness of each segment: its distance from the segment
+joined in real time, in standard deviations of the demonstrations (see :mod:`.chain`).
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ class SeveralPlanner:
     Parameters
     ----------
     setup, fallback, chooser
-        The planner's.
+        Components of the planner.
     """
 
     def __init__(self, setup: Setup, fallback: FallbackPlanner, chooser: BasisChooser) -> None:
@@ -46,7 +46,7 @@ class SeveralPlanner:
         Parameters
         ----------
         request : SequenceRequest
-            What to do.
+            The request.
         mode : {'real_time', 'optimal'}
             Whether to optimise. If that finds no valid motion, the one joined in real time is
             returned; if that is not valid either, one that rests at each target.

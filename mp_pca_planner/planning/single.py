@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Motions to single goals: contending requests, their bases and recoveries, durations."""
+"""Planning of motions to single goals: alternative requests, their bases, recoveries, durations."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class BasisChooser:
     Parameters
     ----------
     setup, primitives
-        The planner's.
+        Robot, options and primitives of the planner.
 
     Attributes
     ----------
@@ -82,7 +82,7 @@ class BasisChooser:
         primitive, ends = request.primitive, (request.start.positions, request.goal.positions)
         expected = request.expected
         if is_paced and np.any(expected.pace):
-            # That of a motion with a time scaling of its own is not known before.
+            # The basis of a motion with its own time scaling is not known in advance.
             tables = self._made(primitive.paced_basis(*ends, expected.pace))
         known = expected.in_span_score <= self._setup.options.search.warm_start_score
         starts = self.warm_starts.get(primitive.name) if known else None
@@ -95,7 +95,7 @@ class SinglePlanner:
     Parameters
     ----------
     setup, resolver, fallback, chooser
-        The planner's.
+        Components of the planner.
     """
 
     def __init__(
@@ -111,18 +111,19 @@ class SinglePlanner:
     def serve(
         self, requests: Sequence[Request], began: float, budget: Budget
     ) -> tuple[Planned, list[Attempt]]:
-        """The best motion for one of several contending requests, and all attempts.
+        """The best motion for one of several alternative requests, and all attempts.
 
         Parameters
         ----------
         requests : sequence of Request
-            Of one goal.
+            Requests for one goal.
         began : float
             When planning began, by the clock of the budget [s].
         budget : Budget
             The time for all of it.
         """
-        # Part of the time is for finding a feasible duration if the one asked for is too short.
+        # Part of the time is reserved for finding a feasible duration if the requested one is too
+        # short.
         share = 1.0 if requests[0].duration_is_free else self._setup.options.search.share_of_fixed
         first = replace(budget, deadline=began + share * (budget.deadline - began))
         attempts: list[Attempt] = []
@@ -140,7 +141,7 @@ class SinglePlanner:
         return Planned(best, fallback, ran_out, stated), attempts
 
     def precompute(self, primitive: MovementPrimitive, deadline: float) -> WarmStarts:
-        """Motions between the ends of demonstrations, to start similar ones from."""
+        """Motions between the ends of demonstrations, as warm starts for similar ones."""
         names, states = primitive.joint_names, primitive.boundary_states
         n_chosen = min(len(states), self._setup.options.search.n_warm_starts)
         ends, weights, memories = [], [], []
@@ -166,7 +167,7 @@ class SinglePlanner:
         return WarmStarts(np.array(ends), np.array(weights), memories)
 
     def _attempts(self, request: Request, budget: Budget) -> Attempt:
-        """The best motion for a request, after as many recoveries as it takes."""
+        """The best motion for a request, with recoveries until one succeeds or none applies."""
         options, usual = self._setup.options, request.expected.duration
         wider = WiderBasis(self._chooser.bases(request), usual, options.naturalness)
         stretch = options.search.max_stretch if request.duration_is_free else 1.0
@@ -193,7 +194,7 @@ class SinglePlanner:
     def _attempt(
         self, request: Request, setting: Setting, budget: Budget
     ) -> tuple[Attempt, Setting]:
-        """The motion of a setting, and the setting with the duration that was found."""
+        """The attempt with a setting, and the setting with the duration that was found."""
         if self._searches(request):
             found, is_shortest = self._shortest(request, setting.basis, budget)
             converged = found.solution.converged and is_shortest
@@ -225,15 +226,14 @@ class SinglePlanner:
     ) -> tuple[Attempt, bool]:
         """The attempt of the shortest duration that keeps the limits, by bisection.
 
-        Which durations are long enough is known only from trying; each attempt optimises the
-        weights (and a free goal) again. Whether there was time to find the shortest is returned,
-        too.
+        Whether a duration is long enough is known only from an attempt, which optimises the weights
+        (and a free goal) again. Returns also whether there was time to find the shortest.
         """
         search, usual = self._setup.options.search, request.expected.duration
         naturalness = min(self._setup.options.naturalness, search.search_naturalness)
 
         def tried_in(duration: float) -> Attempt:
-            # A duration in the search is not worth more than a start and a few iterations.
+            # In the search, each duration gets one start and a few iterations only.
             problem = SingleProblem(self._setup, request, basis, duration, naturalness)
             return attempt(problem, budget, max_iterations=search.max_search_iterations)
 
@@ -261,7 +261,7 @@ class SinglePlanner:
         return best, best.duration <= search.duration_precision * too_short
 
     def _stated_duration(self, best: Attempt, fallback: Fallback, budget: Budget) -> StatedDuration:
-        """The shortest feasible duration known, where it is of interest."""
+        """The shortest known feasible duration, if it is to be reported."""
         request, search = best.request, self._setup.options.search
         assert isinstance(request, Request)
         if best.is_valid:

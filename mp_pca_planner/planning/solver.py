@@ -24,12 +24,12 @@ from .program import ChainPoint, Point, Program
 from .subproblem import TINY, Step, Subproblem, infeasibility
 
 FEASIBLE = 1e-7
-"""Sum of constraint violations that is rounding, in shares of the limits and SI units."""
+"""Sum of constraint violations that counts as rounding, in shares of the limits and SI units."""
 
 
 @dataclass(frozen=True)
 class SolverOptions:
-    """When to stop, and how steps are limited.
+    """Stopping criteria and step limits of the solver.
 
     Attributes
     ----------
@@ -38,14 +38,15 @@ class SolverOptions:
     max_iterations : int
         Largest number of evaluations of the program.
     should_stop : callable
-        Asked after each step: True ends the search, for lack of time or because it is cancelled.
+        Called after each step; True ends the search, because time ran out or it was cancelled.
     first_radius : float
-        First radius of the trust region, in scaled unknowns (about 1). Where efforts alone count,
-        optima lie tens of usual weights away, and the quadratic model of efforts is good that far.
+        First radius of the trust region, in scaled unknowns (about 1). Without naturalness, optima
+        are tens of standard deviations of the weights away, and the quadratic model of efforts is
+        accurate over that distance.
     first_radius_to_equalities : float
         The same with equalities, which may be far more curved.
     damping_decay : float
-        Share of a step's damping that the next one begins with, 0 to 1.
+        Initial damping of a step as a share of that of the step before, 0 to 1.
     expected_share : float
         Share of the predicted change of the gradient in the scale of the curvature's update, 0 to
         1: it steadies the update as Powell's damping does. The default took the fewest passes on
@@ -81,7 +82,7 @@ class SolverMemory:
     sides : array of int, shape (n_active,)
         Sides of the inequalities that were active, see :class:`.subproblem.Step`.
     damping : float
-        What was added to the Hessian to keep the last step short.
+        Value added to the diagonal of the Hessian to limit the last step.
     """
 
     curvature: Matrix
@@ -90,13 +91,13 @@ class SolverMemory:
     damping: float
 
     def curvature_alone(self) -> SolverMemory:
-        """For a similar program that may meet other limits."""
+        """The memory for a similar program, whose active limits may differ."""
         return replace(self, sides=self.sides[:0], damping=0.0)
 
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """Where the solver stopped.
+    """Result of the solver.
 
     Attributes
     ----------
@@ -116,7 +117,7 @@ class Solution:
     start_cost : float
         Objective at the start.
     memory : SolverMemory
-        To continue from here after the program has changed a little.
+        State from which to continue after a small change of the program.
     """
 
     unknowns: FloatArray
@@ -135,23 +136,23 @@ def solve(
     options: SolverOptions = SolverOptions(),
     memory: SolverMemory | None = None,
 ) -> Solution:
-    """Find a local minimum within the constraints, downhill from a start.
+    """Find a local minimum within the constraints, by descent from a start.
 
     Parameters
     ----------
     program : Program
-        What to minimise.
+        The program to solve.
     start : array, shape (n,)
         Unknowns to start from; they may violate constraints.
     options : SolverOptions
         When to stop.
     memory : SolverMemory, optional
-        Of an earlier solution of nearly the same program.
+        State at an earlier solution of nearly the same program.
 
     Returns
     -------
     solution : Solution
-        Without constraints never worse than the start.
+        The solution; without constraints its cost never exceeds that of the start.
     """
     return _Search(program, start, options, memory).run()
 
@@ -179,7 +180,7 @@ class _Search:
         return SolverMemory(self.here.hessian * 0.0, radius, np.zeros(0, dtype=np.intp), 0.0)
 
     def run(self) -> Solution:
-        """Take steps until one is negligible, or something runs out."""
+        """Take steps until one is negligible, or time or iterations run out."""
         options, converged = self._options, self.x.size == 0
         while not converged and self.iterations < options.max_iterations:
             memory = self.memory
@@ -194,7 +195,7 @@ class _Search:
             predicted = step.decrease + self.weight * (self.violated - step.infeasibility)
             negligible = predicted <= options.tolerance * self.here.cost
             if negligible and less > 0.0:
-                # The damping may have made the step small: try without.
+                # The damping may have made the step small, so a step without damping is tried.
                 self.memory = replace(self.memory, damping=0.0)
                 continue
             converged = negligible and self.violated <= FEASIBLE
@@ -206,14 +207,15 @@ class _Search:
         return self._solution(converged)
 
     def _take(self, step: Step, subproblem: Subproblem, predicted: float) -> None:
-        """Evaluate a step, learn from it, and accept it if it decreases the penalty function."""
+        """Evaluate a step, update the curvature, accept the step if it lowers the penalty."""
         there, violated, decrease = self._evaluated(step)
         if not decrease >= 0.25 * predicted and self.here.equalities.size:
-            # A step along curved equalities leaves them: correct that before it is rejected.
+            # A step along curved equalities violates them; a correction is tried before the step is
+            # rejected.
             step = replace(step, change=step.change + subproblem.way_back(there))
             there, violated, decrease = self._evaluated(step)
         radius, length = self.memory.radius, float(np.linalg.norm(step.change))
-        if not decrease >= 0.25 * predicted:  # a NaN must shrink it too
+        if not decrease >= 0.25 * predicted:  # a NaN must shrink the radius, too
             radius = 0.25 * length
         elif decrease > 0.75 * predicted and (step.damping > 0.0 or length > 0.8 * radius):
             radius = 2.0 * max(length, radius)
@@ -286,16 +288,16 @@ def _updated(
     known_changes : array, shape (n,)
         The sum of the known Hessians at both ends of the step, times the step.
     options : SolverOptions
-        How it is scaled.
+        Options of the scaling.
     """
     expected_share = options.expected_share
-    # S must map the step to that change of the gradient that the known part leaves open.
+    # S must map the step to the change of the gradient that the known part does not explain.
     known = 0.5 * known_changes
     unknown = gradient_change - known
     curved = curvature @ change
     size = abs(float(change @ curved))
     if size > 0.0:
-        # Sizing: S estimated far away, where residuals were larger, is too large here.
+        # Sizing: an S that was estimated at larger residuals is too large here.
         factor = min(1.0, abs(float(change @ unknown)) / size)
         curvature, curved = curvature * factor, curved * factor
     scale = (1.0 - expected_share) * gradient_change + expected_share * (known + curved)

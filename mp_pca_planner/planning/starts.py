@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Starts of the solver: weights, and its state at the solution of a similar motion.
 
-Where naturalness counts for little, optima lie tens of usual weights away from the expected ones,
-but near those of similar requests. They are precomputed for the ends of the demonstrations, as a
-memory of motion (Lembono et al., "Memory of motion for warm-starting trajectory optimization", IEEE
-Robotics and Automation Letters 5(2), 2020).
+With a small naturalness, optima are tens of standard deviations of the weights away from the
+expected ones, but near those of similar requests. They are precomputed for the ends of the
+demonstrations, as a memory of motion (Lembono et al., "Memory of motion for warm-starting
+trajectory optimization", IEEE Robotics and Automation Letters 5(2), 2020).
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ from ..arrays import FloatArray
 from .solver import SolverMemory
 
 N_NEAREST = 3
-"""Starts that are taken from similar motions."""
+"""Number of starts from similar motions."""
 MOST_STARTS = 2 + N_NEAREST
-"""Starts of components: the expected weights, the mean shape, and those of similar motions."""
+"""Number of starts of components: expected weights, mean shape, and those of similar motions."""
 
 
 class StartPoint(NamedTuple):
-    """Unknowns to start from.
+    """A start of the solver.
 
     Attributes
     ----------
@@ -42,7 +42,7 @@ class StartPoint(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class WarmStarts:
-    """Solutions of motions between some ends, to start similar motions from.
+    """Solutions of motions between given ends, as warm starts for similar motions.
 
     Attributes
     ----------
@@ -59,7 +59,7 @@ class WarmStarts:
     memories: Sequence[SolverMemory] = ()
 
     def nearest(self, ends: FloatArray) -> list[StartPoint]:
-        """Those of the motions with the nearest ends, at most `N_NEAREST`, the nearest first.
+        """Starts from the motions with the nearest ends, at most `N_NEAREST`, the nearest first.
 
         Parameters
         ----------

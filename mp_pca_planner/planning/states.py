@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""States in requests: completed, and rejected if no motion could begin or end there."""
+"""States in requests: completion, and rejection if no motion can begin or end there."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from ..motion.goal import JointState
 from ..robot.limits import JointLimits
 from ..robot.model import Robot
 
-# Where there is no limit: no robot has positions, velocities or accelerations beyond [SI].
+# Largest positions, velocities and accelerations where there is no limit [SI].
 _NO_ROBOT = 1e6
 
 
@@ -24,7 +24,7 @@ def in_order(state: JointState, names: Sequence[str]) -> JointState:
     Raises
     ------
     GoalError
-        If it lacks one.
+        If the state lacks a joint.
     """
     missing = [name for name in names if name not in state.joint_names]
     if missing:
@@ -39,18 +39,18 @@ def in_order(state: JointState, names: Sequence[str]) -> JointState:
 
 
 def completed(state: JointState, before: JointState, robot: Robot, what: str) -> JointState:
-    """A state to reach, of all joints; those that it doesn't name stay where they are at rest.
+    """The goal state of all joints; joints that are not named stay at rest.
 
     Parameters
     ----------
     state : JointState
-        What is asked for.
+        The requested state.
     before : JointState
-        Where the robot comes from, of all joints in the robot's order.
+        The state before, of all joints in the robot's order.
     robot : Robot
-        Its continuous joints turn by less than half a turn.
+        The model; its continuous joints turn by less than half a turn.
     what : str
-        What the state is called in messages.
+        Name of the state in messages.
 
     Raises
     ------
@@ -66,7 +66,7 @@ def completed(state: JointState, before: JointState, robot: Robot, what: str) ->
     q[index], v[index], a[index] = state.positions, state.velocities, state.accelerations
     absurd = np.flatnonzero(np.abs(q) > _NO_ROBOT)
     if absurd.size:
-        # Before a joint that turns without end takes it for an angle, all digits lost.
+        # Checked before the reduction of a continuous joint's angle, which would lose all digits.
         j = int(absurd[0])
         raise GoalError(
             f"the {what} position of joint '{names[j]}' is {q[j]:.6g}, but no robot goes "
@@ -82,12 +82,12 @@ def unwrapped(q: FloatArray, before: JointState, robot: Robot) -> FloatArray:
 
 
 def check_within_limits(what: str, state: JointState, limits: JointLimits) -> None:
-    """Reject an end of a motion that itself violates a limit.
+    """Reject an end state that violates a limit.
 
     Raises
     ------
     GoalError
-        If it breaks one.
+        If it violates a limit.
     """
     for quantity, values, low, high in (
         ("position", state.positions, limits.lower, limits.upper),

@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Motions within the limits that need no optimisation: stop, and go from rest to rest.
+"""Motions within the limits without optimisation: braking, then motions from rest to rest.
 
 From rest to rest the motion is the minimum-jerk one, slowed by the laws of time scaling: with the
 duration T, velocities fall as 1/T, accelerations as 1/T², jerks as 1/T³, and efforts tend to those
@@ -34,19 +34,20 @@ _POWERS = {"velocity": 1.0, "acceleration": 1.0 / 2.0, "jerk": 1.0 / 3.0, "effor
 
 @dataclass(frozen=True)
 class BrakingOptions:
-    """How a robot brakes and how slow motions are timed.
+    """Options of braking and of the timing of slow motions.
 
     Attributes
     ----------
     shares : tuple of float
-        Shares of the limits of acceleration and jerk for brakes, tried in turn: hard brakes leave
-        most room to limits of position, soft ones to those of effort.
+        Shares of the limits of acceleration and jerk for braking, tried in turn. Hard braking needs
+        least distance to position limits, soft braking least effort.
     jerk_shares : tuple of float
-        Shares of the jerk, tried in turn until a brake in whole steps needs no more than all of it.
+        Shares of the jerk, tried in turn until braking in whole steps stays within the jerk limit.
     stopping_time, ramp_time : float
-        Times in which a brake ends velocities and accelerations where these have no limits [s].
+        Times in which braking ends velocities and accelerations that have no limits [s].
     clearance : float
-        Factor of least durations: what keeps clear of a limit is checked several times faster.
+        Factor on least durations: motions with a distance to limits are checked several times
+        faster.
     max_stretches : int
         Largest number of times that a motion is slowed because its points exceed a limit.
     """
@@ -64,16 +65,16 @@ _OPTIONS = BrakingOptions()
 
 def slowdown(check: LimitCheck) -> float:
     """Factor of the duration that may restore the limits; 1 if none can."""
-    # More time does not change the path, and with it the positions.
+    # A longer duration does not change the path, so it can't restore position limits.
     factors = [
         (1.0 + v.excess) ** _POWERS[v.quantity] for v in check.violations if v.quantity in _POWERS
     ]
-    # The law of time scaling is not all: efforts have a static part.
+    # Time scaling alone does not determine efforts, because they have a static part.
     return float(np.clip(1.02 * max(factors), 1.05, 2.0)) if factors else 1.0
 
 
 class FixedShape:
-    """A basis without weights: its mean shape leads through given states, by quintics.
+    """A basis without weights, whose mean shape passes given states by quintics.
 
     Parameters
     ----------
@@ -91,7 +92,7 @@ class FixedShape:
         rates = duration ** np.arange(3.0)[:, None]
         self._boundary = np.concatenate([rates * states[:, 0], rates * states[:, -1]])
         self.n_joints, self.n_weights, self.scales = q.shape[1], 0, np.zeros(0)
-        # Knots of a brake are many and near each other: every tenth is enough to integrate.
+        # Knots of braking are dense: every tenth is enough for integration.
         self.breakpoints = np.union1d(self._phases[::10], [1.0])
 
     def functions(self, phases: FloatArray, derivative: int = 0) -> FloatArray:
@@ -118,7 +119,7 @@ class FixedShape:
 
 @dataclass(frozen=True, eq=False)
 class StopAndGo:
-    """A motion from a state to another one that rests at places between them.
+    """A motion between two states with rests between them.
 
     Attributes
     ----------
@@ -128,7 +129,7 @@ class StopAndGo:
         Positions, velocities and accelerations at knots `step` apart, from the start to rest and
         from rest to the goal; a single knot where that end is at rest.
     places : array, shape (n_places, n_joints)
-        Where the motion rests: at the end of the brake, between, at the start of the launch.
+        Positions of the rests: at the end of braking, between, at the start of the launch.
     legs : array, shape (n_places - 1,)
         The least durations of the minimum-jerk motions between [s].
     step : float
@@ -201,14 +202,14 @@ class StopAndGo:
         robot, limits
             The robot and the limits of its joints.
         timed : callable
-            Gives durations to the segments of such a motion [s], none below the least.
+            Returns durations of the segments of such a motion [s], none below the least.
         sampled : callable
-            Gives the points of the motion of these durations.
+            Returns the points of the motion with these durations.
 
         Raises
         ------
         TrajectoryError
-            If none is slow enough.
+            If no durations restore the limits.
         """
         slower = self
         for _ in range(_OPTIONS.max_stretches):
@@ -228,7 +229,7 @@ def _through(times: FloatArray, states: FloatArray, start: JointState, goal: Joi
 def stop_and_go(
     robot: Robot, limits: JointLimits, states: Sequence[JointState], step: float
 ) -> StopAndGo:
-    """The fastest motion of its kind through some states.
+    """The fastest motion with rests through some states.
 
     Parameters
     ----------
@@ -248,7 +249,7 @@ def stop_and_go(
     """
     start, goal = states[0], states[-1]
     brake = _brake(robot, limits, start, step)
-    # Backwards in time velocities change their sign, accelerations and efforts don't.
+    # In reversed time, velocities change their sign; accelerations and efforts do not.
     backwards = JointState(goal.joint_names, goal.positions, -goal.velocities, goal.accelerations)
     launch = _brake(robot, limits, backwards, step)[:, ::-1] * [[[1.0]], [[-1.0]], [[1.0]]]
     between = [state.positions for state in states[1:-1]]
@@ -335,7 +336,7 @@ def _decelerate(state: JointState, limits: JointLimits, share: float, step: floa
         for higher in range(2, order, -1):
             slope = slope * step + states[higher, :-1] / (higher - order)
         states[order, 1:] = states[order, 0] + step * np.cumsum(slope, axis=0)
-    for j, column in enumerate(columns):  # at rest to the last bit
+    for j, column in enumerate(columns):  # exactly at rest
         states[1:, len(column) :, j] = 0.0
     return states
 
@@ -362,18 +363,18 @@ def _jerks(v: float, a: float, most: float, jerk: float, step: float) -> FloatAr
 
 
 def _trapezoid(v: float, a: float, most: float, jerk: float, step: float) -> FloatArray:
-    """The same by an acceleration that goes from a to −p, stays, and goes to 0.
+    """Jerks by which the acceleration changes from a to −p, stays there, and changes to 0.
 
-    In whole numbers of steps this may take a larger jerk than asked for.
+    With whole numbers of steps, the jerk may exceed the given one.
     """
-    # The velocity that is left when the acceleration is ended at once has this sign.
+    # Sign of the velocity that remains if the acceleration is reduced to 0 at once.
     sign = 1.0 if v + a * abs(a) / (2.0 * jerk) >= 0.0 else -1.0
     v, a = sign * v, sign * a
     peak = min(float(np.sqrt(max(jerk * v + a * a / 2.0, 0.0))), most)
     hold = (v + a * a / (2.0 * jerk)) / peak - peak / jerk if peak > 0.0 else 0.0
     times = np.array([(a + peak) / jerk, hold, peak / jerk])
     n = np.maximum(np.ceil(times / step - 1e-9), (1.0, 0.0, 1.0))
-    # In whole steps the peak is another: velocities add up to 0 again.
+    # With whole steps, the peak is adapted so that the final velocity is 0.
     peak = (v + a * n[0] * step / 2.0) / (step * (n[0] / 2.0 + n[1] + n[2] / 2.0))
     pieces = [-(a + peak) / (n[0] * step), 0.0, peak / (n[2] * step)]
     return np.repeat(sign * np.array(pieces), n.astype(int))

@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The quadratic subproblem of a step: trust region, equalities, active inequalities.
 
-Equalities are met by a step normal to them, the rest moves in their null space (Byrd and Omojokun;
-Nocedal and Wright, "Numerical Optimization", 2006, section 18.5). Of the inequalities only those
-that the step would violate otherwise enter the quadratic program.
+A normal step meets the equalities; the remaining step lies in their null space (Byrd and Omojokun;
+Nocedal and Wright, "Numerical Optimization", 2006, section 18.5). Only inequalities that the step
+would violate otherwise enter the quadratic program.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from .trust_region import TrustRegionStep, trust_region_step
 TINY = float(np.finfo(float).tiny)
 """Avoids divisions by zero."""
 
-# Violation of an inequality that is rounding.
+# Violation of an inequality that counts as rounding.
 _ROUNDING = 1e-9
 # Rounds of adding constraints to a quadratic program, and of damping a step that is too long.
 _MAX_ROUNDS, _MAX_DAMPINGS = 20, 8
@@ -52,8 +52,8 @@ def outside_bounds(program: Program, values: FloatArray) -> FloatArray:
 def violated_sides(program: Program, values: FloatArray, outside: FloatArray) -> NDArray[np.intp]:
     """Sides of inequalities at peaks of violation, and of their neighbours.
 
-    The neighbours are included because a peak that is held down often moves by one point. Side 2i
-    is the lower bound of inequality i, 2i + 1 the upper one.
+    The neighbours are included because a constrained peak often moves by one point. Side 2i is the
+    lower bound of inequality i, 2i + 1 the upper one.
     """
     broken = outside > _ROUNDING
     if not broken.any():
@@ -89,7 +89,7 @@ class Tangent(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Step:
-    """A step and what the quadratic model predicts of it.
+    """A step and the predictions of the quadratic model for it.
 
     Attributes
     ----------
@@ -104,9 +104,9 @@ class Step:
     multipliers, equality_multipliers : array
         Lagrange multipliers of these and of the equalities.
     pull : array, shape (n,)
-        Gradient of the Lagrangian where the step starts.
+        Gradient of the Lagrangian at the start of the step.
     damping : float
-        What was added to the diagonal of the Hessian to keep the step short.
+        Value added to the diagonal of the Hessian to limit the step.
     """
 
     change: FloatArray
@@ -154,9 +154,9 @@ class Subproblem:
     def solve(self, sides: NDArray[np.intp], damping: float) -> Step:
         """The step within the linearised constraints.
 
-        Only those sides of inequalities that held the step before (given), and those that the
-        step would break otherwise, go into the quadratic program: of the thousands there are,
-        few matter. Constraints keep most steps short: it begins with little damping (given).
+        Only few of the thousands of inequalities enter the quadratic program: the given sides,
+        which were active in the step before, and those that the step would violate otherwise.
+        Constraints keep most steps short, so the given initial damping is small.
         """
         here, program = self._here, self._program
         multipliers, feasible = np.zeros(0), bool(self._gradient.size)
@@ -209,7 +209,7 @@ class Subproblem:
         return np.asarray(self._tangent.normal + self._tangent.directions @ y)
 
     def _reduced(self, rows: FloatArray, bounds: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Inequalities on the step as such on y."""
+        """Inequalities on the step, expressed as inequalities on y."""
         if self._tangent is None:
             return rows, bounds
         return rows @ self._tangent.directions, bounds - rows @ self._tangent.normal
@@ -221,7 +221,7 @@ class Subproblem:
 
     @cached_property
     def _convex(self) -> tuple[Matrix, float]:
-        """The Hessian made positive definite: a matrix, and what to add to its diagonal."""
+        """The Hessian made positive definite: a matrix and a shift of its diagonal."""
         if isinstance(self._hessian, BlockMatrix):
             return self._hessian, self._free.lowest_shift
         _, failed = lapack.dpotrf(self._hessian)
@@ -230,7 +230,7 @@ class Subproblem:
     def _held(
         self, damping: float, rows: FloatArray, bounds: FloatArray
     ) -> tuple[FloatArray, FloatArray, float, bool]:
-        """The y within rows · y ≤ bounds, its multipliers, the damping, and whether there is any.
+        """The y within rows · y ≤ bounds, its multipliers, the damping, and whether one exists.
 
         The given damping is raised until the step is not much longer than the trust region. A step
         that is still longer is shortened.
@@ -252,20 +252,20 @@ class Subproblem:
 
 
 def _convexified(hessian: FloatArray) -> FloatArray:
-    """The same curvature, but upwards, where it is downwards."""
+    """The matrix with the absolute values of its eigenvalues, bounded from below."""
     eigenvalues, vectors = np.linalg.eigh(hessian)
     sizes = np.abs(eigenvalues)
     return np.asarray((vectors * np.maximum(sizes, 1e-10 * sizes.max())) @ vectors.T)
 
 
 def _rows_of_sides(at: Point, sides: NDArray[np.intp]) -> FloatArray:
-    """Derivatives of sides of inequalities, all turned so that they are bounded above."""
+    """Derivatives of sides of inequalities, with signs such that all are bounded above."""
     signs = np.where(sides % 2, 1.0, -1.0)
     return np.asarray(signs[:, None] * at.inequality_rows(sides // 2))
 
 
 def _room_at_sides(program: Program, at: Point, sides: NDArray[np.intp]) -> FloatArray:
-    """How far sides of inequalities are from their bounds, negative beyond."""
+    """Distances of sides of inequalities from their bounds, negative beyond them."""
     index = sides // 2
     values = at.inequalities[index]
     return np.where(sides % 2, program.upper[index] - values, values - program.lower[index])
@@ -274,9 +274,9 @@ def _room_at_sides(program: Program, at: Point, sides: NDArray[np.intp]) -> Floa
 def _nearest(
     hessian: FloatArray, gradient: FloatArray, rows: FloatArray, bounds: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """A step that violates contradicting constraints little, and their penalties."""
+    """A step with small violations of contradicting constraints, and their penalties."""
     broken = bounds < 0.0
-    if not broken.any():  # no contradiction, but too hard a program
+    if not broken.any():  # the constraints are consistent, but the program was not solved
         step = np.asarray(np.linalg.solve(hessian, -gradient))
         broken = rows @ step > bounds
         if not broken.any():

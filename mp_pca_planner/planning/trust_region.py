@@ -22,9 +22,9 @@ class TrustRegionStep(NamedTuple):
     Attributes
     ----------
     step : array, shape (n,)
-        The minimiser p (the radius is met to a few percent).
+        The minimiser p; its length meets the radius to a few percent.
     predicted : float
-        By how much it lowers the model.
+        Predicted decrease of the model.
     shift : float
         The μ ≥ 0 with (H + μI)p = −g.
     lowest_shift : float
@@ -66,7 +66,7 @@ def trust_region_step(hessian: Matrix, gradient: FloatArray, radius: float) -> T
 
 
 def _factorised_step(hessian: BlockMatrix, gradient: FloatArray, radius: float) -> TrustRegionStep:
-    """The same by Cholesky factors alone, which keep the blocks apart (Moré and Sorensen)."""
+    """Minimise by Cholesky factors alone, which preserve the blocks (Moré and Sorensen)."""
     shift, lowest = 0.0, 0.0
     for _ in range(_MAX_FACTORS):
         factor = cholesky(hessian, shift)

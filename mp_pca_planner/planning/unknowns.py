@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Unknowns of a motion program, and states of the motion as functions of them.
 
-The unknowns x are the weights, then what a request leaves free: boundary values, of which a motion
-is as linear a function as of its weights; log T; the phases of vias.
+The unknowns x are the weights, then the quantities that a request leaves free: boundary values, on
+which a motion depends linearly as on its weights; log T; the phases of vias.
 """
 
 from __future__ import annotations
@@ -23,22 +23,22 @@ from ..primitives.boundary import hermite_functions
 DEFAULT_NODES = 28
 # Positions, velocities, accelerations and jerks.
 N_RATES = 4
-# Units of the unknowns: usual changes of boundary values by phase [rad or m], and of log T.
+# Scales of the unknowns: typical changes of boundary values by phase [rad or m], and of log T.
 END_SCALES = np.array([0.3, 1.0, 5.0, 0.3, 1.0, 5.0])
 LOG_DURATION_SCALE = 0.2
 GOAL_POSITION = 3
 """Row of the goal positions among the boundary values."""
-# A free duration stays within a factor of 20 of where its search begins.
+# A free duration stays within a factor of 20 of its initial value.
 _MAX_LOG = np.log(20.0)
-# How boundary values with respect to phase grow with the duration.
+# Powers of the duration in boundary values with respect to phase.
 _POWERS = np.array([0.0, 1.0, 2.0, 0.0, 1.0, 2.0])
-# Six nodes in each piece of a spline keep the integral to 0.02 % even where a motion thrashes
-# (benchmarks/planning_speed.py).
+# With six nodes in each piece of a spline, the error of the integral is at most 0.02 %, even for
+# strongly oscillating motions (benchmarks/planning_speed.py).
 _MIN_NODES_PER_PIECE = 6
 
 
 class QuadratureTables:
-    """Everything about a basis at the quadrature nodes that no request changes.
+    """Tables of a basis at the quadrature nodes; they are the same for all requests.
 
     Parameters
     ----------
@@ -95,10 +95,10 @@ def hermite_tables(phases: bytes) -> FloatArray:
 
 
 class Unknowns:
-    """What a request leaves to the solver, in the order of the program's vector x.
+    """The unknowns of a request, in the order of the program's vector x.
 
     The unknowns are the weights; changes of the free rows of the boundary values; log T less that
-    of `duration`; the places of conditions of free phase. Each is in units of its usual change.
+    of `duration`; the places of conditions of free phase. Each is in units of its typical change.
 
     Parameters
     ----------
@@ -107,7 +107,7 @@ class Unknowns:
     boundary : array, shape (6, n_joints)
         Boundary values with respect to phase.
     duration : float
-        Duration [s], or where its search begins.
+        Duration [s], or its initial value if it is free.
     free_rows : sequence of int
         Rows of the boundary values that are unknowns.
     duration_is_free : bool
@@ -144,7 +144,7 @@ class Unknowns:
         self.powers = np.repeat(_POWERS[self.free_rows], n_joints)
 
     def from_weights(self, weights: FloatArray) -> FloatArray:
-        """Unknowns of these weights, all else as the request has it, shape (n_unknowns,)."""
+        """Unknowns with these weights and otherwise the request's values, shape (n_unknowns,)."""
         x = np.zeros(self.scales.size)
         x[: self.n_weights] = weights / self.scales[: self.n_weights]
         return x
@@ -174,14 +174,14 @@ class Unknowns:
         return boundary, _POWERS[:, None] * boundary
 
     def growth(self, x: FloatArray) -> FloatArray:
-        """Factors by which the duration scales what weights and boundary values add."""
+        """Factors by which the duration scales the contributions of weights and boundary values."""
         growth = np.ones(self.n_linear)
         if self.powers.any():
             growth[self.ends] = (self.duration_at(x) / self.duration) ** self.powers
         return growth
 
     def accepts(self, duration: float) -> bool:
-        """Whether a duration is in the range of the free one, or is the fixed one."""
+        """Whether a duration is in the range of a free duration, or equals the fixed one."""
         if not self.duration_is_free:
             return True
         return bool(duration > 0.0 and abs(np.log(duration / self.duration)) < _MAX_LOG)
@@ -193,7 +193,7 @@ class Unknowns:
 
 
 class Rows(NamedTuple):
-    """Which states a :class:`StateMap` is of: a derivative of a joint's position each.
+    """The rows of a :class:`StateMap`: each is a derivative of a joint's position.
 
     Attributes
     ----------
@@ -222,7 +222,7 @@ class StateMap:
     functions : array, shape (4, n_phases, n_joints, n_weights)
         The same of the basis functions, times the scales of their weights.
     rows : Rows, optional
-        Which states; all, in SI units, order by order, unless given.
+        The rows; all states in SI units, order by order, unless given.
     """
 
     def __init__(
@@ -255,7 +255,7 @@ class StateMap:
         self._fixed = (self._boundary_part(unknowns.boundary) + self._mean) * rates
 
     def _rates(self, duration: float) -> FloatArray:
-        """What derivatives by phase are to be multiplied by, shape (n_rows, 1)."""
+        """Factors of the derivatives by phase, shape (n_rows, 1)."""
         return np.asarray(duration ** -self._orders.astype(float) / self._units[:, None])
 
     def _boundary_part(self, boundary: FloatArray) -> FloatArray:

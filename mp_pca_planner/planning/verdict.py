@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Statuses and messages of plans: what was found, what was conceded, why goals are rejected."""
+"""Statuses and messages of plans: results, concessions, and reasons of rejection."""
 
 from __future__ import annotations
 
@@ -38,20 +38,20 @@ class StatedDuration:
 
 @dataclass(frozen=True, eq=False)
 class Planned:
-    """What a planner found for a goal, before it is judged.
+    """The outcome of planning for a goal, before its status is determined.
 
     Attributes
     ----------
     attempt : Attempt
         The best motion.
     fallback : Fallback
-        What came of the search for a slow motion, if there was one.
+        Result of the search for a slow motion, if there was one.
     ran_out : bool
         Whether time ran out before a motion within the limits was found by optimisation.
     stated : StatedDuration
         The duration to report.
     mode : str
-        How segments were joined, see :class:`.Plan`.
+        Mode of joining segments, see :class:`.Plan`.
     improved : Attempt or None
         An optimal motion through several targets that must not be executed.
     """
@@ -65,12 +65,12 @@ class Planned:
 
 
 class Judge:
-    """Says of outcomes whether they may be executed, in a sentence.
+    """Determines the status and the message of outcomes.
 
     Parameters
     ----------
     setup : Setup
-        The planner's.
+        Robot, limits and options of the planner.
     """
 
     def __init__(self, setup: Setup) -> None:
@@ -82,9 +82,9 @@ class Judge:
         Parameters
         ----------
         outcome : Planned
-            What was found.
+            The outcome.
         missed : float
-            Largest distance of the motion from what it must pass [rad or m].
+            Largest distance of the motion from its goal and vias [rad or m].
         """
         attempt, options = outcome.attempt, self._setup.options
         try:
@@ -118,7 +118,7 @@ class Judge:
         return SOLVED, f"motion of least {least} found{concessions}"
 
     def _search(self, outcome: Planned, kind: str) -> str:
-        """How the search for a kind of motion ended."""
+        """Text on the end of the search for a kind of motion."""
         if outcome.ran_out:
             limit = f"max_solve_time = {self._setup.options.max_solve_time:g} s"
             return f"time ran out ({limit}) before a motion {kind} was found"
@@ -170,7 +170,7 @@ class Judge:
         return message
 
     def _impossible(self, attempt: Attempt) -> str:
-        """Why there is no motion in the duration asked for, empty if that is not known."""
+        """The reason why the requested duration has no motion; empty if unknown."""
         request, asked = attempt.request, attempt.request.usual_duration
         displacement = np.abs(request.goal.positions - request.start.positions)
         limits = self._setup.limits
@@ -185,7 +185,7 @@ class Judge:
         )
 
     def _concessions(self, attempt: Attempt) -> str:
-        """What had to be given up to do what was asked, as the end of a sentence."""
+        """The concessions that were made for the goal, as the end of a sentence."""
         options, collision = self._setup.options, self._setup.collision
         usual, duration = attempt.request.usual_duration, attempt.duration
         given_up = []
@@ -214,7 +214,7 @@ class Judge:
 
 
 def correction(basis: MotionBasis, motion: Motion) -> float:
-    """Root of the mean square of what B-splines add to components [rad or m]."""
+    """RMS of the correction that B-splines add to components [rad or m]."""
     if not basis.is_corrected:
         return 0.0
     only = np.where(np.arange(basis.expected.size) < basis.n_components, 0.0, 1.0)

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 _START: Line = {"marker": "o", "markersize": 8, "markerfacecolor": "white"}
 _END: Line = {"marker": "s", "markersize": 8}
-# Coordinates of the horizontal axes and what they are called: of the front and the side view.
+# Coordinates and labels of the horizontal axes of the front view and of the side view.
 _VIEWS = (
     (1, "front view, from +x", "y [m] (left of the body →)"),
     (0, "side view, from -y", "x [m] (forward →)"),

@@ -88,7 +88,7 @@ def _effort_row(
 
 
 def table_3_all_motions(study: CaseStudy) -> Table:
-    """The same for all motions, medians, and how near they come."""
+    """Median efforts and times for all motions, and their distances from the demonstrations."""
     held_out = study.held_out
     rows = []
     for name in TABLE_3_METHODS:
@@ -128,7 +128,7 @@ def naturalness(comparison: Comparison) -> Table:
 
 
 def summary(study: CaseStudy) -> str:
-    """What the command prints."""
+    """The text output of the command."""
     labels = {
         "table_2": "Table 2: variance of the joint angles [%]",
         "table_3": "Table 3: the arm-raising motion",
@@ -154,7 +154,7 @@ def verdict(study: CaseStudy) -> str:
 
 
 def facts(study: CaseStudy, source: str) -> dict[str, Any]:
-    """Everything as numbers."""
+    """All results as numbers, of JSON types."""
     names = study.motions[0].joint_names
     raising = study.raising
     other = study.other_activities

@@ -38,7 +38,7 @@ def plot_plan(
         Where to plot positions, velocities and efforts, as many as there are Axes, each of all
         joints. By default a new pyplot figure of at most twelve panels.
     limits : JointLimits, optional
-        Limits to show in a new figure where the motion comes near.
+        Limits to show in a new figure if the motion is near them.
     prismatic : collection of str
         Joints that are measured in metres; the others are shown in degrees.
 
@@ -63,7 +63,7 @@ def plot_plan(
 def plot_primitive(
     primitive: MovementPrimitive, axes: Axes | Sequence[Axes] | None = None
 ) -> NDArray[np.object_]:
-    """Plot what a primitive is made of.
+    """Plot the mean shape and the components of a primitive.
 
     Parameters
     ----------

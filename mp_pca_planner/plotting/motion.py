@@ -21,12 +21,12 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 QUANTITIES = ("positions", "velocities", "efforts")
-"""What is plotted of a motion, from top to bottom."""
+"""Plotted quantities of a motion, from top to bottom."""
 
 # Smallest range of a vertical axis [SI units]: rounding errors of joints at rest stay invisible.
 _MIN_SPAN = {"positions": 0.02, "velocities": 0.02, "efforts": 0.2}
-# A limit is drawn if it is nearer to the curve than this share of the curve's range; a farther
-# one would press the curve flat.
+# A limit is drawn if it is nearer to the curve than this share of the curve's range; a farther one
+# would flatten the curve.
 _NEAR_LIMIT = 0.25
 _LIMIT = line("limit (where near)", BLACK, (0, (2, 2)), 1.5)
 
@@ -49,7 +49,7 @@ def plot_motion(
     trajectory : Trajectory
         The motion.
     quantity : {'positions', 'velocities', 'efforts'}
-        What to plot; nothing is plotted of a motion without efforts.
+        Quantity to plot; efforts are skipped for a motion without efforts.
     joints : sequence of str, optional
         Which joints; all by default.
     prismatic : collection of str
@@ -89,7 +89,7 @@ def motion_figure(
     title : str
         Title of the figure.
     limits : JointLimits, optional
-        Limits of the same joints, drawn where the motions come near.
+        Limits of the same joints, drawn if the motions are near them.
     prismatic : collection of str
         Joints that are measured in metres; the others are shown in degrees.
 

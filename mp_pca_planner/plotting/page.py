@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""HTML pages that need no other file: Jinja2 templates with figures inside."""
+"""Self-contained HTML pages: Jinja2 templates with figures inside."""
 
 from __future__ import annotations
 
@@ -61,12 +61,12 @@ def render(template: str, **content: Any) -> str:
 
 
 def image_address(content: io.BytesIO) -> str:
-    """A PNG image as an address that holds its content."""
+    """A PNG image as a data URI."""
     return "data:image/png;base64," + base64.b64encode(content.getvalue()).decode("ascii")
 
 
 def figure_address(plot: Callable[[Figure], object]) -> str:
-    """A new figure, drawn by a function, as an address that holds its content."""
+    """A new figure, drawn by a function, as a data URI."""
     content = io.BytesIO()
     with picture(content) as figure:
         plot(figure)

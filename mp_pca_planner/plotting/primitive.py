@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 PHASES = np.linspace(0.0, 1.0, 101)
 """Phases at which primitives are plotted."""
 
-_MAX_COMPONENTS = 3  # around one mean; more are not distinguishable
+_MAX_COMPONENTS = 3  # curves around one mean; more are not distinguishable
 _DEMONSTRATION = line("demonstrations", GREY, "-", 0.8)
 _MEAN = line("mean", BLACK, "-", 2.5)
 
@@ -86,7 +86,7 @@ def primitive_figure(
     demonstrations: FloatArray | None = None,
     title: str = "",
 ) -> list[list[Axes]]:
-    """Plot what a primitive is made of, joint by joint ([P] Fig. 2).
+    """Plot the demonstrations and components of a primitive, joint by joint ([P] Fig. 2).
 
     Parameters
     ----------
@@ -147,7 +147,7 @@ def angle_components_figure(
 
 
 def _component_lines(primitive: MovementPrimitive) -> list[Line]:
-    """Of the first components, with their shares of the variance if these are of all joints."""
+    """Labels of the first components; if these move all joints, with shares of the variance."""
     ratios = primitive.explained_variance_ratio
     shares = ratios.get("arm") if primitive.coupling == "arm" else None
     n_most = max(map(len, ratios.values()), default=0)

@@ -25,14 +25,14 @@ _REST = line("rest", "#E6E6E6", width=8.0)
 def recording_figure(
     figure: Figure, report: RecordingReport, prismatic: Collection[str] = ()
 ) -> None:
-    """Plot what a recording holds.
+    """Plot the content of a recording.
 
     Parameters
     ----------
     figure : Figure
         An empty figure, see :func:`.styled_figure`.
     report : RecordingReport
-        What was found in it, with an overview.
+        The report on the recording, with an overview.
     prismatic : collection of str
         Joints that are measured in metres.
 

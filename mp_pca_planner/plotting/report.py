@@ -30,7 +30,7 @@ from .units import primitive_unit, prismatic_joints
 from .variance import variance_table
 
 REPORT_SAMPLES = 301
-"""Samples of a motion that are enough for its curves and for leaving it out."""
+"""Number of samples of a motion for curves and leave-one-out predictions."""
 
 
 @dataclass(frozen=True)
@@ -46,8 +46,8 @@ class ReportOptions:
     max_left_out : int
         Demonstrations that are left out and predicted.
     max_built_from : int
-        Demonstrations that all primitives for these predictions are built from, in total: fewer
-        are left out where there are many, but at least five.
+        Total number of demonstrations in all primitives for these predictions. With many
+        demonstrations, fewer are left out, but at least five.
     max_rows : int
         Rows of a table.
     """
@@ -67,7 +67,7 @@ def report_page(
     Parameters
     ----------
     recordings :
-        What was loaded, with overviews.
+        The loaded recordings, with overviews.
     primitive :
         The primitive of all its demonstrations, in this order.
     options :
@@ -124,7 +124,7 @@ def _rms(values: FloatArray, axis: int | None = None) -> Any:
 def _held_out(
     motions: Sequence[Demonstration], options: PrimitiveOptions, chosen: Sequence[int]
 ) -> tuple[HeldOutErrors | None, str]:
-    """The errors of motions left out, or a sentence that says why there are none."""
+    """The errors of left-out motions, or a sentence on the reason why there are none."""
     if len(motions) < 3:
         return None, "At least 3 motions are needed to leave one out"
     try:
@@ -144,5 +144,5 @@ def _repairs(reports: Sequence[RecordingReport]) -> list[tuple[str, int, int]]:
 
 
 def _evenly(n: int, most: int) -> list[int]:
-    """At most so many of n indices, evenly spread."""
+    """At most the given number of n indices, evenly spread."""
     return [int(i) for i in np.unique(np.linspace(0, n - 1, min(n, most)).round())]

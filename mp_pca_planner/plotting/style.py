@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""The common look of all figures: palette, lines, titles, legends and panels.
+"""Common style of all figures: palette, lines, titles, legends and panels.
 
 Matplotlib is imported when a figure is drawn.
 """
@@ -129,7 +129,7 @@ def add_header(
     from matplotlib.layout_engine import ConstrainedLayoutEngine
 
     figure.set_size_inches(width, height)
-    # From average letters to a line of the widest ones.
+    # Conversion from average letters to a line of the widest letters.
     for letters_per_inch, n_columns in product((12, 9, 5), range(len(lines), 0, -1)):
         for legend in [*figure.legends]:
             legend.remove()
@@ -146,7 +146,7 @@ def add_header(
 def _legend(
     figure: Figure, title: str, lines: Sequence[Line], n_letters: int, n_columns: int
 ) -> Legend:
-    """A legend with texts in lines of that many letters, of the larger title four fifths."""
+    """A legend with lines of at most that many letters; four fifths of it for the larger title."""
     from matplotlib.lines import Line2D
 
     handles = [

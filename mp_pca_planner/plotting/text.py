@@ -10,7 +10,7 @@ from ..exceptions import printable
 
 
 def table(rows: Sequence[Sequence[str]], *, header: Sequence[str]) -> str:
-    """Lines of columns, the first aligned left and the others right; foreign text is escaped."""
+    """Lines of columns, the first aligned left, the others right; unprintable text is escaped."""
     lines = [[printable(cell) for cell in row] for row in (header, *rows)]
     widths = [max(len(line[i]) for line in lines) for i in range(len(header))]
     return "\n".join(

@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Time alignment of demonstrations.
 
-Demonstrations of one task differ in timing, and components that explain timing are lost for the
-path. A warp γ increases from γ(0) = 0 to γ(1) = 1: at the aligned phase s a demonstration is at the
-share γ(s) of its duration T, and its aligned motion is q(T γ(s)). A primitive stores the warps, so
-each demonstration can be reproduced with its own timing.
+Demonstrations of one task differ in timing. Without alignment, components explain timing
+differences instead of the path. A warp γ increases from γ(0) = 0 to γ(1) = 1: at the aligned phase
+s a demonstration is at the share γ(s) of its duration T, and its aligned motion is q(T γ(s)). A
+primitive stores the warps, so each demonstration can be reproduced with its own timing.
 """
 
 from __future__ import annotations
@@ -28,7 +28,8 @@ ALIGNMENTS = ("linear", "arc_length", "dtw")
 """Alignment by equal shares of the time, of the path, or by the distance to the mean shape."""
 
 N_WARP_PHASES = 51
-"""Values that make up a warp, at evenly spaced aligned phases; a monotone cubic joins them."""
+"""Number of values of a warp, at evenly spaced aligned phases; a monotone cubic interpolates
+them."""
 
 _KNOTS = np.linspace(0.0, 1.0, N_WARP_PHASES)
 
@@ -108,7 +109,7 @@ def arc_length_warp(positions: FloatArray, speed_of_rest: float = 0.02) -> Float
     Returns
     -------
     warp : array, shape (N_WARP_PHASES,)
-        Shares of its duration; even where nothing moves.
+        Shares of its duration; an even warp if nothing moves.
     """
     own = np.linspace(0.0, 1.0, len(positions))
     steps = np.linalg.norm(np.diff(positions, axis=0), axis=1)
@@ -150,7 +151,7 @@ def aligned_phases(warp: FloatArray, shares: FloatArray) -> FloatArray:
         middle = (low + high) / 2.0
         is_later = curve(middle) < shares
         low, high = np.where(is_later, middle, low), np.where(is_later, high, middle)
-    # The slope of a warp may vanish at its ends, where halving would stop a little short.
+    # The slope of a warp may vanish at its ends, where bisection would stop too early.
     return np.select([shares <= 0.0, shares >= 1.0], [0.0, 1.0], high)
 
 

@@ -3,8 +3,8 @@
 """The boundary part h(s): the quintic, or minimum-jerk, motion between two states.
 
 Every motion is its boundary part plus a shape that vanishes at both ends together with its first
-two derivatives. So a motion starts and ends as requested, whatever its shape.
-Minimum-jerk motion: Flash and Hogan, J. Neurosci. 5(7), 1985.
+two derivatives. Therefore a motion starts and ends as requested for any shape. Minimum-jerk motion:
+Flash and Hogan, J. Neurosci. 5(7), 1985.
 """
 
 from __future__ import annotations

@@ -41,9 +41,9 @@ def build_primitive(
     name :
         Name of the primitive.
     options :
-        How to build it.
+        Options of the primitive.
     metadata :
-        More to keep with it, of JSON types (for example repairs of the recordings).
+        Further metadata to store, of JSON types (for example repairs of the recordings).
 
     Raises
     ------
@@ -131,7 +131,7 @@ def _facts(statistics: MotionStatistics, options: PrimitiveOptions) -> dict[str,
 def _fit_model(statistics: MotionStatistics, directions: FloatArray) -> ConditionalModel:
     """Regress the weights, time scalings and durations on the requests."""
     shapes, states = statistics.stacked("shape"), statistics.stacked("boundary_state")
-    # The functions of the shapes are even and odd in turn.
+    # The functions of the shapes are alternately even and odd.
     reversed_shapes = shapes * (-1.0) ** np.arange(shapes.shape[2])
     return ConditionalModel.fit(
         np.column_stack([states[:, 0], states[:, 3], np.log(statistics.stacked("duration"))]),
@@ -165,7 +165,8 @@ def _fit_directions(shapes: FloatArray, options: PrimitiveOptions) -> tuple[Floa
     """
     n, n_joints, n_functions = shapes.shape
     values, _ = shape_functions(options.degree, options.n_phases)
-    # Samples have the same distances, and their largest entries fix the signs.
+    # Distances between samples equal those between coefficients. The largest entries of the sampled
+    # components fix their signs.
     samples = shapes @ values.T
     together = n_joints if options.coupling == "arm" else 1
     directions, variances = [], []

@@ -1,12 +1,13 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""The conditional model: weights, time scaling and duration that are likely for a request.
+"""The conditional model, which predicts weights, time scaling and duration for a request.
 
-Gaussian-process regression, averaged over kernels. A few demonstrations don't determine how smooth
-and how noisy they are, nor whether a motion back repeats the motion there in reversed time (waving)
-or mirrors it (circles). Each kernel counts by the density that it gives to demonstrations that are
-left out: pseudo-Bayes factors (Gelfand and Dey, 1994; Rasmussen and Williams, "Gaussian Processes
-for Machine Learning", 2006, sections 2.2 and 5.4.2). The prior mean is the minimum-jerk motion.
+Gaussian-process regression, averaged over kernels. A few demonstrations don't determine their
+smoothness and noise. They don't determine, either, whether a return motion repeats the forward
+motion in reversed time (waving) or mirrors it (circles). Kernels are weighted by their density of
+left-out demonstrations: pseudo-Bayes factors (Gelfand and Dey, 1994; Rasmussen and Williams,
+"Gaussian Processes for Machine Learning", 2006, sections 2.2 and 5.4.2). The prior mean is the
+minimum-jerk motion.
 """
 
 from __future__ import annotations
@@ -30,9 +31,9 @@ _MAX_DEVIATIONS = 3.0
 INVERSE_LENGTHS = (0.25, 1.0, 2.0)
 # Variance of the common offset of all outputs, in units of that which depends on the request.
 _CONSTANT = 10.0
-# Share of the mean squared distance from start to goal that is added to each.
+# Share of the mean squared distance from start to goal that is added to each squared distance.
 _MIN_SQUARE = 0.09
-# Avoids logarithms of and divisions by zero.
+# Avoids logarithms of zero and divisions by zero.
 _TINY = 1e-300
 
 Groups = Sequence[NDArray[np.intp]]
@@ -54,9 +55,10 @@ class FitOptions:
     temper : float
         Power of the densities, below 1 because demonstrations are not independent.
     min_ranked : int
-        Fewer demonstrations can't rank kernels; the first kernel is used.
+        Least number of demonstrations to rank kernels; with fewer, the first kernel is used.
     max_demonstrations : int
-        More are thinned out evenly: the time to fit grows with the cube of their number.
+        Largest number of demonstrations; more are thinned out evenly, because the time to fit grows
+        with the cube of their number.
     """
 
     time_reversal: float = 0.8
@@ -86,9 +88,9 @@ class ConditionalDistribution:
     duration : float
         The duration of the request, or else the expected one [s].
     in_span_score : float
-        How far outside the demonstrations the request lies: the Mahalanobis distance of its
-        end points (and duration, if given), divided by the square root of their number;
-        about 1 for a request like the demonstrations.
+        Distance of the request from the demonstrations: the Mahalanobis distance of its end points
+        (and duration, if given), divided by the square root of their number; about 1 for a request
+        like the demonstrations.
     """
 
     weights: FloatArray
@@ -220,7 +222,7 @@ class ConditionalModel:
     def _expected_duration(self, ends: FloatArray) -> float:
         similar, distance = self._end_features(ends)
         residual = np.tensordot(similar, self.duration_coefficients[:, 0], axes=3).item()
-        # A distant request must not extrapolate a trend to hours.
+        # Bounded, because a distant request may extrapolate the trend to implausible durations.
         reach = _MAX_DEVIATIONS * self.requests[:, -1].std()
         deviation = np.clip(np.log(distance) / 2.0 + residual, -reach, reach)
         return float(np.exp(self.mean[-1] + deviation))
@@ -238,7 +240,7 @@ class _Features:
     def __init__(self, requests: FloatArray) -> None:
         n = requests.shape[1] // 2
         self._swapped = np.r_[n : 2 * n, :n, 2 * n : requests.shape[1]]
-        # A spread or distance of zero: any unit will do.
+        # For a spread or distance of zero, the unit has no effect.
         self._spread = float(np.sqrt(np.sum(requests.var(axis=0)))) or 1.0
         self._both_directions = np.array([requests, requests[:, self._swapped]])
         squares = self._squared_distance(requests)
@@ -271,7 +273,7 @@ class _Features:
         return covariances, float(np.sqrt(square))
 
     def _squared_distance(self, requests: FloatArray) -> FloatArray:
-        # Each joint counts twice, which any unit allows.
+        # Each joint counts twice, which only changes the unit.
         return np.asarray(np.sum((requests - requests[..., self._swapped]) ** 2, axis=-1))
 
 
@@ -301,13 +303,13 @@ def _fit(
     """
     parts = np.array([outputs + reversed_outputs, outputs - reversed_outputs]) / 2.0
     shares, residuals, scores = [], [], []
-    # Zero, then one number with both signs.
+    # No correlation, then the same correlation with both signs.
     reversals = (0.0, -_FIT.time_reversal, _FIT.time_reversal)
     for (there, back), noise in product(np.stack(similarities, axis=2), _FIT.noises):
         gram = there + np.reshape(reversals, (-1, 1, 1)) * back
         inverses = np.linalg.inv(gram + noise * np.eye(len(outputs)))
         for i, reversal in enumerate(reversals):
-            # Parts that keep their sign in reversed time, then those that change it.
+            # Parts that are even in reversed time, then those that are odd.
             inverse = inverses[[i, -i]]
             solved = inverse @ parts
             shares.append([solved[0] + solved[1], reversal * (solved[0] - solved[1])])
@@ -315,7 +317,7 @@ def _fit(
             residuals.append(left[0][0])
             scores.append([score for _, score in left])
     squares = outputs @ outputs.T
-    # As many independent outputs as these correlated ones are worth.
+    # Effective number of independent outputs.
     freedom = np.trace(squares) ** 2 / (np.sum(squares**2) + _TINY)
     probabilities = np.exp(_FIT.temper * freedom * (np.array(scores) - np.max(scores, axis=0)))
     if len(outputs) < _FIT.min_ranked:

@@ -16,7 +16,7 @@ _MIN_DEVIATION = np.deg2rad(1.0)
 def shrunk_covariance(errors: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Covariance of errors about zero, and its inverse, shape (n_features, n_features).
 
-    It is shrunk to its diagonal the more the fewer errors there are, and positive definite.
+    It is positive definite, and shrunk towards its diagonal, more strongly with fewer errors.
 
     Parameters
     ----------
@@ -56,9 +56,9 @@ def marginal_precision(precision: FloatArray, size: int) -> FloatArray:
 
 
 def in_span_score(given: FloatArray, mean: FloatArray, precision: FloatArray) -> float:
-    """How far outside the demonstrations a request lies.
+    """Distance of a request from the demonstrations, the in-span score.
 
-    That is its Mahalanobis distance divided by the square root of the number of entries.
+    It is the Mahalanobis distance divided by the square root of the number of entries.
 
     Parameters
     ----------

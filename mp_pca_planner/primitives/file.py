@@ -46,7 +46,7 @@ _METADATA = {
 def save_primitive(
     primitive: MovementPrimitive, path: str | Path, *, overwrite: bool = False
 ) -> None:
-    """Write a primitive file, whole or not at all.
+    """Write a primitive file atomically.
 
     Raises
     ------

@@ -24,8 +24,8 @@ from .basis import end_vanishing_coefficients, legendre_values
 from .boundary import boundary_values, hermite_functions
 from .options import PrimitiveOptions
 
-# Highest degree of the polynomials that stand for the joint angles over time; the first components,
-# which alone are reported, are much smoother.
+# Highest degree of the polynomials that represent joint angles over time. Only the first components
+# are reported, which are much smoother.
 _ANGLE_DEGREE = 30
 
 
@@ -205,7 +205,7 @@ def _project(curves: FloatArray, functions: FloatArray) -> tuple[FloatArray, Flo
 
 
 def _check_joints(found: Sequence[tuple[tuple[str, ...], str]]) -> None:
-    """Refuse recordings, given with their joints, that have other joints than the first."""
+    """Reject recordings, given with their joints, whose joints differ from those of the first."""
     first, first_recording = found[0]
     for joint_names, recording in found:
         if joint_names != first:

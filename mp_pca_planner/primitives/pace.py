@@ -20,11 +20,11 @@ from .alignment import aligned_phases
 from .basis import Basis, PolynomialBasis, legendre_derivatives, legendre_values
 
 PACE_DEGREE = 4
-"""Degree of g: beyond 3 hardly any error on motions left out moves."""
+"""Degree of g; higher degrees hardly change the errors of left-out motions."""
 
 # Degree of the polynomial that represents σ, which makes its derivatives exact.
 _DEGREE = 26
-# Largest sum of the coefficients' magnitudes: no human's rates are e³ apart.
+# Largest sum of the coefficients' magnitudes; the rates of human motions vary by less than e³.
 _MAX_UNEVENNESS = 3.0
 
 
@@ -83,8 +83,8 @@ class PacedBasis(Basis):
     """A basis for motions between two end points with a time scaling.
 
     A motion along the path q(s) = h(s) + μ(s) + Σ wₖ φₖ(s) from rest to rest at the aligned
-    phase s = σ(p) is h(p) + [h(σ(p)) − h(p)] + μ(σ(p)) + Σ wₖ φₖ(σ(p)): linear in the weights, and
-    all beyond h(p) vanishes at both ends with two derivatives, as the compiler needs it.
+    phase s = σ(p) is h(p) + [h(σ(p)) − h(p)] + μ(σ(p)) + Σ wₖ φₖ(σ(p)): linear in the weights. All
+    terms except h(p) vanish at both ends with two derivatives, as the compiler requires.
 
     Parameters
     ----------
@@ -93,7 +93,7 @@ class PacedBasis(Basis):
     displacement : array, shape (n_joints,)
         Goal minus start [rad or m].
     pace : array, shape (PACE_DEGREE,)
-        The pace, see :func:`fit_paces`; a more uneven one than any of humans is scaled down.
+        The pace, see :func:`fit_paces`; one that is more uneven than human motions is scaled down.
     """
 
     def __init__(self, basis: PolynomialBasis, displacement: FloatArray, pace: FloatArray) -> None:
@@ -130,7 +130,7 @@ class PacedBasis(Basis):
     def _by_phase(self, values: FloatArray, phases: FloatArray) -> FloatArray:
         """Derivatives by p of values that are given with their derivatives by σ at σ(p).
 
-        The first column becomes relative to h(p).
+        In the result, the first column is relative to h(p).
         """
         highest = len(values) - 1
         if highest > 3:

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 
 class DemonstrationSet(Protocol):
-    """A value that holds demonstrations, such as loaded recordings."""
+    """A value with demonstrations, such as loaded recordings."""
 
     @property
     def demonstrations(self) -> Sequence[Demonstration]:

@@ -23,7 +23,7 @@ def load_primitives(paths: Sequence[str | Path]) -> tuple[MovementPrimitive, ...
     Raises
     ------
     PrimitiveError
-        If there is none, a file is refused, two primitives have the same name, or they move
+        If there is none, a file is rejected, two primitives have the same name, or they move
         different joints.
     """
     files: list[Path] = []

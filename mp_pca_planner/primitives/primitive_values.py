@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 COUPLINGS = ("joint", "arm")
 
-# Names stand for sizes that must agree.
+# Equal names denote equal sizes.
 ARRAY_SHAPES: dict[str, tuple[str | int, ...]] = {
     "mean_coefficients": ("joints", "degrees"),
     "component_coefficients": ("weights", "joints", "degrees"),
@@ -40,9 +40,9 @@ ARRAY_SHAPES: dict[str, tuple[str | int, ...]] = {
 }
 """Shapes of the arrays of a primitive and of its conditional model."""
 
-# Positions, coefficients and durations of motions [rad, m, s] are smaller.
+# Bound of positions, coefficients and durations of motions [rad, m, s].
 _MAX_VALUE = 1e6
-# Inverses of small variances may be larger.
+# Bound of inverses of small variances.
 _MAX_PRECISION = 1e15
 
 
@@ -93,7 +93,7 @@ def _freeze_arrays(primitive: MovementPrimitive) -> None:
 
 
 def _problem(primitive: MovementPrimitive) -> str:
-    """Why the values of the arrays make no sense, empty if they do."""
+    """The reason why the values of the arrays are invalid; empty if they are valid."""
     model, durations, warps = primitive.model, primitive.durations, primitive.warps
     if 0 in (len(durations), len(model.requests), model.shape_coefficients.shape[1]):
         return "it needs at least one demonstration"

@@ -6,10 +6,10 @@
     library/.versions/NAME/0001.npz  every version of each, never changed
     library/.versions/journal.jsonl  one line per change
 
-A change is made under a lock, so that several processes may change a library at once. Its files
-are stored beside their places first; then the version, the file in use and the journal take their
-names, each in one step. The journal decides: a change that is not in it was not made, and the next
-change restores the files in use first. Reading the history changes nothing.
+A change is made under a lock, so that several processes may change a library at once. Its files are
+written to temporary names first; then the version, the file in use and the journal are renamed,
+each atomically. The journal is authoritative: a change that is not in it was not made, and the next
+change first restores the files in use. Reading the history changes nothing.
 """
 
 from __future__ import annotations
@@ -225,7 +225,7 @@ class VersionedLibrary:
         return self._make(change, files)
 
     def _make(self, change: Change, files: Mapping[Path, bytes | None]) -> Change:
-        """Make a change as a whole: its files, then its line of the journal."""
+        """Make a change atomically: its files, then its line of the journal."""
         before = self._journal.read_bytes() if self._journal.exists() else b""
         journal = before + json.dumps(asdict(change), sort_keys=True).encode() + b"\n"
         if len(journal) > MAX_JOURNAL_BYTES:
@@ -236,7 +236,7 @@ class VersionedLibrary:
             write_together({**self._restored(), **files, self._journal: journal}, overwrite=True)
         except PlannerError:
             with suppress(OSError):
-                folder.rmdir()  # if this change made it
+                folder.rmdir()  # only if this change created it
             raise
         return change
 
@@ -300,7 +300,7 @@ def _present(file: Path) -> bytes | None:
 
 
 def check_name(name: str) -> None:
-    """Refuse a name that no file in a folder can have.
+    """Reject a name that is not a valid file name.
 
     Raises
     ------

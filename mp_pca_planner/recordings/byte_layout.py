@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Places of the numbers in a serialised joint state, by which NumPy slices many at once.
+"""Byte offsets of the numbers in serialised joint states, for slicing many messages with NumPy.
 
 Messages of one publisher differ in their stamp and their numbers only: all else (names, lengths,
 frame) has the same bytes at the same places. A layout is taken from one message and applied to
@@ -22,7 +22,7 @@ from ..arrays import FloatArray
 Bytes = NDArray[np.uint8]
 
 ENCAPSULATION = 4
-"""Bytes before a message in CDR; alignment counts from behind them. ROS 1 has none of both."""
+"""Bytes before a message in CDR; alignment is relative to their end. ROS 1 has neither."""
 
 MAX_PADDING = 3
 """Most bytes that pad a message in CDR to words."""
@@ -41,8 +41,8 @@ class ByteLayout:
     template : array of uint8, shape (size,)
         The message that the layout was taken from.
     fixed : tuple of slice
-        Which bytes are the same in every message of the layout; padding is not among them, as
-        writers leave anything there.
+        Which bytes are the same in every message of the layout; padding is excluded, because its
+        content is arbitrary.
     stamp, position, velocity : int
         Where the header's stamp and the numbers of these fields start.
     has_velocity : bool
@@ -170,7 +170,7 @@ def _walk(message: bytes, ros1: bool) -> ByteLayout:
 
 
 class _Cursor:
-    """Walks through a message and notes which of its bytes make the layout."""
+    """Parses a message and records the offsets of its fields."""
 
     def __init__(self, message: bytes, ros1: bool) -> None:
         if not ros1 and message[:2] not in (b"\x00\x00", b"\x00\x01"):

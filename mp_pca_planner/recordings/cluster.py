@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Work on many items by the workers of a Dask cluster."""
+"""Processing of many items by the workers of a Dask cluster."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def map_on_cluster(
     function :
         A function of a module; it returns something that can be sent between machines.
     items :
-        What to call it with.
+        Arguments of the calls.
     address :
         Address of the scheduler, for example 'tcp://192.0.2.1:8786'.
     paths :
@@ -109,7 +109,7 @@ def _quiet() -> Iterator[None]:
 
 
 def _run_on_worker() -> Callable[[bytes, str, str], list[Any]]:
-    """Make the function that does an item on a worker, or says why it can't.
+    """Make the function that processes an item on a worker, or returns the reason why it can't.
 
     It is made here and uses nothing of this module, so that it is sent by value. A scheduler then
     needs nothing of this package, and a worker without it says so. Workers come and go, so each

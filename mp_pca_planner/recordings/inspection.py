@@ -39,7 +39,7 @@ class MarkerFinding:
     missing_share : float
         Share of the frames of its topic (MarkerArray), or of its own samples, without it.
     n_gaps : int
-        Steps that are so long that the marker is missing in them.
+        Number of steps that are too long for interpolation, so that the marker is missing.
     """
 
     topic: str
@@ -81,7 +81,7 @@ class RecordingInspection:
     notes : tuple of str
         Other findings, one sentence each.
     refusal : str or None
-        Why its joint states can't be used, if so.
+        Reason why its joint states can't be used, if so.
     """
 
     name: str
@@ -118,7 +118,7 @@ def inspect_recording(
     state_field :
         The field of the topic's messages that is a JointState; needs `topic`.
     salvage :
-        Of a damaged recording, inspect the messages before the damage.
+        Inspects the messages before the damage of a damaged recording.
     find_markers :
         Finds the markers; by default none are reported.
 

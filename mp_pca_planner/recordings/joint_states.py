@@ -38,7 +38,7 @@ class JointLayout:
         Joint positions as recorded [rad or m]; may hold NaN.
     velocities : array of float32, shape (n_messages, n_joints), or None
         Joint velocities as recorded [/s], NaN in messages that have not one for each joint;
-        None if no message has. They are not trusted, only checked.
+        None if no message has. They are compared with the positions, and not used otherwise.
     """
 
     joint_names: tuple[str, ...]
@@ -63,7 +63,7 @@ class RawJointStates:
         Messages that belong to no layout: as many positions as names are missing, or a name
         is listed twice.
     notes : tuple of str
-        What is worth knowing about how they were read, one sentence each.
+        Notes on the reading, one sentence each.
     computed : bool
         Whether they were computed from other messages, which have no velocities to be checked.
     """
@@ -141,7 +141,7 @@ def slice_in_parts(
     topic, ros1 :
         See :func:`slice_joint_states`.
     messages :
-        Whatever they come from, times of reception [ns] and serialised messages.
+        Iterable of times of reception [ns] and serialised messages.
 
     Yields
     ------
@@ -228,7 +228,7 @@ def _alike(messages: Sequence[bytes], ros1: bool) -> Iterator[tuple[ByteLayout, 
 
 def _sliced(layout: ByteLayout, rows: IntArray, messages: Bytes) -> JointLayout:
     velocities = layout.velocities(messages)
-    # What is too large for a small float becomes infinite: it is no velocity either way.
+    # Values beyond the range of float32 become infinite; they are no valid velocities in any case.
     with np.errstate(over="ignore", invalid="ignore"):
         checked = None if velocities is None else velocities.astype(np.float32)
     return JointLayout(layout.joint_names, rows, layout.positions(messages), checked)

@@ -38,10 +38,10 @@ from .repair.recording import (
 from .repair.samples import MAX_POSITION
 
 MAX_DURATION = 1000.0
-"""No commanded motion lasts longer [s]; it would be a large number of samples."""
+"""Largest duration of a commanded motion [s], which bounds the number of samples."""
 
 SAMPLE_RATE = 200.0
-"""Samples of an interpolated motion per second [Hz]; smoothing keeps no more."""
+"""Rate at which commanded motions are sampled [Hz]; smoothing keeps no higher rate."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +83,7 @@ class RawTrajectories:
         Messages that no controller would accept: without points, with times that don't increase,
         or without one number for each joint.
     notes : tuple of str
-        What is worth knowing about how they were read, one sentence each.
+        Notes on the reading, one sentence each.
     """
 
     topic: str

@@ -145,9 +145,8 @@ def load_recordings(
     Raises
     ------
     RecordingError
-        If a path holds no recording, the table of segments is faulty, there are no motions of a
-        label, or the cluster can't be used. Faults of a single recording are in `refused`
-        instead.
+        If a path holds no recording, the table of segments is malformed, there are no motions of a
+        label, or the cluster can't be used. Errors of a single recording are in `refused` instead.
     """
     settings = LoadOptions(**options)
     if jobs < 1:
@@ -234,7 +233,7 @@ def _load_all(
 def _tasks_again(
     tasks: Sequence[_LoadTask], loaded: Sequence[RecordingSet]
 ) -> dict[int, _LoadTask]:
-    """Recordings with movements that are rest beside the motions of the whole set, by index."""
+    """Recordings with movements that count as rest relative to the motions of the set, by index."""
     found = {
         index: [motion.extent for motion in one.reports[0].motions]
         for index, one in enumerate(loaded)
@@ -346,7 +345,7 @@ def _cut(
     pieces: Sequence[SmoothPiece],
     thresholds: SpeedThresholds,
 ) -> tuple[list[cutting.Cut], CleanRecording]:
-    """Cut a recording into its motions; return it with the notes and repairs that this adds."""
+    """Cut a recording into its motions; return them with additional notes and repairs."""
     options = task.options.segmentation
     notes: tuple[str, ...] = ()
     if task.segments is not None:
@@ -362,7 +361,7 @@ def _cut(
 
 
 def _overview(pieces: Sequence[SmoothPiece]) -> Overview:
-    """About 1000 samples of a recording: as many as a figure can show."""
+    """About 1000 samples of a recording, the resolution of a figure."""
     k = max(1, sum(piece.times.size for piece in pieces) // 1000)
     parts = []
     for piece in pieces:

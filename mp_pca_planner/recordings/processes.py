@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""The same work on many items by several workers, which survives the death of any of them."""
+"""Processing of many items by several workers, robust to the death of workers."""
 
 from __future__ import annotations
 
@@ -23,15 +23,16 @@ Item = TypeVar("Item")
 Result = TypeVar("Result")
 
 IN_FLIGHT = 2
-"""Bundles handed out for each process: none waits for the next one, and few are lost with it."""
+"""Bundles submitted per process: enough to keep it busy, few to be repeated if it dies."""
 
 PATIENCE = 60.0
 """Time without a result after which it is checked whether there are workers [s]."""
 
 MAX_BUNDLED = 16
 BUNDLES = 32
-"""Handing out takes half a millisecond. Items are bundled where each process still gets this many
-bundles, up to that number: if their process dies, they are all done again."""
+"""Submitting takes half a millisecond, so items are bundled. A bundle has at most `MAX_BUNDLED`
+items, and fewer if a process would get fewer than `BUNDLES` bundles, because all items of a bundle
+are repeated if their process dies."""
 
 
 @dataclass(frozen=True)
@@ -67,21 +68,21 @@ def map_by(
     died: type[Exception],
     max_running: float = math.inf,
 ) -> Iterator[Outcome[Any]]:
-    """Have every item done by workers.
+    """Process every item by workers.
 
-    When a worker dies, it is unknown which item killed it. All items that were handed out are done
-    again, each alone.
+    When a worker dies, it is unknown which item killed it. All submitted items are processed again,
+    each in its own bundle.
 
     Parameters
     ----------
     hire :
         Makes the workers.
     bundles :
-        Indices of the items that are handed out together.
+        Indices of the items that are submitted together.
     died :
         Error of a future whose worker died.
     max_running :
-        Bundles handed out at a time.
+        Number of bundles submitted at a time.
 
     Yields
     ------
@@ -104,7 +105,7 @@ def map_by(
 def _round(
     hire: Hire, left: list[list[int]], died: type[Exception], max_running: float
 ) -> Iterator[tuple[int, Any]]:
-    """Have bundles done from the end of a list until a worker dies; None for lost items."""
+    """Process bundles from the end of a list until a worker dies; None marks lost items."""
     done: Queue[Any] = Queue()
     running: dict[Any, list[int]] = {}
     is_whole = True
@@ -136,7 +137,7 @@ def map_in_processes(
     function :
         A function of a module; it returns something that can be sent between processes, not None.
     items :
-        What to call it with.
+        Arguments of the calls.
     n_processes :
         Number of processes.
     """
@@ -155,7 +156,7 @@ def map_in_processes(
 
 @contextmanager
 def _pool(n_processes: int) -> Iterator[ProcessPoolExecutor]:
-    """Processes that end at once if something goes wrong here, Ctrl-C for example."""
+    """A pool of processes that are ended at once on an error or Ctrl-C in this process."""
     others = set(multiprocessing.active_children())
     # Copies of this process have everything imported; new ones would take longer to start than
     # many recordings take to read.
@@ -183,7 +184,7 @@ def _prepare_process(parent: int) -> None:
 
 
 def _end_with(parent: int) -> None:
-    """End this process when its parent was killed, which nothing else reports to it."""
+    """End this process when its parent was killed; the system does not signal that by default."""
     while os.getppid() == parent:
         time.sleep(0.5)
     os._exit(1)

@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Repaired joint states of a bag, from whichever messages hold them."""
+"""Repaired joint states of a bag, from joint states or commanded motions."""
 
 from __future__ import annotations
 

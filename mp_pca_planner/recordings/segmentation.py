@@ -217,7 +217,7 @@ def _moving_runs(speed: FloatArray, thresholds: SpeedThresholds, min_rest_steps:
 
 
 def _grown(speed: FloatArray, first: int, last: int) -> Span:
-    """Extend a run outwards as long as the speed falls: motions begin and end slowly."""
+    """Extend a run outwards while the speed falls, because motions begin and end slowly."""
     while first > 0 and speed[first - 1] < speed[first]:
         first -= 1
     while last < speed.size - 1 and speed[last + 1] < speed[last]:

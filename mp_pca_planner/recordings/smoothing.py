@@ -103,6 +103,6 @@ def _grid(times: FloatArray, rate: float) -> FloatArray:
 
 def _filtered(position: FloatArray, rate: float, options: SmoothingOptions) -> FloatArray:
     low_pass = butter(options.order, options.cutoff, fs=rate, output="sos")
-    # Padding of the length that the filter rings; the default is shorter.
+    # Padding over the impulse response of the filter; the default is shorter.
     padding = min(len(position) - 1, round(2 * rate / options.cutoff))
     return np.asarray(sosfiltfilt(low_pass, position, padlen=padding), dtype=np.float64)

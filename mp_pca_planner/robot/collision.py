@@ -25,7 +25,7 @@ from .urdf import parse_xml
 CONTACT = 1e-6
 """Distance below which links are in contact [m]: the precision of touching surfaces."""
 
-# Precision of distances [m]: derivatives hold to a hundredth of what is usual.
+# Precision of distances [m], at which relative errors of derivatives are usually below 1 %.
 _PRECISION = 1e-8
 # Hulls nearer than this [m] are replaced by the meshes themselves.
 _NEAR = 1e-2
@@ -109,10 +109,11 @@ class CollisionGeometry:
         Returns
         -------
         distances : array, shape (n_pairs,)
-            In [m]; of meshes that are in each other, minus how deep their convex hulls are.
+            Distances [m]; for meshes in collision, the negative penetration depth of their convex
+            hulls.
         rows : array, shape (n_pairs, n_joints)
-            Their derivatives by the joints: of two links, how fast the nearest point of the second
-            goes away from that of the first.
+            Their derivatives by the joints: rates at which the nearest points of two links
+            separate.
         """
         jacobian = pin.computeJointJacobians(self._model, self._data, self._in_model_order(q))
         pin.updateGeometryPlacements(self._model, self._data, self._hulls, self._hull_data)
@@ -123,20 +124,22 @@ class CollisionGeometry:
         away = (second - first) * np.sign(distances)[:, None]
         lengths = np.linalg.norm(away, axis=1)
         for i in np.flatnonzero(~(lengths > CONTACT)):
-            # In contact the two points coincide; centres give a direction, if they differ.
+            # In contact the two points coincide; then the centres define the direction, if they
+            # differ.
             a, b = (self._centre(part) for part in _both(self._hulls.collisionPairs[int(pairs[i])]))
             second[i] = b
             away[i] = b - a if np.linalg.norm(b - a) > CONTACT else np.ones(3)
             lengths[i] = np.linalg.norm(away[i])
         away /= lengths[:, None]
-        # Both points are on one line along that direction, which turns about the origin alike.
+        # Both points lie on one line along that direction, so both give the same moment about the
+        # origin.
         along = np.hstack([away, np.cross(second, away)]) @ jacobian
         rows = np.empty_like(along)
         rows[:, self.model_order] = along * self._moved[pairs]
         return distances, rows
 
     def _nearest_points(self, pair: int) -> Any:
-        """Pinocchio's answer for the links where they are."""
+        """Pinocchio's result for the current poses of the links."""
         found = pin.computeDistance(self._hulls, self._hull_data, pair)
         if self._are_convex[pair] or found.min_distance > _NEAR:
             return found
@@ -185,7 +188,7 @@ class CollisionGeometry:
         _keep_pairs(self._geometry, distances >= CONTACT)
 
     def _moved_by_joints(self) -> FloatArray:
-        """What each joint moves of each pair, shape (n_pairs, n_joints).
+        """The link of each pair that each joint moves, shape (n_pairs, n_joints).
 
         The second link: 1, the first: −1, none or both: 0.
         """
@@ -221,7 +224,7 @@ class CollisionGeometry:
 
 
 def _remove_fixed(geometry: Any) -> None:
-    """Keep the pairs that move against each other."""
+    """Keep the pairs with relative motion."""
     joints = [part.parentJoint for part in geometry.geometryObjects]
     _keep_pairs(geometry, [joints[a] != joints[b] for a, b in _index_pairs(geometry)])
 

@@ -19,7 +19,7 @@ class Dynamics(PinocchioModel):
     def _use(self, model: Any) -> None:
         super()._use(model)
         data = self._data
-        # Releases of Pinocchio before 3.0 fill the upper triangle of M alone.
+        # Releases of Pinocchio before 3.0 fill only the upper triangle of M.
         q, zero = np.linspace(0.3, 0.7, model.nv), np.zeros(model.nv)
         pin.computeRNEADerivatives(model, data, q, zero, zero)
         self._mirror_mass_matrix = not np.allclose(data.M, data.M.T)

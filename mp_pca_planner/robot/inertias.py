@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Validity of the inertias of moving bodies.
 
-A body consists of the links between one joint and the next ones. So a
-frame without mass at the end of an arm needs none, and a link without mass or shape between the
-axes of a joint with several ones needs none, either, if the next one carries some.
+A body consists of the links between one joint and the next ones. Therefore a massless frame at the
+end of an arm needs no inertia. A link without mass or shape between the axes of a multi-axis joint
+needs none, either, if the next link has an inertia.
 """
 
 from __future__ import annotations

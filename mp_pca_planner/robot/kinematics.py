@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Kinematics of a robot: where its frames are, and how they move with the joints."""
+"""Kinematics of a robot: positions of its frames, and their Jacobians."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ class Kinematics(PinocchioModel):
         q : array, shape (n_joints,)
             Joint positions [rad or m].
         position : array, shape (3,)
-            Where its origin should be in the base frame [m].
+            Target position of its origin in the base frame [m].
         orientation : array, shape (4,), optional
             Its orientation, a unit quaternion (x, y, z, w); any unless given.
 
@@ -102,7 +102,7 @@ class Kinematics(PinocchioModel):
         frames : sequence of str
             Names of the frames (links), one for each of n_points points.
         offsets : array, shape (n_points, 3)
-            Where the points are in their frames [m].
+            Positions of the points in their frames [m].
 
         Raises
         ------

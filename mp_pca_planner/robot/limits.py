@@ -115,7 +115,7 @@ def read_limits_file(path: str | Path, joint_names: Sequence[str]) -> dict[str, 
         ``has_…_limits`` switches included; ``max_effort`` and ``max_jerk`` are accepted too.
         MoveIt's default scaling factors are no limits: they are not applied.
     joint_names :
-        Joints of the robot; an entry for another one is refused.
+        Joints of the robot; an entry for another joint is rejected.
 
     Returns
     -------

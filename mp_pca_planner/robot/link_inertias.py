@@ -74,7 +74,7 @@ class LinkInertias:
 def _inertia(parameters: FloatArray) -> Any:
     if parameters[0] != 0.0:
         return pin.Inertia.FromDynamicParameters(parameters)
-    # A body without mass has no centre of mass, which Pinocchio would divide by.
+    # A body without mass has no centre of mass: Pinocchio would divide by zero.
     xx, xy, yy, xz, yz, zz = parameters[4:]
     return pin.Inertia(0.0, np.zeros(3), np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]))
 

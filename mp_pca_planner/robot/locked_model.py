@@ -20,7 +20,7 @@ _NOT_A_LINK = " (joint)"
 
 
 class LockedModel:
-    """A model of all movable joints, and which of them stay where.
+    """A model of all movable joints, with the positions of the locked ones.
 
     Parameters
     ----------

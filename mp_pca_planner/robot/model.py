@@ -39,7 +39,7 @@ class Robot(Dynamics, Kinematics):
     locked : mapping, optional
         Positions [rad or m] of locked joints; 0 (or the nearest limit) unless given.
     source : str
-        The description, as messages call it.
+        Name of the description in messages.
 
     Attributes
     ----------
@@ -130,14 +130,14 @@ class Robot(Dynamics, Kinematics):
         )
 
     def require_inertias(self, purpose: str, instead: str = "") -> None:
-        """Refuse a robot whose efforts can't be computed.
+        """Reject a robot whose efforts can't be computed.
 
         Parameters
         ----------
         purpose : str
-            What needs the efforts, in the plural, for the message.
+            The feature that needs the efforts, in the plural, for the message.
         instead : str
-            What the user can do besides correcting the description.
+            An alternative to correcting the description, for the message.
 
         Raises
         ------

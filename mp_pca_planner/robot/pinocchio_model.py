@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""A Pinocchio model with the joints in the order of their user."""
+"""A Pinocchio model with the joints in the user's order."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ class PinocchioModel:
     joint_names : sequence of str
         The joints in the order of every array.
     source : str
-        The description, as messages call it.
+        Name of the description in messages.
 
     Attributes
     ----------

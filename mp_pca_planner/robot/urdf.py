@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Robot descriptions (URDF), read once and checked before Pinocchio parses them.
 
-urdfdom, the parser behind Pinocchio, reports errors on stderr and continues without the part. So
-Pinocchio gets a copy that holds only joints and links with their inertials and collision shapes,
-all numbers of which have been checked here.
+urdfdom, the parser behind Pinocchio, reports errors on stderr and skips the malformed part.
+Therefore Pinocchio gets a copy that holds only joints and links with their inertials and collision
+shapes, all numbers of which have been checked here.
 """
 
 from __future__ import annotations
@@ -68,9 +68,9 @@ class Description:
     inertials : mapping of str to Element
         The usable <inertial> elements by link.
     lost_inertials : mapping of str to str
-        What is wrong with the inertial of each link whose inertial can't be used.
+        Defect of the inertial of each link whose inertial can't be used.
     lost_shapes : mapping of str to str
-        What is wrong with the collision shape of each link whose shape can't be used.
+        Defect of the collision shape of each link whose shape can't be used.
     solid_links : frozenset of str
         Links with a visual or collision shape: bodies, not just frames.
     """
@@ -95,7 +95,7 @@ def read_description(urdf: str, source: str) -> Description:
     urdf : str
         XML text.
     source : str
-        How messages call it.
+        Name of the description in messages.
 
     Raises
     ------
@@ -200,7 +200,7 @@ def _end(joint: ET.Element, which: str) -> str:
 
 
 def _check_tree(root: ET.Element, source: str) -> None:
-    """Refuse joints between links that don't exist, and links that form no tree."""
+    """Reject joints between missing links, and links that form no tree."""
     links = Counter(link.get("name", "") for link in root.findall("link"))
     joints = root.findall("joint")
     for kind, names in (("link", links), ("joint", Counter(j.get("name", "") for j in joints))):
@@ -245,7 +245,7 @@ def _copy_links(root: ET.Element, clean: ET.Element) -> tuple[dict[str, str], di
 
 
 def _wrong_shape(collision: ET.Element) -> str:
-    """What is wrong with a collision shape, empty if nothing is."""
+    """The defect of a collision shape; empty if there is none."""
     geometry = collision.find("geometry")
     shapes = [] if geometry is None else list(geometry)
     if len(shapes) != 1 or shapes[0].tag not in _SHAPES:
@@ -257,7 +257,7 @@ def _wrong_shape(collision: ET.Element) -> str:
 
 
 def _wrong_inertial(inertial: ET.Element) -> str:
-    """What is wrong with an inertial, empty if nothing is."""
+    """The defect of an inertial; empty if there is none."""
     mass = inertial.find("mass")
     for tag in ("mass", "inertia"):
         if inertial.find(tag) is None:
@@ -287,7 +287,7 @@ def _copy_joint(joint: ET.Element, clean: ET.Element, source: str) -> None:
 
 
 def _wrong_numbers(element: ET.Element) -> str:
-    """What is wrong with the numbers in an element; valid ones are rewritten for urdfdom."""
+    """The defect of the numbers in an element; valid ones are rewritten for urdfdom."""
     for part in element.iter():
         for attribute, count in _NUMBERS.get(part.tag, {}).items():
             text = part.get(attribute)

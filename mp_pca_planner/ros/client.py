@@ -27,7 +27,7 @@ from .own_context import NoAnswerError as NoAnswerError
 from .own_context import NodeInOwnContext
 from .qos import LATCHED
 
-# A client that is busy for a while must not lose what was published meanwhile.
+# A client that is busy for a while must not lose messages.
 DEPTH = 10_000
 """Depth of the subscriptions of a client."""
 
@@ -59,7 +59,7 @@ class Answer:
 
 
 def this_machine_only(domain: int | None = None) -> dict[str, str]:
-    """Environment variables that keep nodes apart from other machines and their robots.
+    """Environment variables that isolate nodes from other machines and their robots.
 
     They also make discovery fast, unless a file of DDS profiles is set already.
 
@@ -252,7 +252,7 @@ class GoalClient(NodeInOwnContext):
     def wait_for_diagnostics(
         self, is_expected: Callable[[dict[str, str]], bool] = bool, timeout: float = 30.0
     ) -> dict[str, str]:
-        """Wait for the next diagnostics that are as expected.
+        """Wait for the next diagnostics that meet a condition.
 
         Parameters
         ----------
@@ -290,7 +290,7 @@ class GoalClient(NodeInOwnContext):
         self.wait_for_diagnostics(lambda values: values["model"] != "none")
 
     def next_trajectory(self, n_before: int, timeout: float) -> JointTrajectory | None:
-        """Return the motion after this many; None where their topic is remapped."""
+        """Wait for a motion after the first `n_before`; None if their topic is remapped."""
         if not self.node.count_publishers(f"{self.planner}/joint_trajectory"):
             return None
         self.wait(lambda: len(self.trajectories) > n_before, timeout, "published no trajectory")

@@ -36,11 +36,11 @@ class _Request:
     Attributes
     ----------
     goal : Goal
-        The goal as it is stated.
+        The goal as stated in the message.
     make_goal : callable
         Makes the goal for a start state.
     context : Model
-        What it is planned with.
+        The planning context.
     stamp : Time
         The stamp of its message.
     """
@@ -97,11 +97,11 @@ class GoalTopics:
             node.create_subscription(
                 message_type, topic, self._receive, GOALS, callback_group=group
             )
-        # Goals don't wait behind the services of the node.
+        # A separate thread, so that goals don't wait for services of the node.
         self._executor = GroupExecutor(node, group)
 
     def cancel(self) -> None:
-        """Give up all goals that wait or are planned."""
+        """Cancel all goals that wait or are being planned."""
         self._worker.cancel()
 
     def close(self) -> None:
@@ -112,7 +112,8 @@ class GoalTopics:
     def _receive(self, message: Any) -> None:
         try:
             request = _read(message, self._setup.ready())
-            # A wrong goal must not preempt another one; otherwise planning finds what is wrong.
+            # An invalid goal must not preempt a running one. If none is running, planning reports
+            # the error.
             if not self._worker.is_idle:
                 request.check()
         except Exception as error:

@@ -29,7 +29,7 @@ class GuardedNode(Node):
         if isinstance(error, PlannerError):
             return to_text(error)
         if isinstance(error, OSError) and error.strerror:
-            # Not the whole name: its length may be the error.
+            # The name is shortened, because its length may be the error.
             file = f": '{error.filename!s:.80}'" if error.filename else ""
             return to_text(f"the operating system reports: {error.strerror}{file}")
         if isinstance(error, MemoryError):
@@ -53,7 +53,7 @@ class GuardedNode(Node):
         return call
 
     def _explain_failure(self, callback: Any, error: Exception) -> str:
-        # Callbacks of rclpy raise because of received values, such as a negative time on /clock.
+        # Callbacks of rclpy may raise on received values, such as a negative time on /clock.
         if getattr(callback, "__module__", "").startswith("rclpy."):
             return to_text(f"rclpy rejects the received message: {error}")
         return self.explain(error)
@@ -61,18 +61,18 @@ class GuardedNode(Node):
     def create_subscription(
         self, msg_type: Any, topic: str, callback: Any, *arguments: Any, **options: Any
     ) -> Any:
-        """See `Node`."""
+        """Guarded version of the method of `Node`."""
         guarded = self.guarded(callback)
         return super().create_subscription(msg_type, topic, guarded, *arguments, **options)
 
     def create_timer(
         self, timer_period_sec: float, callback: Any, *arguments: Any, **options: Any
     ) -> Any:
-        """See `Node`."""
+        """Guarded version of the method of `Node`."""
         return super().create_timer(timer_period_sec, self.guarded(callback), *arguments, **options)
 
     def create_service(self, srv_type: Any, srv_name: str, callback: Any, **options: Any) -> Any:
-        """See `Node`; where the answer has a message, it says what went wrong."""
+        """Guarded version of the method of `Node`; the response reports an error."""
 
         @wraps(callback)
         def answer(request: Any, response: Any) -> Any:

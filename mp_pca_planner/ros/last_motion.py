@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""The motion that was published last: its preview, its cost, and how it is kept."""
+"""The motion that was published last: its preview, its cost, and its storage as a primitive."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from .preview import to_preview
 
 
 class LastMotion:
-    """What was published last, and its measured cost.
+    """The motion that was published last, and its measured cost.
 
     Attributes
     ----------
@@ -31,11 +31,11 @@ class LastMotion:
         self._previewed: Served | None = None
 
     def replace(self, served: Served) -> None:
-        """Note a published motion."""
+        """Record a published motion."""
         self._served, self.cost = served, None
 
     def report_cost(self, cost: float) -> None:
-        """Note the measured cost, and learn from it if the motion is a trial.
+        """Record the measured cost, and learn from it if the motion is a trial.
 
         Raises
         ------
@@ -68,7 +68,7 @@ class LastMotion:
         Raises
         ------
         PlannerError
-            If there is no folder or no motion, or the motion can't be kept.
+            If there is no folder or no motion, or the motion can't be saved.
         """
         if not folder:
             raise ParameterError(

@@ -32,7 +32,7 @@ class LifecyclePlannerNode(LifecycleNodeMixin, PlannerNode):
         return super().on_activate(state)
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Give up planned goals and reject further ones; a running motion continues."""
+        """Cancel goals and reject further ones; a running motion continues."""
         self.reject_goals(_INACTIVE)
         return super().on_deactivate(state)
 
@@ -42,6 +42,6 @@ class LifecyclePlannerNode(LifecycleNodeMixin, PlannerNode):
         return super().on_cleanup(state)
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Reject goals, for good."""
+        """Reject goals permanently."""
         self.reject_goals(_INACTIVE)
         return super().on_shutdown(state)

@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""A listener on the topics of a planner's node, for the live view."""
+"""Monitor of the topics of a planner node, for the live view."""
 
 from __future__ import annotations
 

@@ -42,13 +42,13 @@ NODE_NAME = "mp_pca_planner"
 class PlannerNode(GuardedNode):
     """Plans a motion for each goal and publishes it.
 
-    Missing or unusable primitive files are no error: the node says so in its reports and waits
-    for ``~/reload_primitives``.
+    Missing or unusable primitive files are no error: the node reports them and waits for
+    ``~/reload_primitives``.
 
     Parameters
     ----------
     hold : str
-        Why the node loads no primitives and rejects goals for now; empty if it doesn't.
+        Reason for which the node loads no primitives and rejects goals; empty if it serves goals.
 
     Raises
     ------
@@ -57,7 +57,7 @@ class PlannerNode(GuardedNode):
     """
 
     def __init__(self, hold: str = "") -> None:
-        # Unknown names must reach our own check, whose answer lists the valid ones.
+        # Undeclared parameters are allowed, because the package's own check lists the valid names.
         try:
             super().__init__(NODE_NAME, allow_undeclared_parameters=True)
         except RuntimeError as error:  # where DDS security lacks files, or support, for example
@@ -77,7 +77,7 @@ class PlannerNode(GuardedNode):
             self.get_logger().warning(f"ignored: {to_text(problem)}")
         if not hold:
             self.load()
-        # Registered only now: the first values are judged together.
+        # Registered after the declarations, because the initial values are checked together.
         self.add_on_set_parameters_callback(self._on_set_parameters)
         self._server = MotionServer(
             self._states, self._statistics, self._send, time.perf_counter, self._report_execution
@@ -107,7 +107,7 @@ class PlannerNode(GuardedNode):
         self._log_readiness()
 
     def reject_goals(self, hold: str) -> None:
-        """Give up planned goals and reject further ones, with this reason."""
+        """Cancel goals and reject further ones, with this reason."""
         self._setup.hold = hold
         self._goals.cancel()
 
@@ -122,7 +122,7 @@ class PlannerNode(GuardedNode):
         self.create_service(Trigger, "~/reload_primitives", self._on_reload)
         self.create_service(Trigger, "~/stop", self._on_stop)
         self.create_service(Trigger, "~/save_motion", self._on_save)
-        # Simulated time may stand still, and then the diagnostics are needed most.
+        # A steady clock, because diagnostics are needed even if simulated time stands still.
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(1.0, self._publish_diagnostics, clock=steady)
         self.create_timer(0.05, self._watch, clock=steady)
@@ -177,7 +177,7 @@ class PlannerNode(GuardedNode):
         return SetParametersResult(successful=True)
 
     def _watch(self) -> None:
-        """Take the states that wait, and check how the robot follows its motion."""
+        """Poll the waiting states, and check how the robot follows its motion."""
         self._poll_states()
         if self._setup.context is not None:
             self._server.watch(self._setup.context)
@@ -191,13 +191,13 @@ class PlannerNode(GuardedNode):
             )
 
     def _poll_states(self) -> None:
-        """Take the states that wait; their age counts from when the middleware got them."""
+        """Poll the waiting states; their age counts from when the middleware got them."""
         with self._polling:
             now, wall_clock = time.monotonic(), time.time_ns()
             longest, self._polled = now - self._polled, now
             for message, facts in self._joint_states.poll():
                 age = (wall_clock - facts["received_timestamp"]) * 1e-9
-                # Not older than the last poll, which left none: the wall clock may be set.
+                # At most the time since the last poll, because the wall clock may have been set.
                 self._states.measured.receive(message, min(max(age, 0.0), longest))
 
     # Publishing
@@ -243,7 +243,7 @@ def _status(
     counts: GoalStatistics,
     cost: float | None,
 ) -> DiagnosticStatus:
-    """What the node needs to serve goals, and what it served."""
+    """Diagnostics on the node's inputs and on the goals that it served."""
     age, context, problem = measured.age, setup.context, setup.missing or setup.problem
     if not problem and age is None:
         problem = "waiting for joint_states"

@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Nodes that look at the planner from outside, in a context of their own."""
+"""Base class of client nodes with their own ROS context."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class NoAnswerError(PlannerError):
 class NodeInOwnContext:
     """A node in a context of its own; use it as a context manager.
 
-    The context of the process and its signal handlers stay as they are.
+    The context of the process and its signal handlers are not changed.
 
     Parameters
     ----------
@@ -67,8 +67,8 @@ class NodeInOwnContext:
         Raises
         ------
         NoAnswerError
-            If that takes longer than the timeout [s]; the complaint says what the planner's node
-            has failed to do.
+            If that takes longer than the timeout [s]; the message states what the planner's node
+            failed to do.
         """
         deadline = time.monotonic() + timeout
         while not is_done():
@@ -77,7 +77,7 @@ class NodeInOwnContext:
             self.spin_once()
 
     def result(self, client: Any, request: Any, timeout: float = 10.0) -> Any:
-        """Return what a service answers, or raise a `NoAnswerError`."""
+        """Return the response of a service, or raise a `NoAnswerError`."""
         future = client.call_async(request)
         self.wait(future.done, timeout, f"did not answer on '{client.srv_name}'")
         return future.result()

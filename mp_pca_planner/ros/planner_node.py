@@ -19,13 +19,13 @@ DONE, FAILED, REFUSED = 0, 1, 2
 _PROGRAM = "mp_pca_planner planner_node"
 _ROS_ARGUMENTS = "--ros-args"
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
-# What a node needs at least: threads, most of them for DDS, and address space [bytes].
+# Least resources of a node: threads, most of them for DDS, and address space [bytes].
 _N_THREADS = 24
 _ADDRESS_SPACE = 3 * 2**29
 
 
 class _ShortageError(Exception):
-    """The system has too little for a node."""
+    """The system has too little memory or too few threads for a node."""
 
 
 def main(args: Sequence[str] | None = None) -> int:
@@ -45,9 +45,9 @@ def main(args: Sequence[str] | None = None) -> int:
     arguments = list(sys.argv[1:] if args is None else args)
     own = arguments[: arguments.index(_ROS_ARGUMENTS)] if _ROS_ARGUMENTS in arguments else arguments
     options, unknown = _parser().parse_known_args(own)
-    # The matrices of planning are small: more threads would only wait for one another.
+    # One thread, because the matrices of planning are too small for several.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    # Before anything else is imported, which takes long enough to be interrupted.
+    # Installed before the slow imports, which a signal may interrupt.
     stop = threading.Event()
     for number in _SIGNALS:
         signal.signal(number, lambda *_: stop.set())
@@ -58,7 +58,7 @@ def main(args: Sequence[str] | None = None) -> int:
         print(f"{_PROGRAM}: {printable(str(error))}", file=sys.stderr)
         return REFUSED if isinstance(error, PlannerError) else FAILED
     finally:
-        # Python drops handlers before all else when it ends: one more signal would kill it then.
+        # Python removes handlers first when it exits; another signal would then kill the process.
         for number in _SIGNALS:
             signal.signal(number, signal.SIG_IGN)
     return DONE
@@ -135,7 +135,7 @@ def _parser() -> argparse.ArgumentParser:
         epilog="Everything is set by ROS parameters, for example --ros-args -p "
         "primitives:=[reach.npz]; config/planner.yaml of this package explains them all.",
     )
-    # The guard around all commands takes it; here it is for the help.
+    # The guard around all commands handles this option. It is added here for the help only.
     parser.add_argument("--debug", action="store_true", help="print the traceback of an error")
     parser.add_argument(
         "--managed",

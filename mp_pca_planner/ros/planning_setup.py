@@ -18,7 +18,7 @@ from .node_parameters import NodeParameters
 
 
 class PlanningSetup:
-    """Keeps the planning context up to date with what it is made of.
+    """Keeps the planning context consistent with primitives, robot description and parameters.
 
     Parameters
     ----------
@@ -38,9 +38,9 @@ class PlanningSetup:
     context : Model or None
         The planning context; None while a part is missing.
     problem : str
-        Why the primitive files can't be used; empty if they can.
+        Reason why the primitive files can't be used; empty if they can.
     hold : str
-        Why goals are rejected although all parts may be there; empty if they are accepted.
+        Reason why goals are rejected although all parts are present; empty if they are accepted.
 
     Raises
     ------
@@ -72,7 +72,7 @@ class PlanningSetup:
 
     @property
     def missing(self) -> str:
-        """Why goals are rejected; empty if they are accepted."""
+        """The reason why goals are rejected; empty if they are accepted."""
         if self.hold or self.context is not None:
             return self.hold
         if not self._primitives:
@@ -131,7 +131,7 @@ class PlanningSetup:
         try:
             self._adopt(self._primitives)
         except Exception as error:
-            # The robot is another one than before, so the old context is of no use.
+            # The robot has changed, so the old context is invalid.
             self.context, self._context_problem = None, self._explain(error)
             raise
         return True
@@ -142,7 +142,7 @@ class PlanningSetup:
         Raises
         ------
         Exception
-            If they are not accepted; then all stays as it was.
+            If they are not accepted; then nothing changes.
         """
         self._parameters.check_names([p.name for p in changes], _joint_names(self._primitives))
         old, new = self.settings, self._parameters.settings(changes)
@@ -162,8 +162,8 @@ class PlanningSetup:
         Raises
         ------
         Exception
-            If they don't fit together; then all stays as it was. If there is no usable context
-            anyway, the changes are accepted: it may take several to fix it.
+            If they are inconsistent; then nothing changes. If there is no usable context anyway,
+            the changes are accepted: a fix may need several changes.
         """
         joint_names = _joint_names(primitives)
         self._parameters.declare_limits(joint_names)

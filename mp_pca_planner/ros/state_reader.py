@@ -57,11 +57,11 @@ class _KnownLayout:
 class SerializedStateReader:
     """Reads the joint states of a few publishers, each of which sends the same joints every time.
 
-    A robot sends a thousand states a second, of which a goal needs few.
+    A robot publishes up to a thousand states a second; a goal needs few of them.
     """
 
     def __init__(self) -> None:
-        # Of the publishers, or of the kinds of messages that they send.
+        # Layouts of the messages of a few publishers.
         self._layouts: deque[_KnownLayout] = deque(maxlen=16)
 
     def names_all(self, message: bytes, joint_names: Sequence[str]) -> bool:
@@ -89,7 +89,7 @@ class SerializedStateReader:
         names, known = tuple(joint_names), self._known(message)
         state = None if known is None else known.state(message, names)
         if state is None:
-            # The errors of a message object say what is wrong.
+            # The conversion of a message object reports the error.
             with reading("the present state", GoalError):
                 state = to_state(deserialize_message(message, JointStateMessage), names)
         return state

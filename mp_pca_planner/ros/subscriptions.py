@@ -115,5 +115,5 @@ class GroupExecutor(SingleThreadedExecutor):
         with suppress(ConditionReachedException, ExternalShutdownException):
             while True:
                 handler, _, _ = self.wait_for_ready_callbacks(nodes=nodes, condition=is_ending)
-                # What it raises stays in it: a message that can't be read ends nothing.
+                # Exceptions are caught here: an unreadable message must not end the thread.
                 handler()

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """A trajectory controller with the semantics of ``joint_trajectory_controller`` (Jazzy).
 
-Written from the behaviour of ros2_controllers 4.42: position commands, positions and velocities
-measured, messages by topic. Times are integer nanoseconds, as in ROS.
+It reproduces ros2_controllers 4.42 with position commands, measured positions and velocities, and
+messages by topic. Times are integer nanoseconds, as in ROS.
 """
 
 from __future__ import annotations

@@ -40,7 +40,7 @@ class Faults:
     drop : float
         Probability that a message is lost.
     payload : float
-        Mass at the end effector that gravity compensation doesn't know [kg].
+        Mass at the end effector that gravity compensation does not include [kg].
     noise : float
         Standard deviation of measured positions [rad or m]; that of velocities is 100/s times it.
 

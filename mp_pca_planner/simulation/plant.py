@@ -34,7 +34,7 @@ class Drives:
     effort : array, shape (n_joints,)
         Largest torque [N·m] or force [N].
     lag : float
-        How late commands are followed [s].
+        Delay with which commands are followed [s].
     """
 
     inertia: FloatArray
@@ -96,7 +96,7 @@ class Plant:
         self._load(robot)
 
     def set_payload(self, mass: float) -> None:
-        """Attach a mass [kg] to the last link; gravity compensation doesn't know it."""
+        """Attach a mass [kg] to the last link, which gravity compensation does not include."""
         self._load(self._robot.with_payload(mass))
 
     def step(self, command: FloatArray) -> None:
@@ -149,7 +149,7 @@ class PinocchioPlant(Plant):
     def _saturated(
         self, M: FloatArray, push: FloatArray, tau: FloatArray, acting: FloatArray
     ) -> FloatArray:
-        """Velocities after a step in which some drives give all they can."""
+        """Velocities after a step in which some drives saturate."""
         d = self.drives
         full = np.zeros(len(tau), dtype=bool)
         for _ in range(len(tau)):

@@ -86,7 +86,7 @@ def _wrong_joints(given: Sequence[str], expected: Sequence[str], allow_partial: 
         if name not in expected:
             return unknown_name("joint of the controller", name, expected)
     repeated = sorted({name for name in given if list(given).count(name) > 1})
-    # The original accepts these, and leaves other joints with the numbers of an older message.
+    # The original accepts these, but keeps the numbers of an older message for the other joints.
     return f"{quote_names(repeated)} given more than once" if repeated else None
 
 

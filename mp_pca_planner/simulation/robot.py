@@ -25,7 +25,7 @@ from .record import Record
 from .rejection import ControllerOptions
 
 _CYCLE = round(PERIOD * NANOSECONDS)
-_START = 1000 * NANOSECONDS  # of the virtual clock; 0 would mean "on arrival" as a stamp
+_START = 1000 * NANOSECONDS  # start of the virtual clock; a stamp of 0 means "on arrival"
 _SCALING_TIME = 0.05  # time constant of each of the three filters of the speed scaling [s]
 _PLANTS = {"pinocchio": PinocchioPlant, "mujoco": MujocoPlant}
 
@@ -110,7 +110,7 @@ class SimulatedRobot:
         self._filters = [1.0, 1.0, 1.0]
         self._payload = 0.0
         self._under_way: deque[tuple[int, TrajectoryMessage]] = deque()
-        # Noise draws from a stream of its own: it leaves delays as they are.
+        # Noise has its own random stream, so that it does not change delays.
         self._chance, self._noise = (np.random.default_rng([seed, k]) for k in range(2))
         self._measured = self._state = self._measure()
 
@@ -217,7 +217,7 @@ class SimulatedRobot:
         if self.faults.noise == 0.0:
             return q, v
         noise = self.faults.noise * self._noise.standard_normal((2, len(q)))
-        # As of differences of positions over 10 ms.
+        # Noise of velocities, as of position differences over 10 ms.
         return q + noise[0], v + 100.0 * noise[1]
 
 

@@ -92,7 +92,7 @@ def _polynomials(lengths: FloatArray, values: FloatArray, given: BoolArray) -> F
     _, has_v, has_a = (given[:-1] & given[1:]).T
     scale = np.stack([np.ones_like(lengths), lengths, lengths**2], axis=1)[:, :, None]
     begin, end = values[:-1] * scale, values[1:] * scale
-    # Accelerations without velocities: the controller computes nothing, and commands 0.
+    # Accelerations without velocities: the controller does not interpolate, and commands 0.
     result = np.zeros((n_segments, 6, 3, n_joints))
     q = result[:, :, 0]
     linear = ~has_v & ~has_a

@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Bag files of ROS 1 and ROS 2: find, read and write them."""
+"""Discovery, reading and writing of bag files of ROS 1 and ROS 2."""
 
 from ..byte_layout import NS_PER_S as NS_PER_S
 from ..joint_states import IntArray as IntArray

@@ -51,7 +51,7 @@ def open_bag(path: Path, *, salvage: bool = False) -> Iterator[Bag]:
     path :
         The recording.
     salvage :
-        If it is damaged, read what is before the damage.
+        Reads the messages before the damage of a damaged recording.
 
     Raises
     ------
@@ -82,7 +82,7 @@ class Bag:
     topics : tuple of Topic
         Its topics, in order of name; of a damaged one those with messages before the damage.
     notes : tuple of str
-        What is worth knowing about how the messages were read last, one sentence each.
+        Notes on the last reading of messages, one sentence each.
     """
 
     def __init__(
@@ -105,7 +105,7 @@ class Bag:
         self._types = BagTypes(bag_format, {c.key: c.definition for c in counts if c.definition})
 
     def read(self, topics: Collection[Topic], use: Callable[[Iterator[Stored]], Result]) -> Result:
-        """Hand the messages of some topics to a function; of a damaged bag those before the damage.
+        """Call a function with the messages of some topics, up to the damage of a damaged bag.
 
         Parameters
         ----------
@@ -113,7 +113,7 @@ class Bag:
             Some of :attr:`topics`.
         use :
             A function of the messages: topic, time of reception [ns], and the message as stored. It
-            is called again where damage shows only while reading and salvage is enabled.
+            is called again if damage is detected during reading and `salvage` is enabled.
 
         Raises
         ------
@@ -198,7 +198,7 @@ class Bag:
         return [(name, field) for name, field in found if field]
 
     def _all_messages(self, topics: Collection[Topic]) -> Iterator[Stored]:
-        """Messages, which must be as many as the index says."""
+        """Messages, whose number must be that of the index."""
         keys = {(topic.name, topic.type): topic for topic in topics}
         count = 0
         with self._damage_reported():
@@ -214,7 +214,7 @@ class Bag:
         self.notes = self._files.notes(keys, indexed)
 
     def _before_damage(self, topics: Collection[Topic]) -> Iterator[Stored]:
-        """Messages before the damage, which may also be in one of them."""
+        """Messages before the damage; the damage may also be within a message."""
         keys = {(topic.name, topic.type): topic for topic in topics}
         count, reason = 0, "its index"
         try:
@@ -222,7 +222,7 @@ class Bag:
                 self._types.decode(channel.key, data)
                 count += 1
                 yield keys[channel.key], stamp, data
-        # Whatever goes wrong in a damaged file is the damage, see `_damage_reported`.
+        # Every error in a damaged file counts as damage, see `_damage_reported`.
         except Exception as error:
             reason = f"after message {count}: {error}"
         self.notes = (
@@ -245,7 +245,7 @@ class Bag:
 
 @contextmanager
 def _hint_at_salvage(salvage: bool) -> Iterator[None]:
-    """Add to reports of damage what can be done."""
+    """Add advice to reports of damage."""
     try:
         yield
     except DamagedRecordingError as error:

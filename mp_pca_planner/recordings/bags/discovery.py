@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Where recordings are, what they are called, and which files they consist of."""
+"""Discovery of recordings: their paths, names, formats and files."""
 
 from __future__ import annotations
 
@@ -145,7 +145,7 @@ def translated_os_errors(path: str | Path) -> Iterator[None]:
 
 
 def _glob(path: str | Path) -> list[Path]:
-    # An existing path is meant as it is, also with brackets in its name.
+    # An existing path is taken literally, even with brackets in its name.
     if Path(path).exists():
         return [Path(path)]
     return [Path(match) for match in sorted(glob.glob(str(path), recursive=True))]

@@ -21,7 +21,7 @@ from .storage import Channel, DamageError, Key, StorageFile, StoredMessage
 from .unpacking import ZSTD_MAGIC, copy_unpacked, unpacked
 
 METADATA_VERSION = 9
-"""Newest version of metadata.yaml that is known."""
+"""Newest supported version of metadata.yaml."""
 
 _READERS: dict[str, Callable[[Path], StorageFile]] = {
     ".bag": Rosbag1File,
@@ -32,7 +32,7 @@ _READERS: dict[str, Callable[[Path], StorageFile]] = {
 
 @dataclass(frozen=True)
 class FolderMetadata:
-    """What metadata.yaml says of a folder.
+    """Content of metadata.yaml.
 
     Attributes
     ----------
@@ -79,7 +79,7 @@ class RecordingFiles:
             If a file or an index is damaged.
         """
         if self._path.is_file():
-            # What the disk can't give is no damage of the recording.
+            # Errors of the file system do not count as damage of the recording.
             with translated_os_errors(self._path), self._path.open("rb") as file:
                 file.read(1)
         counts: Counter[Channel] = Counter()
@@ -88,7 +88,7 @@ class RecordingFiles:
             files = bag_files(self._path) if self._metadata is None else self._metadata.files
             self._files = [_READERS[part.suffix](part) for part in _plain_files(files, stack)]
             for part in self._files:
-                # Channels without messages stay.
+                # Channels without messages are included.
                 for channel, count in part.index().items():
                     counts[channel] += count
         return counts
@@ -111,7 +111,7 @@ class RecordingFiles:
                 yield from file.messages(keys)
                 continue
             for channel, stamp, data in file.messages(keys):
-                # CDR never begins as zstd does.
+                # CDR never begins with the magic number of zstd.
                 is_packed = data.startswith(ZSTD_MAGIC)
                 yield channel, stamp, unpacked("zstd", data) if is_packed else data
 
@@ -131,7 +131,7 @@ class RecordingFiles:
 
 @contextmanager
 def damage_reported(path: Path, bag_format: BagFormat) -> Iterator[None]:
-    """Turn whatever goes wrong in reading into a RecordingError that names the recording."""
+    """Convert all errors of reading to a RecordingError that names the recording."""
     try:
         yield
     except RecordingError:
@@ -139,7 +139,8 @@ def damage_reported(path: Path, bag_format: BagFormat) -> Iterator[None]:
     except PermissionError as error:
         raise RecordingError(f"'{path}' can't be read: {error.strerror}") from None
     # Damage shows as errors of many libraries: struct, lz4, zstd, sqlite3, yaml, KeyError,
-    # MemoryError for a huge length … That list is open, and only reading happens inside.
+    # MemoryError for a huge length … That list is open, so all exceptions are caught; the block
+    # only reads.
     except Exception as error:
         reason = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
         raise DamagedRecordingError(
@@ -150,7 +151,7 @@ def damage_reported(path: Path, bag_format: BagFormat) -> Iterator[None]:
 def _plain_files(
     files: Iterable[Path], stack: ExitStack, *, damaged: bool = False
 ) -> Iterator[Path]:
-    """Files as they are, or unpacked to temporary ones; a damaged one as far as it goes."""
+    """The files, unpacked to temporary ones if compressed; a damaged one up to the damage."""
     for file in files:
         if file.suffix not in PACKED_SUFFIXES:
             yield file
@@ -174,7 +175,7 @@ def _read_metadata(folder: Path) -> FolderMetadata | None:
     Raises
     ------
     DamageError
-        If a file is missing, or the folder is stored in a way that is not known.
+        If a file is missing, or the storage format is unknown.
     """
     try:
         text = read_bytes(folder / METADATA)

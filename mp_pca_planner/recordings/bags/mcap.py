@@ -31,7 +31,7 @@ from .unpacking import ChunkUnpacker
 MAGIC = b"\x89MCAP0\r\n"
 
 MAX_STAMP = 1 << 63
-"""Times of reception are stored in 64 bits; those from here on are none [ns]."""
+"""Times of reception are stored in 64 bits; from this value on they are invalid [ns]."""
 
 # Codes of records.
 _FOOTER, _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK = 0x02, 0x03, 0x04, 0x05, 0x06
@@ -129,7 +129,7 @@ def _summary(content: Buffer) -> tuple[int, int]:
 def _records(content: Buffer, position: int, end: int) -> Iterator[tuple[int, int, int]]:
     """Code of each record, start and end of its content.
 
-    A chunk that is cut off comes before the error: what is not compressed can still be read.
+    A truncated chunk is yielded before the error, because an uncompressed part can be read.
     """
     while position < end:
         kind, size = _HEAD.unpack_from(content, position)
@@ -143,7 +143,7 @@ def _records(content: Buffer, position: int, end: int) -> Iterator[tuple[int, in
 
 
 def _text(content: Buffer, position: int) -> tuple[str, int]:
-    """Text behind its length, and where it ends."""
+    """The text after its length, and the position of its end."""
     (size,) = struct.unpack_from("<I", content, position)
     end = position + 4 + size
     return content[position + 4 : end].decode(), end

@@ -103,7 +103,7 @@ def _start(content: Buffer) -> int:
 def _records(content: Buffer, position: int) -> Iterator[tuple[Fields, int, int, int]]:
     """Header fields and position of each record, start and end of its data.
 
-    A chunk that is cut off comes before the error: what is not compressed can still be read.
+    A truncated chunk is yielded before the error, because an uncompressed part can be read.
     """
     while position < len(content):
         head, start = _sized(content, position)
@@ -119,7 +119,7 @@ def _records(content: Buffer, position: int) -> Iterator[tuple[Fields, int, int,
 
 
 def _sized(content: Buffer, position: int) -> tuple[bytes, int]:
-    """Bytes behind their number, and where they end."""
+    """The bytes after their number, and the position of their end."""
     (size,) = _U32.unpack_from(content, position)
     end = position + _U32.size + size
     if end > len(content):

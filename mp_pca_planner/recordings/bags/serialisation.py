@@ -27,7 +27,8 @@ JOINT_TRAJECTORY = "trajectory_msgs/msg/JointTrajectory"
 MARKER_ARRAY = "visualization_msgs/msg/MarkerArray"
 
 MAX_DEFINITION = 1 << 17
-"""Largest size of a definition of messages [characters]; large ones of ROS have a third of that."""
+"""Largest size of a definition of messages [characters]; large definitions of ROS have a third of
+that."""
 
 Types = Any
 """The typestore of rosbags, whose class is not public."""
@@ -35,11 +36,11 @@ Types = Any
 
 @cache
 def known_types(bag_format: BagFormat) -> Types:
-    """Types of ROS messages, as far as rosbags knows them."""
+    """Types of ROS messages that rosbags supports."""
     if bag_format != "rosbag1":
         return get_typestore(Stores.ROS2_JAZZY)
     types = get_typestore(Stores.ROS1_NOETIC)
-    # Those of /tf are the only common ones of ROS 1 that rosbags does not know.
+    # The types of /tf are the only common ones of ROS 1 that rosbags lacks.
     for name in ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage"):
         types.register(get_types_from_msg("geometry_msgs/TransformStamped[] transforms", name))
     return types
@@ -80,7 +81,7 @@ def encoder(types: Types, bag_format: BagFormat) -> Callable[[object, str], memo
 
 
 class BagTypes:
-    """Types of messages, as rosbags knows them or as the bag defines them.
+    """Types of messages, from rosbags or from definitions in the bag.
 
     Parameters
     ----------
@@ -163,7 +164,8 @@ def _field_of_states(types: Types, name: str) -> str:
     for current in waiting:
         _, fields_of_type = types.fielddefs.get(current, ((), ()))
         for field, (_, inner) in fields_of_type:
-            # A name stands for a message. Each type is searched once: types may hold themselves.
+            # A name denotes a message type. Each type is searched once, because types may be
+            # recursive.
             if isinstance(inner, str) and inner not in paths:
                 paths[inner] = f"{paths[current]}.{field}".lstrip(".")
                 waiting.append(inner)
@@ -181,7 +183,7 @@ def header(bag_format: BagFormat, stamp_ns: int, frame_id: str = "") -> Any:
 def write_messages(
     path: Path, bag_format: BagFormat, topic: str, kind: str, messages: Iterable[tuple[int, object]]
 ) -> Path:
-    """Write messages with their times of reception [ns] as a new bag; return what was written.
+    """Write messages with their times of reception [ns] as a new bag; return the written path.
 
     Raises
     ------

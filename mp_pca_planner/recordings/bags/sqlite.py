@@ -60,14 +60,14 @@ def _opened(path: Path, *, cut_off: bool = False) -> Iterator[sqlite3.Connection
     DamageError
         If it has a view, which may have rows without end.
     """
-    # Of a file without permission sqlite3 says what it says of a damaged one.
+    # For a file without permission, sqlite3 reports the same error as for a damaged one.
     path.open("rb").close()
     where = f"file:{quote(str(path.resolve()))}?immutable=1"
     with closing(sqlite3.connect(where, uri=True)) as database:
-        # A computed column may be as large as it says.
+        # A computed column may have any size.
         database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, MAX_UNPACKED)
         if cut_off:
-            # Otherwise sqlite3 opens no file that has fewer pages than its first one says.
+            # Otherwise sqlite3 rejects files with fewer pages than their header states.
             database.execute("PRAGMA writable_schema=ON")
         views = database.execute("SELECT name FROM sqlite_master WHERE type = 'view' LIMIT 1")
         for (name,) in views:

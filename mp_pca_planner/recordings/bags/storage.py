@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""What the readers of all storage formats share."""
+"""Common types and functions of the readers of all storage formats."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ class Pass:
     unpack : ChunkUnpacker
         Unpacks the chunks.
     channels : dict
-        Wanted channels by their identifier in the file.
+        Channels to read, by their identifier in the file.
     """
 
     keys: Container[Key] | None

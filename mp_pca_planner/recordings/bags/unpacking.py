@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Bounded decompression of what is compressed in a bag."""
+"""Bounded decompression of files, chunks and messages of bags."""
 
 from __future__ import annotations
 

@@ -43,7 +43,7 @@ def write_joint_states(
     *,
     overwrite: bool = False,
 ) -> None:
-    """Write joint states as a bag on the topic /joint_states, whole or not at all.
+    """Write joint states as a bag on the topic /joint_states, atomically.
 
     Parameters
     ----------
@@ -60,7 +60,7 @@ def write_joint_states(
         Joint positions [rad or m], velocities [/s] and efforts [N·m or N]; the last two stay
         empty unless given.
     overwrite :
-        Replace what is there.
+        Whether an existing file or folder may be replaced.
 
     Raises
     ------
@@ -106,11 +106,11 @@ def write_joint_trajectory(
         Where to write: a ROS 1 bag if it ends in .bag, a bare storage file if it ends in .db3 or
         .mcap, else a rosbag2 folder (mcap).
     trajectory :
-        What to write.
+        The trajectory.
     topic :
         Name of the topic.
     overwrite :
-        Replace what is there.
+        Whether an existing file or folder may be replaced.
 
     Raises
     ------
@@ -144,7 +144,7 @@ def write_markers(
     positions: ArrayLike,
     topic: str = "/markers",
 ) -> None:
-    """Write positions of markers as a rosbag2 folder (mcap) of MarkerArray, whole or not at all.
+    """Write positions of markers as a rosbag2 folder (mcap) of MarkerArray, atomically.
 
     Parameters
     ----------
@@ -221,7 +221,7 @@ def _write(
     messages: Iterable[tuple[int, object]],
     overwrite: bool,
 ) -> None:
-    """Write a bag beside its place and move it there when it is complete."""
+    """Write a bag under a temporary name and rename it when it is complete."""
     if target.exists() and not overwrite:
         raise exists_already(target)
     if target.is_dir() and any(target.iterdir()) and recordings_in(target) != [target]:
@@ -243,7 +243,7 @@ def _write(
 
 
 def _keep_on_disk(path: Path) -> None:
-    """Make sure that a complete bag survives a loss of power."""
+    """Flush a complete bag to disk, so that it survives a loss of power."""
     for file in (*path.glob("*"), path):
         _sync(file)
 

@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Repair of recorded joint states, one family of defects per module.
+"""Repair of recorded joint states, one kind of defects per module.
 
 A recording is read whole, then the repairs are applied in a fixed order. Each is counted under its
 name in `REPAIRS`.

@@ -15,7 +15,7 @@ from ..joint_states import IntArray, RawJointStates
 from .samples import RepairOptions, Samples, count
 
 MAX_RATE = 5000.0
-"""Joint states faster than this [Hz] were not recorded as they happened."""
+"""Largest plausible rate of recorded joint states [Hz]."""
 
 YEAR_NS = 365 * 24 * 3600 * NS_PER_S
 
@@ -80,7 +80,7 @@ def order_by_time(samples: Samples, options: RepairOptions, repairs: Counter[str
         order = np.argsort(own, kind="stable")
         start = -min(samples.first_stamp, int(own.min()))
         if times:
-            # One more nanosecond than the longest gap, so that the pieces stay apart.
+            # One nanosecond more than the longest gap, so that the pieces remain separate.
             start = int(times[-1][-1]) + int(max_gap) + 1 - int(own.min())
         times.append(own[order] + start)
         rows.append(part[order])

@@ -14,13 +14,13 @@ from ...exceptions import RecordingError, quote_names, unknown_name
 from ..joint_states import IntArray, RawJointStates, listed_names
 
 MAX_JOINTS = 500
-"""No robot has more joints than this."""
+"""Largest number of joints of a robot."""
 
 
 def choose_joints(
     listed: Sequence[tuple[str, ...]], topic: str, joints: Sequence[str] | None
 ) -> tuple[str, ...]:
-    """Choose the joints to take: those asked for, else those that all messages list.
+    """Choose the joints to take: the requested ones, else those that all messages list.
 
     Parameters
     ----------
@@ -29,7 +29,7 @@ def choose_joints(
     topic :
         Name of the topic.
     joints :
-        Names asked for.
+        Requested names.
 
     Raises
     ------

@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Messages of a second publisher: dropped if it publishes zeros, refused if it contradicts."""
+"""Messages of a second publisher: zeros are dropped, contradicting positions are rejected."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from .samples import RepairOptions, Samples, count
 def refuse_late_contradictions(
     samples: Samples, options: RepairOptions, repairs: Counter[str]
 ) -> Samples:
-    """Refuse late messages whose positions differ from those of the messages in order.
+    """Reject late messages whose positions differ from those of the messages in order.
 
-    Two publishers whose stamps differ by their delays look like this. Late messages of a single
-    publisher agree with the others.
+    Two publishers whose stamps differ by their delays cause such messages. Late messages of a
+    single publisher agree with the others.
 
     Raises
     ------
@@ -50,7 +50,7 @@ def drop_equal_stamps(samples: Samples, options: RepairOptions, repairs: Counter
     """Keep one sample for each stamp: the first received, but none of zeros beside others.
 
     Drivers that start before their robot publish zeros; such a second publisher is recognised.
-    Of any others it is unknown which one is right: they are accepted as rare accidents only.
+    For other contradictions the correct message is unknown; only a small number is accepted.
 
     Raises
     ------

@@ -41,10 +41,10 @@ REPAIRS = {
 """Kinds of repairs, by the name under which they are counted."""
 
 MIN_SAMPLES = 10
-"""Fewer samples contain no motion."""
+"""Least number of samples of a motion."""
 
 MIN_TRAVEL = 1e-3
-"""A joint that travels less than this is still: encoders have about this noise [rad or m]."""
+"""A joint that travels less than this is still; it is about the noise of encoders [rad or m]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,7 +113,7 @@ class CleanRecording:
 
 @contextmanager
 def findings_on_refusal(raw: Any, repairs: Counter[str]) -> Iterator[None]:
-    """Add to a refusal what was read (joint states or trajectories), and the repairs until then."""
+    """Add the facts on the messages and the repairs until then to an error."""
     try:
         yield
     except RecordingError as error:
@@ -157,7 +157,7 @@ def _window_speeds(piece: Piece) -> FloatArray:
 
 
 def refuse_stillness(pieces: Sequence[Piece]) -> None:
-    """Refuse pieces in which no joint moves.
+    """Reject pieces in which no joint moves.
 
     Raises
     ------

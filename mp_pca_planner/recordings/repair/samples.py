@@ -18,7 +18,7 @@ from ..joint_states import IntArray
 from .recording import MIN_SAMPLES
 
 MAX_POSITION = 1e6
-"""Drivers mark unknown positions by huge numbers; no joint reaches this one [rad or m]."""
+"""Largest plausible position [rad or m]; drivers mark unknown positions by huge numbers."""
 
 
 @dataclass(frozen=True)

@@ -113,7 +113,7 @@ def _mean_velocities(
 
 
 def _verdict(true: FloatArray, recorded: FloatArray, options: VelocityCheckOptions) -> str:
-    """What is wrong with the recorded velocities of a joint; '' if nothing is."""
+    """The defect of the recorded velocities of a joint; '' if there is none."""
     if true.size < options.min_compared:
         return ""
     if not recorded.any():
