@@ -163,6 +163,10 @@ class MotionFollower:
             return None
         published.current = TrackedMotion(motion, found)
         is_over = on_time.place >= motion.duration
+        is_certain = published.joined.is_on_time and confirmation != DOUBTFUL
+        if is_certain and not is_over and abs(found.rate - 1.0) <= options.on_time_rate:
+            speed = float(np.linalg.norm(motion.state(found.place).velocities))
+            servo.limit_lag(speed, on_time.place - found.place)
         is_late = not published.is_on_time(on_time, found, servo, options)
         if is_late and seen.at_rest and is_over:
             left = np.abs(motion.state(found.place).positions - motion.end).max()

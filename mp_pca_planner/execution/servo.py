@@ -82,6 +82,20 @@ class ServoModel:
             along = float(v @ error) / (speed + slow)
             self.offset = self.offset + share * (error - v * along)
 
+    def limit_lag(self, speed: float, lag: float) -> None:
+        """Reduce the lag to that of a robot in fast motion, which never leads its command.
+
+        Parameters
+        ----------
+        speed : float
+            Norm of its joint velocities [rad/s or m/s].
+        lag : float
+            Time by which it is behind the clock [s].
+        """
+        if speed > 2.0 * self._options.slow and lag < self.lag - self._options.lag_noise:
+            self.lag = max(lag, 0.0)
+            self._learned.clear()
+
     @property
     def longest_lag(self) -> float:
         """Largest lag of a robot that counts as on time [s]."""

@@ -81,3 +81,14 @@ def test_robot_may_be_little_later_than_it_was_learned_to_be():
     assert servo.longest_lag == FollowingOptions.max_lag
     learned(servo, 2.0)
     assert LAG < servo.longest_lag < LAG + 0.02
+
+
+@pytest.mark.parametrize(
+    ("speed", "lag", "expected"),
+    [(1.0, 0.003, 0.003), (1.0, -0.001, 0.0), (0.05, 0.003, 0.018), (1.0, 0.016, 0.018)],
+)
+def test_servos_lag_no_more_than_a_robot_in_fast_motion_does(speed, lag, expected):
+    servo = ServoModel(1)
+    servo.lag = 0.018
+    servo.limit_lag(speed, lag)
+    assert servo.lag == pytest.approx(expected)
