@@ -46,7 +46,7 @@ from mp_pca_planner.robot.model import Robot
 MODEL_ERROR = 0.3
 NATURAL_FREQUENCY = 30.0
 PUBLISHED_EVERY = 10  # control periods of 1 ms
-STILL_SECONDS = 0.5  # more than the node needs to see that a robot rests
+STILL_SECONDS = 1.5  # more than the node needs to see that a robot rests, also on a busy machine
 
 
 def main() -> None:
@@ -75,7 +75,12 @@ def main() -> None:
     primitive = pair_law(primitive, law, {})
     save_primitive(primitive, folder / "primitives" / "shown.npz", overwrite=True)
 
-    values = {"primitives": [str(folder / "primitives")], "robot_description": urdf}
+    # On a busy machine stamps come late, so that some trajectories would be stamped and others not.
+    values = {
+        "primitives": [str(folder / "primitives")],
+        "robot_description": urdf,
+        "stamp_trajectories": False,
+    }
     parameters = {"mp_pca_planner": {"ros__parameters": values}}
     (folder / "planner.yaml").write_text(yaml.safe_dump(parameters), encoding="utf-8")
     node = start_node("--params-file", str(folder / "planner.yaml"), "--log-level", "warn")
