@@ -10,7 +10,7 @@ from ..arrays import FloatArray
 from ..primitives.conditional_model import ConditionalDistribution
 from .bases import MotionBasis
 from .compiler import MotionProgram
-from .plan import SearchOptions
+from .search_options import SearchOptions
 from .unknowns import END_SCALES, LOG_DURATION_SCALE
 
 

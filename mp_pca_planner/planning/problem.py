@@ -28,10 +28,10 @@ from .compiler import MotionProgram
 from .constraints import LimitedProgram
 from .motion import Motion
 from .naturalness import segment_precision, unit_of_naturalness
-from .plan import SearchOptions
 from .pose_search import nearest_configuration
 from .program import Program
 from .request import Request
+from .search_options import SearchOptions
 from .selection import effort_of
 from .sequence_request import SequenceRequest
 from .setup import Setup
