@@ -30,7 +30,7 @@ from ..recordings.repair import RepairOptions
 from ..recordings.segmentation import SegmentationOptions
 from ..recordings.segments_file import segments_table
 from ..robot.model import Robot
-from .common import check_output, no_motion, print_json, progress_bar
+from .common import check_output, print_json, progress_bar
 from .terminal import DONE, complain, say
 
 _MAX_NAMES = 5  # names of recordings listed after a note
@@ -52,8 +52,7 @@ def run(arguments: argparse.Namespace) -> int:
     )
     robot = Robot.from_file(arguments.robot, arguments.joints) if arguments.robot else None
     recordings = _load(arguments, options, robot)
-    if not recordings.reports:
-        raise no_motion(recordings)
+    recordings.require_motion()
     statistics = (
         MotionStatistics.merged(recordings.summaries)
         if recordings.summaries

@@ -26,7 +26,7 @@ from ..plotting.page import require_pages
 from ..recordings.load import RecordingSet, load_recordings
 from ..resources import config_file
 from ..robot.model import Robot
-from .common import Progress, make_folder, no_motion, plain, print_json, progress_bar
+from .common import Progress, make_folder, plain, print_json, progress_bar
 from .terminal import DONE, say
 
 _PAGE = "case_study.html"
@@ -44,8 +44,7 @@ def run(arguments: argparse.Namespace) -> int:
     Robot.from_file(urdf).attach_points(frames, np.zeros((len(frames), 3)))  # refuses unknown ones
     with progress_bar("reading", "B") as progress:
         recordings, source = _recordings(arguments, urdf, progress)
-    if not recordings.demonstrations:
-        raise no_motion(recordings)
+    recordings.require_motion()
     motions = recordings.demonstrations
     robot = Robot.from_file(urdf, motions[0].joint_names)
     with progress_bar("planning", "motion") as progress:

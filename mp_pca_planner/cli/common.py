@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from tqdm import tqdm
 
-from ..exceptions import PlannerError, RecordingError
+from ..exceptions import PlannerError
 from ..files import check_writable, write_whole
 from ..motion.trajectory_files import check_format
 from ..robot.limits import JointLimits, read_limits_file
@@ -22,7 +22,6 @@ from .terminal import say
 # Only for type checking: these imports take a second, and some commands need neither.
 if TYPE_CHECKING:
     from ..motion.trajectory import Trajectory
-    from ..recordings.load import RecordingSet
     from ..robot.model import Robot
 
 Progress = Callable[[int, int], None]
@@ -52,16 +51,6 @@ def plain(content: Any) -> Any:
     if isinstance(content, float) and not np.isfinite(content):
         return None
     return content
-
-
-def no_motion(recordings: RecordingSet) -> RecordingError:
-    """The error for recordings without a motion, with the first reason."""
-    if not recordings.refused:
-        n = len(recordings.reports)
-        return RecordingError(f"no motion was found: {n} recordings hold no motion")
-    first, *others = recordings.refused
-    more = f" (and {len(others)} more refused)" if others else ""
-    return RecordingError(f"no motion was found: {first.recording}: {first.reason}{more}")
 
 
 @contextmanager

@@ -30,9 +30,9 @@ from ..plotting.primitive import PHASES, primitive_figure
 from ..plotting.text import table
 from ..primitives.file import load_primitive
 from ..primitives.primitive import MovementPrimitive
-from ..recordings.bags import write_joint_states
+from ..recordings.demonstrations import write_example_recording
 from ..recordings.load import load_recordings
-from ..recordings.synthetic import JOINT_NAMES, continuous_recording, generate_motions
+from ..recordings.synthetic import JOINT_NAMES, generate_motions
 from ..resources import config_file
 from ..robot.limits import JointLimits
 from ..robot.model import Robot
@@ -98,7 +98,7 @@ def run(arguments: argparse.Namespace) -> int:
     make_folder(folder)
     bag, file = folder / "recording", folder / "arm_raising.npz"
     say(f"1. Recording {_OPTIONS.n_demonstrations} arm-raising motions into {bag}")
-    _record(bag)
+    write_example_recording(bag, _OPTIONS.n_demonstrations, seed=_OPTIONS.seed)
     say("2. Building primitives from the bag", f"   $ build_primitives {bag}")
     options = ["--robot", str(urdf), "--joints", ",".join(JOINT_NAMES), "--force"]
     build = parse("build_primitives", [str(bag), "--output", str(file), *options])
@@ -111,13 +111,6 @@ def run(arguments: argparse.Namespace) -> int:
     for path in _draw(folder, bag, load_primitive(file), robot, served):
         say(f"   {path}")
     return FAILED if failures else DONE
-
-
-def _record(path: Path) -> None:
-    """Write generated motions of a person as a rosbag2 recording."""
-    motions = generate_motions(_OPTIONS.n_demonstrations, _OPTIONS.seed)
-    made = continuous_recording(motions, _OPTIONS.rate, seed=_OPTIONS.seed)
-    write_joint_states(path, "mcap", made.joint_names, made.stamps, made.positions, overwrite=True)
 
 
 @dataclass(frozen=True, eq=False)

@@ -163,10 +163,12 @@ class MotionFollower:
             return None
         published.current = TrackedMotion(motion, found)
         is_over = on_time.place >= motion.duration
-        is_certain = published.joined.is_on_time and confirmation != DOUBTFUL
-        if is_certain and not is_over and abs(found.rate - 1.0) <= options.on_time_rate:
+        lag = on_time.place - found.place
+        is_timed = published.joined.is_on_time
+        is_certain = is_timed and confirmation != DOUBTFUL and not is_over
+        if is_certain and abs(found.rate - 1.0) <= options.on_time_rate:
             speed = float(np.linalg.norm(motion.state(found.place).velocities))
-            servo.limit_lag(speed, on_time.place - found.place)
+            servo.limit_lag(speed, lag)
         is_late = not published.is_on_time(on_time, found, servo, options)
         if is_late and seen.at_rest and is_over:
             left = np.abs(motion.state(found.place).positions - motion.end).max()
@@ -183,10 +185,7 @@ class MotionFollower:
         command = replace(found, place=found.place + ahead)
         if is_late:
             return self._following(published, HELD if seen.at_rest else LAGGING, command, seen)
-        is_timed = published.joined.is_on_time
-        is_sure = published.joined.is_path_known and is_timed and confirmation != DOUBTFUL
-        if known.any() and is_sure and not is_over:
-            lag = on_time.place - found.place
+        if known.any() and is_certain and published.joined.is_path_known:
             servo.learn(motion, float(samples.times[-1]), seen.state.positions, lag)
         # For a motion that the controller started on receipt, the clock does not determine the
         # place.

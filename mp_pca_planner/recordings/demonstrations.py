@@ -58,7 +58,7 @@ def write_example_recording(path: str | Path, n_motions: int = 40, *, seed: int 
     Parameters
     ----------
     path : str or Path
-        A file name ending in .mcap; an existing file is replaced.
+        A file name ending in .mcap, or a rosbag2 folder; an existing one is replaced.
     n_motions : int
         Number of motions, at least 1.
     seed : int

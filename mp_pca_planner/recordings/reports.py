@@ -181,11 +181,12 @@ class RecordingSet:
         )
 
     def require_motion(self) -> None:
-        """Raise a RecordingError with the first reason if no recording is usable."""
-        if self.reports:
+        """Raise a RecordingError, with the first reason, if no recording holds a motion."""
+        if self.demonstrations or self.summaries:
             return
         if not self.refused:
-            raise RecordingError("no motion was found: no recording was given")
-        more = f" (and {len(self.refused) - 1} more refused)" if self.refused[1:] else ""
-        first = self.refused[0]
+            n = len(self.reports)
+            raise RecordingError(f"no motion was found: {n} recordings hold no motion")
+        first, *others = self.refused
+        more = f" (and {len(others)} more refused)" if others else ""
         raise RecordingError(f"no motion was found: {first.recording}: {first.reason}{more}")
