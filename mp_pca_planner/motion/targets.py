@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import TypeGuard, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -80,16 +81,16 @@ def as_goal(value: GoalLike, joint_names: Sequence[str], duration: float | None 
             )
         return value
     if _is_several(value):
-        targets = [_as_target(v, joint_names, f"target {i}") for i, v in enumerate(value, 1)]  # type: ignore[arg-type]
+        targets = [_as_target(v, joint_names, f"target {i}") for i, v in enumerate(value, 1)]
         times = (*(None for _ in targets[1:]), duration)
         return SequenceGoal(tuple(targets), times)
-    target = _as_target(value, joint_names, "the goal")  # type: ignore[arg-type]
+    target = _as_target(cast(TargetLike, value), joint_names, "the goal")
     if isinstance(target, Pose):
         return PoseGoal(target, duration)
     return JointGoal(target, duration)
 
 
-def _is_several(value: object) -> bool:
+def _is_several(value: object) -> TypeGuard[Sequence[TargetLike]]:
     """Whether a value is a list of targets, rather than one list of positions."""
     if isinstance(value, np.ndarray):
         return value.ndim == 2
