@@ -149,15 +149,15 @@ class _Search:
         while True:
             # A distance within an interval is at least half of this.
             least = ends.sum(axis=0) - closed
-            open_ = np.asarray(~(least > 2.0 * CONTACT) & (last - first > 1))
             # Between two collisions, only the deepest one matters.
-            both = (ends < CONTACT).all(axis=0)
-            open_ &= ~(both & (0.5 * least > self._deepest[pairs] - CONTACT))
-            if not open_.any():
+            both = (ends < CONTACT).all(axis=0) & (0.5 * least > self._deepest[pairs] - CONTACT)
+            is_clear = both | (least > 2.0 * CONTACT) | (last - first <= 1)
+            if is_clear.all():
                 return self._found
-            pairs, first, last, ends = pairs[open_], first[open_], last[open_], ends[:, open_]
+            kept = np.flatnonzero(~is_clear)
+            pairs, first, last, ends = pairs[kept], first[kept], last[kept], ends[:, kept]
             middle = (first + last) // 2
-            between = self._distances(middle, pairs, closed[open_])
+            between = self._distances(middle, pairs, closed[kept])
             pairs = np.tile(pairs, 2)
             first, last = np.concatenate([first, middle]), np.concatenate([middle, last])
             ends = np.block([[ends[0], between], [between, ends[1]]])
