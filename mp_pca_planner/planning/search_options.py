@@ -38,6 +38,9 @@ class SearchOptions:
         again.
     max_stretch : float
         Largest factor of a free duration where an attempt does not meet the limits.
+    max_scalings : int
+        Largest number of times that a free duration is lengthened before the first attempt, until
+        the expected motion keeps the limits.
     naturalness_steps : tuple of float
         Values to which naturalness is raised if the reduction of effort caused a limit violation.
         At the last value, effort hardly counts.
@@ -79,6 +82,7 @@ class SearchOptions:
     search_naturalness: float = 1e-2
     duration_margin: float = 1.002
     max_stretch: float = 10.0
+    max_scalings: int = 4
     naturalness_steps: tuple[float, ...] = (1e-3, 1e-2, 1e-1, 1.0, 10.0, 100.0)
     n_configurations: int = 3
     n_route_configurations: int = 6

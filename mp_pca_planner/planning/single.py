@@ -7,6 +7,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from itertools import chain
 
 import numpy as np
 
@@ -19,12 +20,14 @@ from .bases import MotionBasis, component_basis, corrected_basis, spline_basis
 from .budget import Budget
 from .constraints import LimitTables
 from .fallback import Fallback, FallbackPlanner
+from .motion import Motion
 from .plan import FREE, SHORTEST
 from .problem import SingleProblem
 from .recoveries import Failure, MoreNatural, Recovery, Setting, Slower, WiderBasis
 from .request import GoalResolver, Request
 from .setup import Setup
 from .starts import WarmStarts
+from .stop_and_go import slowdown
 from .unknowns import QuadratureTables
 from .verdict import Planned, StatedDuration
 
@@ -129,7 +132,8 @@ class SinglePlanner:
         attempts: list[Attempt] = []
         for request in requests:
             attempts.append(self._attempts(request, first))
-            if first.is_over():
+            # Further configurations of a pose are for where the most natural one has no motion.
+            if first.is_over() or (request.pose is not None and attempts[-1].is_valid):
                 break
         best = min(attempts, key=lambda one: (one.violation, one.solution.cost))
         failed = not (best.is_valid or best.is_hopeless or budget.is_cancelled())
@@ -169,8 +173,12 @@ class SinglePlanner:
     def _attempts(self, request: Request, budget: Budget) -> Attempt:
         """The best motion for a request, with recoveries until one succeeds or none applies."""
         options, usual = self._setup.options, request.expected.duration
-        wider = WiderBasis(self._chooser.bases(request), usual, options.naturalness)
         stretch = options.search.max_stretch if request.duration_is_free else 1.0
+        bases, duration = self._chooser.bases(request), usual
+        if request.duration_is_free:
+            first_basis = next(bases)
+            bases, duration = chain([first_basis], bases), self._scaled(request, first_basis)
+        wider = WiderBasis(bases, duration, options.naturalness)
         recoveries: list[Recovery] = [wider]
         if not self._searches(request):
             natural = MoreNatural(options.search.naturalness_steps)
@@ -187,6 +195,17 @@ class SinglePlanner:
             setting = next((one for one in proposals if one is not None), None)
         assert best is not None
         return best
+
+    def _scaled(self, request: Request, basis: MotionBasis) -> float:
+        """The expected duration, longer if the expected motion exceeds limits otherwise [s]."""
+        usual = duration = request.expected.duration
+        for _ in range(self._setup.options.search.max_scalings):
+            motion = Motion(request.start, request.goal, duration, basis.basis, basis.expected)
+            factor = slowdown(self._setup.check(self._setup.sample([motion])))
+            if factor == 1.0:
+                return duration
+            duration *= factor
+        return usual  # a longer duration does not help
 
     def _searches(self, request: Request) -> bool:
         return request.duration_is_free and self._setup.options.timing == SHORTEST
