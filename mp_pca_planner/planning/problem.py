@@ -36,7 +36,7 @@ from .selection import effort_of
 from .sequence_request import SequenceRequest
 from .setup import Setup
 from .starts import StartPoint
-from .unknowns import GOAL_POSITION, Unknowns
+from .unknowns import END_SCALES, GOAL_POSITION, Unknowns
 
 
 @dataclass(eq=False)
@@ -222,7 +222,9 @@ class SingleProblem(PlanningProblem):
             objectives=setup.options.objectives,
             conditions=request.conditions,
         )
-        self.starts = _starts(basis, self._program, naturalness, setup.options.search)
+        # A free goal is natural where demonstrations end.
+        ends = request.primitive.boundary_states[:, GOAL_POSITION]
+        self.starts = _starts(basis, self._program, naturalness, setup.options.search, ends)
         ends = request.start, request.goal if request.pose is None else None
         self.parts = [Part(self._program, basis, ends)]
 
@@ -351,7 +353,11 @@ def passing_phases(durations: Sequence[float]) -> tuple[float, ...]:
 
 
 def _starts(
-    basis: MotionBasis, program: MotionProgram, naturalness: float, search: SearchOptions
+    basis: MotionBasis,
+    program: MotionProgram,
+    naturalness: float,
+    search: SearchOptions,
+    goals: FloatArray,
 ) -> list[StartPoint]:
     """Set the program's naturalness; return the unknowns to start from, the cheapest first."""
     candidates = np.array([program.unknowns.from_weights(s.unknowns) for s in basis.starts])
@@ -361,6 +367,12 @@ def _starts(
         precision = basis.precision * np.outer(program.scales[:n], program.scales[:n])
         unit = unit_of_naturalness(program, precision, candidates[0], search.effort_weight)
         program.precision[:n, :n] = naturalness * unit * precision
+        free = range(n, program.unknowns.n_linear)
+        if free:
+            spread = np.maximum(goals.std(axis=0), search.min_spread)
+            program.precision[free, free] = (
+                naturalness * unit * (END_SCALES[GOAL_POSITION] / spread) ** 2
+            )
         if naturalness >= search.near_expected:
             order = order[:1]
     if len(order) > 1:
