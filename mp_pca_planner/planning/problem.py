@@ -223,8 +223,8 @@ class SingleProblem(PlanningProblem):
             conditions=request.conditions,
         )
         # A free goal is natural where demonstrations end.
-        ends = request.primitive.boundary_states[:, GOAL_POSITION]
-        self.starts = _starts(basis, self._program, naturalness, setup.options.search, ends)
+        goals = request.primitive.boundary_states[:, GOAL_POSITION]
+        self.starts = _starts(basis, self._program, naturalness, setup.options.search, goals)
         ends = request.start, request.goal if request.pose is None else None
         self.parts = [Part(self._program, basis, ends)]
 

@@ -21,13 +21,16 @@ from .budget import Budget
 from .constraints import LimitTables
 from .fallback import Fallback, FallbackPlanner
 from .motion import Motion
+from .objectives import Time
 from .plan import FREE, SHORTEST
 from .problem import SingleProblem
 from .recoveries import Failure, MoreNatural, Recovery, Setting, Slower, WiderBasis
 from .request import GoalResolver, Request
+from .selection import cost_of
 from .setup import Setup
 from .starts import WarmStarts
 from .stop_and_go import slowdown
+from .subproblem import TINY
 from .unknowns import QuadratureTables
 from .verdict import Planned, StatedDuration
 
@@ -215,10 +218,7 @@ class SinglePlanner:
     ) -> tuple[Attempt, Setting]:
         """The attempt with a setting, and the setting with the duration that was found."""
         if self._searches(request):
-            found, is_shortest = self._shortest(request, setting.basis, budget)
-            converged = found.solution.converged and is_shortest
-            solution = replace(found.solution, converged=converged)
-            return replace(found, solution=solution), setting
+            return self._shortest(request, setting.basis, budget), setting
         options = self._setup.options
         if request.duration_is_free and options.timing == FREE and setting.is_first:
             timed = self._attempt_in(request, setting, budget, duration_is_free=True)
@@ -240,44 +240,24 @@ class SinglePlanner:
         )
         return attempt(problem, budget, n_starts=self._setup.options.n_starts)
 
-    def _shortest(
-        self, request: Request, basis: MotionBasis, budget: Budget
-    ) -> tuple[Attempt, bool]:
-        """The attempt of the shortest duration that keeps the limits, by bisection.
+    def _shortest(self, request: Request, basis: MotionBasis, budget: Budget) -> Attempt:
+        """The attempt of the least duration, from the expected motion within the limits.
 
-        Whether a duration is long enough is known only from an attempt, which optimises the weights
-        (and a free goal) again. Returns also whether there was time to find the shortest.
+        The planner's objectives count little: they choose among motions of one duration.
         """
-        search, usual = self._setup.options.search, request.expected.duration
-        naturalness = min(self._setup.options.naturalness, search.search_naturalness)
-
-        def tried_in(duration: float) -> Attempt:
-            # In the search, each duration gets one start and a few iterations only.
-            problem = SingleProblem(self._setup, request, basis, duration, naturalness)
-            return attempt(problem, budget, max_iterations=search.max_search_iterations)
-
-        best, too_short = tried_in(usual), 0.0
-        factor = 1.0 / search.first_step if best.is_valid else search.first_step
-        longest = search.max_stretch * usual
-        while not best.is_valid or too_short == 0.0:
-            duration = factor * best.duration
-            in_range = longest / search.max_stretch**3 < duration <= longest
-            if not in_range or budget.is_over():
-                return best, not budget.is_over()
-            tried = tried_in(duration)
-            if best.is_valid and not tried.is_valid:
-                too_short = duration
-            else:
-                if tried.is_valid and not best.is_valid:
-                    too_short = best.duration
-                best = tried
-        while best.duration > search.duration_precision * too_short and not budget.is_over():
-            tried = tried_in(float(np.sqrt(too_short * best.duration)))
-            if tried.is_valid:
-                best = tried
-            elif not budget.is_over():
-                too_short = tried.duration
-        return best, best.duration <= search.duration_precision * too_short
+        options, duration = self._setup.options, self._scaled(request, basis)
+        initial = Motion(request.start, request.goal, duration, basis.basis, basis.expected)
+        cost = cost_of(self._setup.robot, initial, basis.tables, options.objectives)
+        share = options.search.share_in_shortest * duration / max(cost, TINY)
+        others = [(share * weight, objective) for weight, objective in options.objectives]
+        timed = replace(options, objectives=((1.0, Time()), *others))
+        setup = replace(self._setup, options=timed)
+        problem = SingleProblem(setup, request, basis, duration, 0.0, duration_is_free=True)
+        found = attempt(problem, budget)
+        # The cost is computed in the assembly of the plan, by the objectives of the planner.
+        unknown = float("nan")
+        solution = replace(found.solution, objective_cost=unknown, naturalness_cost=0.0)
+        return replace(found, solution=solution)
 
     def _stated_duration(self, best: Attempt, fallback: Fallback, budget: Budget) -> StatedDuration:
         """The shortest known feasible duration, if it is to be reported."""
@@ -292,8 +272,9 @@ class SinglePlanner:
         expected = self._resolver.expect(request.primitive, request.start, request.goal, None)
         free = replace(request, duration_is_free=True, expected=expected)
         for basis in self._chooser.bases(free):
-            found, is_shortest = self._shortest(free, basis, budget)
+            found = self._shortest(free, basis, budget)
             if found.is_valid:
-                seconds = search.duration_margin * found.duration
+                seconds, is_shortest = found.duration, found.solution.converged
+                seconds *= search.duration_margin
                 return stated if stated.seconds < seconds else StatedDuration(seconds, is_shortest)
         return stated

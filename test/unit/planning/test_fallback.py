@@ -25,6 +25,7 @@ from mp_pca_planner.motion.goal import JointGoal, JointState, Pose, PoseGoal, Se
 from mp_pca_planner.motion.validation import check_executable, check_limits
 from mp_pca_planner.planning.plan import INFEASIBLE, MODES, STOPPED_EARLY, PlannerOptions
 from mp_pca_planner.planning.planner import Planner
+from mp_pca_planner.planning.search_options import SearchOptions
 
 NO_TIME = 1e-9
 # Hardly any jerk: no motion that is optimised without time keeps these limits.
@@ -85,9 +86,19 @@ def test_every_goal_is_served_from_rest_and_in_motion_without_any_time(
     np.testing.assert_array_equal(plan.trajectory.positions[-1], goal.state.positions)
 
 
-def test_message_says_that_time_ran_out_and_that_the_motion_is_usable():
+def test_expected_motion_is_slowed_until_it_keeps_the_limits_before_any_search():
     goal, start = request(1)
     plan = planner(overrides=OVERRIDES, max_solve_time=NO_TIME).plan(goal, start)
+    assert_serves(plan, start)
+    assert plan.solution.iterations == 1 and plan.n_components_used > 0
+    assert f"lengthened from {arm_duration(goal, start):.3g} to" in plan.message
+
+
+def test_message_says_that_time_ran_out_and_that_the_motion_is_usable():
+    goal, start = request(1)
+    unscaled = SearchOptions(max_scalings=0)
+    subject = planner(overrides=OVERRIDES, max_solve_time=NO_TIME, search=unscaled)
+    plan = subject.plan(goal, start)
     assert_serves(plan, start)
     assert plan.status == STOPPED_EARLY
     assert plan.message.startswith("time ran out (max_solve_time = 1e-09 s) before")
@@ -106,7 +117,10 @@ def arm_duration(goal: JointGoal, start: JointState) -> float:
 
 def test_from_rest_it_is_the_minimum_jerk_motion_as_fast_as_the_limits_allow():
     goal, start = request(1)
-    subject = planner(overrides=OVERRIDES, max_solve_time=NO_TIME, timing="shortest")
+    unscaled = SearchOptions(max_scalings=0)
+    subject = planner(
+        overrides=OVERRIDES, max_solve_time=NO_TIME, timing="shortest", search=unscaled
+    )
     plan = subject.plan(goal, start)
     way = goal.state.positions - start.positions
     s = plan.trajectory.times[:, None] / plan.motion.duration
