@@ -29,14 +29,14 @@ class SearchOptions:
     share_in_shortest : float
         Cost of the planner's objectives as a share of that of time, in the search for the shortest
         duration.
+    scaling_margin : float
+        Factor on the duration at which the expected motion just keeps the limits at the nodes, for
+        the peaks between them.
     duration_margin : float
         Factor on the reported shortest duration, so that a motion with that duration is found
         again.
     max_stretch : float
         Largest factor of a free duration where an attempt does not meet the limits.
-    max_scalings : int
-        Largest number of times that a free duration is lengthened before the first attempt, until
-        the expected motion keeps the limits.
     naturalness_steps : tuple of float
         Values to which naturalness is raised if the reduction of effort caused a limit violation.
         At the last value, effort hardly counts.
@@ -73,9 +73,9 @@ class SearchOptions:
     max_refinements: int = 8
     share_of_fixed: float = 0.6
     share_in_shortest: float = 1e-3
+    scaling_margin: float = 1.02
     duration_margin: float = 1.002
     max_stretch: float = 10.0
-    max_scalings: int = 4
     naturalness_steps: tuple[float, ...] = (1e-3, 1e-2, 1e-1, 1.0, 10.0, 100.0)
     n_configurations: int = 3
     n_route_configurations: int = 6

@@ -14,6 +14,7 @@ import numpy as np
 from ..exceptions import GoalError
 from ..motion.goal import JointGoal, JointState
 from ..primitives.basis import Basis, BSplineBasis
+from ..primitives.boundary import hermite_functions
 from ..primitives.primitive import MovementPrimitive
 from .attempt import Attempt, attempt
 from .bases import MotionBasis, component_basis, corrected_basis, spline_basis
@@ -26,10 +27,10 @@ from .plan import FREE, SHORTEST
 from .problem import SingleProblem
 from .recoveries import Failure, MoreNatural, Recovery, Setting, Slower, WiderBasis
 from .request import GoalResolver, Request
-from .selection import cost_of
+from .selection import cost_of, node_states
 from .setup import Setup
 from .starts import WarmStarts
-from .stop_and_go import slowdown
+from .stop_and_go import least_stretch
 from .subproblem import TINY
 from .unknowns import QuadratureTables
 from .verdict import Planned, StatedDuration
@@ -201,14 +202,18 @@ class SinglePlanner:
 
     def _scaled(self, request: Request, basis: MotionBasis) -> float:
         """The expected duration, longer if the expected motion exceeds limits otherwise [s]."""
-        usual = duration = request.expected.duration
-        for _ in range(self._setup.options.search.max_scalings):
-            motion = Motion(request.start, request.goal, duration, basis.basis, basis.expected)
-            factor = slowdown(self._setup.check(self._setup.sample([motion])))
-            if factor == 1.0:
-                return duration
-            duration *= factor
-        return usual  # a longer duration does not help
+        usual, search = request.expected.duration, self._setup.options.search
+        motion = Motion(request.start, request.goal, usual, basis.basis, basis.expected)
+        # Jerks are often largest at the ends.
+        phases = np.array([0.0, 1.0])
+        ends = hermite_functions(phases, 3) @ motion.boundary
+        ends = (ends + basis.basis.shape(basis.expected, phases, 3)) / usual**3
+        states = node_states(motion, basis.tables)
+        states = np.concatenate([states, states[:, [0, -1]]], axis=1)
+        states[3, -2:] = ends
+        stretch = least_stretch(self._setup.robot, self._setup.limits, states)
+        stretch *= search.scaling_margin
+        return usual * stretch if 1.0 < stretch <= search.max_stretch else usual
 
     def _searches(self, request: Request) -> bool:
         return request.duration_is_free and self._setup.options.timing == SHORTEST
