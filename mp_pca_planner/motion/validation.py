@@ -28,7 +28,7 @@ GRID_PERIOD = 1e-3
 LIMIT_TOLERANCE = 1e-6
 """Relative excess over a limit that counts as rounding."""
 
-LIMIT_NEAR = 2e-5
+LIMIT_NEAR = 1e-4
 """Relative distance from a limit within which the grid may miss a violation."""
 
 _START_TOLERANCE = 1e-9

@@ -37,7 +37,7 @@ N_LIMIT_POINTS = 200
 _INSIDE = 1e-6
 # A bound is tightened by this multiple of the violation between points, because the peak moves with
 # the bound, and by this additional share.
-_TIMES, _EXTRA = 2.0, 2e-5
+_TIMES, _EXTRA = 2.0, 1e-4
 
 QUANTITIES = ("position", "velocity", "acceleration", "jerk", "effort")
 """Limited quantities, in the order of the constraints; the last is not linear in the weights."""

@@ -90,7 +90,7 @@ def least_stretch(robot: Robot, limits: JointLimits, states: FloatArray) -> floa
     """
     bounds = (limits.velocity, limits.acceleration, limits.jerk)
     factors = [
-        float(np.max(np.abs(values) / bound)) ** (1.0 / order)
+        float(np.max(np.abs(values) / bound) ** (1.0 / order))
         for order, (values, bound) in enumerate(zip(states[1:], bounds, strict=True), start=1)
     ]
     if np.isfinite(limits.effort).any():
@@ -330,7 +330,7 @@ def least_duration(robot: Robot, limits: JointLimits, start: FloatArray, goal: F
     q, v, a = (hermite_functions(_PHASES, d) @ ends for d in range(3))
     gravity, moving = _effort_parts(robot, q, v, a)
     _check_gravity(gravity, limits)
-    return max(*kinematic, _stretch_of_efforts(limits, gravity, moving))
+    return float(max(*kinematic, _stretch_of_efforts(limits, gravity, moving)))
 
 
 def _check_gravity(gravity: FloatArray, limits: JointLimits) -> None:

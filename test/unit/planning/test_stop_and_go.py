@@ -109,7 +109,7 @@ def test_stretch_of_a_minimum_jerk_motion_gives_its_least_duration(first, second
         except TrajectoryError:
             assert stretch == np.inf
         else:
-            assert stretch * duration == pytest.approx(least, rel=5e-3)
+            assert stretch * duration == pytest.approx(least, rel=5e-3, abs=1e-6)
 
 
 def test_gravity_beyond_a_limit_of_effort_is_said_with_joint_and_value():
