@@ -182,7 +182,7 @@ class Planner:
         reason = selection_reason(goal, planned.attempt, attempts)
         return self._assembly.plan(planned, reason, solved_at - began)
 
-    def practise(self, max_time: float = float("inf")) -> None:
+    def precompute(self, max_time: float = float("inf")) -> None:
         """Precompute motions between the ends of demonstrations, as warm starts of similar ones.
 
         For each primitive this takes as long as planning twenty goals, and reduces later planning

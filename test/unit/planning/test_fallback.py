@@ -18,7 +18,7 @@ from test_collision import ACROSS_BASE, chain, chain_planner
 from test_planner import planner, request
 
 from mp_pca_planner.exceptions import GoalError
-from mp_pca_planner.learning.family import family_around
+from mp_pca_planner.learning.primitive_around import primitive_around
 from mp_pca_planner.learning.refined_motion import RefinedMotion
 from mp_pca_planner.motion.collision import CollisionModel
 from mp_pca_planner.motion.goal import JointGoal, JointState, Pose, PoseGoal, SequenceGoal, Via
@@ -245,7 +245,7 @@ def test_slow_motion_in_collision_is_not_returned():
 def test_slow_motion_can_be_kept_as_a_primitive():
     goal, start = request(1)
     plan = planner(overrides=OVERRIDES, max_solve_time=NO_TIME).plan(goal, start)
-    family = family_around(arm_primitive(), RefinedMotion([plan.motion]), "kept", {})
+    family = primitive_around(arm_primitive(), RefinedMotion([plan.motion]), "kept", {})
     again = Planner(
         arm_robot(), [family], LIMITS, PlannerOptions(naturalness=100.0, max_solve_time=EVER)
     ).plan(replace(goal, duration=plan.motion.duration), start)
