@@ -45,6 +45,7 @@ setup(
         "lz4",  # as rosbags does
         "PyYAML>=6.0",
         "tqdm>=4.66",
+        "threadpoolctl>=3.1",
     ],
     extras_require={
         # ROS 2 Jazzy for machines without one: wheels for x86-64 Linux.

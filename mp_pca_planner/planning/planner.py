@@ -27,6 +27,7 @@ from .selection import Selector
 from .setup import Setup
 from .several import SeveralPlanner
 from .single import BasisChooser, SinglePlanner
+from .threads import one_blas_thread
 
 
 class Planner:
@@ -130,6 +131,7 @@ class Planner:
         """
         return self._resolver.target(goal, start)
 
+    @one_blas_thread()
     def plan(
         self,
         goal: GoalLike,
@@ -182,6 +184,7 @@ class Planner:
         reason = selection_reason(goal, planned.attempt, attempts)
         return self._assembly.plan(planned, reason, solved_at - began)
 
+    @one_blas_thread()
     def precompute(self, max_time: float = float("inf")) -> None:
         """Precompute motions between the ends of demonstrations, as warm starts of similar ones.
 
