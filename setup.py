@@ -73,7 +73,7 @@ setup(
         # Another physics engine for the simulated robot.
         "sim": ["mujoco>=3.3"],
         # The documentation site.
-        "doc": ["sphinx>=7.0", "myst-parser>=3.0", "furo"],
+        "doc": ["sphinx>=7.0", "myst-parser>=3.0", "furo", "matplotlib>=3.6"],
         # Libraries that several processes may change at once.
         "library": ["filelock>=3.12"],
         # Learning by trials: CMA-ES.

@@ -6,8 +6,9 @@ import sys
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
-sys.path.insert(0, str(Path(__file__).resolve().parent))
+sys.path[:0] = [str(ROOT), str(ROOT / "doc"), str(ROOT / "scripts")]
 
+import gallery  # noqa: E402  (in scripts/)
 import reference  # noqa: E402  (beside this file)
 from docutils.nodes import SkipNode  # noqa: E402
 from docutils.utils.math.latex2mathml import tex2mathml  # noqa: E402
@@ -41,8 +42,9 @@ exclude_patterns = ["_build"]
 
 
 def setup(app):
-    """Write the generated pages; render equations as MathML, which needs no network."""
+    """Write the generated pages and figures; render equations as MathML, without network."""
     reference.write_pages(ROOT / "doc" / "reference")
+    gallery.write_figures(ROOT / "doc" / "gallery")
     inline, block = render(as_block=False), render(as_block=True)
     app.add_html_math_renderer("mathml", (inline, None), (block, None))
 

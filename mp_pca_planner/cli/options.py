@@ -307,6 +307,7 @@ def send_goal(add: Options) -> None:
     _add_via(add, "NAME=VALUE,...[@T]", text, with_stops=True)
     add.flag("--degrees", "positions are in degrees, not in radians")
     add("--primitive NAME", "primitive to use; empty: the node chooses", default="")
+    add("--wait S", "first wait up to S s until the node is ready for goals", seconds)
     _add_node_options(add)
     add("--timeout S", "longest time to wait [s]", seconds, 10.0)
     add.flag("--verbose", "print all values of the report")

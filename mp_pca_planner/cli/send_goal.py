@@ -15,7 +15,7 @@ from trajectory_msgs.msg import JointTrajectory
 
 from ..exceptions import GoalError, quote_names
 from ..motion.goal import JointState, Pose, SequenceGoal
-from ..ros.client import GoalClient, NoAnswerError, check_node_name, is_served
+from ..ros.client import READY, GoalClient, NoAnswerError, check_node_name, is_served
 from ..ros.messages import to_pose_message, to_sequence_message
 from .common import print_json, report_lines
 from .goal_arguments import joint_values, sequence_goal, stated_pose
@@ -31,7 +31,9 @@ def run(arguments: argparse.Namespace) -> int:
     stamp.sec, stamp.nanosec = divmod(time.time_ns(), 10**9)
     try:
         with GoalClient("send_goal", arguments.namespace, arguments.node) as client:
-            client.wait_for_node(arguments.timeout, with_trajectory=False)
+            client.wait_for_node(arguments.wait or arguments.timeout, with_trajectory=False)
+            if arguments.wait:
+                client.wait_for_diagnostics(lambda values: values["text"] == READY, arguments.wait)
             answer = client.send(message, arguments.timeout, with_trajectory=False)
     except NoAnswerError as error:
         complain(f"mp_pca_planner send_goal: {error}")

@@ -34,6 +34,9 @@ from .qos import LATCHED
 DEPTH = 10_000
 """Depth of the subscriptions of a client."""
 
+READY = "ready for goals"
+"""Sentence in the diagnostics of a node that has all it needs."""
+
 _GOAL_TOPICS = {JointState: "goal", PoseStamped: "goal_pose", JointTrajectory: "goal_sequence"}
 
 
@@ -300,7 +303,10 @@ class GoalClient(NodeInOwnContext):
         self.wait(
             lambda: self._diagnostics_received > called and is_expected(values()),
             timeout,
-            "published no such diagnostics",
+            lambda: (
+                "published no such diagnostics"
+                + (f" (the newest: {values()['text']})" if self.diagnostics else "")
+            ),
         )
         return values()
 
