@@ -8,7 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from ..evaluation.case_study import OURS, TABLE_3_METHODS, CaseStudy, variance_shares
+from ..evaluation.case_study import (
+    FREE_ENDS,
+    OURS,
+    TABLE_3_METHODS,
+    CaseStudy,
+    variance_shares,
+)
 from ..evaluation.naturalness import BSPLINES, QUANTITIES, Comparison
 from ..evaluation.paper import TABLE_2, TABLE_3
 from ..primitives.differences import MEASURES
@@ -16,7 +22,7 @@ from .page import Table
 from .text import percent, table
 from .variance import percents, variance_table
 
-_EFFORTS = ["method", "effort [N²m²s]", "ratio", "time [ms]", "time ratio"]
+_EFFORTS = ["method", "ends", "effort [N²m²s]", "ratio", "time [ms]", "time ratio"]
 
 
 def tables(study: CaseStudy) -> dict[str, Table]:
@@ -71,6 +77,8 @@ def table_3(study: CaseStudy) -> Table:
         for name in TABLE_3_METHODS
     ]
     rows += [_effort_row(f"paper: {name}", *TABLE_3[name], TABLE_3["B-spline"]) for name in TABLE_3]
+    for row in rows[-len(TABLE_3) :]:
+        row[1] = "not stated"
     return Table(_EFFORTS, rows)
 
 
@@ -80,11 +88,17 @@ def _effort_row(
     """Effort and time of a method, and their ratios to those of B-splines."""
     return [
         name,
+        _ends(name),
         f"{effort:.3f}" if effort else "none",
         f"{effort / base[0]:.2f}" if effort and base[0] else "",
         f"{1e3 * seconds:.2f}",
         f"{seconds / base[1]:.3f}",
     ]
+
+
+def _ends(method: str) -> str:
+    """How motions of a method begin and end."""
+    return "moving" if method in FREE_ENDS else "at rest"
 
 
 def table_3_all_motions(study: CaseStudy) -> Table:
@@ -95,6 +109,7 @@ def table_3_all_motions(study: CaseStudy) -> Table:
         rows.append(
             [
                 name,
+                _ends(name),
                 f"{np.median(held_out.column(name, 'effort')):.3f}",
                 f"{held_out.effort_ratio(name):.2f}",
                 f"{1e3 * np.median(held_out.column(name, 'solve_time')):.2f}",
@@ -185,6 +200,7 @@ def facts(study: CaseStudy, source: str) -> dict[str, Any]:
             **{name: study.time_ratio(name) for name in TABLE_3_METHODS},
             "paper": _paper_ratio(),
         },
+        "free_ends": FREE_ENDS,
         "closer_than_bspline": {
             quantity: study.closer_than_bsplines(quantity) for quantity in (*MEASURES, "tip")
         },
