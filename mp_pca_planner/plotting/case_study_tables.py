@@ -24,6 +24,15 @@ from .variance import percents, variance_table
 
 _EFFORTS = ["method", "ends", "effort [N²m²s]", "ratio", "time [ms]", "time ratio"]
 
+_LABELS = {
+    "table_2": "Table 2: variance of the joint angles [%]",
+    "table_3": "Table 3: the arm-raising motion",
+    "table_3_all_motions": "Table 3, all motions, each left out: medians",
+    "naturalness": "Naturalness: RMS errors of motions left out, and 95 % intervals of the "
+    "difference from the default's",
+}
+"""Titles of the tables that are printed."""
+
 
 def tables(study: CaseStudy) -> dict[str, Table]:
     """All tables, by the names of their files."""
@@ -144,16 +153,9 @@ def naturalness(comparison: Comparison) -> Table:
 
 def summary(study: CaseStudy) -> str:
     """The text output of the command."""
-    labels = {
-        "table_2": "Table 2: variance of the joint angles [%]",
-        "table_3": "Table 3: the arm-raising motion",
-        "table_3_all_motions": f"Table 3, all {len(study.motions)} motions, each left out: medians",
-        "naturalness": "Naturalness: RMS errors of motions left out, and 95 % intervals of the "
-        "difference from the default's",
-    }
     found = tables(study)
     texts = [
-        f"{label}\n{table(found[n].rows, header=found[n].header)}" for n, label in labels.items()
+        f"{label}\n{table(found[n].rows, header=found[n].header)}" for n, label in _LABELS.items()
     ]
     return "\n\n".join([*texts, verdict(study)])
 
@@ -175,6 +177,9 @@ def facts(study: CaseStudy, source: str) -> dict[str, Any]:
     other = study.other_activities
     return {
         "source": source,
+        "tables": {
+            _LABELS.get(name, name): found._asdict() for name, found in tables(study).items()
+        },
         "n_motions": len(study.motions),
         "motions": [
             {"recording": m.recording, "start_time_s": m.start_time, "label": m.label}
