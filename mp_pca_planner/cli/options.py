@@ -297,20 +297,45 @@ def demo(add: Options) -> None:
 
 
 def send_goal(add: Options) -> None:
-    """Send a goal configuration, or a sequence of them, to the running planner node.
+    """Send a goal configuration, a sequence of them, or a pose to the running planner node.
 
     The command waits for the node's report and prints it. Status 0: the motion was published; 1:
     no answer, or a newer goal came; 2: refused.
     """
-    add("goal NAME=VALUE,...", "positions [rad or m] by joint name")
+    goal = add.one_of(required=True)
+    goal("goal NAME=VALUE,...", "positions [rad or m] by joint name", nargs="?")
+    goal("--pose 'X Y Z QX QY QZ QW'", "pose of the end effector [m, unit quaternion]")
+    add("--frame LINK", "link in whose frame --pose is stated; empty: the base", default="")
     text = "positions of the same joints to pass; @T, also of the goal: T s after the start"
     _add_via(add, "NAME=VALUE,...[@T]", text, with_stops=True)
     add.flag("--degrees", "positions are in degrees, not in radians")
     add("--primitive NAME", "primitive to use; empty: the node chooses", default="")
+    add("--wait S", "first wait up to S s until the node is ready for goals", seconds)
     _add_node_options(add)
     add("--timeout S", "longest time to wait [s]", seconds, 10.0)
     add.flag("--verbose", "print all values of the report")
     _add_report_options(add, written=None)
+
+
+def _add_service_options(add: Options) -> None:
+    _add_node_options(add)
+    add("--timeout S", "longest time to wait for the node, and for its answer [s]", seconds, 10.0)
+    _add_report_options(add, written=None)
+
+
+def stop(add: Options) -> None:
+    """Have the running planner node bring the robot to rest as fast as the limits allow."""
+    _add_service_options(add)
+
+
+def save_motion(add: Options) -> None:
+    """Have the running planner node save its last motion as a primitive in its `save_folder`."""
+    _add_service_options(add)
+
+
+def reload(add: Options) -> None:
+    """Have the running planner node read its primitive files again."""
+    _add_service_options(add)
 
 
 def simulate(add: Options) -> None:
@@ -351,7 +376,7 @@ def watch(add: Options) -> None:
 
 _COMMANDS = (
     *(build_primitives, inspect, plan, sequence, refine, benchmark, library, verify, case_study),
-    *(demo, send_goal, simulate, watch),
+    *(demo, send_goal, stop, save_motion, reload, simulate, watch),
 )
 
 
