@@ -171,6 +171,9 @@ class ServingOptions:
     start_delay, left_start : float
         Time at rest at the start after which a motion never started [s], and the distance at
         which a joint has left the start.
+    avoidance_reserve : float
+        Time before a collision with a new obstacle at which the search for another motion ends, and
+        the robot is stopped [s].
     max_hold : float
         Time at rest on the path before the end, or without states after the end, after which a
         motion counts as not followed [s].
@@ -189,4 +192,5 @@ class ServingOptions:
     away_time: float = 0.2
     start_delay: float = 1.0
     left_start: float = 0.006
+    avoidance_reserve: float = 0.5
     max_hold: float = 10.0

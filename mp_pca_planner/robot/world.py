@@ -211,6 +211,26 @@ class Mesh(Shape):
         set_frozen(self, vertices=points, triangles=whole)
         self._place(position, orientation)
 
+    @classmethod
+    def from_file(
+        cls,
+        path: str | Path,
+        scale: float = 1.0,
+        position: ArrayLike = _ORIGIN,
+        orientation: ArrayLike = _UPRIGHT,
+    ) -> Mesh:
+        """Read a mesh file, such as STL, OBJ or COLLADA, with coordinates times a scale.
+
+        Raises
+        ------
+        WorldError
+            If the file can't be read.
+        """
+        from .world_meshes import read_mesh
+
+        vertices, triangles = read_mesh(str(path), ())
+        return cls(_positive(scale, "scale of a mesh") * vertices, triangles, position, orientation)
+
     def _dimensions(self) -> str:
         return f"{len(self.triangles)} triangles"
 
