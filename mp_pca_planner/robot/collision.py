@@ -136,9 +136,15 @@ class CollisionGeometry:
         self._hull_data = self._hulls.createData()
         for request in self._hull_data.distanceRequests:
             request.gjk_tolerance = _PRECISION
+        self._broad_phase = pin.BroadPhaseManager_DynamicAABBTreeCollisionManager(
+            self._model, self._hulls, self._hull_data
+        )
         self._indices = np.array(pairs, dtype=np.intp).reshape(-1, 2)
         first, second = self._indices.T
         self.margins = np.where(second >= n_links, margin, 0.0)
+        # Its boxes are enlarged by the margins in their first update.
+        for request, least in zip(self._hull_data.collisionRequests, self.margins, strict=True):
+            request.security_margin = float(least)
         self._are_convex = bodies.are_convex[first] & bodies.are_convex[second]
         # Of the joints that move one of both, 1 for the second body, −1 for the first.
         self._moved = bodies.moved[second] - bodies.moved[first]
@@ -204,6 +210,27 @@ class CollisionGeometry:
         exact = pin.computeDistance(geometry, data, pair)
         # It is undefined for meshes in contact.
         return exact if exact.min_distance > CONTACT else found
+
+    def collides(self, q: FloatArray) -> bool:
+        """Whether any pair is in collision, or nearer than its margin.
+
+        Parameters
+        ----------
+        q : array, shape (n_joints,)
+            Positions of the robot's joints in its order.
+        """
+        q = self._in_model_order(q)
+        args = self._model, self._data, self._broad_phase, q
+        if not pin.computeCollisions(*args, True):
+            return False
+        if self._are_convex.all():
+            return True
+        pin.computeCollisions(*args, False)
+        results = self._hull_data.collisionResults
+        hit = np.array([k for k, result in enumerate(results) if result.isCollision()])
+        if self._are_convex[hit].any():
+            return True
+        return bool(np.any(self._exact_distances(q, hit) - self.margins[hit] < CONTACT))
 
     def nearest_point(self, q: FloatArray, pair: int) -> FloatArray:
         """Point of the second body of a pair that is nearest to the first one, shape (3,) [m]."""
