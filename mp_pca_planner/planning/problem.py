@@ -23,7 +23,7 @@ from ..robot.limits import JointLimits
 from ..robot.model import Robot
 from .bases import MotionBasis
 from .chain import ChainProgram, junctions_of
-from .clearance import Clearance, ClearProgram, clearances_of
+from .clearance import Clearances, ClearProgram
 from .compiler import MotionProgram
 from .constraints import LimitedProgram
 from .motion import Motion
@@ -53,15 +53,15 @@ class Part:
         Start and goal, None where the position is free.
     limited : LimitedProgram
         The segment with limits; without limits until they become constraints.
-    clearances : tuple of Clearance
-        Clearance constraints.
+    clearances : Clearances or None
+        Clearance constraints; None until there was a collision.
     """
 
     program: MotionProgram
     basis: MotionBasis
     ends: tuple[JointState | None, JointState | None]
     limited: LimitedProgram = field(init=False)
-    clearances: tuple[Clearance, ...] = ()
+    clearances: Clearances | None = None
 
     def bound(self, limits: JointLimits | None, robot: Robot) -> None:
         """Add the limits as constraints."""
@@ -79,7 +79,7 @@ class Part:
 
     def whole(self, collision: CollisionModel | None) -> Program:
         """The segment with all of its inequalities."""
-        if collision is None or not self.clearances:
+        if collision is None or self.clearances is None:
             return self.limited
         return ClearProgram(self.limited, self.basis.basis, collision, self.clearances)
 
@@ -157,21 +157,21 @@ class PlanningProblem(ABC):
             began += motion.duration
 
     def separate(self, collisions: Sequence[Collision], motions: Sequence[Motion]) -> bool:
-        """Add clearance constraints for collisions; return whether any were added."""
+        """Add clearance constraints after collisions; return whether any were added."""
+        collision, n_joints = self.setup.collision, self.setup.robot.n_joints
         duration = sum(motion.duration for motion in motions)
         met = collision_at_end(collisions, self.request, duration)
-        if self.setup.collision is None or met is not None:
+        if collision is None or met is not None:
             return False
         began = 0.0
         for part, motion in zip(self.parts, motions, strict=True):
-            own = [one.within(began, began + motion.duration) for one in collisions]
-            part.clearances += clearances_of(
-                [one for one in own if one is not None],
-                part.clearances,
-                self.setup.collision,
-                [None if end is None else end.positions for end in part.ends],
-                motion.duration,
-            )
+            within = [one.within(began, began + motion.duration) for one in collisions]
+            own = [one for one in within if one is not None]
+            if own and part.clearances is None:
+                ends = [None if end is None else end.positions for end in part.ends]
+                part.clearances = Clearances.between(ends, collision, n_joints)
+            elif own and part.clearances is not None:
+                part.clearances = part.clearances.during(own, motion.duration)
             began += motion.duration
         return bool(collisions)
 
