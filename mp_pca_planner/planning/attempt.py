@@ -180,7 +180,7 @@ def attempt(
             break
         if check.violations and not problem.is_bounded:
             problem.bound(with_limits=True)
-            starts = first
+            starts = _continued(problem, best, first[0]) if problem.has_clearances else first
             continue
         # A limit that is only touched may be exceeded between the points of the grid. It is
         # tightened only once, because an end of the motion may be at the limit.
@@ -203,7 +203,7 @@ def attempt(
         check,
         collisions,
         solved_at,
-        any(part.clearances is not None for part in problem.parts),
+        problem.has_clearances,
         best.memory,
     )
 

@@ -114,6 +114,11 @@ class PlanningProblem(ABC):
     is_bounded = False
 
     @property
+    def has_clearances(self) -> bool:
+        """Whether there are clearance constraints."""
+        return any(part.clearances is not None for part in self.parts)
+
+    @property
     def is_near_expected(self) -> bool:
         """Whether motions stay near the expected one, so that limits are rarely active."""
         certain = all(basis.precision is not None for basis in self.bases)
