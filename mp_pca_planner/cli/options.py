@@ -244,22 +244,24 @@ def library(add: Options) -> None:
 def benchmark(add: Options) -> None:
     """Compare components with B-splines and other methods on the same problems."""
     text = "URDF file, 'human_arm', or of example-robot-data: panda, ur5, kinova"
-    add("--robot NAME|URDF", text, default="human_arm")
+    add("--robot NAME|URDF", f"{text} (default: human_arm, or that of --scenes)")
     add("--joints a,b,c", "joints that move (default: the robot's arm, or all)", name_list)
     add("--primitives FILE", "primitive file (default: from generated motions)", Path)
     add("--limits FILE.yaml", "limits in the form of joint_limits.yaml", Path)
-    add("--problems N", "number of problems", count, 200)
+    text = "folder of problems among obstacles, in the files of MotionBenchMaker: compare there"
+    add("--scenes DIR", text, Path)
+    add("--problems N", "number of problems; of each set with --scenes", count, 200)
     add.flag("--random-ends", "problems within the limits, not within the demonstrations")
     add("--seed", "seed of the problems", seed, 2)
     add(
         "--peers a,b,c",
         "other methods: all, none, or some of promp, dmp, fddp, box_fddp, slsqp_differences, "
-        "slsqp_gradients, drake, ruckig",
+        "slsqp_gradients, drake, ruckig; with --scenes, ompl_toppra",
         default="all",
     )
     add("--peer-problems N", "problems for slow peers", count, 10)
     add("--repeats", "times each is solved", count, 3)
-    add("--time-limit S", "for one problem [s]", seconds, 10.0)
+    add("--time-limit S", "for one problem [s] (default: 10, with --scenes 1)", seconds)
     add("--plot FILE.png", "picture of cost over time to draw", Path)
     _add_report_options(add, "the picture")
 

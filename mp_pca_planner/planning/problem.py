@@ -161,9 +161,19 @@ class PlanningProblem(ABC):
                 part.limited = part.limited.tightened(own)
             began += motion.duration
 
+    def keep_clear(self) -> None:
+        """Add clearance constraints before any collision."""
+        if self.setup.collision is not None:
+            for part in self.parts:
+                part.clearances = self._clearances(part, self.setup.collision)
+
+    def _clearances(self, part: Part, collision: CollisionModel) -> Clearances:
+        ends = [None if end is None else end.positions for end in part.ends]
+        return Clearances.between(ends, collision, self.setup.robot.n_joints)
+
     def separate(self, collisions: Sequence[Collision], motions: Sequence[Motion]) -> bool:
         """Add clearance constraints after collisions; return whether any were added."""
-        collision, n_joints = self.setup.collision, self.setup.robot.n_joints
+        collision = self.setup.collision
         duration = sum(motion.duration for motion in motions)
         met = collision_at_end(collisions, self.request, duration)
         if collision is None or met is not None:
@@ -173,8 +183,7 @@ class PlanningProblem(ABC):
             within = [one.within(began, began + motion.duration) for one in collisions]
             own = [one for one in within if one is not None]
             if own and part.clearances is None:
-                ends = [None if end is None else end.positions for end in part.ends]
-                part.clearances = Clearances.between(ends, collision, n_joints)
+                part.clearances = self._clearances(part, collision)
             elif own and part.clearances is not None:
                 part.clearances = part.clearances.during(own, motion.duration)
             began += motion.duration
@@ -233,6 +242,8 @@ class SingleProblem(PlanningProblem):
         self.starts = _starts(basis, self._program, naturalness, setup.options.search, goals)
         ends = request.start, request.goal if request.pose is None else None
         self.parts = [Part(self._program, basis, ends)]
+        if basis.is_detour:
+            self.keep_clear()
 
     def program(self) -> Program:
         """The one segment."""

@@ -20,6 +20,7 @@ from .attempt import Attempt, attempt
 from .bases import MotionBasis, component_basis, corrected_basis, spline_basis
 from .budget import Budget
 from .constraints import LimitTables
+from .detours import DetourPlanner
 from .fallback import Fallback, FallbackPlanner
 from .motion import Motion
 from .objectives import Time
@@ -114,6 +115,7 @@ class SinglePlanner:
     ) -> None:
         self._setup, self._resolver = setup, resolver
         self._fallback, self._chooser = fallback, chooser
+        self._detours = DetourPlanner(setup, self._attempt)
 
     def serve(
         self, requests: Sequence[Request], began: float, budget: Budget
@@ -187,11 +189,19 @@ class SinglePlanner:
         if not self._searches(request):
             natural = MoreNatural(options.search.naturalness_steps)
             recoveries = [Slower(stretch * usual), natural, wider]
-        best, setting = None, wider.propose()
+        best, setting, rest = None, wider.propose(), budget
+        if self._setup.collision is not None:
+            budget = budget.share(options.search.share_of_descent)
         while setting is not None:
             tried, setting = self._attempt(request, setting, budget)
             if best is None or tried.violation < best.violation:
                 best = tried
+            may_turn = not best.is_valid and budget is not rest
+            if may_turn and self._detours.applies(tried, is_late=budget.is_over()):
+                budget = rest
+                detoured, self.hint = self._detours.serve(request, rest)
+                if detoured is not None and detoured.violation < best.violation:
+                    best = detoured
             if best.is_valid or best.is_hopeless or budget.is_over():
                 break
             failure = Failure(tried, setting, self._setup)
@@ -228,7 +238,7 @@ class SinglePlanner:
         if request.duration_is_free and options.timing == FREE and setting.is_first:
             timed = self._attempt_in(request, setting, budget, duration_is_free=True)
             setting = replace(setting, duration=timed.duration)
-            if timed.is_valid:
+            if timed.is_valid or budget.is_over():
                 return timed, setting
         return self._attempt_in(request, setting, budget), setting
 
