@@ -45,8 +45,6 @@ def to_obstacle(marker: Marker, package_dirs: Sequence[Path]) -> Obstacle:
     try:
         p, o = marker.pose.position, marker.pose.orientation
         pose = np.array([p.x, p.y, p.z, o.x, o.y, o.z, o.w])
-        # The pose is checked first, because all shapes are moved by it.
-        Sphere(1.0, pose[:3], pose[3:])
         shapes = [shape.moved(pose) for shape in _shapes(marker, package_dirs)]
         return Obstacle(name, shapes, marker.header.frame_id)
     except WorldError as error:
