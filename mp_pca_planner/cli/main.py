@@ -31,6 +31,7 @@ COMMANDS = {
     "send_goal": "a goal for the running node, and its answer",
     "simulate": "a simulated robot on ROS topics, with faults on demand",
     "watch": "the running node in the terminal, live",
+    "view": "robot, primitives and plans on a page in the browser",
     "planner_node": "the ROS 2 node",
 }
 _RUN_BY_ANOTHER_MODULE = {"sequence": "plan"}
@@ -98,7 +99,7 @@ def _extra_with(module_name: str | None) -> str | None:
     top_level = (module_name or "").partition(".")[0]
     if top_level in {"rclpy", "std_srvs"} or top_level.endswith(("_msgs", "_interfaces")):
         return "ros"
-    return "view" if top_level == "rich" else None
+    return "view" if top_level in {"rich", "trimesh", "viser", "websockets"} else None
 
 
 def _parser() -> OneLineParser:
