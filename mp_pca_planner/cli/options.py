@@ -59,6 +59,9 @@ def _add_motion_options(add: Options) -> None:
     add("--limits FILE.yaml", "limits in the form of joint_limits.yaml", Path)
     add("--sample-period", "time step [s]", number(1e-4, 1.0, "s"), 0.01)
     add.flag("--collision", "avoid self-collisions")
+    text = "obstacles to avoid: a planning scene of MoveIt, .scene or YAML"
+    add("--obstacles FILE", text, Path)
+    add("--margin", "least clearance from --obstacles [m] (default: 0)", number(0.0, 10.0, "m"))
     add("--srdf FILE", "link pairs to skip (default: neighbours, and those in contact)", Path)
     text = "folders of packages with meshes; searched before ROS's and those above the URDF"
     add("--package-dirs DIR", text, Path, (), nargs="+")

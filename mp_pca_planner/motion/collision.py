@@ -1,9 +1,9 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Self-collisions along a trajectory.
+"""Collisions along a trajectory, of links with each other and with obstacles.
 
-The distances of pairs of links are followed along the motion that the controller executes. A pair
-can't touch before the joints between its links have moved by its distance, so it is checked again
+The distances of pairs of bodies are followed along the motion that the controller executes. A pair
+can't touch before the joints between its bodies have moved by its distance, so it is checked again
 only then (conservative advancement: Mirtich, PhD thesis, Berkeley, 1996), and otherwise every
 millisecond.
 """
@@ -30,7 +30,7 @@ _SOON, _LATEST = 20, 500
 
 @dataclass(frozen=True)
 class Collision:
-    """Two links that collide during a motion.
+    """Two bodies that collide during a motion, or come nearer than their margin.
 
     Attributes
     ----------
@@ -41,11 +41,16 @@ class Collision:
     time : float
         When their penetration is deepest [s].
     penetration : float
-        Its depth [m]; a lower bound for meshes that are not convex.
+        Its depth [m]; a lower bound for meshes that are not convex. With a margin, by how much the
+        bodies are nearer than that.
     first_time : float
         When the collision begins [s].
     last_time : float
         When it was last found [s].
+    point : tuple of float
+        Where the bodies meet then, in the base frame [m].
+    margin : float
+        Least clearance of the pair [m].
     """
 
     pair: int
@@ -54,6 +59,8 @@ class Collision:
     penetration: float
     first_time: float
     last_time: float
+    point: tuple[float, float, float]
+    margin: float = 0.0
 
     def within(self, began: float, ended: float) -> Collision | None:
         """The part of it between two times, with times counted from the first; None if none."""
@@ -64,14 +71,24 @@ class Collision:
         return replace(self, time=moment - began, first_time=first - began, last_time=last - began)
 
     def __str__(self) -> str:
+        x, y, z = self.point
         return (
-            f"'{self.links[0]}' and '{self.links[1]}' collide from {self.first_time:.3f} s on "
-            f"(deepest at {self.time:.3f} s, by {1e3 * self.penetration:.1f} mm)"
+            f"{self.bodies} from {self.first_time:.3f} s on "
+            f"(deepest at {self.time:.3f} s, by {1e3 * self.penetration:.1f} mm, "
+            f"near ({x:.3f}, {y:.3f}, {z:.3f}) m)"
         )
+
+    @property
+    def bodies(self) -> str:
+        """The two bodies and what is wrong with them, as text."""
+        names = f"'{self.links[0]}' and '{self.links[1]}'"
+        if self.margin == 0.0:
+            return f"{names} collide"
+        return f"{names} are nearer than the margin of {1e3 * self.margin:.3g} mm"
 
 
 class CollisionModel(CollisionGeometry):
-    """Self-collisions of a robot's motions."""
+    """Collisions of a robot's motions."""
 
     def collisions(self, trajectory: Trajectory) -> tuple[Collision, ...]:
         """The collisions of a motion, one of each pair that has any, the deepest first.
@@ -105,7 +122,16 @@ class CollisionModel(CollisionGeometry):
                     found.setdefault(int(pair), []).append(found_at)
             i = min(int(due.min()), last) if i < last else last + 1
         return tuple(
-            Collision(k, self.pairs[k], time, max(0.0, -distance), samples[0][1], samples[-1][1])
+            Collision(
+                k,
+                self.pairs[k],
+                time,
+                max(0.0, -distance),
+                samples[0][1],
+                samples[-1][1],
+                tuple(self.nearest_point(dense.q[dense.times.searchsorted(time)], k).tolist()),
+                float(self.margins[k]),
+            )
             for (distance, time), k, samples in sorted(
                 (min(samples), k, samples) for k, samples in found.items()
             )

@@ -20,7 +20,7 @@ from .budget import Budget
 from .motion import Motion
 from .plan import MotionSolution
 from .pose_search import POSE_TOLERANCE
-from .problem import ChainProblem, PlanningProblem, meets_at_ends
+from .problem import ChainProblem, PlanningProblem, collision_at_end
 from .request import Request
 from .sequence_request import SequenceRequest
 from .setup import Setup
@@ -54,7 +54,7 @@ class Attempt:
     check : LimitCheck
         Comparison with the limits.
     collisions : tuple of Collision
-        Self-collisions; not computed if limits are violated.
+        Collisions; not computed if limits are violated.
     solved_at : float
         When the solver was done, by the clock of `time.perf_counter` [s].
     has_clearances : bool
@@ -109,8 +109,13 @@ class Attempt:
 
     @property
     def is_hopeless(self) -> bool:
-        """Whether links collide at an end of the motion that is fixed."""
-        return meets_at_ends(self.collisions, self.request, self.duration)
+        """Whether bodies collide at an end of the motion that is fixed."""
+        return self.collision_at_end is not None
+
+    @cached_property
+    def collision_at_end(self) -> tuple[str, Collision] | None:
+        """The name of a fixed end in collision, and the collision; None if there is none."""
+        return collision_at_end(self.collisions, self.request, self.duration)
 
 
 def checked(

@@ -8,13 +8,14 @@ import time
 from collections.abc import Sequence
 
 from ..exceptions import GoalError, PrimitiveError, quote_names
-from ..motion.collision import CollisionModel
+from ..motion.collision import CollisionModel, package_folders
 from ..motion.goal import JointGoal, JointState, SequenceGoal
 from ..motion.targets import GoalLike, StateLike, as_goal, as_state
 from ..motion.validation import require_effort_limits
 from ..primitives.primitive import MovementPrimitive
 from ..robot.limits import JointLimits
 from ..robot.model import Robot
+from ..robot.world import World
 from .budget import Budget
 from .fallback import FallbackPlanner
 from .objectives import uses_efforts
@@ -42,8 +43,11 @@ class Planner:
     options : PlannerOptions, optional
         Options of planning.
     collision : CollisionModel, optional
-        Collision model of the same robot, not shared between threads. Enables self-collision
-        avoidance if the robot has collision geometry.
+        Collision model of the same robot, not shared between threads. Enables collision avoidance
+        if the robot has collision geometry.
+    world : World, optional
+        Obstacles to avoid. They replace those of the collision model; without one, a model is made
+        that avoids self-collision, too.
 
     Raises
     ------
@@ -51,6 +55,8 @@ class Planner:
         If there is no primitive, two have the same name, or one is of other joints.
     RobotError
         If a moving link has no valid inertia, and efforts are limited or part of the objective.
+    WorldError
+        If an obstacle is attached to an unknown link or has the name of a link.
     """
 
     def __init__(
@@ -60,10 +66,16 @@ class Planner:
         limits: JointLimits | None = None,
         options: PlannerOptions | None = None,
         collision: CollisionModel | None = None,
+        world: World | None = None,
     ) -> None:
         self.robot, self.primitives = robot, primitives
         self.limits = robot.limits() if limits is None else limits
         self.options = PlannerOptions() if options is None else options
+        if world is not None and collision is None:
+            folders = package_folders((), robot.path)
+            collision = CollisionModel(robot, package_dirs=folders, world=world)
+        elif world is not None and collision is not None:
+            collision.set_world(world)
         self.collision = collision
         names = [p.name for p in self.primitives]
         if not names:

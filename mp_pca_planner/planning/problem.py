@@ -159,7 +159,8 @@ class PlanningProblem(ABC):
     def separate(self, collisions: Sequence[Collision], motions: Sequence[Motion]) -> bool:
         """Add clearance constraints for collisions; return whether any were added."""
         duration = sum(motion.duration for motion in motions)
-        if self.setup.collision is None or meets_at_ends(collisions, self.request, duration):
+        met = collision_at_end(collisions, self.request, duration)
+        if self.setup.collision is None or met is not None:
             return False
         began = 0.0
         for part, motion in zip(self.parts, motions, strict=True):
@@ -334,14 +335,16 @@ class ChainProblem(PlanningProblem):
         return sum(part.program.naturalness(own) for part, own in local)
 
 
-def meets_at_ends(
+def collision_at_end(
     collisions: Sequence[Collision], request: Request | SequenceRequest, duration: float
-) -> bool:
-    """Whether links collide at an end that is fixed."""
-    goal_is_fixed = request.pose is None
-    return any(
-        one.first_time == 0.0 or (goal_is_fixed and one.last_time >= duration) for one in collisions
-    )
+) -> tuple[str, Collision] | None:
+    """The first collision at an end that is fixed, "start" or "goal"; None if there is none."""
+    for one in collisions:
+        if one.first_time == 0.0:
+            return "start", one
+        if request.pose is None and one.last_time >= duration:
+            return "goal", one
+    return None
 
 
 def passing_phases(durations: Sequence[float]) -> tuple[float, ...]:
