@@ -360,6 +360,7 @@ def view(add: Options) -> None:
     add("--limits FILE.yaml", "limits in the form of joint_limits.yaml", Path)
     text = "folders of packages with meshes; searched before ROS's and those above the URDF"
     add("--package-dirs DIR", text, Path, (), nargs="+")
+    add("--obstacles FILE", "obstacles: a planning scene of MoveIt, .scene or YAML", Path)
     add("--frame LINK", "link that the handle moves (default: the last)", default="")
     text = "recordings of the demonstrations (default: as the primitives reproduce them)"
     add("--demonstrations BAG", text, nargs="+")

@@ -6,10 +6,13 @@ from __future__ import annotations
 
 import argparse
 import threading
+from contextlib import suppress
 from dataclasses import replace
 
+from ..exceptions import RobotError, unknown_name
 from ..primitives.primitive_library import load_primitives
 from ..recordings.demonstrations import load_demonstrations
+from ..robot.world import World
 from ..view.page import ViewPage, read_content
 from .common import limits_of
 from .terminal import DONE, flush, say
@@ -25,13 +28,16 @@ def run(arguments: argparse.Namespace) -> int:
         recordings = load_demonstrations(
             arguments.demonstrations, robot=content.robot, topic=arguments.topic
         )
-    content = replace(content, limits=limits, frame=arguments.frame, recordings=recordings)
+    if arguments.frame and arguments.frame not in content.robot.frame_names:
+        raise RobotError(unknown_name("link", arguments.frame, content.robot.frame_names))
+    world = World() if arguments.obstacles is None else World.from_file(arguments.obstacles)
+    content = replace(
+        content, limits=limits, frame=arguments.frame, recordings=recordings, world=world
+    )
     with ViewPage(content, arguments.host, arguments.port) as page:
         reach = "this machine only" if page.server.is_local else "every machine that reaches it"
         say(f"page         {page.url} (for {reach}; Ctrl-C ends it)")
         flush()
-        try:
+        with suppress(KeyboardInterrupt):  # the usual end
             threading.Event().wait(arguments.duration)
-        except KeyboardInterrupt:  # the usual end
-            pass
     return DONE

@@ -15,7 +15,7 @@ from .components import bent_motion, component_names, variance_shares
 from .drawing import DrawnPaths
 from .player import Player
 from .stage import Stage
-from .words import bar_html
+from .words import bar_html, padded_html
 
 NAME = "Components"
 
@@ -55,11 +55,11 @@ class ComponentsPanel:
         self._sliders: list[Any] = []
         self._mean = DrawnPaths(stage.server.scene, "/components/mean", _MEAN)
         self._bent = DrawnPaths(stage.server.scene, "/components/bent", _BENT, 4.0)
-        self._is_drawn: Any = gui.add_checkbox("Draw both paths", False)
         stage.on_change(self._choice, self._on_choice)
         stage.on_click(reset, self._on_reset)
-        stage.on_change(self._is_drawn, self._draw)
+        self._is_shown = False
         self._on_choice(take=False)
+        player.when_shown(NAME, self._on_shown)
 
     @property
     def primitive(self) -> MovementPrimitive:
@@ -77,19 +77,19 @@ class ComponentsPanel:
         with self._folder:
             for k in self._shown:
                 gui_slider = gui.add_slider(
-                    f"{names[k]} ({100.0 * shares[k]:.1f} %)", -_RANGE, _RANGE, 0.1, 0.0
+                    f"{names[k]}: {100.0 * shares[k]:.1f} %", -_RANGE, _RANGE, 0.1, 0.0
                 )
-                self._stage.on_change(gui_slider, self._on_slider)
-                bar = gui.add_html(bar_html(float(shares[k])))
+                self._stage.on_change(gui_slider, self._update)
+                bar = gui.add_html(padded_html(bar_html(float(shares[k]))))
                 self._sliders += [gui_slider, bar]
             left = len(names) - len(self._shown)
             if left:
                 self._sliders.append(gui.add_markdown(f"{left} smaller components are not shown."))
         self._update(take=take)
 
-    def _on_slider(self) -> None:
-        self._is_drawn.value = True
-        self._update()
+    def _on_shown(self, is_shown: bool) -> None:
+        self._is_shown = is_shown
+        self._draw()
 
     def _on_reset(self) -> None:
         for slider in self._sliders[: 2 * len(self._shown) : 2]:
@@ -104,7 +104,7 @@ class ComponentsPanel:
         self._draw()
 
     def _draw(self) -> None:
-        if not self._is_drawn.value:
+        if not self._is_shown:
             self._mean.show()
             self._bent.show()
             return

@@ -33,6 +33,11 @@ class DrawnRobot:
         Colour of a ghost, which consists of convex hulls of what moves.
     opacity : float
         Opacity of a ghost.
+
+    Attributes
+    ----------
+    configuration : array, shape (n_joints,)
+        The configuration shown.
     """
 
     def __init__(
@@ -44,6 +49,7 @@ class DrawnRobot:
         opacity: float = 0.35,
     ) -> None:
         self._shapes = shapes
+        self.configuration: FloatArray = np.zeros(0)
         self._root = scene.add_frame(name, show_axes=False)
         self._joints = [
             scene.add_frame(f"{name}/{joint}", show_axes=False) for joint in range(shapes.n_joints)
@@ -69,6 +75,7 @@ class DrawnRobot:
 
     def show(self, q: FloatArray) -> None:
         """Put the robot into a configuration, shape (n_joints,)."""
+        self.configuration = q
         positions, orientations = self._shapes.placements(q)
         for frame, position, orientation in zip(self._joints, positions, orientations, strict=True):
             frame.position, frame.wxyz = position, orientation

@@ -5,11 +5,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-import viser
 
 from ..arrays import FloatArray
 from ..exceptions import RobotError
@@ -19,6 +18,7 @@ from ..primitives.primitive import MovementPrimitive
 from ..recordings.reports import RecordingSet
 from ..robot.limits import JointLimits
 from ..robot.model import Robot
+from ..robot.world import World
 from .components_panel import NAME as COMPONENTS
 from .components_panel import ComponentsPanel
 from .demonstrations import recorded, reproduced
@@ -27,12 +27,14 @@ from .demonstrations_panel import DemonstrationsPanel
 from .motion import ShownMotion
 from .plan_panel import NAME as PLAN
 from .plan_panel import PlanPanel
-from .planning import InteractivePlanner
+from .planning import InteractivePlanner, PlanRequest
 from .player import Player
 from .robot_shapes import RobotShapes
 from .server import PageServer
 from .stage import Stage
 from .words import lines_html
+from .world_panel import NAME as WORLD
+from .world_panel import WorldPanel
 
 _BRAND = (0, 82, 130)
 
@@ -59,6 +61,8 @@ class PageContent:
         The link that the handle moves; empty: the last one.
     recordings : RecordingSet or None
         Demonstrations; those that the primitives reproduce unless given.
+    world : World
+        The obstacles at the beginning.
     """
 
     robot: Robot
@@ -69,6 +73,7 @@ class PageContent:
     collision: CollisionModel | None = None
     frame: str = ""
     recordings: RecordingSet | None = None
+    world: World = field(default_factory=World)
 
 
 class ViewPage:
@@ -120,15 +125,18 @@ class ViewPage:
         first = ShownMotion(PLAN, np.array([0.0]), start[None])
         self.player = Player(self.stage, PLAN, first)
         tabs = gui.add_tab_group()
-        with tabs.add_tab(PLAN, viser.Icon.TARGET):
+        with tabs.add_tab(PLAN):
             planner = InteractivePlanner(
                 content.robot, content.primitives, content.limits, content.collision
             )
-            self.plan = PlanPanel(self.stage, self.player, planner, start, goal)
-        with tabs.add_tab(COMPONENTS, viser.Icon.WAVE_SINE):
+            request = PlanRequest(start, goal, world=content.world)
+            self.plan = PlanPanel(self.stage, self.player, planner, request)
+        with tabs.add_tab(COMPONENTS):
             ComponentsPanel(self.stage, self.player, content.primitives)
-        with tabs.add_tab(DEMONSTRATIONS, viser.Icon.ROUTE):
+        with tabs.add_tab(DEMONSTRATIONS):
             self._add_demonstrations()
+        with tabs.add_tab(WORLD):
+            WorldPanel(self.stage, content.world, lambda world: self.plan.submit(world=world))
         dark = gui.add_checkbox("Dark", False)
         self.stage.on_change(dark, lambda: self._theme(is_dark=dark.value))
 
@@ -145,7 +153,11 @@ class ViewPage:
 
     def _theme(self, *, is_dark: bool) -> None:
         self.server.gui.configure_theme(
-            dark_mode=is_dark, show_logo=False, show_share_button=False, brand_color=_BRAND
+            dark_mode=is_dark,
+            control_width="large",
+            show_logo=False,
+            show_share_button=False,
+            brand_color=_BRAND,
         )
 
     @property

@@ -45,8 +45,8 @@ class PlanPanel:
         Plays the plan.
     planner : InteractivePlanner
         Used by one thread of this panel only.
-    start, goal : array, shape (n_joints,)
-        The first start and goal.
+    request : PlanRequest
+        The first request.
 
     Attributes
     ----------
@@ -59,13 +59,12 @@ class PlanPanel:
         stage: Stage,
         player: Player,
         planner: InteractivePlanner,
-        start: FloatArray,
-        goal: FloatArray,
+        request: PlanRequest,
     ) -> None:
         self._stage, self._player, self._planner = stage, player, planner
-        self._home = start, goal
+        self._home = request.start, request.goal
         self.answer: PlanAnswer | None = None
-        self._request = PlanRequest(start, goal)
+        self._request = request
         scene, size = stage.server.scene, stage.size
         self._ghost = DrawnRobot(scene, "/goal", stage.shapes, _GOAL)
         self._path = DrawnPaths(scene, "/plan/path", _PATH, 5.0)
@@ -84,8 +83,9 @@ class PlanPanel:
         self._worker = PreemptiveWorker[PlanRequest](
             lambda request, _: self._serve(request), lambda _: None, lambda: None
         )
+        player.when_shown(NAME, self._on_shown)
         self._place_handle()
-        self._ghost.show(goal)
+        self._ghost.show(request.goal)
         self.submit()
 
     def submit(self, **changes: Any) -> None:
@@ -142,6 +142,11 @@ class PlanPanel:
             self._compares,
         ):
             stage.on_change(widget, self._on_settings)
+
+    def _on_shown(self, is_shown: bool) -> None:
+        self._ghost.visible = is_shown
+        if self.answer is not None:
+            self._show_paths(self.answer)
 
     def _on_handle(self, event: viser.TransformControlsEvent) -> None:
         with self._stage.lock:
@@ -225,6 +230,7 @@ class PlanPanel:
             self._request = replace(self._request, goal=answer.goal)
             for slider, q in zip(self._sliders, answer.goal, strict=True):
                 slider.value = float(np.clip(q, slider.min, slider.max))
+        self._player.take(NAME)
         self._verdict.content = answer_html(answer)
         self._ghost.show(answer.goal)
         self._ghost.paint(_REFUSED if answer.problem else _GOAL)
@@ -237,6 +243,10 @@ class PlanPanel:
 
     def _show_paths(self, answer: PlanAnswer) -> None:
         plan, other = answer.plan, answer.comparison
+        if not self._ghost.visible:
+            self._path.show()
+            self._splines.show()
+            return
         colour = _REFUSED if answer.problem else _PATH
         place: Callable[[Any], Any] = self._stage.path
         drawn = [] if plan is None else [place(plan.trajectory.positions)]

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ..arrays import FloatArray
-from ..exceptions import PlannerError
+from ..exceptions import PlannerError, WorldError
 from ..motion.collision import CollisionModel
 from ..motion.goal import Goal, JointGoal, JointState, Pose, PoseGoal, Via
 from ..planning.objectives import objective_by_name
@@ -21,6 +21,7 @@ from ..planning.pose_search import POSE_TOLERANCE, nearest_configuration
 from ..primitives.primitive import MovementPrimitive
 from ..robot.limits import JointLimits
 from ..robot.model import Robot
+from ..robot.world import World
 
 FIXED = "fixed"
 """Timing of a request with a duration of its own."""
@@ -67,6 +68,8 @@ class PlanRequest:
         Positions to pass.
     settings : PlanSettings
         Options.
+    world : World
+        The obstacles.
     """
 
     start: FloatArray
@@ -74,6 +77,7 @@ class PlanRequest:
     pose: Pose | None = None
     vias: tuple[Pose, ...] = ()
     settings: PlanSettings = field(default_factory=PlanSettings)
+    world: World = field(default_factory=World)
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,6 +144,7 @@ class InteractivePlanner:
         plan = comparison = None
         problem = ""
         try:
+            self._use_world(request.world)
             if request.pose is not None:
                 reached, error = nearest_configuration(
                     self.robot, self.limits, request.pose, request.goal
@@ -154,6 +159,16 @@ class InteractivePlanner:
         except PlannerError as error:
             problem = str(error)
         return PlanAnswer(request, reached, plan, problem, comparison, time.perf_counter() - began)
+
+    def _use_world(self, world: World) -> None:
+        """Avoid obstacles; those that were used before are kept as they are."""
+        if self.collision is None:
+            if len(world):
+                raise WorldError(
+                    "obstacles can't be avoided: the robot's collision geometry can't be read"
+                )
+        elif self.collision.world is not world:
+            self.collision.set_world(world)
 
     def _goal(self, request: PlanRequest, configuration: FloatArray) -> Goal:
         settings = request.settings

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import threading
 import time
+from collections.abc import Callable
 from typing import Any
 
 import viser
@@ -37,6 +38,7 @@ class Player:
     def __init__(self, stage: Stage, source: str, motion: ShownMotion) -> None:
         self._stage = stage
         self._offers = {source: motion}
+        self._reactions: dict[str, Callable[[bool], None]] = {}
         self.playback = Playback(motion)
         gui = stage.server.gui
         self._source: Any = gui.add_dropdown("Showing", (source,), initial_value=source)
@@ -72,11 +74,22 @@ class Player:
         if set(self._source.options) != set(self._offers):
             self._source.options = tuple(self._offers)
         if take:
-            self._source.value = source
+            self.take(source)
         if self._source.value == source:
             self.playback.show(motion)
             self._draw()
             self._draw_ghosts()
+
+    def take(self, source: str) -> None:
+        """Show the motion that a panel has offered."""
+        if self._source.value != source:
+            self._source.value = source
+            self._on_source()
+
+    def when_shown(self, source: str, react: Callable[[bool], None]) -> None:
+        """Call a function with whether the motion of a panel is shown, when that changes."""
+        self._reactions[source] = react
+        react(self._source.value == source)
 
     def play(self, is_playing: bool) -> None:
         """Play or pause."""
@@ -91,7 +104,12 @@ class Player:
         self._closed.set()
         self._thread.join()
 
+    def _announce(self) -> None:
+        for source, react in self._reactions.items():
+            react(self._source.value == source)
+
     def _on_source(self) -> None:
+        self._announce()
         self.playback.show(self._offers[self._source.value])
         self._draw()
         self._draw_ghosts()

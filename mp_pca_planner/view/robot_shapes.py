@@ -122,6 +122,22 @@ class RobotShapes:
         turn = pin.Quaternion(place.rotation).coeffs()
         return np.array(place.translation), np.roll(turn, 1)
 
+    def link_place(self, frame: str) -> tuple[int, FloatArray, FloatArray]:
+        """The joint that moves a link, and the place of the link in the frame of the joint.
+
+        Returns
+        -------
+        joint : int
+            Its index.
+        position : array, shape (3,)
+            [m].
+        orientation : array, shape (4,)
+            Unit quaternion (w, x, y, z).
+        """
+        found = self._model.frames[self._model.getFrameId(frame, pin.FrameType.BODY)]
+        turn = pin.Quaternion(found.placement.rotation).coeffs()
+        return joint_of(found), np.array(found.placement.translation), np.roll(turn, 1)
+
     def corners(self, q: FloatArray) -> FloatArray:
         """Lowest and highest coordinates of all shapes, shape (2, 3) [m]."""
         self.placements(q)

@@ -75,8 +75,8 @@ class Stage:
             height=4.0 * size,
             cell_size=cell,
             section_size=2.0 * cell,
-            cell_color=(150, 150, 150),
-            section_color=(120, 120, 120),
+            cell_color=(200, 200, 200),
+            section_color=(165, 165, 165),
             position=(0.0, 0.0, min(float(low[2]), 0.0)),
         )
         centre = 0.5 * (low + high)

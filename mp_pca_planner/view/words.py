@@ -99,7 +99,7 @@ def _comparison(plan: Plan, other: Plan) -> str:
 def verdict_html(title: str, text: str, colour: str) -> str:
     """A title and a sentence on a coloured ground."""
     return (
-        f'<div style="margin:0.3em 0;padding:0.5em 0.7em;border-left:5px solid {colour};'
+        f'<div style="margin:0.3em 0.6em;padding:0.5em 0.7em;border-left:5px solid {colour};'
         f'border-radius:4px;background:{colour}22;font-size:0.85em;line-height:1.35">'
         f'<b style="color:{colour}">{_text(title)}</b><br>{_text(text)}</div>'
     )
@@ -112,12 +112,19 @@ def rows_html(rows: Sequence[tuple[str, str]]) -> str:
         f'vertical-align:top">{_text(name)}</td><td>{_text(value)}</td></tr>'
         for name, value in rows
     )
-    return f'<table style="font-size:0.82em;line-height:1.3;margin:0.2em 0">{cells}</table>'
+    table = f'<table style="font-size:0.82em;line-height:1.3">{cells}</table>'
+    return padded_html(table)
 
 
 def lines_html(lines: Sequence[str]) -> str:
     """Lines of small text."""
-    return '<div style="font-size:0.8em;opacity:0.85">' + "<br>".join(map(_text, lines)) + "</div>"
+    text = "<br>".join(map(_text, lines))
+    return padded_html(f'<div style="font-size:0.8em;opacity:0.85">{text}</div>')
+
+
+def padded_html(content: str) -> str:
+    """Content with the margins of the page's widgets."""
+    return f'<div style="padding:0.2em 0.6em">{content}</div>'
 
 
 def bars_html(names: Sequence[str], shares: dict[str, FloatArray]) -> str:
