@@ -13,7 +13,8 @@ from ..exceptions import RobotError, unknown_name
 from ..primitives.primitive_library import load_primitives
 from ..recordings.demonstrations import load_demonstrations
 from ..robot.world import World
-from ..view.page import ViewPage, read_content
+from ..view.content import read_content
+from ..view.page import ViewPage
 from .common import limits_of
 from .terminal import DONE, flush, say
 

@@ -50,6 +50,8 @@ class PlanPanel:
 
     Attributes
     ----------
+    handle : viser.TransformControlsHandle
+        The handle of the goal.
     answer : PlanAnswer or None
         The newest answer.
     """
@@ -69,10 +71,10 @@ class PlanPanel:
         self._ghost = DrawnRobot(scene, "/goal", stage.shapes, _GOAL)
         self._path = DrawnPaths(scene, "/plan/path", _PATH, 5.0)
         self._splines = DrawnPaths(scene, "/plan/splines", _SPLINES, 3.0)
-        self._handle = scene.add_transform_controls(
+        self.handle = scene.add_transform_controls(
             "/handle", scale=0.16 * size, disable_rotations=True, depth_test=False
         )
-        self._handle.on_update(self._on_handle)
+        self.handle.on_update(self._on_handle)
         self._add_goal()
         self._vias = ViaHandles(stage, self._new_via, self._on_vias)
         self._add_settings()
@@ -92,6 +94,11 @@ class PlanPanel:
         """Request a plan with changes to the present request; the newest request wins."""
         self._request = replace(self._request, **changes)
         self._worker.submit(self._request)
+
+    @property
+    def is_settled(self) -> bool:
+        """Whether every request has been answered."""
+        return self._worker.is_idle and self.answer is not None
 
     def close(self) -> None:
         """End the thread."""
@@ -153,12 +160,12 @@ class PlanPanel:
             self.submit(pose=self._pose())
 
     def _pose(self) -> Pose:
-        handle = self._handle
+        handle = self.handle
         turn = np.roll(handle.wxyz, -1) if self._turns.value else None
         return Pose(self._stage.frame, handle.position, turn)
 
     def _on_turns(self) -> None:
-        self._handle.disable_rotations = not self._turns.value
+        self.handle.disable_rotations = not self._turns.value
         self._place_handle()
         self.submit(pose=self._pose())
 
@@ -202,7 +209,7 @@ class PlanPanel:
     def _place_handle(self, q: FloatArray | None = None) -> None:
         """Put the handle onto the end effector in a configuration, by default at the goal."""
         goal = self._request.goal if q is None else q
-        self._handle.position, self._handle.wxyz = self._stage.shapes.frame_pose(
+        self.handle.position, self.handle.wxyz = self._stage.shapes.frame_pose(
             goal, self._stage.frame
         )
 

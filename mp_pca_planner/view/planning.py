@@ -121,6 +121,8 @@ class InteractivePlanner:
         Limits of the joints.
     collision : CollisionModel, optional
         Collision model of the same robot; not shared between threads.
+    max_solve_time : float
+        Longest time for a plan [s].
     """
 
     _MAX_PLANNERS = 20
@@ -131,9 +133,10 @@ class InteractivePlanner:
         primitives: Sequence[MovementPrimitive],
         limits: JointLimits,
         collision: CollisionModel | None = None,
+        max_solve_time: float = 1.0,
     ) -> None:
         self.robot, self.primitives, self.limits = robot, primitives, limits
-        self.collision = collision
+        self.collision, self._max_solve_time = collision, max_solve_time
         self._planners: dict[PlannerOptions, Planner] = {}
 
     def answer(self, request: PlanRequest) -> PlanAnswer:
@@ -186,6 +189,7 @@ class InteractivePlanner:
             objectives=((1.0, objective_by_name(settings.objective, self.robot)),),
             timing=timing,
             naturalness=settings.naturalness,
+            max_solve_time=self._max_solve_time,
         )
         if options not in self._planners:
             if len(self._planners) >= self._MAX_PLANNERS:

@@ -86,6 +86,10 @@ class Player:
             self._source.value = source
             self._on_source()
 
+    def offered(self, source: str) -> ShownMotion:
+        """The motion that a panel has offered."""
+        return self._offers[source]
+
     def when_shown(self, source: str, react: Callable[[bool], None]) -> None:
         """Call a function with whether the motion of a panel is shown, when that changes."""
         self._reactions[source] = react

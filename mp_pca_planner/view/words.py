@@ -43,10 +43,10 @@ def limit_shares(trajectory: Trajectory, limits: JointLimits) -> dict[str, Float
     shares : dict of array, shape (n_joints,)
         1 is at the limit; 0 where there is none. Positions count from the middle of their range.
     """
-    middle, half = 0.5 * (limits.lower + limits.upper), 0.5 * (limits.upper - limits.lower)
-    bounded = np.isfinite(half)
-    away = np.abs(trajectory.positions - np.where(bounded, middle, 0.0)).max(axis=0)
-    shares = {"position": np.where(bounded, away / np.where(bounded, half, 1.0), 0.0)}
+    bounded = np.isfinite(limits.lower) & np.isfinite(limits.upper)
+    low, high = np.where(bounded, [limits.lower, limits.upper], [[-1.0], [1.0]])
+    away = np.abs(trajectory.positions - 0.5 * (low + high)).max(axis=0)
+    shares = {"position": np.where(bounded, away / (0.5 * (high - low)), 0.0)}
     values = {"velocity": trajectory.velocities, "acceleration": trajectory.accelerations}
     if trajectory.efforts is not None:
         values["effort"] = trajectory.efforts
