@@ -14,6 +14,8 @@ from ..primitives.primitive import MovementPrimitive
 from ..recordings.reports import RecordingSet
 from .motion import ShownMotion
 
+_UNLABELLED = "without a label"
+
 N_SAMPLES = 60
 """Number of configurations of a shown demonstration."""
 
@@ -25,7 +27,7 @@ class DemonstrationGroup:
     Attributes
     ----------
     label : str
-        The label; the name of the recording or of the primitive where there is none.
+        The label; the name of the primitive, or a remark, where there is none.
     motions : tuple of ShownMotion
         At least one.
     """
@@ -54,7 +56,7 @@ def recorded(recordings: RecordingSet) -> list[DemonstrationGroup]:
         name = _name(i, one.recording, one.start_time)
         times = np.linspace(0.0, one.duration, N_SAMPLES)
         motion = ShownMotion(name, times, one.time_normalised(N_SAMPLES))
-        found.setdefault(one.label or one.recording, []).append(motion)
+        found.setdefault(one.label or _UNLABELLED, []).append(motion)
     return [DemonstrationGroup(label, tuple(motions)) for label, motions in found.items()]
 
 

@@ -80,7 +80,7 @@ class Playback:
     def share(self) -> float:
         """Share of the motion that has passed, 0 to 1."""
         duration = self.motion.duration
-        return min(self.time / duration, 1.0) if duration > 0.0 else 1.0
+        return min(self.time / duration, 1.0) if duration > 0.0 else 0.0
 
     def show(self, motion: ShownMotion) -> None:
         """Show another motion, at the same share of its duration."""

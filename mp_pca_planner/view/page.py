@@ -73,7 +73,7 @@ class ViewPage:
         gui.set_panel_label(content.robot.name or "Robot")
         self._theme(is_dark=False)
         start, goal = first_ends(content.primitives[0], content.limits)
-        self.stage.arrange(start)
+        self.stage.arrange(np.array([start, goal]))
         if self.stage.shapes.notes:
             gui.add_html(lines_html(self.stage.shapes.notes[:3]))
         first = ShownMotion(PLAN, np.array([0.0]), start[None])

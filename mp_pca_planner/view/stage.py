@@ -41,7 +41,7 @@ class Stage:
     drawn : DrawnRobot
         The robot on the page.
     size : float
-        Largest extent of the robot [m].
+        Length of the diagonal of what the robot fills at first [m].
     """
 
     def __init__(
@@ -57,10 +57,11 @@ class Stage:
         self.lock = threading.RLock()
         self.drawn = DrawnRobot(server.scene, "/robot", shapes)
 
-    def arrange(self, q: FloatArray) -> None:
-        """Put the robot into a configuration, and the ground and the camera to suit it."""
-        self.drawn.show(q)
-        low, high = self.shapes.corners(q)
+    def arrange(self, configurations: FloatArray) -> None:
+        """Put the robot into the first configuration, and the camera where it sees all of them."""
+        self.drawn.show(configurations[0])
+        corners = np.array([self.shapes.corners(q) for q in configurations])
+        low, high = corners[:, 0].min(axis=0), corners[:, 1].max(axis=0)
         self.size = size = float(np.linalg.norm(high - low))
         scene = self.server.scene
         scene.set_up_direction("+z")
@@ -84,7 +85,7 @@ class Stage:
         # The robot appears above the middle: on phones, the panel covers the lower part.
         aim = centre - np.array([0.0, 0.0, 0.12 * size])
         camera.look_at = tuple(aim)
-        camera.position = tuple(aim + size * np.array([0.85, -0.75, 0.4]))
+        camera.position = tuple(aim + size * np.array([0.75, -0.65, 0.35]))
 
     def path(self, positions: FloatArray) -> FloatArray:
         """Positions of the end effector along configurations, shape (n_steps, 3) [m]."""

@@ -101,4 +101,4 @@ def test_another_motion_goes_on_at_the_same_share(share, duration):
 def test_a_motion_of_one_point_is_shown():
     playback = Playback(ShownMotion("point", np.zeros(1), np.array([[1.0, 2.0]])))
     np.testing.assert_array_equal(playback.configuration, [1.0, 2.0])
-    assert playback.share == 1.0
+    assert playback.share == 0.0
