@@ -53,4 +53,4 @@ def on_screen(page: ViewPage, point: np.ndarray) -> tuple[float, float]:
 
 def grip_of(page: ViewPage) -> np.ndarray:
     """A point on the y arrow of the goal's handle, shape (3,) [m]."""
-    return np.array(page.plan.handle.position) + [0.0, 0.1 * page.stage.size, 0.0]
+    return np.add(page.plan.handle.position, [0.0, 0.1 * page.stage.size, 0.0])

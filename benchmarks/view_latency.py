@@ -52,7 +52,14 @@ def main() -> None:
         shown, planned = measured(replace(content, world=world), arguments.moves)
         numbers = [f"{1e3 * value:.0f}" for value in (*quantiles(shown), *quantiles(planned))]
         rows.append([str(n_obstacles), str(len(shown)), *numbers])
-    header = ["obstacles", "movements", "shown: median [ms]", "90 %", "planned: median [ms]", "90 %"]
+    header = [
+        "obstacles",
+        "movements",
+        "shown: median [ms]",
+        "90 %",
+        "planned: median [ms]",
+        "90 %",
+    ]
     print(table(rows, header=header))
 
 
@@ -87,7 +94,7 @@ def measured(content: PageContent, n_moves: int) -> tuple[list[float], list[floa
         tab.wait_for_selector("text=Planned in")
         time.sleep(5.0)
         grip = grip_of(page)
-        start, end = (np.array(on_screen(page, grip + [0.0, y, 0.0])) for y in (0.0, 0.08))
+        start, end = (np.array(on_screen(page, np.add(grip, [0.0, y, 0.0]))) for y in (0.0, 0.08))
         tab.mouse.move(*start)
         time.sleep(1.0)
         tab.mouse.down()

@@ -294,6 +294,7 @@ def demo(add: Options) -> None:
     pictures show the results.
     """
     add("--output DIR", "folder of the results", Path, Path("demo_output"))
+    add.flag("--view", "then show the robot, its primitive and plans on a page in the browser")
 
 
 def send_goal(add: Options) -> None:

@@ -13,7 +13,7 @@ from ..exceptions import RobotError, unknown_name
 from ..primitives.primitive_library import load_primitives
 from ..recordings.demonstrations import load_demonstrations
 from ..robot.world import World
-from ..view.content import read_content
+from ..view.content import PageContent, read_content
 from ..view.page import ViewPage
 from .common import limits_of
 from .terminal import DONE, flush, say
@@ -35,10 +35,15 @@ def run(arguments: argparse.Namespace) -> int:
     content = replace(
         content, limits=limits, frame=arguments.frame, recordings=recordings, world=world
     )
-    with ViewPage(content, arguments.host, arguments.port) as page:
+    serve(content, arguments.host, arguments.port, arguments.duration)
+    return DONE
+
+
+def serve(content: PageContent, host: str, port: int, duration: float | None) -> None:
+    """Serve a page for a time [s], or until Ctrl-C."""
+    with ViewPage(content, host, port) as page:
         reach = "this machine only" if page.server.is_local else "every machine that reaches it"
         say(f"page         {page.url} (for {reach}; Ctrl-C ends it)")
         flush()
         with suppress(KeyboardInterrupt):  # the usual end
-            threading.Event().wait(arguments.duration)
-    return DONE
+            threading.Event().wait(duration)

@@ -5,20 +5,26 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..arrays import FloatArray
-from ..exceptions import RobotError
+from ..exceptions import MissingDependencyError, RobotError
 from ..files import read_text, reading
 from ..motion.collision import CollisionModel, package_folders
+from ..planning.plan import Plan
+from ..planning.planner import Planner
 from ..primitives.primitive import MovementPrimitive
 from ..recordings.reports import RecordingSet
 from ..robot.limits import JointLimits
 from ..robot.model import Robot
 from ..robot.world import World
+
+if TYPE_CHECKING:
+    from .page import ViewPage
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,6 +51,8 @@ class PageContent:
         Demonstrations; those that the primitives reproduce unless given.
     world : World
         The obstacles at the beginning.
+    ends : tuple of array, shape (n_joints,), or None
+        The first start and goal; those of a demonstration unless given.
     """
 
     robot: Robot
@@ -56,6 +64,7 @@ class PageContent:
     frame: str = ""
     recordings: RecordingSet | None = None
     world: World = field(default_factory=World)
+    ends: tuple[FloatArray, FloatArray] | None = None
 
 
 def read_content(
@@ -99,3 +108,43 @@ def first_ends(primitive: MovementPrimitive, limits: JointLimits) -> tuple[Float
     nearest = np.argmin(np.sum(((ends - ends.mean(axis=0)) / spread) ** 2, axis=(1, 2)))
     start, goal = np.clip(ends[nearest], limits.lower, limits.upper)
     return start, goal
+
+
+def show(planner: Planner, plan: Plan | None = None, *, port: int = 8080) -> ViewPage:
+    """Serve a page with the robot and the primitives of a planner, to be opened in a browser.
+
+    Parameters
+    ----------
+    planner : Planner
+        A planner whose robot was read from a file.
+    plan : Plan, optional
+        A plan whose start and goal are shown first.
+    port : int
+        Port, or the first free one after it; 0: any free one.
+
+    Returns
+    -------
+    page : ViewPage
+        The page, served until it is closed or the process ends.
+
+    Raises
+    ------
+    RobotError
+        If the robot was not read from a file.
+    MissingDependencyError
+        If the extra `view` is not installed.
+    """
+    try:
+        from .page import ViewPage
+    except ImportError as error:
+        raise MissingDependencyError(str(error.name), "view", "the page") from None
+    path = planner.robot.path
+    if path is None:
+        raise RobotError("the page needs the URDF file of the robot: use Robot.from_file")
+    content = replace(read_content(path, planner.primitives), limits=planner.limits)
+    if planner.collision is not None:
+        content = replace(content, world=planner.collision.world)
+    if plan is not None:
+        first, *_, last = plan.trajectory.positions
+        content = replace(content, ends=(first, last))
+    return ViewPage(content, port=port)

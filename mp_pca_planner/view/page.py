@@ -72,7 +72,7 @@ class ViewPage:
         gui, content = self.server.gui, self._content
         gui.set_panel_label(content.robot.name or "Robot")
         self._theme(is_dark=False)
-        start, goal = first_ends(content.primitives[0], content.limits)
+        start, goal = content.ends or first_ends(content.primitives[0], content.limits)
         self.stage.arrange(np.array([start, goal]))
         if self.stage.shapes.notes:
             gui.add_html(lines_html(self.stage.shapes.notes[:3]))
@@ -124,6 +124,12 @@ class ViewPage:
         self.plan.close()
         self.player.close()
         self.server.stop()
+
+    def __repr__(self) -> str:
+        return f"ViewPage: {self.url}"
+
+    def _repr_html_(self) -> str:
+        return f'<a href="{self.url}" target="_blank">{self.url}</a>'
 
     def __enter__(self) -> ViewPage:
         return self

@@ -3,7 +3,6 @@
 """The page in a real browser: it loads, the plan follows the handle, and people share it."""
 
 import os
-import shutil
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -12,25 +11,29 @@ from typing import Any
 
 import numpy as np
 import pytest
-from arm import arm_demonstrations, arm_primitive
+from arm import arm_demonstrations, arm_primitive, arm_robot
 
-from mp_pca_planner.exceptions import PlannerError
+from mp_pca_planner.exceptions import PlannerError, RobotError
+from mp_pca_planner.planning.planner import Planner
 from mp_pca_planner.recordings.reports import RecordingSet
 from mp_pca_planner.resources import config_file
+from mp_pca_planner.robot.model import Robot
 from mp_pca_planner.robot.world import Obstacle, Sphere, World
-from mp_pca_planner.view.content import PageContent, first_ends, read_content
+from mp_pca_planner.view.content import PageContent, first_ends, read_content, show
 
-CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser"))), None)
-if CHROMIUM is None:
-    pytest.skip("chromium is not installed (apt-get install chromium)", allow_module_level=True)
 playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
-viser = pytest.importorskip("viser", reason="the extra 'view' is not installed")
-websockets = pytest.importorskip("websockets.sync.client")
+pytest.importorskip("viser", reason="the extra 'view' is not installed")
+
+from view_browser import SIZE, chromium, chromium_path, grip_of, on_screen  # noqa: E402
+from websockets.exceptions import InvalidStatus  # noqa: E402
+from websockets.sync.client import connect  # noqa: E402
 
 from mp_pca_planner.view.page import ViewPage  # noqa: E402
 
-SOFTWARE_GL = ("--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
-WIDE, PHONE = (1280, 800), (390, 780)
+if chromium_path() is None:
+    pytest.skip("chromium is not installed (apt-get install chromium)", allow_module_level=True)
+
+WIDE, PHONE = SIZE, (390, 780)
 PATIENCE = 60.0  # longest wait for what is certain to come [s]
 PICTURES = os.environ.get("VIEW_PICTURES")  # folder for screenshots
 FOUND, REFUSED = "text=Motion found", "text=No motion"
@@ -38,12 +41,8 @@ FOUND, REFUSED = "text=Motion found", "text=No motion"
 
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Any]:
-    with playwright.sync_playwright() as driver:
-        chromium = driver.chromium.launch(
-            executable_path=CHROMIUM, args=["--no-sandbox", *SOFTWARE_GL]
-        )
-        yield chromium
-        chromium.close()
+    with chromium() as started:
+        yield started
 
 
 def content(**changes: Any) -> PageContent:
@@ -80,24 +79,14 @@ def keep(tab: Any, name: str) -> None:
         tab.screenshot(path=str(Path(PICTURES) / f"{name}.png"))
 
 
-def on_screen(page: ViewPage, point: np.ndarray) -> tuple[float, float]:
-    """Where a point is in the only tab [pixels], by the camera that the tab reports."""
-    (client,) = page.server.get_clients().values()
-    camera = client.camera
-    turn = viser.transforms.SO3(camera.wxyz).as_matrix()
-    x, y, z = turn.T @ (point - camera.position)
-    width, height = WIDE
-    focal = 0.5 * height / np.tan(0.5 * camera.fov)
-    return float(width / 2 + focal * x / z), float(height / 2 + focal * y / z)
-
-
-def drag(tab: Any, page: ViewPage, handle: Any, moved: np.ndarray, grip: np.ndarray) -> None:
-    """Drag a handle by a grip until it has moved; the scene may still be loading at first."""
+def drag(tab: Any, page: ViewPage, moved: np.ndarray) -> None:
+    """Drag the handle of the goal until it has moved; the scene may still be loading at first."""
+    handle, grip = page.plan.handle, grip_of(page)
     before = np.array(handle.position)
     deadline = time.monotonic() + PATIENCE
     while np.array_equal(handle.position, before):
         assert time.monotonic() < deadline
-        (x, y), (to_x, to_y) = (on_screen(page, before + grip + step) for step in (0.0, moved))
+        (x, y), (to_x, to_y) = (on_screen(page, grip + step) for step in (0.0, moved))
         tab.mouse.move(x - 3.0, y)
         tab.mouse.move(x, y)
         tab.wait_for_timeout(500)
@@ -108,6 +97,11 @@ def drag(tab: Any, page: ViewPage, handle: Any, moved: np.ndarray, grip: np.ndar
             tab.wait_for_timeout(30)
         tab.mouse.up()
         tab.wait_for_timeout(200)
+
+
+def wrist(page: ViewPage) -> np.ndarray:
+    """Position of the end effector at the goal of the present plan [m]."""
+    return page.stage.shapes.frame_pose(page.plan.answer.goal, page.stage.frame)[0]
 
 
 # Loading
@@ -148,19 +142,29 @@ def test_every_tab_and_the_dark_page_are_shown(browser, page):
 
 def test_another_site_cannot_connect_and_no_page_opens_it_to_the_internet(page):
     address = page.url.replace("http", "ws")
-    with (
-        pytest.raises(websockets.InvalidStatus)
-        if hasattr(websockets, "InvalidStatus")
-        else pytest.raises(Exception, match="403")
-    ):
-        websockets.connect(address, origin="https://example.org").close()
-    websockets.connect(address, origin=page.url).close()
+    with pytest.raises(InvalidStatus, match="403"):
+        connect(address, origin="https://example.org")
+    connect(address, origin=page.url).close()
     assert page.server.request_share_url() is None
 
 
 def test_an_address_of_another_machine_is_refused_in_a_sentence():
     with pytest.raises(PlannerError, match="can't be served at '192.0.2.1'"):
         ViewPage(content(), "192.0.2.1", 0)
+
+
+def test_a_plan_is_shown_from_python():
+    planner = Planner(arm_robot(), [arm_primitive()])
+    goal, start = arm_primitive().boundary_states[3, [3, 0]]
+    plan = planner.plan(goal, start)
+    with show(planner, plan, port=0) as page:
+        until(lambda: page.plan.is_settled)
+        request = page.plan.answer.request
+        np.testing.assert_allclose([request.start, request.goal], [start, goal], atol=1e-9)
+        assert page.url in repr(page) and page.url in page._repr_html_()
+    robot = Robot(config_file("human_arm.urdf").read_text(), arm_robot().joint_names)
+    with pytest.raises(RobotError, match=r"Robot\.from_file"):
+        show(Planner(robot, [arm_primitive()]))
 
 
 # Plans
@@ -171,15 +175,12 @@ def test_a_drag_of_the_handle_changes_the_plan_and_the_robot(browser, page):
     page.player.playback.seek(1.0)
     until(page.server.get_clients)
     before = page.plan.answer
-    handle, size = page.plan.handle, page.stage.size
-    drag(tab, page, handle, np.array([0.0, 0.06, 0.0]), np.array([0.0, 0.1 * size, 0.0]))
-    until(lambda: page.plan.is_settled)
+    drag(tab, page, np.array([0.0, 0.06, 0.0]))
+    until(lambda: np.allclose(wrist(page), page.plan.handle.position, rtol=0.0, atol=1e-6))
     after = page.plan.answer
     assert after.problem == ""
-    position, _ = page.stage.shapes.frame_pose(after.goal, page.stage.frame)
-    np.testing.assert_allclose(position, handle.position, atol=1e-6)
     assert np.abs(after.goal - before.goal).max() > 0.01
-    np.testing.assert_allclose(page.stage.drawn.configuration, after.goal, atol=1e-9)
+    until(lambda: np.allclose(page.stage.drawn.configuration, page.plan.answer.goal))
     keep(tab, "dragged")
     tab.close()
 
