@@ -296,6 +296,7 @@ def demo(add: Options) -> None:
     pictures show the results.
     """
     add("--output DIR", "folder of the results", Path, Path("demo_output"))
+    add.flag("--view", "then show the robot, its primitive and plans on a page in the browser")
 
 
 def send_goal(add: Options) -> None:
@@ -376,9 +377,31 @@ def watch(add: Options) -> None:
     add("--for S", "end after this time [s]", seconds, dest="duration")
 
 
+def view(add: Options) -> None:
+    """Show the robot, its primitives and plans on a page in the browser.
+
+    The goal is dragged and the plan follows; components bend the mean motion; demonstrations are
+    played. Nothing is sent to a robot. Ctrl-C ends it.
+    """
+    add("primitives FILE", "primitive files or folders", nargs="+")
+    add("--robot URDF", "the robot", Path, required=True)
+    add("--limits FILE.yaml", "limits in the form of joint_limits.yaml", Path)
+    text = "folders of packages with meshes; searched before ROS's and those above the URDF"
+    add("--package-dirs DIR", text, Path, (), nargs="+")
+    add("--obstacles FILE", "obstacles: a planning scene of MoveIt, .scene or YAML", Path)
+    add("--frame LINK", "link that the handle moves (default: the last)", default="")
+    text = "recordings of the demonstrations (default: as the primitives reproduce them)"
+    add("--demonstrations BAG", text, nargs="+")
+    add("--topic", "JointState topic of --demonstrations (default: the only one)")
+    text = "address to listen on; with 0.0.0.0, every machine that reaches it can use the page"
+    add("--host", text, default="127.0.0.1")
+    add("--port", "port, or the first free one after it; 0: any", whole(0, 65535), 8080)
+    add("--for S", "end after this time [s]", seconds, dest="duration")
+
+
 _COMMANDS = (
     *(build_primitives, inspect, plan, sequence, refine, benchmark, library, verify, case_study),
-    *(demo, send_goal, stop, save_motion, reload, simulate, watch),
+    *(demo, send_goal, stop, save_motion, reload, simulate, watch, view),
 )
 
 
