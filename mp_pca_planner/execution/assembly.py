@@ -18,7 +18,7 @@ from .parameters import ParameterError, Settings
 from .preemptive_worker import IsCancelled
 
 # Longest time to precompute warm starts [s]: a starting node waits for it.
-_MAX_PRACTICE = 0.5
+_MAX_PRECOMPUTATION = 0.5
 
 
 class Cancellation:
@@ -98,7 +98,7 @@ def assemble_model(urdf: str, primitives: Sequence[MovementPrimitive], settings:
     cancellation = Cancellation()
     options = replace(settings.planner_options, solver=SolverOptions(should_stop=cancellation))
     planner = Planner(planning_robot, primitives, limits, options, collision)
-    planner.practise(_MAX_PRACTICE)
+    planner.precompute(_MAX_PRECOMPUTATION)
     frame = settings.end_effector_frame
     if frame and frame not in robot.frame_names:
         reason = unknown_name("link of the robot description", frame, robot.frame_names)

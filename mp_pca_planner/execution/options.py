@@ -81,6 +81,9 @@ class FollowingOptions:
         noise, and its rate changes more slowly [1/s].
     missed_distance : float
         A robot that rests farther from the end of its motion has left it, for any plausible load.
+    missed_stop_distance : float
+        The same distance for a stop at a single point. A controller that is deactivated during the
+        stop holds a position somewhere short of the point.
     beside_share : float
         A robot that rests short of the end is this near to its path, as a share of the distance
         left. An unknown load pulls it away from the end in any direction.
@@ -130,6 +133,7 @@ class FollowingOptions:
     precision: float = 1e-4
     max_change: float = 0.5
     missed_distance: float = 0.02
+    missed_stop_distance: float = 0.005
     beside_share: float = 0.15
     min_rate: float = 0.05
     visible_time: float = 0.05

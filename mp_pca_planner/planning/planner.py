@@ -27,6 +27,7 @@ from .selection import Selector
 from .setup import Setup
 from .several import SeveralPlanner
 from .single import BasisChooser, SinglePlanner
+from .threads import one_blas_thread
 
 
 class Planner:
@@ -138,6 +139,7 @@ class Planner:
         """
         return self._resolver.target(goal, start)
 
+    @one_blas_thread()
     def plan(
         self,
         goal: GoalLike,
@@ -190,7 +192,8 @@ class Planner:
         reason = selection_reason(goal, planned.attempt, attempts)
         return self._assembly.plan(planned, reason, solved_at - began)
 
-    def practise(self, max_time: float = float("inf")) -> None:
+    @one_blas_thread()
+    def precompute(self, max_time: float = float("inf")) -> None:
         """Precompute motions between the ends of demonstrations, as warm starts of similar ones.
 
         For each primitive this takes as long as planning twenty goals, and reduces later planning

@@ -36,7 +36,7 @@ from .selection import effort_of
 from .sequence_request import SequenceRequest
 from .setup import Setup
 from .starts import StartPoint
-from .unknowns import GOAL_POSITION, Unknowns
+from .unknowns import END_SCALES, GOAL_POSITION, Unknowns
 
 
 @dataclass(eq=False)
@@ -161,9 +161,19 @@ class PlanningProblem(ABC):
                 part.limited = part.limited.tightened(own)
             began += motion.duration
 
+    def keep_clear(self) -> None:
+        """Add clearance constraints before any collision."""
+        if self.setup.collision is not None:
+            for part in self.parts:
+                part.clearances = self._clearances(part, self.setup.collision)
+
+    def _clearances(self, part: Part, collision: CollisionModel) -> Clearances:
+        ends = [None if end is None else end.positions for end in part.ends]
+        return Clearances.between(ends, collision, self.setup.robot.n_joints)
+
     def separate(self, collisions: Sequence[Collision], motions: Sequence[Motion]) -> bool:
         """Add clearance constraints after collisions; return whether any were added."""
-        collision, n_joints = self.setup.collision, self.setup.robot.n_joints
+        collision = self.setup.collision
         duration = sum(motion.duration for motion in motions)
         met = collision_at_end(collisions, self.request, duration)
         if collision is None or met is not None:
@@ -173,8 +183,7 @@ class PlanningProblem(ABC):
             within = [one.within(began, began + motion.duration) for one in collisions]
             own = [one for one in within if one is not None]
             if own and part.clearances is None:
-                ends = [None if end is None else end.positions for end in part.ends]
-                part.clearances = Clearances.between(ends, collision, n_joints)
+                part.clearances = self._clearances(part, collision)
             elif own and part.clearances is not None:
                 part.clearances = part.clearances.during(own, motion.duration)
             began += motion.duration
@@ -228,9 +237,13 @@ class SingleProblem(PlanningProblem):
             objectives=setup.options.objectives,
             conditions=request.conditions,
         )
-        self.starts = _starts(basis, self._program, naturalness, setup.options.search)
+        # A free goal is natural where demonstrations end.
+        goals = request.primitive.boundary_states[:, GOAL_POSITION]
+        self.starts = _starts(basis, self._program, naturalness, setup.options.search, goals)
         ends = request.start, request.goal if request.pose is None else None
         self.parts = [Part(self._program, basis, ends)]
+        if basis.is_detour:
+            self.keep_clear()
 
     def program(self) -> Program:
         """The one segment."""
@@ -359,7 +372,11 @@ def passing_phases(durations: Sequence[float]) -> tuple[float, ...]:
 
 
 def _starts(
-    basis: MotionBasis, program: MotionProgram, naturalness: float, search: SearchOptions
+    basis: MotionBasis,
+    program: MotionProgram,
+    naturalness: float,
+    search: SearchOptions,
+    goals: FloatArray,
 ) -> list[StartPoint]:
     """Set the program's naturalness; return the unknowns to start from, the cheapest first."""
     candidates = np.array([program.unknowns.from_weights(s.unknowns) for s in basis.starts])
@@ -369,6 +386,12 @@ def _starts(
         precision = basis.precision * np.outer(program.scales[:n], program.scales[:n])
         unit = unit_of_naturalness(program, precision, candidates[0], search.effort_weight)
         program.precision[:n, :n] = naturalness * unit * precision
+        free = range(n, program.unknowns.n_linear)
+        if free:
+            spread = np.maximum(goals.std(axis=0), search.min_spread)
+            program.precision[free, free] = (
+                naturalness * unit * (END_SCALES[GOAL_POSITION] / spread) ** 2
+            )
         if naturalness >= search.near_expected:
             order = order[:1]
     if len(order) > 1:

@@ -22,8 +22,9 @@ try:
 except ImportError:  # its name before release 3
     import hppfcl as coal
 
-# Share of its convex hull's volume from which on a closed mesh is convex.
-_CONVEX_SHARE = 1.0 - 1e-6
+# Share of its convex hull's volume from which on a closed mesh is convex: files hold 6 digits. The
+# hull in its place is on the safe side.
+_CONVEX_SHARE = 1.0 - 1e-3
 
 
 @dataclass(frozen=True, eq=False)

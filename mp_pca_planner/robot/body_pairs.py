@@ -84,6 +84,10 @@ class BodyPairs:
         for data in (self._shape_data, self._hull_data):
             for request, margin in zip(data.collisionRequests, margins.tolist(), strict=True):
                 request.security_margin = margin
+        # Its boxes are enlarged by the margins in their first update.
+        self._broad_phase = pin.BroadPhaseManager_DynamicAABBTreeCollisionManager(
+            self._model, bodies.hulls, self._hull_data
+        )
         first, second = indices.T
         self._are_convex = bodies.are_convex[first] & bodies.are_convex[second]
         # Of the joints that move one of both, 1 for the second body, −1 for the first.
@@ -96,14 +100,17 @@ class BodyPairs:
 
     def collide(self, q: FloatArray) -> bool:
         """Whether any pair is in collision in a configuration, shape (n_joints,)."""
-        found = pin.computeCollisions(
-            self._model, self._data, self._bodies.hulls, self._hull_data, q, True
-        )
-        if found and not self._are_convex.all():
-            every = np.arange(len(self.margins))
-            distances = self.distances(q[None], np.zeros_like(every), every, 0.0)
-            return bool(np.any(~(distances >= CONTACT)))
-        return bool(found)
+        args = self._model, self._data, self._broad_phase, q
+        if not pin.computeCollisions(*args, True):
+            return False
+        if self._are_convex.all():
+            return True
+        pin.computeCollisions(*args, False)
+        results = enumerate(self._hull_data.collisionResults)
+        met = np.array([pair for pair, result in results if result.isCollision()])
+        if self._are_convex[met].any():
+            return True
+        return bool(np.any(~(self.distances(q[None], np.zeros_like(met), met, 0.0) >= CONTACT)))
 
     def bounds(self, q: FloatArray, enough: FloatArray | float) -> FloatArray:
         """Lower bounds of all distances in some configurations.

@@ -65,7 +65,7 @@ class PlannerNode(GuardedNode):
         except RuntimeError as error:  # where DDS security lacks files, or support, for example
             reason = str(error).splitlines()[0]
             raise ParameterError(f"ROS refuses the node: {reason}") from error
-        self._statistics, self._last_motion = GoalStatistics(), LastMotion()
+        self._statistics = GoalStatistics()
         self._polling, self._polled = threading.Lock(), time.monotonic()
         self._clocks_are_known = False
         self._states = StartStates(
@@ -85,8 +85,15 @@ class PlannerNode(GuardedNode):
             self._states, self._statistics, self._send, time.perf_counter, self._report_execution
         )
         self._connect()
-        on_served, rest = self._last_motion.replace, self._preview
-        self._goals = GoalTopics(self, self._setup, self._server, self._statistics, on_served, rest)
+        self._goals = GoalTopics(
+            self,
+            self._setup,
+            self._server,
+            self._statistics,
+            on_served=self._last_motion.replace,
+            on_rejected=self._last_motion.erase_preview,
+            rest=self._last_motion.show_preview,
+        )
         self._obstacles = ObstacleTopic(self, self._setup, self._server, self._goals.avoid)
         if not self._setup.problem:
             self._log_readiness()
@@ -119,7 +126,8 @@ class PlannerNode(GuardedNode):
         self._trajectories = self.create_publisher(JointTrajectory, "~/joint_trajectory", EVERY)
         self._executions = self.create_publisher(DiagnosticStatus, "~/execution_report", EVERY)
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", EVERY)
-        self._previews = self.create_publisher(MarkerArray, "~/preview", LATCHED)
+        previews = self.create_publisher(MarkerArray, "~/preview", LATCHED)
+        self._last_motion = LastMotion(previews.publish)
         self._joint_states = PolledSubscription(self, JointState, "joint_states", STATES, raw=True)
         self.create_subscription(Float64, "~/trial_cost", self._on_trial_cost, NEWEST)
         self.create_subscription(String, "robot_description", self._on_description, LATCHED)
@@ -217,13 +225,9 @@ class PlannerNode(GuardedNode):
 
     def _report_execution(self, report: ExecutionReport) -> None:
         self._executions.publish(to_execution_report(report))
+        self._last_motion.end(report.outcome)
         if not report.is_good:
             self.get_logger().error(to_text(report.message))
-
-    def _preview(self) -> None:
-        markers = self._last_motion.preview()
-        if markers is not None:
-            self._previews.publish(markers)
 
     def _publish_diagnostics(self) -> None:
         name = f"{self.get_fully_qualified_name()}: planner"
