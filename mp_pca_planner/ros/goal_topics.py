@@ -15,6 +15,7 @@ from sensor_msgs.msg import JointState as JointStateMessage
 from trajectory_msgs.msg import JointTrajectory
 
 from ..execution.assembly import Model
+from ..execution.avoidance import ObstacleAvoidance
 from ..execution.goal_planner import UnexecutablePlanError
 from ..execution.goal_statistics import GoalStatistics
 from ..execution.motion_server import MakeGoal, MotionServer
@@ -76,6 +77,8 @@ class GoalTopics:
         Makes the planning context.
     server : MotionServer
         Plans and publishes motions.
+    avoidance : ObstacleAvoidance
+        Replaces motions that would hit an obstacle.
     statistics : GoalStatistics
         Counts goals.
     on_served : callable
@@ -91,12 +94,14 @@ class GoalTopics:
         node: GuardedNode,
         setup: PlanningSetup,
         server: MotionServer,
+        avoidance: ObstacleAvoidance,
         statistics: GoalStatistics,
         on_served: Callable[[Served], None],
         on_rejected: Callable[[], None],
         rest: Callable[[], None],
     ) -> None:
-        self._node, self._setup, self._server = node, setup, server
+        self._node, self._setup = node, setup
+        self._server, self._avoidance = server, avoidance
         self._statistics, self._on_served = statistics, on_served
         self._on_rejected = on_rejected
         self._reports = node.create_publisher(DiagnosticStatus, "~/plan_report", EVERY)
@@ -144,11 +149,11 @@ class GoalTopics:
         """Serve a goal, then avoid an obstacle that the running motion would hit."""
         if isinstance(request, _Request):
             self._serve_goal(request, is_cancelled)
-        if not self._server.is_threatened:
+        if not self._avoidance.is_needed:
             return
         logger = self._node.get_logger()
         try:
-            text, served = self._server.avoid(self._setup.ready(), is_cancelled)
+            text, served = self._avoidance.avoid(self._setup.ready(), is_cancelled)
         except CancelledError:
             raise
         except Exception as error:
