@@ -81,17 +81,12 @@ class BodyPairs:
         self._bodies, self._indices, self.margins = bodies, indices, margins
         self._model, self._data = bodies.model, bodies.model.createData()
         self._tree = tree
-        for geometry in (bodies.shapes, bodies.hulls):
-            set_pairs(geometry, indices.tolist())
-        self._shape_data, self._hull_data = bodies.shapes.createData(), bodies.hulls.createData()
-        for request in self._hull_data.distanceRequests:
-            request.gjk_tolerance = _PRECISION
-        for data in (self._shape_data, self._hull_data):
-            for request, margin in zip(data.collisionRequests, margins.tolist(), strict=True):
-                request.security_margin = margin
-        # Its boxes are enlarged by the margins in their first update.
-        self._broad_phase = pin.BroadPhaseManager_DynamicAABBTreeCollisionManager(
-            self._model, bodies.hulls, self._hull_data
+        self._shape_data, self._hull_data = (
+            _working_memory(geometry, indices, margins)
+            for geometry in (bodies.shapes, bodies.hulls)
+        )
+        self._collisions = _collision_arguments(
+            self._model, self._data, bodies.hulls, self._hull_data
         )
         first, second = indices.T
         self._are_convex = bodies.are_convex[first] & bodies.are_convex[second]
@@ -103,7 +98,7 @@ class BodyPairs:
 
     def collide(self, q: FloatArray) -> bool:
         """Whether any pair is in collision in a configuration, shape (n_joints,)."""
-        args = self._model, self._data, self._broad_phase, q
+        args = *self._collisions, q
         if not pin.computeCollisions(*args, True):
             return False
         if self._are_convex.all():
@@ -260,6 +255,26 @@ class BodyPairs:
         motions = np.where(tree.turns[1:, None], np.cross(axes, arms), axes)
         rows = np.einsum("eji,ei->ej", motions, away)
         return np.asarray(rows[:, tree.order] * self._moved[pairs])
+
+
+def _working_memory(geometry: Any, indices: Indices, margins: FloatArray) -> Any:
+    """Pinocchio's data of a geometry with these pairs."""
+    set_pairs(geometry, indices.tolist())
+    data = geometry.createData()
+    for request in data.distanceRequests:
+        request.gjk_tolerance = _PRECISION
+    for request, margin in zip(data.collisionRequests, margins.tolist(), strict=True):
+        request.security_margin = margin
+    return data
+
+
+def _collision_arguments(model: Any, data: Any, geometry: Any, geometry_data: Any) -> Any:
+    """First arguments of Pinocchio's check of a configuration."""
+    broad_phase = getattr(pin, "BroadPhaseManager_DynamicAABBTreeCollisionManager", None)
+    if broad_phase is None:  # before release 3
+        return model, data, geometry, geometry_data
+    # Its boxes are enlarged by the margins in their first update.
+    return model, data, broad_phase(model, geometry, geometry_data)
 
 
 def _centres(bodies: Bodies, poses: JointPoses, k: Indices, body: Indices) -> FloatArray:

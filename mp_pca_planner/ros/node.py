@@ -142,8 +142,6 @@ class PlannerNode(GuardedNode):
         self.create_timer(1.0, self._publish_diagnostics, clock=steady)
         self.create_timer(0.05, self._watch, clock=steady)
 
-    # Callbacks
-
     def _on_trial_cost(self, message: Float64) -> None:
         try:
             self._last_motion.report_cost(message.data)
@@ -214,8 +212,6 @@ class PlannerNode(GuardedNode):
                 age = (wall_clock - facts["received_timestamp"]) * 1e-9
                 # At most the time since the last poll, because the wall clock may have been set.
                 self._states.measured.receive(message, min(max(age, 0.0), longest))
-
-    # Publishing
 
     def _send(self, trajectory: Trajectory, *, stamp: float | None, last_point_only: bool) -> None:
         # Stops have no efforts.
