@@ -79,16 +79,15 @@ class ObstacleAvoidance:
         """
         server, surroundings = self._server, self._server.surroundings
         surroundings.look_ahead(model, server.served)
-        threat, served, reason = surroundings.threat, server.served, surroundings.reason
-        if threat is None or served is None:
+        served, reason = server.served, surroundings.reason
+        if served is None or not reason:
             return "", None
-        began = served.motion.began
-        last = began + threat.first_time - self._options.avoidance_reserve
+        last = surroundings.threat_time - self._options.avoidance_reserve
 
         def is_over() -> bool:
             return is_cancelled() or self._states.motion_time > last
 
-        goal = served.rest_of_goal(self._states.motion_time - began)
+        goal = served.rest_of_goal(self._states.motion_time - served.motion.began)
         try:
             if is_over():
                 raise CancelledError

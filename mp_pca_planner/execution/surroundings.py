@@ -30,7 +30,10 @@ class Surroundings:
     Attributes
     ----------
     threat : Collision or None
-        The next collision of the running motion with an obstacle that was not there before.
+        The next collision of the running motion with an obstacle that was not there before, in the
+        rest of the motion.
+    threat_time : float
+        When it begins [s].
     """
 
     def __init__(self, states: StartStates) -> None:
@@ -38,6 +41,7 @@ class Surroundings:
         self._lock = threading.Lock()
         self._checker: tuple[Model, CollisionModel] | None = None
         self.threat: Collision | None = None
+        self.threat_time = 0.0
 
     @property
     def world(self) -> World:
@@ -125,15 +129,18 @@ class Surroundings:
         self.threat = None
         if served is None or following is None or served.motion is not following.motion:
             return
+        motion, place = following.motion, following.progress.place
         with self._lock:
-            if not (following.is_running and len(self._world)):
+            if not (following.is_running and len(self._world) and place < motion.duration):
                 return
             checker = self._checker_of(model)
             if checker.world is not self._world:
                 checker.set_world(self._world)
-            found = checker.collisions(following.motion.trajectory)
-        ahead = [one for one in found if one.last_time >= following.progress.place]
-        self.threat = min(ahead, key=lambda one: one.first_time, default=None)
+            found = checker.collisions(motion.rest(place))
+        first = min(found, key=lambda one: one.first_time, default=None)
+        self.threat, self.threat_time = first, motion.began + place
+        if first is not None:
+            self.threat_time += first.first_time
 
     def _checker_of(self, model: Model) -> CollisionModel:
         if self._checker is None or self._checker[0] is not model:
