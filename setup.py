@@ -49,6 +49,7 @@ setup(
         "lz4",  # as rosbags does
         "PyYAML>=6.0",
         "tqdm>=4.66",
+        "threadpoolctl>=3.1",
     ],
     extras_require={
         # ROS 2 Jazzy for machines without one: wheels for x86-64 Linux.
@@ -58,8 +59,8 @@ setup(
         ],
         # Pictures, and the pages that hold them.
         "plot": ["matplotlib>=3.6", "jinja2>=3.0"],
-        # The running node in the terminal.
-        "view": ["rich>=13.0"],
+        # The page in the browser, with meshes in COLLADA; the running node in the terminal.
+        "view": ["viser>=1.1", "websockets>=15.0", "trimesh>=4.5", "pycollada>=0.8", "rich>=13.0"],
         # Other ways to motions, to compare with: ProMP and DMP, optimal control, time-optimal.
         "peers": [
             "movement_primitives>=0.9",
@@ -89,12 +90,17 @@ setup(
             "hypothesis>=6.100",
             "mujoco>=3.3",
             "mypy==2.4.*",
+            "playwright>=1.45",
+            "pycollada>=0.8",
             "pytest>=7.4",
             "rich>=13.0",
             "ruff==0.17.*",
             "setuptools>=70.1",
+            "trimesh>=4.5",
             "types-PyYAML",
             "types-tqdm",
+            "viser>=1.1",
+            "websockets>=15.0",
         ],
     },
 )

@@ -81,7 +81,7 @@ def rows_of(scene: Scene, problems: list[Problem]) -> list[list[str]]:
             scene.limits,
             PlannerOptions(basis=basis_name, naturalness=naturalness),
         )
-        planner.practise()
+        planner.precompute()
         plans, call = timed_plans(planner, scene, problems)
         splines = BSplineBasis(scene.robot.n_joints)
         basis: Basis = primitive.basis if basis_name == "pca" else splines

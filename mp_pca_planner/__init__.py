@@ -32,16 +32,29 @@ if TYPE_CHECKING:
     from .resources import config_file as config_file
     from .robot.limits import JointLimits as JointLimits
     from .robot.model import Robot as Robot
+    from .robot.world import Box as Box
+    from .robot.world import Capsule as Capsule
+    from .robot.world import Cylinder as Cylinder
+    from .robot.world import Mesh as Mesh
+    from .robot.world import Obstacle as Obstacle
+    from .robot.world import Sphere as Sphere
+    from .robot.world import World as World
+    from .view.content import show as show
 
 __version__ = "0.1.0"
 
 # Imported at first use, so that `import mp_pca_planner` is fast and loads only what is used.
 _HOMES = {
+    "Box": "robot.world",
+    "Capsule": "robot.world",
+    "Cylinder": "robot.world",
     "Demonstration": "recordings.demonstration",
     "JointGoal": "motion.goal",
     "JointLimits": "robot.limits",
     "JointState": "motion.goal",
+    "Mesh": "robot.world",
     "MovementPrimitive": "primitives.primitive",
+    "Obstacle": "robot.world",
     "Plan": "planning.plan",
     "Planner": "planning.planner",
     "PlannerOptions": "planning.plan",
@@ -49,10 +62,13 @@ _HOMES = {
     "PoseGoal": "motion.goal",
     "Robot": "robot.model",
     "SequenceGoal": "motion.goal",
+    "Sphere": "robot.world",
     "Trajectory": "motion.trajectory",
     "Via": "motion.goal",
+    "World": "robot.world",
     "config_file": "resources",
     "load_demonstrations": "recordings.demonstrations",
+    "show": "view.content",
     "write_example_recording": "recordings.demonstrations",
 }
 __all__ = sorted(_HOMES)

@@ -31,6 +31,10 @@ class RobotError(PlannerError):
     """A robot description or a robot state that can't be used."""
 
 
+class WorldError(PlannerError):
+    """Obstacles that can't be used."""
+
+
 class RecordingError(PlannerError):
     """A recording (or a part of it) that can't be used."""
 

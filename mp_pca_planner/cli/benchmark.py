@@ -11,6 +11,7 @@ from typing import Any
 
 from ..evaluation.method import Method, PeerResult
 from ..evaluation.problems import (
+    HUMAN_ARM,
     Scene,
     demonstrations_in,
     demonstrations_of,
@@ -28,9 +29,11 @@ from ..primitives.primitive import MovementPrimitive
 from ..primitives.primitive_library import load_primitives
 from ..robot.model import Robot
 from .common import check_output, limits_of, print_json, progress_bar
+from .scenes import run_scenes
 from .terminal import DONE, say, written_lines
 
 _DEMONSTRATIONS_SEED = 1
+_LIMIT_S = 10.0
 _COLUMNS = (
     ("effort_cost", ".4g"),
     ("solve_time_s", ".2f", 1e3),
@@ -48,6 +51,9 @@ _COLUMNS = (
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the command; returns the exit status."""
+    if arguments.scenes is not None:
+        given = arguments.primitives
+        return run_scenes(arguments, None if given is None else _only_primitive(given))
     if arguments.seed == _DEMONSTRATIONS_SEED:
         raise PlannerError(f"--seed must not be {arguments.seed}, which chooses the demonstrations")
     check_output(arguments.plot, ".png", force=arguments.force)
@@ -55,7 +61,8 @@ def run(arguments: argparse.Namespace) -> int:
     scene = _scene(arguments)
     draw = random_problems if arguments.random_ends else held_out_problems
     problems = draw(scene, arguments.problems, arguments.seed)
-    methods, absent = set_up(scene, peers, arguments.time_limit)
+    max_time = _LIMIT_S if arguments.time_limit is None else arguments.time_limit
+    methods, absent = set_up(scene, peers, max_time)
     with progress_bar("planning", "problem") as progress:
         results = compare(
             scene,
@@ -87,7 +94,7 @@ def _peers(text: str) -> list[str]:
 
 
 def _scene(arguments: argparse.Namespace) -> Scene:
-    name, urdf, usual_joints = robot_file(arguments.robot)
+    name, urdf, usual_joints = robot_file(arguments.robot or HUMAN_ARM)
     primitive = None
     if arguments.primitives is not None:
         if arguments.joints is not None:

@@ -8,7 +8,8 @@ import argparse
 import os
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -93,6 +94,8 @@ _OPTIONS = DemoOptions()
 def run(arguments: argparse.Namespace) -> int:
     """Run the command; returns the exit status."""
     require_matplotlib()
+    if arguments.view:
+        import_module("..view.page", __package__)  # fail before the work if it can't be served
     folder, urdf = arguments.output, config_file("human_arm.urdf")
     make_folder(folder)
     bag, file = folder / "recording", folder / "arm_raising.npz"
@@ -109,7 +112,20 @@ def run(arguments: argparse.Namespace) -> int:
     say("", f"4. Drawing into {folder}")
     for path in _draw(folder, bag, load_primitive(file), robot, served):
         say(f"   {path}")
+    if arguments.view:
+        _view(bag, file, urdf)
     return FAILED if failures else DONE
+
+
+def _view(bag: Path, primitive_file: Path, urdf: Path) -> None:
+    """Serve a page with the demonstrations and the primitive until Ctrl-C."""
+    from ..view.content import read_content
+    from .view import serve
+
+    say("", "5. Open this address in a browser")
+    content = read_content(urdf, [load_primitive(primitive_file)])
+    recordings = load_recordings([bag], joints=JOINT_NAMES)
+    serve(replace(content, recordings=recordings), "127.0.0.1", 8080, None)
 
 
 @dataclass(frozen=True, eq=False)

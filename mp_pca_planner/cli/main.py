@@ -34,6 +34,7 @@ COMMANDS = {
     "reload": "the primitive files read again by the running node",
     "simulate": "a simulated robot on ROS topics, with faults on demand",
     "watch": "the running node in the terminal, live",
+    "view": "robot, primitives and plans on a page in the browser",
     "planner_node": "the ROS 2 node",
 }
 _RUN_BY_ANOTHER_MODULE = {
@@ -106,7 +107,7 @@ def _extra_with(module_name: str | None) -> str | None:
     top_level = (module_name or "").partition(".")[0]
     if top_level in {"rclpy", "std_srvs"} or top_level.endswith(("_msgs", "_interfaces")):
         return "ros"
-    return "view" if top_level == "rich" else None
+    return "view" if top_level in {"rich", "trimesh", "viser", "websockets"} else None
 
 
 def _parser() -> OneLineParser:

@@ -59,6 +59,9 @@ def _add_motion_options(add: Options) -> None:
     add("--limits FILE.yaml", "limits in the form of joint_limits.yaml", Path)
     add("--sample-period", "time step [s]", number(1e-4, 1.0, "s"), 0.01)
     add.flag("--collision", "avoid self-collisions")
+    text = "obstacles to avoid: a planning scene of MoveIt, .scene or YAML"
+    add("--obstacles FILE", text, Path)
+    add("--margin", "least clearance from --obstacles [m] (default: 0)", number(0.0, 10.0, "m"))
     add("--srdf FILE", "link pairs to skip (default: neighbours, and those in contact)", Path)
     text = "folders of packages with meshes; searched before ROS's and those above the URDF"
     add("--package-dirs DIR", text, Path, (), nargs="+")
@@ -241,22 +244,24 @@ def library(add: Options) -> None:
 def benchmark(add: Options) -> None:
     """Compare components with B-splines and other methods on the same problems."""
     text = "URDF file, 'human_arm', or of example-robot-data: panda, ur5, kinova"
-    add("--robot NAME|URDF", text, default="human_arm")
+    add("--robot NAME|URDF", f"{text} (default: human_arm, or that of --scenes)")
     add("--joints a,b,c", "joints that move (default: the robot's arm, or all)", name_list)
     add("--primitives FILE", "primitive file (default: from generated motions)", Path)
     add("--limits FILE.yaml", "limits in the form of joint_limits.yaml", Path)
-    add("--problems N", "number of problems", count, 200)
+    text = "folder of problems among obstacles, in the files of MotionBenchMaker: compare there"
+    add("--scenes DIR", text, Path)
+    add("--problems N", "number of problems; of each set with --scenes", count, 200)
     add.flag("--random-ends", "problems within the limits, not within the demonstrations")
     add("--seed", "seed of the problems", seed, 2)
     add(
         "--peers a,b,c",
         "other methods: all, none, or some of promp, dmp, fddp, box_fddp, slsqp_differences, "
-        "slsqp_gradients, drake, ruckig",
+        "slsqp_gradients, drake, ruckig; with --scenes, ompl_toppra",
         default="all",
     )
     add("--peer-problems N", "problems for slow peers", count, 10)
     add("--repeats", "times each is solved", count, 3)
-    add("--time-limit S", "for one problem [s]", seconds, 10.0)
+    add("--time-limit S", "for one problem [s] (default: 10, with --scenes 1)", seconds)
     add("--plot FILE.png", "picture of cost over time to draw", Path)
     _add_report_options(add, "the picture")
 
@@ -291,6 +296,7 @@ def demo(add: Options) -> None:
     pictures show the results.
     """
     add("--output DIR", "folder of the results", Path, Path("demo_output"))
+    add.flag("--view", "then show the robot, its primitive and plans on a page in the browser")
 
 
 def send_goal(add: Options) -> None:
@@ -371,9 +377,31 @@ def watch(add: Options) -> None:
     add("--for S", "end after this time [s]", seconds, dest="duration")
 
 
+def view(add: Options) -> None:
+    """Show the robot, its primitives and plans on a page in the browser.
+
+    The goal is dragged and the plan follows; components bend the mean motion; demonstrations are
+    played. Nothing is sent to a robot. Ctrl-C ends it.
+    """
+    add("primitives FILE", "primitive files or folders", nargs="+")
+    add("--robot URDF", "the robot", Path, required=True)
+    add("--limits FILE.yaml", "limits in the form of joint_limits.yaml", Path)
+    text = "folders of packages with meshes; searched before ROS's and those above the URDF"
+    add("--package-dirs DIR", text, Path, (), nargs="+")
+    add("--obstacles FILE", "obstacles: a planning scene of MoveIt, .scene or YAML", Path)
+    add("--frame LINK", "link that the handle moves (default: the last)", default="")
+    text = "recordings of the demonstrations (default: as the primitives reproduce them)"
+    add("--demonstrations BAG", text, nargs="+")
+    add("--topic", "JointState topic of --demonstrations (default: the only one)")
+    text = "address to listen on; with 0.0.0.0, every machine that reaches it can use the page"
+    add("--host", text, default="127.0.0.1")
+    add("--port", "port, or the first free one after it; 0: any", whole(0, 65535), 8080)
+    add("--for S", "end after this time [s]", seconds, dest="duration")
+
+
 _COMMANDS = (
     *(build_primitives, inspect, plan, sequence, refine, benchmark, library, verify, case_study),
-    *(demo, send_goal, stop, save_motion, reload, simulate, watch),
+    *(demo, send_goal, stop, save_motion, reload, simulate, watch, view),
 )
 
 

@@ -25,6 +25,7 @@ from ..planning.remarks import remarks
 from ..primitives.primitive import MovementPrimitive
 from ..primitives.primitive_library import load_primitives
 from ..robot.model import Robot
+from ..robot.world import World
 from .common import limits_of
 from .goal_arguments import (
     asked_texts,
@@ -73,7 +74,7 @@ class PlannedRequest:
         return [motion.start, *vias, motion.goal]
 
     def collision_facts(self, trajectory: Trajectory) -> dict[str, str]:
-        """Result of the self-collision check of a motion, if it was requested."""
+        """Result of the collision check of a motion, if it was requested."""
         collision = self.planner.collision
         return {} if collision is None else {"collision": _collision_words(collision, trajectory)}
 
@@ -153,12 +154,22 @@ def _options(arguments: argparse.Namespace, robot: Robot) -> PlannerOptions:
 
 
 def _collision_model(arguments: argparse.Namespace, robot: Robot) -> CollisionModel | None:
-    if not arguments.collision:
-        if arguments.srdf is not None or arguments.package_dirs:
-            raise PlannerError("--srdf and --package-dirs are for --collision: give that, too")
+    if arguments.obstacles is None and arguments.margin is not None:
+        raise PlannerError("--margin is the clearance from --obstacles: give that, too")
+    if not arguments.collision and arguments.srdf is not None:
+        raise PlannerError("--srdf is for --collision: give that, too")
+    if not arguments.collision and arguments.obstacles is None:
+        if arguments.package_dirs:
+            raise PlannerError("--package-dirs is for --collision or --obstacles: give one, too")
         return None
-    folders = package_folders(arguments.package_dirs, arguments.robot)
-    return CollisionModel(robot, srdf=arguments.srdf, package_dirs=folders)
+    return CollisionModel(
+        robot,
+        srdf=arguments.srdf,
+        package_dirs=package_folders(arguments.package_dirs, arguments.robot),
+        world=None if arguments.obstacles is None else World.from_file(arguments.obstacles),
+        margin=arguments.margin or 0.0,
+        self_collision=arguments.collision,
+    )
 
 
 def _objectives(text: str, robot: Robot, frame: str | None) -> tuple[tuple[float, Objective], ...]:
@@ -195,11 +206,12 @@ def _collision_words(collision: CollisionModel, trajectory: Trajectory) -> str:
         return "not checked: the robot description has no collision geometry"
     found = collision.collisions(trajectory)
     if not found:
-        return f"none; {len(collision.pairs)} pairs of links were checked"
-    more = f", and {len(found) - 1} more pairs of links collide" if len(found) > 1 else ""
+        kind = "bodies" if len(collision.world) else "links"
+        return f"none; {len(collision.pairs)} pairs of {kind} were checked"
+    more = f", and {len(found) - 1} more pairs collide" if len(found) > 1 else ""
     return f"{found[0]}{more}"
 
 
 def collision_lines(facts: Mapping[str, Any]) -> list[str]:
-    """The line of text on self-collisions, if they were checked."""
+    """The line of text on collisions, if they were checked."""
     return [f"collision    {facts['collision']}"] if "collision" in facts else []

@@ -28,7 +28,7 @@ def planner_method(
     """
     names = scene.robot.joint_names
     planner = Planner(scene.robot, [primitive], scene.limits, options)
-    planner.practise()
+    planner.precompute()
 
     def solve(problem: Problem) -> PeerResult:
         """Plan one motion."""

@@ -8,13 +8,14 @@ import time
 from collections.abc import Sequence
 
 from ..exceptions import GoalError, PrimitiveError, quote_names
-from ..motion.collision import CollisionModel
+from ..motion.collision import CollisionModel, package_folders
 from ..motion.goal import JointGoal, JointState, SequenceGoal
 from ..motion.targets import GoalLike, StateLike, as_goal, as_state
 from ..motion.validation import require_effort_limits
 from ..primitives.primitive import MovementPrimitive
 from ..robot.limits import JointLimits
 from ..robot.model import Robot
+from ..robot.world import World
 from .budget import Budget
 from .fallback import FallbackPlanner
 from .objectives import uses_efforts
@@ -26,6 +27,7 @@ from .selection import Selector
 from .setup import Setup
 from .several import SeveralPlanner
 from .single import BasisChooser, SinglePlanner
+from .threads import one_blas_thread
 
 
 class Planner:
@@ -42,8 +44,11 @@ class Planner:
     options : PlannerOptions, optional
         Options of planning.
     collision : CollisionModel, optional
-        Collision model of the same robot, not shared between threads. Enables self-collision
-        avoidance if the robot has collision geometry.
+        Collision model of the same robot, not shared between threads. Enables collision avoidance
+        if the robot has collision geometry.
+    world : World, optional
+        Obstacles to avoid. They replace those of the collision model; without one, a model is made
+        that avoids self-collision, too.
 
     Raises
     ------
@@ -51,6 +56,8 @@ class Planner:
         If there is no primitive, two have the same name, or one is of other joints.
     RobotError
         If a moving link has no valid inertia, and efforts are limited or part of the objective.
+    WorldError
+        If an obstacle is attached to an unknown link or has the name of a link.
     """
 
     def __init__(
@@ -60,11 +67,16 @@ class Planner:
         limits: JointLimits | None = None,
         options: PlannerOptions | None = None,
         collision: CollisionModel | None = None,
+        world: World | None = None,
     ) -> None:
         self.robot, self.primitives = robot, primitives
         self.limits = robot.limits() if limits is None else limits
         self.options = PlannerOptions() if options is None else options
-        self.collision = collision
+        if world is not None and collision is None:
+            folders = package_folders((), robot.path)
+            collision = CollisionModel(robot, package_dirs=folders, world=world)
+        elif world is not None and collision is not None:
+            collision.set_world(world)
         names = [p.name for p in self.primitives]
         if not names:
             raise PrimitiveError("the planner needs at least one primitive, got none")
@@ -82,7 +94,7 @@ class Planner:
             others = "choose an objective without efforts, such as jerk"
             self.robot.require_inertias("objectives with efforts", others)
         self._selector = Selector(self.robot, self.primitives, self.options.objectives)
-        self._setup = setup = Setup(self.robot, self.limits, self.options, self.collision)
+        self._setup = setup = Setup(self.robot, self.limits, self.options, collision)
         self._resolver = GoalResolver(setup, self._selector)
         self._sequences = SequenceResolver(setup, self._selector)
         fallback = FallbackPlanner(setup)
@@ -94,6 +106,15 @@ class Planner:
     def __repr__(self) -> str:
         names = ", ".join(f"'{primitive.name}'" for primitive in self.primitives)
         return f"Planner of {self.robot!r}, primitives {names}"
+
+    @property
+    def collision(self) -> CollisionModel | None:
+        """The collision model, if collisions are avoided."""
+        return self._setup.collision
+
+    def use_collision(self, collision: CollisionModel) -> None:
+        """Avoid collisions by another model of the same robot from now on."""
+        self._setup.collision = collision
 
     def check(self, goal: JointGoal) -> None:
         """Reject a goal that can't be served from any start state.
@@ -118,6 +139,7 @@ class Planner:
         """
         return self._resolver.target(goal, start)
 
+    @one_blas_thread()
     def plan(
         self,
         goal: GoalLike,
@@ -170,7 +192,8 @@ class Planner:
         reason = selection_reason(goal, planned.attempt, attempts)
         return self._assembly.plan(planned, reason, solved_at - began)
 
-    def practise(self, max_time: float = float("inf")) -> None:
+    @one_blas_thread()
+    def precompute(self, max_time: float = float("inf")) -> None:
         """Precompute motions between the ends of demonstrations, as warm starts of similar ones.
 
         For each primitive this takes as long as planning twenty goals, and reduces later planning

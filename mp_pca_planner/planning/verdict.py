@@ -97,8 +97,8 @@ class Judge:
         except TrajectoryError as error:
             return INFEASIBLE, self._refusal(outcome, "within the limits", str(error))
         if attempt.collisions:
-            met = str(attempt.collisions[0])
-            return INFEASIBLE, self._refusal(outcome, "without self-collision", met)
+            kind = f"without {self._collision_kind}"
+            return INFEASIBLE, self._refusal(outcome, kind, _met(attempt))
         if missed > POSE_TOLERANCE:
             nearest = f"the nearest one is {missed:.3g} rad or m off"
             return INFEASIBLE, self._refusal(outcome, "that passes where it was asked to", nearest)
@@ -116,6 +116,11 @@ class Judge:
         effort_alone = [type(objective) for _, objective in options.objectives] == [Effort]
         least = "effort" if effort_alone else "cost"
         return SOLVED, f"motion of least {least} found{concessions}"
+
+    @property
+    def _collision_kind(self) -> str:
+        collision = self._setup.collision
+        return "collision" if collision is not None and len(collision.world) else "self-collision"
 
     def _search(self, outcome: Planned, kind: str) -> str:
         """Text on the end of the search for a kind of motion."""
@@ -198,10 +203,10 @@ class Judge:
             )
         why = "to keep the limits"
         if collision is not None and collision.has_geometry:
-            why += " without self-collision"
+            why += f" without {self._collision_kind}"
         kept = f"; {why}, {' and '.join(given_up)}" if given_up else ""
         if attempt.has_clearances:
-            kept += "; links that would collide otherwise are kept apart"
+            kept += "; bodies that would collide otherwise are kept apart"
         if collision is not None and not collision.has_geometry:
             kept += NOT_CHECKED
         added = max(map(correction, attempt.bases, attempt.motions))
@@ -211,6 +216,14 @@ class Judge:
                 f"{added:.2g} rad or m in the mean"
             )
         return kept
+
+
+def _met(attempt: Attempt) -> str:
+    """Text on a collision at an end of the motion that is fixed, or on the deepest one."""
+    if attempt.collision_at_end is None:
+        return str(attempt.collisions[0])
+    name, collision = attempt.collision_at_end
+    return f"{collision}; the {name} is in collision"
 
 
 def correction(basis: MotionBasis, motion: Motion) -> float:

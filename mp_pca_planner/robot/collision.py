@@ -1,48 +1,49 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Distances between the links of a robot.
-
-Meshes are compared exactly only where their convex hulls are near each other.
-"""
+"""The pairs of a robot's links, and of links and obstacles, that may collide."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
-from ..arrays import FloatArray
-from ..exceptions import RobotError
+from ..arrays import FloatArray, frozen_array
+from ..exceptions import RobotError, WorldError
 from ..files import read_text, reading
+from .bodies import Bodies
+from .body_pairs import CONTACT, BodyPairs, Indices, NearPairs, index_pairs, set_pairs
+from .joint_poses import JointTree
 from .model import Robot
 from .urdf import parse_xml
+from .world import MAX_LENGTH, World
 
-CONTACT = 1e-6
-"""Distance below which links are in contact [m]: the precision of touching surfaces."""
-
-# Precision of distances [m], at which relative errors of derivatives are usually below 1 %.
-_PRECISION = 1e-8
-# Hulls nearer than this [m] are replaced by the meshes themselves.
-_NEAR = 1e-2
+__all__ = ["CONTACT", "CollisionGeometry", "Indices", "NearPairs", "package_folders"]
 
 
 class CollisionGeometry:
-    """The pairs of links of a robot that may collide, and their distances.
+    """The pairs of bodies that may collide, links and obstacles, and their distances.
 
     Parameters
     ----------
     robot : Robot
         The robot, whose URDF has collision geometry.
     srdf : str or Path, optional
-        An SRDF file whose ``disable_collisions`` name the pairs that are not checked. Without one,
-        these are neighbours and what touches in the neutral configuration.
+        An SRDF file whose ``disable_collisions`` name the pairs of links that are not checked.
+        Without one, these are neighbours and what touches in the neutral configuration.
     package_dirs : sequence of Path
         Folders that hold the packages of ``package://`` paths of meshes.
+    world : World, optional
+        The obstacles around the robot; none unless given.
+    margin : float
+        Least clearance from obstacles [m].
+    self_collision : bool
+        Whether pairs of links are checked, too.
 
     Attributes
     ----------
@@ -52,12 +53,22 @@ class CollisionGeometry:
     model_order : array of int, shape (n_joints,)
         Index of the robot's joint for each joint of the geometry.
     pairs : tuple of tuple of str
-        The pairs of links that are checked; empty without collision geometry.
+        The pairs of bodies that are checked, those of links first; empty without collision
+        geometry.
+    margins : array, shape (n_pairs,)
+        Least clearance of each pair [m].
+    world : World
+        The obstacles.
+    margin : float
+        Least clearance from them [m].
 
     Raises
     ------
     RobotError
         If a mesh or the SRDF file can't be read.
+    WorldError
+        If an obstacle is attached to an unknown link or has the name of a link, or the margin is
+        no length.
     """
 
     def __init__(
@@ -66,181 +77,131 @@ class CollisionGeometry:
         *,
         srdf: str | Path | None = None,
         package_dirs: Sequence[Path] = (),
+        world: World | None = None,
+        margin: float = 0.0,
+        self_collision: bool = True,
     ) -> None:
-        self._model, self._geometry, self.model_order = robot.collision_geometry(package_dirs)
-        self._data = self._model.createData()
-        shapes = [part.geometry for part in self._geometry.geometryObjects]
-        for shape in shapes:
-            shape.computeLocalAABB()
-        self._centres = [np.array(shape.aabb_center) for shape in shapes]
-        self._radii = [float(shape.aabb_radius) for shape in shapes]
-        if srdf is None:
-            self._remove_touching_at_neutral()
+        model, geometry, self.model_order = robot.collision_geometry(package_dirs)
+        if not self_collision:
+            geometry.removeAllCollisionPairs()
+        elif srdf is None:
+            _remove_touching_at_neutral(model, geometry)
         else:
-            self._geometry.addAllCollisionPairs()
-            _remove_disabled(self._model, self._geometry, Path(srdf))
-        _remove_fixed(self._geometry)
-        self._geometry_data = self._geometry.createData()
-        self._hulls, convex = _hulls(self._geometry)
-        self._hull_data = self._hulls.createData()
-        for request in self._hull_data.distanceRequests:
-            request.gjk_tolerance = _PRECISION
-        pairs = self._geometry.collisionPairs
-        self._are_convex = [convex[pair.first] and convex[pair.second] for pair in pairs]
-        self.pairs = tuple(self._links(pair) for pair in pairs)
-        self._moved = self._moved_by_joints()
-        self.levers = self._lever_arms()
+            geometry.addAllCollisionPairs()
+            _remove_disabled(model, geometry, Path(srdf))
+        self._links = Bodies.of_links(model, geometry)
+        self._tree, joints = JointTree(model), self._links.joints
+        # A pair without relative motion is not checked.
+        self._pairs_of_links = [(a, b) for a, b in index_pairs(geometry) if joints[a] != joints[b]]
+        self.margin = _checked_margin(margin)
+        self.set_world(World() if world is None else world)
+
+    def set_world(self, world: World, margin: float | None = None) -> None:
+        """Replace the obstacles.
+
+        Parameters
+        ----------
+        world : World
+            The new obstacles.
+        margin : float, optional
+            Least clearance from them [m]; the present one unless given.
+
+        Raises
+        ------
+        WorldError
+            See the class; the present obstacles are kept then.
+        """
+        margin = self.margin if margin is None else _checked_margin(margin)
+        bodies, n_links = self._links.with_world(world), len(self._links.names)
+        names, further = bodies.names, _pairs_with_world(bodies, n_links, world)
+        pairs = [
+            (a, b)
+            for a, b in [*self._pairs_of_links, *further]
+            if not world.allows(names[a], names[b])
+        ]
+        indices = np.array(pairs, dtype=np.intp).reshape(-1, 2)
+        margins = np.where(indices[:, 1] >= n_links, margin, 0.0)
+        self._distances = BodyPairs(self._tree, bodies, indices, margins)
+        self.world, self.margin, self.margins = world, margin, margins
+        self.pairs = tuple((names[a], names[b]) for a, b in pairs)
+        self.levers = self._distances.levers
 
     @property
     def has_geometry(self) -> bool:
-        """Whether there is any collision geometry at all."""
-        return bool(self._geometry.ngeoms)
+        """Whether there is any collision geometry of links at all."""
+        return bool(self._links.names)
 
-    def distances(self, q: FloatArray, pairs: NDArray[np.intp]) -> tuple[FloatArray, FloatArray]:
-        """Distances of pairs, and their derivatives by the joints.
+    def collides(self, q: FloatArray) -> bool:
+        """Whether any pair is in collision in a configuration.
 
         Parameters
         ----------
         q : array, shape (n_joints,)
             Positions of the robot's joints in its order.
-        pairs : array of int, shape (n_pairs,)
-            Which of the pairs.
-
-        Returns
-        -------
-        distances : array, shape (n_pairs,)
-            Distances [m]; for meshes in collision, the negative penetration depth of their convex
-            hulls.
-        rows : array, shape (n_pairs, n_joints)
-            Their derivatives by the joints: rates at which the nearest points of two links
-            separate.
         """
-        jacobian = pin.computeJointJacobians(self._model, self._data, self._in_model_order(q))
-        pin.updateGeometryPlacements(self._model, self._data, self._hulls, self._hull_data)
-        found = [self._nearest_points(int(k)) for k in pairs]
-        distances = np.array([one.min_distance for one in found])
-        first = np.array([one.getNearestPoint1() for one in found])
-        second = np.array([one.getNearestPoint2() for one in found])
-        away = (second - first) * np.sign(distances)[:, None]
-        lengths = np.linalg.norm(away, axis=1)
-        for i in np.flatnonzero(~(lengths > CONTACT)):
-            # In contact the two points coincide; then the centres define the direction, if they
-            # differ.
-            a, b = (self._centre(part) for part in _both(self._hulls.collisionPairs[int(pairs[i])]))
-            second[i] = b
-            away[i] = b - a if np.linalg.norm(b - a) > CONTACT else np.ones(3)
-            lengths[i] = np.linalg.norm(away[i])
-        away /= lengths[:, None]
-        # Both points lie on one line along that direction, so both give the same moment about the
-        # origin.
-        along = np.hstack([away, np.cross(second, away)]) @ jacobian
-        rows = np.empty_like(along)
-        rows[:, self.model_order] = along * self._moved[pairs]
-        return distances, rows
+        return self._distances.collide(self._in_model_order(q))
 
-    def _nearest_points(self, pair: int) -> Any:
-        """Pinocchio's result for the current poses of the links."""
-        found = pin.computeDistance(self._hulls, self._hull_data, pair)
-        if self._are_convex[pair] or found.min_distance > _NEAR:
-            return found
-        geometry, data = self._geometry, self._geometry_data
-        pin.updateGeometryPlacements(self._model, self._data, geometry, data)
-        exact = pin.computeDistance(geometry, data, pair)
-        # It is undefined for meshes in contact.
-        return exact if exact.min_distance > CONTACT else found
+    def bounds(self, q: FloatArray, enough: FloatArray | float) -> FloatArray:
+        """Lower bounds of all distances less their margins, see :meth:`.BodyPairs.bounds`."""
+        return self._distances.bounds(self._in_model_order(q), enough)
+
+    def distances(
+        self, q: FloatArray, configurations: Indices, pairs: Indices, enough: FloatArray | float
+    ) -> FloatArray:
+        """Distances of pairs less their margins, see :meth:`.BodyPairs.distances`."""
+        return self._distances.distances(self._in_model_order(q), configurations, pairs, enough)
+
+    def near(self, q: FloatArray, reach: float) -> NearPairs:
+        """The pairs nearer than some distance beside their margins.
+
+        Parameters
+        ----------
+        q : array, shape (n_configurations, n_joints)
+            Positions of the robot's joints in its order.
+        reach : float
+            The distance [m].
+        """
+        found = self._distances.near(self._in_model_order(q), reach)
+        rows = np.empty_like(found.rows)
+        rows[:, self.model_order] = found.rows
+        return replace(found, rows=rows)
+
+    def nearest_point(self, q: FloatArray, pair: int) -> FloatArray:
+        """Point of the second body of a pair that is nearest to the first one, shape (3,) [m]."""
+        return self._distances.nearest_point(self._in_model_order(q), pair)
 
     def _in_model_order(self, q: FloatArray) -> FloatArray:
-        return np.ascontiguousarray(q[self.model_order])
-
-    def _centre(self, part: int) -> FloatArray:
-        return np.asarray(self._hull_data.oMg[part].act(self._centres[part]))
-
-    def lower_bounds(self, q: FloatArray, pairs: Any, enough: FloatArray) -> FloatArray:
-        """Distances of pairs [m]; where they exceed `enough`, a lower bound that does, too."""
-        q = self._in_model_order(q)
-        pin.updateGeometryPlacements(self._model, self._data, self._hulls, self._hull_data, q)
-        distances = np.array([self._hull_distance(int(k)) for k in pairs])
-        near = [i for i in np.flatnonzero(distances <= enough) if not self._are_convex[pairs[i]]]
-        if near:
-            distances[near] = self._exact_distances(q, pairs[near])
-        return distances
-
-    def _hull_distance(self, pair: int) -> float:
-        return float(pin.computeDistance(self._hulls, self._hull_data, pair).min_distance)
-
-    def _exact_distances(self, configuration: FloatArray, pairs: Any) -> FloatArray:
-        geometry, data = self._geometry, self._geometry_data
-        pin.updateGeometryPlacements(self._model, self._data, geometry, data, configuration)
-        return np.array([pin.computeDistance(geometry, data, int(k)).min_distance for k in pairs])
-
-    def _links(self, pair: Any) -> tuple[str, str]:
-        objects = self._geometry.geometryObjects
-        first, second = (
-            self._model.frames[objects[i].parentFrame].name for i in (pair.first, pair.second)
-        )
-        return first, second
-
-    def _remove_touching_at_neutral(self) -> None:
-        low, high = self._model.lowerPositionLimit, self._model.upperPositionLimit
-        neutral = np.clip(pin.neutral(self._model), low, high)
-        self._geometry_data = self._geometry.createData()
-        distances = self._exact_distances(neutral, range(len(self._geometry.collisionPairs)))
-        _keep_pairs(self._geometry, distances >= CONTACT)
-
-    def _moved_by_joints(self) -> FloatArray:
-        """The link of each pair that each joint moves, shape (n_pairs, n_joints).
-
-        The second link: 1, the first: −1, none or both: 0.
-        """
-        moves = np.zeros((self._model.njoints, self._model.nv))
-        for joint, supports in enumerate(self._model.supports):
-            for other in list(supports)[1:]:
-                moves[joint, self._model.joints[other].idx_v] = 1.0
-        objects = self._geometry.geometryObjects
-        joints = [[objects[i].parentJoint for i in _both(p)] for p in self._hulls.collisionPairs]
-        first, second = np.reshape(joints, (-1, 2)).T.astype(np.intp)
-        return np.asarray(moves[second] - moves[first])
-
-    def _lever_arms(self) -> FloatArray:
-        """Largest speed of approach of each pair by each joint, (n_pairs, n_joints).
-
-        For a joint that turns, the longest path from it along the links to a point of the geometry
-        behind it [m]; for one that slides, 1.
-        """
-        objects = self._geometry.geometryObjects
-        arms = np.zeros((len(self.pairs), self._model.nv))
-        for row, pair in zip(arms, self._geometry.collisionPairs, strict=True):
-            chains = [list(self._model.supports[objects[i].parentJoint]) for i in _both(pair)]
-            for i, chain, other in zip(_both(pair), chains, chains[::-1], strict=True):
-                centre = objects[i].placement.act(self._centres[i])
-                reach = float(np.linalg.norm(centre)) + self._radii[i]
-                for joint in reversed([j for j in chain if j > 0]):
-                    slides = _slide(self._model, joint)
-                    if joint not in other:
-                        row[self._model.joints[joint].idx_v] = 1.0 if slides else reach
-                    placement = self._model.jointPlacements[joint].translation
-                    reach += float(np.linalg.norm(placement)) + slides
-        return arms
+        return np.ascontiguousarray(q[..., self.model_order])
 
 
-def _remove_fixed(geometry: Any) -> None:
-    """Keep the pairs with relative motion."""
-    joints = [part.parentJoint for part in geometry.geometryObjects]
-    _keep_pairs(geometry, [joints[a] != joints[b] for a, b in _index_pairs(geometry)])
+def _checked_margin(margin: float) -> float:
+    value = float(frozen_array(margin, (), "margin of the clearance", WorldError))
+    if not 0.0 <= value <= MAX_LENGTH:
+        raise WorldError(f"margin of the clearance must be from 0 to {MAX_LENGTH:g} m, got {value}")
+    return value
 
 
-def _index_pairs(geometry: Any) -> list[tuple[int, int]]:
-    """Numbers of the geometry objects of each pair."""
-    return [_both(pair) for pair in geometry.collisionPairs]
+def _pairs_with_world(bodies: Bodies, n_links: int, world: World) -> Iterator[tuple[int, int]]:
+    """The pairs of a link, or an obstacle on a link, with an obstacle that moves relative to it."""
+    obstacles = [obstacle for obstacle in world for _ in obstacle.shapes]
+    for i, obstacle in enumerate(obstacles):
+        b = n_links + i
+        excepted = {obstacle.name, obstacle.frame, *obstacle.touch_links}
+        for a in range(b):
+            other = obstacles[a - n_links].touch_links if a >= n_links else ()
+            if bodies.joints[a] == bodies.joints[b] or bodies.names[a] in excepted:
+                continue
+            if obstacle.name not in other:
+                yield a, b
 
 
-def _keep_pairs(geometry: Any, kept: Iterable[bool]) -> None:
-    # What Python gets of Pinocchio's pairs are references to places in a vector, so the vector
-    # is made again: removing one pair would put others into the places behind it.
-    pairs = [pair for pair, keep in zip(_index_pairs(geometry), kept, strict=True) if keep]
-    geometry.removeAllCollisionPairs()
-    for first, second in pairs:
-        geometry.addCollisionPair(pin.CollisionPair(first, second))
+def _remove_touching_at_neutral(model: Any, geometry: Any) -> None:
+    neutral = np.clip(pin.neutral(model), model.lowerPositionLimit, model.upperPositionLimit)
+    data = geometry.createData()
+    pin.updateGeometryPlacements(model, model.createData(), geometry, data, neutral)
+    pairs = index_pairs(geometry)
+    distances = [pin.computeDistance(geometry, data, k).min_distance for k in range(len(pairs))]
+    set_pairs(geometry, [pair for pair, d in zip(pairs, distances, strict=True) if d >= CONTACT])
 
 
 def _remove_disabled(model: Any, geometry: Any, srdf: Path) -> None:
@@ -249,35 +210,6 @@ def _remove_disabled(model: Any, geometry: Any, srdf: Path) -> None:
         text = read_text(srdf)
         parse_xml(text, source)
         pin.removeCollisionPairsFromXML(model, geometry, text)
-
-
-def _slide(model: Any, joint: int) -> float:
-    """Range of a joint that slides [m], 0 for one that turns."""
-    if not model.joints[joint].shortname().startswith("JointModelP"):
-        return 0.0
-    index = model.joints[joint].idx_q
-    ends = model.lowerPositionLimit[index], model.upperPositionLimit[index]
-    return float(np.abs(ends).max())
-
-
-def _hulls(geometry: Any) -> tuple[Any, list[bool]]:
-    """The same with convex hulls in the place of meshes, and which parts were convex before."""
-    hulls = geometry.copy()
-    convex = []
-    for part, hull in zip(geometry.geometryObjects, hulls.geometryObjects, strict=True):
-        shape = part.geometry
-        convex.append(not hasattr(shape, "buildConvexHull"))
-        if not convex[-1]:
-            try:
-                convex[-1] = shape.buildConvexHull(True, "Qt")
-            except (RuntimeError, ValueError):
-                continue  # it is flat, or the library was built without qhull
-            hull.geometry = shape.convex
-    return hulls, convex
-
-
-def _both(pair: Any) -> tuple[int, int]:
-    return pair.first, pair.second
 
 
 def package_folders(given: Sequence[Path], urdf: Path | None = None) -> list[Path]:

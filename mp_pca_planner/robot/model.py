@@ -55,6 +55,8 @@ class Robot(Dynamics, Kinematics):
         All movable joints of the description, in the order of the kinematic tree.
     frame_names : tuple of str
         The links.
+    path : Path or None
+        The file that the description was read from.
 
     Raises
     ------
@@ -71,6 +73,7 @@ class Robot(Dynamics, Kinematics):
         source: str = "robot description",
     ) -> None:
         self._source = source
+        self.path: Path | None = None
         self._description = found = read_description(urdf, source)
         self.name = found.name
         try:
@@ -108,7 +111,9 @@ class Robot(Dynamics, Kinematics):
         """Read the robot description from a URDF file (see the class)."""
         with reading(f"the URDF file '{path}'", RobotError):
             urdf = read_text(path)
-        return cls(urdf, joint_names, locked=locked, source=f"URDF file '{path}'")
+        robot = cls(urdf, joint_names, locked=locked, source=f"URDF file '{path}'")
+        robot.path = Path(path)
+        return robot
 
     @property
     def described_joints(self) -> tuple[str, ...]:

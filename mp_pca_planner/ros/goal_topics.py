@@ -61,6 +61,10 @@ class _Request:
             self.context.planner.check(self.goal)
 
 
+class _Avoidance:
+    """The request to replace a motion that would hit a new obstacle."""
+
+
 class GoalTopics:
     """Receives goals, has the newest one served, and publishes a report for each.
 
@@ -96,7 +100,9 @@ class GoalTopics:
         self._statistics, self._on_served = statistics, on_served
         self._on_rejected = on_rejected
         self._reports = node.create_publisher(DiagnosticStatus, "~/plan_report", EVERY)
-        self._worker = PreemptiveWorker(self._serve, self._on_preempted, node.guarded(rest))
+        self._worker: PreemptiveWorker[_Request | _Avoidance] = PreemptiveWorker(
+            self._serve, self._on_preempted, node.guarded(rest)
+        )
         group = ThreadGroup()
         for message_type, topic in (
             (JointStateMessage, "~/goal"),
@@ -108,6 +114,10 @@ class GoalTopics:
             )
         # A separate thread, so that goals don't wait for services of the node.
         self._executor = GroupExecutor(node, group)
+
+    def avoid(self) -> None:
+        """Replace the running motion, or stop the robot; after the goal that is being served."""
+        self._worker.submit_if_idle(_Avoidance())
 
     def cancel(self) -> None:
         """Cancel all goals that wait or are being planned."""
@@ -130,7 +140,25 @@ class GoalTopics:
         else:
             self._worker.submit(request)
 
-    def _serve(self, request: _Request, is_cancelled: IsCancelled) -> None:
+    def _serve(self, request: _Request | _Avoidance, is_cancelled: IsCancelled) -> None:
+        """Serve a goal, then avoid an obstacle that the running motion would hit."""
+        if isinstance(request, _Request):
+            self._serve_goal(request, is_cancelled)
+        if not self._server.is_threatened:
+            return
+        logger = self._node.get_logger()
+        try:
+            text, served = self._server.avoid(self._setup.ready(), is_cancelled)
+        except CancelledError:
+            raise
+        except Exception as error:
+            logger.error(f"the robot was not stopped: {self._node.explain(error)}")
+        else:
+            if served is not None:
+                self._on_served(served)
+            logger.warning(messages.to_text(text or "the obstacle is no longer on the path"))
+
+    def _serve_goal(self, request: _Request, is_cancelled: IsCancelled) -> None:
         """Plan, publish and report, in the thread of the worker."""
         kind, stamp = type(request.goal), request.stamp
         try:
@@ -168,7 +196,9 @@ class GoalTopics:
         self._reports.publish(report)
         self._on_rejected()
 
-    def _on_preempted(self, request: _Request) -> None:
+    def _on_preempted(self, request: _Request | _Avoidance) -> None:
+        if isinstance(request, _Avoidance):
+            return
         try:
             request.check()
         except Exception as error:

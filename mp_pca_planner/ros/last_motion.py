@@ -67,7 +67,7 @@ class LastMotion:
                 "a motion"
             )
         if served.trial is not None:
-            served.trial.tell(cost)
+            served.trial.record(cost)
         self.cost = cost
 
     def show_preview(self) -> None:

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import threading
 import time
+from collections.abc import Mapping
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rcl_interfaces.msg import SetParametersResult
@@ -30,6 +31,7 @@ from .guarded_node import LOG_PERIOD, GuardedNode
 from .last_motion import LastMotion
 from .messages import to_execution_report, to_status, to_text
 from .node_parameters import NodeParameters
+from .obstacle_topic import ObstacleTopic
 from .planning_setup import PlanningSetup
 from .qos import EVERY, LATCHED, NEWEST, STATES
 from .state_reader import SerializedStateReader
@@ -92,11 +94,13 @@ class PlannerNode(GuardedNode):
             on_rejected=self._last_motion.erase_preview,
             rest=self._last_motion.show_preview,
         )
+        self._obstacles = ObstacleTopic(self, self._setup, self._server, self._goals.avoid)
         if not self._setup.problem:
             self._log_readiness()
 
     def destroy_node(self) -> None:
         """End the threads, then the node."""
+        self._obstacles.close()
         self._goals.close()
         super().destroy_node()
 
@@ -227,8 +231,12 @@ class PlannerNode(GuardedNode):
 
     def _publish_diagnostics(self) -> None:
         name = f"{self.get_fully_qualified_name()}: planner"
-        cost = self._last_motion.cost
-        status = _status(name, self._setup, self._states.measured, self._statistics, cost)
+        values = {
+            "trial_cost": "none" if self._last_motion.cost is None else self._last_motion.cost,
+            "obstacles": len(self._server.world),
+            "obstacle_rejected": self._obstacles.problem or "none",
+        }
+        status = _status(name, self._setup, self._states.measured, self._statistics, values)
         array = DiagnosticArray(status=[status])
         array.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics.publish(array)
@@ -245,7 +253,7 @@ def _status(
     setup: PlanningSetup,
     measured: MeasuredStates,
     counts: GoalStatistics,
-    cost: float | None,
+    more: Mapping[str, str | float | int],
 ) -> DiagnosticStatus:
     """Diagnostics on the node's inputs and on the goals that it served."""
     age, context, problem = measured.age, setup.context, setup.missing or setup.problem
@@ -260,7 +268,7 @@ def _status(
         "goals_refused": counts.n_refused,
         "goals_under_way": counts.n_under_way,
         "goals_overtaken": counts.n_overtaken,
-        "trial_cost": "none" if cost is None else cost,
+        **more,
         **counts.solve_time_percentiles(),
         "joint_states_age_s": "none" if age is None else round(age, 3),
         "joint_states_incomplete": measured.n_incomplete,

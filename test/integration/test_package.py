@@ -35,7 +35,7 @@ LAYERS = [
     {"control", "learning"},
     {"execution"},
     {"simulation", "evaluation"},
-    {"plotting"},
+    {"plotting", "view"},
     {"cli", "ros", "__main__"},
 ]
 
@@ -57,7 +57,10 @@ ROSDEP_NAMES = {
 }
 
 # Extras that rosdep has no name for: pip brings them.
-EXTRAS_ONLY = {"filelock", "cmaes", "distributed", "mujoco", "rich"}
+EXTRAS_ONLY = {
+    *("filelock", "cmaes", "distributed", "mujoco"),
+    *("rich", "trimesh", "viser", "websockets"),
+}
 
 
 def imported_modules(source: Path, *, when_loaded: bool = False) -> Iterator[str]:

@@ -1,0 +1,400 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""The world around a robot: obstacles made of shapes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Self
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike, NDArray
+
+from ..arrays import FloatArray, frozen_array, set_frozen, unique_names
+from ..exceptions import WorldError, quote_names, unknown_name
+
+MAX_SHAPES = 2000
+"""Largest number of shapes of a world."""
+MAX_TRIANGLES = 200_000
+"""Largest number of triangles of a world."""
+MAX_LENGTH = 1e3
+"""Largest size or coordinate of a shape [m]."""
+ANY = "*"
+"""Stands for all other bodies in an allowed contact."""
+
+_ORIGIN, _UPRIGHT = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)
+# Deviation of a quaternion's length from 1: files often hold few digits.
+_QUATERNION_TOLERANCE = 1e-3
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Shape:
+    """A body in space; the base class of all shapes.
+
+    Attributes
+    ----------
+    position : array, shape (3,)
+        Position of its origin in the frame of its obstacle [m].
+    orientation : array, shape (4,)
+        Its orientation there, a unit quaternion (x, y, z, w).
+
+    Raises
+    ------
+    WorldError
+        If a size is not positive, a number not finite or too large, or the quaternion not of
+        length 1.
+    """
+
+    position: FloatArray
+    orientation: FloatArray
+
+    def _place(self, position: ArrayLike, orientation: ArrayLike) -> None:
+        what = f"of a {type(self).__name__.lower()}"
+        position = _coordinates(position, (3,), f"position {what}")
+        set_frozen(self, position=position, orientation=_unit(orientation, f"orientation {what}"))
+
+    @property
+    def pose(self) -> FloatArray:
+        """Position and orientation, shape (7,)."""
+        return np.concatenate([self.position, self.orientation])
+
+    def moved(self, pose: FloatArray) -> Self:
+        """The same shape in a frame in which its present one has a pose, shape (7,)."""
+        position = _coordinates(pose[:3], (3,), "position")
+        frame = np.concatenate([position, _unit(pose[3:], "orientation")])
+        placed = pin.XYZQUATToSE3(frame) * pin.XYZQUATToSE3(self.pose)
+        found = np.array(pin.SE3ToXYZQUAT(placed))
+        other = object.__new__(type(self))
+        set_frozen(other, **vars(self))
+        other._place(found[:3], found[3:])
+        return other
+
+    def __repr__(self) -> str:
+        x, y, z = self.position
+        return f"{type(self).__name__}({self._dimensions()}) at ({x:.4g}, {y:.4g}, {z:.4g})"
+
+    def _dimensions(self) -> str:
+        """The sizes as text."""
+        raise NotImplementedError
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Box(Shape):
+    """A box centred at its origin.
+
+    Attributes
+    ----------
+    size : array, shape (3,)
+        Lengths of its edges along x, y and z [m].
+    """
+
+    size: FloatArray
+
+    def __init__(
+        self, size: ArrayLike, position: ArrayLike = _ORIGIN, orientation: ArrayLike = _UPRIGHT
+    ) -> None:
+        sizes = _coordinates(size, (3,), "size of a box")
+        for length in sizes:
+            _positive(length, "size of a box")
+        set_frozen(self, size=sizes)
+        self._place(position, orientation)
+
+    def _dimensions(self) -> str:
+        return " × ".join(f"{length:.4g}" for length in self.size)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Sphere(Shape):
+    """A sphere centred at its origin.
+
+    Attributes
+    ----------
+    radius : float
+        Its radius [m].
+    """
+
+    radius: float
+
+    def __init__(
+        self, radius: float, position: ArrayLike = _ORIGIN, orientation: ArrayLike = _UPRIGHT
+    ) -> None:
+        set_frozen(self, radius=_positive(radius, "radius of a sphere"))
+        self._place(position, orientation)
+
+    def _dimensions(self) -> str:
+        return f"radius {self.radius:.4g}"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Cylinder(Shape):
+    """A cylinder about its z axis, centred at its origin.
+
+    Attributes
+    ----------
+    radius : float
+        Its radius [m].
+    height : float
+        Its length along z [m].
+    """
+
+    radius: float
+    height: float
+
+    def __init__(
+        self,
+        radius: float,
+        height: float,
+        position: ArrayLike = _ORIGIN,
+        orientation: ArrayLike = _UPRIGHT,
+    ) -> None:
+        what = type(self).__name__.lower()
+        set_frozen(self, radius=_positive(radius, f"radius of a {what}"))
+        set_frozen(self, height=_positive(height, f"height of a {what}"))
+        self._place(position, orientation)
+
+    def _dimensions(self) -> str:
+        return f"radius {self.radius:.4g}, height {self.height:.4g}"
+
+
+@dataclass(frozen=True, eq=False, repr=False, init=False)
+class Capsule(Cylinder):
+    """A cylinder with a half sphere at each end; `height` is that of the cylinder alone [m]."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Mesh(Shape):
+    """A surface of triangles.
+
+    A convex closed surface is a solid body. Any other one is a surface: what lies inside it
+    without touching it is not in collision.
+
+    Attributes
+    ----------
+    vertices : array, shape (n_vertices, 3)
+        Coordinates [m].
+    triangles : array of int, shape (n_triangles, 3)
+        Indices of the vertices of each triangle.
+    """
+
+    vertices: FloatArray
+    triangles: NDArray[np.intp]
+
+    def __init__(
+        self,
+        vertices: ArrayLike,
+        triangles: ArrayLike,
+        position: ArrayLike = _ORIGIN,
+        orientation: ArrayLike = _UPRIGHT,
+    ) -> None:
+        points = _coordinates(vertices, (None, 3), "vertices of a mesh")
+        indices = frozen_array(triangles, (None, 3), "triangles of a mesh", WorldError)
+        if not 1 <= len(indices) <= MAX_TRIANGLES:
+            raise WorldError(f"a mesh must have 1 to {MAX_TRIANGLES} triangles, got {len(indices)}")
+        if np.any(indices != np.round(indices)) or not (
+            indices.min() >= 0 and indices.max() < len(points)
+        ):
+            raise WorldError(
+                f"triangles of a mesh must be indices of its {len(points)} vertices, from 0 to "
+                f"{len(points) - 1}"
+            )
+        whole = indices.astype(np.intp)
+        whole.setflags(write=False)
+        set_frozen(self, vertices=points, triangles=whole)
+        self._place(position, orientation)
+
+    @classmethod
+    def from_file(
+        cls,
+        path: str | Path,
+        scale: float = 1.0,
+        position: ArrayLike = _ORIGIN,
+        orientation: ArrayLike = _UPRIGHT,
+    ) -> Mesh:
+        """Read a mesh file, such as STL, OBJ or COLLADA, with coordinates times a scale.
+
+        Raises
+        ------
+        WorldError
+            If the file can't be read.
+        """
+        from .world_meshes import read_mesh
+
+        vertices, triangles = read_mesh(str(path), ())
+        return cls(_positive(scale, "scale of a mesh") * vertices, triangles, position, orientation)
+
+    def _dimensions(self) -> str:
+        return f"{len(self.triangles)} triangles"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Obstacle:
+    """A rigid body of one or several shapes.
+
+    Attributes
+    ----------
+    name : str
+        Its name in messages.
+    shapes : tuple of Shape
+        Its shapes; poses are relative to `frame`.
+    frame : str
+        Link of the robot that it moves with; empty for the base of the robot's model. It is not
+        checked against that link.
+    touch_links : tuple of str
+        Further links that it may touch.
+
+    Raises
+    ------
+    WorldError
+        If the name is empty or there is no shape.
+    """
+
+    name: str
+    shapes: tuple[Shape, ...]
+    frame: str
+    touch_links: tuple[str, ...]
+
+    def __init__(
+        self,
+        name: str,
+        shapes: Shape | Iterable[Shape],
+        frame: str = "",
+        touch_links: Sequence[str] = (),
+    ) -> None:
+        if not isinstance(name, str) or not name.strip() or name == ANY:
+            raise WorldError(f"an obstacle must have a name, got {name!r:.80}")
+        parts = (shapes,) if isinstance(shapes, Shape) else tuple(shapes)
+        if not parts or not all(isinstance(part, Shape) for part in parts):
+            raise WorldError(
+                f"obstacle '{name}' must have one or several shapes (Box, Sphere, Cylinder, "
+                f"Capsule, Mesh), got {parts!r:.80}"
+            )
+        if not isinstance(frame, str):
+            raise WorldError(f"frame of obstacle '{name}' must be a name, got {frame!r:.80}")
+        set_frozen(self, name=name, shapes=parts, frame=frame, touch_links=tuple(touch_links))
+
+    def __repr__(self) -> str:
+        frame = f" on '{self.frame}'" if self.frame else ""
+        return f"Obstacle '{self.name}'{frame}: {', '.join(map(repr, self.shapes))}"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class World:
+    """The obstacles around a robot, and the contacts that are allowed.
+
+    Attributes
+    ----------
+    obstacles : tuple of Obstacle
+        Obstacles with different names.
+    allowed : frozenset of (str, str)
+        Pairs of bodies, links or obstacles, that are not checked, each in alphabetical order; `ANY`
+        stands for all other bodies.
+
+    Raises
+    ------
+    WorldError
+        If two obstacles have the same name, or there are too many shapes or triangles.
+    """
+
+    obstacles: tuple[Obstacle, ...]
+    allowed: frozenset[tuple[str, str]]
+
+    def __init__(
+        self, obstacles: Iterable[Obstacle] = (), allowed: Iterable[tuple[str, str]] = ()
+    ) -> None:
+        bodies = tuple(obstacles)
+        if bodies:
+            unique_names([one.name for one in bodies], "obstacles", WorldError)
+        shapes = [shape for one in bodies for shape in one.shapes]
+        n_triangles = sum(len(one.triangles) for one in shapes if isinstance(one, Mesh))
+        for count, most, kind in (
+            (len(shapes), MAX_SHAPES, "shapes"),
+            (n_triangles, MAX_TRIANGLES, "triangles"),
+        ):
+            if count > most:
+                raise WorldError(f"a world of {count} {kind} is too large: at most {most} are used")
+        pairs = frozenset((min(pair), max(pair)) for pair in allowed)
+        set_frozen(self, obstacles=bodies, allowed=pairs)
+
+    def __repr__(self) -> str:
+        return f"World of {quote_names(self.names)}"
+
+    def __iter__(self) -> Iterator[Obstacle]:
+        return iter(self.obstacles)
+
+    def __len__(self) -> int:
+        return len(self.obstacles)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the obstacles."""
+        return tuple(one.name for one in self.obstacles)
+
+    @classmethod
+    def from_file(cls, path: str | Path) -> World:
+        """Read a planning scene of MoveIt.
+
+        Parameters
+        ----------
+        path : str or Path
+            A ``.scene`` file of text, or a moveit_msgs/PlanningScene as YAML.
+
+        Raises
+        ------
+        WorldError
+            If the file can't be read, or has a shape that is not supported.
+        """
+        from .scene_files import read_scene
+
+        return read_scene(path)
+
+    def with_obstacles(self, *obstacles: Obstacle) -> World:
+        """The world with further obstacles; those of the same name are replaced."""
+        new = {one.name for one in obstacles}
+        kept = [one for one in self.obstacles if one.name not in new]
+        return World([*kept, *obstacles], self.allowed)
+
+    def without(self, names: Iterable[str]) -> World:
+        """The world without some obstacles.
+
+        Raises
+        ------
+        WorldError
+            If there is no such obstacle.
+        """
+        removed = set(names)
+        for name in sorted(removed):
+            if name not in self.names:
+                raise WorldError(unknown_name("obstacle", name, self.names))
+        return World([one for one in self.obstacles if one.name not in removed], self.allowed)
+
+    def allows(self, first: str, second: str) -> bool:
+        """Whether two bodies, by their names, are not checked for contact."""
+        pairs = ((first, second), (first, ANY), (second, ANY))
+        return any((min(pair), max(pair)) in self.allowed for pair in pairs)
+
+
+def _unit(quaternion: ArrayLike, what: str) -> FloatArray:
+    values = frozen_array(quaternion, (4,), what, WorldError)
+    length = float(np.linalg.norm(values))
+    if not abs(length - 1.0) <= _QUATERNION_TOLERANCE:
+        raise WorldError(
+            f"{what} must be a quaternion (x, y, z, w) of length 1, got one of length {length:.6g}"
+        )
+    return frozen_array(values / length, (4,), what, WorldError)
+
+
+def _positive(value: float, what: str) -> float:
+    number = float(frozen_array(value, (), what, WorldError))
+    if not 0.0 < number <= MAX_LENGTH:
+        raise WorldError(f"{what} must be above 0 and at most {MAX_LENGTH:g} m, got {number:g}")
+    return number
+
+
+def _coordinates(values: ArrayLike, shape: tuple[int | None, ...], what: str) -> FloatArray:
+    array = frozen_array(values, shape, what, WorldError)
+    if np.abs(array).max(initial=0.0) > MAX_LENGTH:
+        raise WorldError(f"{what} must be at most {MAX_LENGTH:g} m, got {np.abs(array).max():g}")
+    return array
