@@ -38,7 +38,7 @@ class NearPairs:
     Attributes
     ----------
     bounds : array, shape (n_configurations, n_pairs)
-        Lower bounds of all distances [m].
+        Distances of the entries below, and lower bounds of all others [m].
     configurations, pairs : array of int, shape (n_near,)
         The configuration and the pair of each entry.
     distances : array, shape (n_near,)
@@ -125,7 +125,7 @@ class BodyPairs:
         Returns
         -------
         bounds : array, shape (n_configurations, n_pairs)
-            The bounds [m].
+            The bounds [m]; those of bodies in collision are at most 0.
         """
         return self._bounds(self._tree.poses(q), enough)
 
