@@ -28,6 +28,8 @@ class SearchOptions:
         feasible duration.
     share_of_descent : float
         Share of the time for descent from the expected motion before detours are tried, 0 to 1.
+    detour_tolerance : float
+        Tolerance of the solver on detours: most of the cost depends on the path that was found.
     max_search_iterations : int
         Largest number of iterations for each duration in the search for the shortest.
     first_step, duration_precision : float
@@ -75,7 +77,8 @@ class SearchOptions:
     effort_weight: float = 8.0
     max_refinements: int = 8
     share_of_fixed: float = 0.6
-    share_of_descent: float = 0.3
+    share_of_descent: float = 0.15
+    detour_tolerance: float = 1e-3
     max_search_iterations: int = 30
     first_step: float = 2.0
     duration_precision: float = 1.002
