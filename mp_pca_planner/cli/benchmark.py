@@ -11,6 +11,7 @@ from typing import Any
 
 from ..evaluation.method import Method, PeerResult
 from ..evaluation.problems import (
+    HUMAN_ARM,
     Scene,
     demonstrations_in,
     demonstrations_of,
@@ -22,14 +23,17 @@ from ..evaluation.run import PEERS, compare, ratios, set_up, summarise, unsolved
 from ..exceptions import PlannerError, quote_names, unknown_name
 from ..plotting.comparison import comparison_figure
 from ..plotting.drawing import picture
+from ..plotting.page import Table
 from ..plotting.text import table
 from ..primitives.primitive import MovementPrimitive
 from ..primitives.primitive_library import load_primitives
 from ..robot.model import Robot
 from .common import check_output, limits_of, print_json, progress_bar
+from .scenes import run_scenes
 from .terminal import DONE, say, written_lines
 
 _DEMONSTRATIONS_SEED = 1
+_LIMIT_S = 10.0
 _COLUMNS = (
     ("effort_cost", ".4g"),
     ("solve_time_s", ".2f", 1e3),
@@ -47,6 +51,9 @@ _COLUMNS = (
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the command; returns the exit status."""
+    if arguments.scenes is not None:
+        given = arguments.primitives
+        return run_scenes(arguments, None if given is None else _only_primitive(given))
     if arguments.seed == _DEMONSTRATIONS_SEED:
         raise PlannerError(f"--seed must not be {arguments.seed}, which chooses the demonstrations")
     check_output(arguments.plot, ".png", force=arguments.force)
@@ -54,7 +61,8 @@ def run(arguments: argparse.Namespace) -> int:
     scene = _scene(arguments)
     draw = random_problems if arguments.random_ends else held_out_problems
     problems = draw(scene, arguments.problems, arguments.seed)
-    methods, absent = set_up(scene, peers, arguments.time_limit)
+    max_time = _LIMIT_S if arguments.time_limit is None else arguments.time_limit
+    methods, absent = set_up(scene, peers, max_time)
     with progress_bar("planning", "problem") as progress:
         results = compare(
             scene,
@@ -67,6 +75,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.plot is not None:
         _draw(arguments, scene, methods, results)
     facts = _facts(scene, methods, absent, results) | {"random_ends": arguments.random_ends}
+    facts["tables"] = {_title(facts): _table(facts)._asdict()}
     if arguments.json:
         print_json(facts)
     else:
@@ -85,7 +94,7 @@ def _peers(text: str) -> list[str]:
 
 
 def _scene(arguments: argparse.Namespace) -> Scene:
-    name, urdf, usual_joints = robot_file(arguments.robot)
+    name, urdf, usual_joints = robot_file(arguments.robot or HUMAN_ARM)
     primitive = None
     if arguments.primitives is not None:
         if arguments.joints is not None:
@@ -141,7 +150,8 @@ def _facts(
     }
 
 
-def _text(facts: Mapping[str, Any]) -> list[str]:
+def _table(facts: Mapping[str, Any]) -> Table:
+    """The methods, one in each row."""
     chosen = facts["ratios_of"]
     rows = []
     for name, summary in facts["summary"].items():
@@ -150,13 +160,23 @@ def _text(facts: Mapping[str, Any]) -> list[str]:
         rows.append([name, counts, *(_number(values[key], *form) for key, *form in _COLUMNS)])
     header = ["method", "feasible / solved / of", "J", "time [ms]", "99 %", "iterations"]
     header += ["violation", "active [%]", "from demo [°]", "T [s]", "time ratio", "cost ratio"]
+    return Table(header, rows)
+
+
+def _title(facts: Mapping[str, Any]) -> str:
     drawn = "anywhere within the limits" if facts["random_ends"] else "like the demonstrations"
-    missed = facts["solved_by_bspline_only"]
+    return (
+        f"{facts['n_problems']} problems of '{facts['robot']}', {facts['n_joints']} joints, {drawn}"
+    )
+
+
+def _text(facts: Mapping[str, Any]) -> list[str]:
+    chosen, missed = facts["ratios_of"], facts["solved_by_bspline_only"]
+    methods = _table(facts)
     return [
-        f"{facts['n_problems']} problems of '{facts['robot']}', {facts['n_joints']} joints, "
-        + drawn,
+        _title(facts),
         "",
-        *table(rows, header=header).splitlines(),
+        *table(methods.rows, header=methods.header).splitlines(),
         "",
         "Medians over the problems that a method calls solved; the worst violation, relative, on "
         "a 0.5 ms grid;",

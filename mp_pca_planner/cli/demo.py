@@ -37,7 +37,7 @@ from ..recordings.synthetic import JOINT_NAMES, generate_motions
 from ..resources import config_file
 from ..robot.limits import JointLimits
 from ..robot.model import Robot
-from ..ros.client import Answer, GoalClient, this_machine_only
+from ..ros.client import READY, Answer, GoalClient, this_machine_only
 from ..ros.messages import to_trajectory
 from ..ros.monitor import Monitor
 from . import build_primitives
@@ -48,7 +48,6 @@ from .terminal import DONE, FAILED, say
 
 _ARM = ("upper_arm", "lower_arm", "wrist")
 _GOOD = "executable"
-_READY = "ready for goals"  # in the node's diagnostics
 _COLUMNS = (
     ("duration", 1.0, ".2f"),
     ("effort_cost", 1.0, ".2f"),
@@ -163,7 +162,7 @@ def _execute_over_topics(folder: Path, primitive_file: Path) -> list[_Served]:
         with GoalClient() as client, Monitor() as monitor:
             client.wait_for_node()
             _wait_until_at(monitor, home)
-            client.wait_for_diagnostics(lambda values: values["text"] == _READY)
+            client.wait_for_diagnostics(lambda values: values["text"] == READY)
             return [
                 _serve(client, monitor, goal)
                 for motion in goals

@@ -244,22 +244,24 @@ def library(add: Options) -> None:
 def benchmark(add: Options) -> None:
     """Compare components with B-splines and other methods on the same problems."""
     text = "URDF file, 'human_arm', or of example-robot-data: panda, ur5, kinova"
-    add("--robot NAME|URDF", text, default="human_arm")
+    add("--robot NAME|URDF", f"{text} (default: human_arm, or that of --scenes)")
     add("--joints a,b,c", "joints that move (default: the robot's arm, or all)", name_list)
     add("--primitives FILE", "primitive file (default: from generated motions)", Path)
     add("--limits FILE.yaml", "limits in the form of joint_limits.yaml", Path)
-    add("--problems N", "number of problems", count, 200)
+    text = "folder of problems among obstacles, in the files of MotionBenchMaker: compare there"
+    add("--scenes DIR", text, Path)
+    add("--problems N", "number of problems; of each set with --scenes", count, 200)
     add.flag("--random-ends", "problems within the limits, not within the demonstrations")
     add("--seed", "seed of the problems", seed, 2)
     add(
         "--peers a,b,c",
         "other methods: all, none, or some of promp, dmp, fddp, box_fddp, slsqp_differences, "
-        "slsqp_gradients, drake, ruckig",
+        "slsqp_gradients, drake, ruckig; with --scenes, ompl_toppra",
         default="all",
     )
     add("--peer-problems N", "problems for slow peers", count, 10)
     add("--repeats", "times each is solved", count, 3)
-    add("--time-limit S", "for one problem [s]", seconds, 10.0)
+    add("--time-limit S", "for one problem [s] (default: 10, with --scenes 1)", seconds)
     add("--plot FILE.png", "picture of cost over time to draw", Path)
     _add_report_options(add, "the picture")
 
@@ -298,20 +300,45 @@ def demo(add: Options) -> None:
 
 
 def send_goal(add: Options) -> None:
-    """Send a goal configuration, or a sequence of them, to the running planner node.
+    """Send a goal configuration, a sequence of them, or a pose to the running planner node.
 
     The command waits for the node's report and prints it. Status 0: the motion was published; 1:
     no answer, or a newer goal came; 2: refused.
     """
-    add("goal NAME=VALUE,...", "positions [rad or m] by joint name")
+    goal = add.one_of(required=True)
+    goal("goal NAME=VALUE,...", "positions [rad or m] by joint name", nargs="?")
+    goal("--pose 'X Y Z QX QY QZ QW'", "pose of the end effector [m, unit quaternion]")
+    add("--frame LINK", "link in whose frame --pose is stated; empty: the base", default="")
     text = "positions of the same joints to pass; @T, also of the goal: T s after the start"
     _add_via(add, "NAME=VALUE,...[@T]", text, with_stops=True)
     add.flag("--degrees", "positions are in degrees, not in radians")
     add("--primitive NAME", "primitive to use; empty: the node chooses", default="")
+    add("--wait S", "first wait up to S s until the node is ready for goals", seconds)
     _add_node_options(add)
     add("--timeout S", "longest time to wait [s]", seconds, 10.0)
     add.flag("--verbose", "print all values of the report")
     _add_report_options(add, written=None)
+
+
+def _add_service_options(add: Options) -> None:
+    _add_node_options(add)
+    add("--timeout S", "longest time to wait for the node, and for its answer [s]", seconds, 10.0)
+    _add_report_options(add, written=None)
+
+
+def stop(add: Options) -> None:
+    """Have the running planner node bring the robot to rest as fast as the limits allow."""
+    _add_service_options(add)
+
+
+def save_motion(add: Options) -> None:
+    """Have the running planner node save its last motion as a primitive in its `save_folder`."""
+    _add_service_options(add)
+
+
+def reload(add: Options) -> None:
+    """Have the running planner node read its primitive files again."""
+    _add_service_options(add)
 
 
 def simulate(add: Options) -> None:
@@ -380,7 +407,7 @@ def view(add: Options) -> None:
 
 _COMMANDS = (
     *(build_primitives, inspect, plan, sequence, refine, benchmark, library, verify, case_study),
-    *(demo, send_goal, simulate, watch, view),
+    *(demo, send_goal, stop, save_motion, reload, simulate, watch, view),
 )
 
 

@@ -3,9 +3,9 @@
 """Collisions along a trajectory, of links with each other and with obstacles.
 
 The distances of pairs of bodies are followed along the motion that the controller executes. A pair
-can't touch before the joints between its bodies have moved by its distance, so it is checked again
-only then (conservative advancement: Mirtich, PhD thesis, Berkeley, 1996), and otherwise every
-millisecond.
+can't touch between two moments if the joints between its bodies move by less than the sum of its
+distances there (conservative advancement: Mirtich, PhD thesis, Berkeley, 1996). Other intervals
+are halved, down to a millisecond.
 """
 
 from __future__ import annotations
@@ -14,18 +14,18 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..robot.collision import CONTACT, CollisionGeometry, package_folders
+from ..arrays import FloatArray
+from ..robot.collision import CONTACT, CollisionGeometry, Indices, package_folders
 from .trajectory import Trajectory
-from .validation import interpolate
+from .validation import DenseSamples, interpolate
 
 __all__ = ["NOT_CHECKED", "Collision", "CollisionModel", "package_folders"]
 
 NOT_CHECKED = "; self-collisions were not checked: the robot has no collision geometry"
 """End of messages on robots without collision geometry."""
 
-# A pair whose next check is more samples away than the first number needs no exact distance. Every
-# pair is checked again after at most the second number of samples.
-_SOON, _LATEST = 20, 500
+# Samples of 1 ms between the moments that are checked first.
+_STRIDE = 32
 
 
 @dataclass(frozen=True)
@@ -98,6 +98,8 @@ class CollisionModel(CollisionGeometry):
         trajectory : Trajectory
             The motion, of the robot's joints in its order.
         """
+        if not self.pairs:
+            return ()
         dense = interpolate(trajectory)
         speeds = np.abs(dense.v[:, self.model_order])
         displacements = np.maximum(speeds[1:], speeds[:-1]) * np.diff(dense.times)[:, None]
@@ -105,34 +107,84 @@ class CollisionModel(CollisionGeometry):
         travelled = np.concatenate(
             [np.zeros((1, displacements.shape[1])), np.cumsum(displacements, axis=0)]
         )
-        i, last = 0, len(travelled) - 1
-        due = np.zeros(len(self.pairs), dtype=np.intp)
-        found: dict[int, list[tuple[float, float]]] = {}
-        while i <= last and self.pairs:
-            # The last sample is checked in any case.
-            now = np.flatnonzero(due <= i) if i < last else np.arange(due.size)
-            # Largest distance that each pair can have closed at the samples that follow [m].
-            closed = (travelled[i + 1 : i + 1 + _LATEST] - travelled[i]) @ self.levers[now].T
-            soon = closed[:_SOON].max(axis=0, initial=0.0)
-            distances = self.lower_bounds(dense.q[i], now, soon)
-            due[now] = i + 1 + np.count_nonzero(closed < distances, axis=0)
-            for pair, distance in zip(now, distances, strict=True):
-                if not distance >= CONTACT:  # a NaN is a collision
-                    found_at = float(distance), float(dense.times[i])
-                    found.setdefault(int(pair), []).append(found_at)
-            i = min(int(due.min()), last) if i < last else last + 1
-        return tuple(
-            Collision(
-                k,
-                self.pairs[k],
-                time,
-                max(0.0, -distance),
-                samples[0][1],
-                samples[-1][1],
-                tuple(self.nearest_point(dense.q[dense.times.searchsorted(time)], k).tolist()),
-                float(self.margins[k]),
-            )
-            for (distance, time), k, samples in sorted(
-                (min(samples), k, samples) for k, samples in found.items()
-            )
+        met = _Search(self, dense.q, travelled).samples_in_collision()
+        found = [self._collision(dense, k, samples) for k, samples in met.items()]
+        return tuple(sorted(found, key=lambda one: -one.penetration))
+
+    def _collision(
+        self, dense: DenseSamples, pair: int, samples: list[tuple[float, int]]
+    ) -> Collision:
+        distance, deepest = min(samples)
+        numbers = [sample for _, sample in samples]
+        return Collision(
+            pair,
+            self.pairs[pair],
+            float(dense.times[deepest]),
+            max(0.0, -distance),
+            float(dense.times[min(numbers)]),
+            float(dense.times[max(numbers)]),
+            tuple(self.nearest_point(dense.q[deepest], pair).tolist()),
+            float(self.margins[pair]),
         )
+
+
+class _Search:
+    """The search for collisions along a motion, by halving the intervals that may have one."""
+
+    def __init__(self, model: CollisionModel, q: FloatArray, travelled: FloatArray) -> None:
+        self._model, self._q, self._travelled = model, q, travelled
+        self._deepest = np.full(len(model.pairs), np.inf)
+        self._found: dict[int, list[tuple[float, int]]] = {}
+
+    def samples_in_collision(self) -> dict[int, list[tuple[float, int]]]:
+        """Distances and samples of collisions by pair, with the first, last and deepest one."""
+        pairs, first, last = self._doubtful()
+        closed = self._closed(pairs, first, last)
+        both = np.concatenate([first, last]) * self._deepest.size + np.tile(pairs, 2)
+        every, places = np.unique(both, return_inverse=True)
+        enough = np.zeros(every.size)
+        np.maximum.at(enough, places, np.tile(closed, 2))
+        at, of = np.divmod(every, self._deepest.size)
+        ends = self._distances(at, of, enough)[places].reshape(2, -1)
+        while True:
+            # A distance within an interval is at least half of this.
+            least = ends.sum(axis=0) - closed
+            # Between two collisions, only the deepest one matters.
+            both = (ends < CONTACT).all(axis=0) & (0.5 * least > self._deepest[pairs] - CONTACT)
+            is_clear = both | (least > 2.0 * CONTACT) | (last - first <= 1)
+            if is_clear.all():
+                return self._found
+            kept = np.flatnonzero(~is_clear)
+            pairs, first, last, ends = pairs[kept], first[kept], last[kept], ends[:, kept]
+            middle = (first + last) // 2
+            between = self._distances(middle, pairs, closed[kept])
+            pairs = np.tile(pairs, 2)
+            first, last = np.concatenate([first, middle]), np.concatenate([middle, last])
+            ends = np.block([[ends[0], between], [between, ends[1]]])
+            closed = self._closed(pairs, first, last)
+
+    def _doubtful(self) -> tuple[Indices, Indices, Indices]:
+        """Pairs and intervals that bounds of the distances don't clear."""
+        n = len(self._q)
+        grid = np.unique(np.linspace(0, n - 1, max(2, -(-n // _STRIDE))).astype(np.intp))
+        closed = np.diff(self._travelled[grid], axis=0) @ self._model.levers.T
+        pad = np.zeros((1, closed.shape[1]))
+        bounds = self._model.bounds(
+            self._q[grid], np.maximum(np.vstack([closed, pad]), np.vstack([pad, closed]))
+        )
+        interval, pairs = np.nonzero(~(bounds[:-1] + bounds[1:] - closed > 2.0 * CONTACT))
+        return pairs, grid[interval], grid[interval + 1]
+
+    def _closed(self, pairs: Indices, first: Indices, last: Indices) -> FloatArray:
+        """Largest distances that pairs can have closed between samples [m]."""
+        travelled = self._travelled[last] - self._travelled[first]
+        return np.asarray(np.einsum("ej,ej->e", travelled, self._model.levers[pairs]))
+
+    def _distances(self, samples: Indices, pairs: Indices, enough: FloatArray) -> FloatArray:
+        """Distances of pairs at samples, or bounds above `enough`; collisions are noted."""
+        distances = self._model.distances(self._q, samples, pairs, enough)
+        for e in np.flatnonzero(~(distances >= CONTACT)):  # a NaN is a collision
+            noted = self._found.setdefault(int(pairs[e]), [])
+            noted.append((float(distances[e]), int(samples[e])))
+        np.fmin.at(self._deepest, pairs, distances)
+        return distances

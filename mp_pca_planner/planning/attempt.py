@@ -20,7 +20,7 @@ from .budget import Budget
 from .motion import Motion
 from .plan import MotionSolution
 from .pose_search import POSE_TOLERANCE
-from .problem import ChainProblem, PlanningProblem, collision_at_end
+from .problem import PlanningProblem, collision_at_end
 from .request import Request
 from .sequence_request import SequenceRequest
 from .setup import Setup
@@ -180,7 +180,7 @@ def attempt(
             break
         if check.violations and not problem.is_bounded:
             problem.bound(with_limits=True)
-            starts = first
+            starts = _continued(problem, best, first[0]) if problem.has_clearances else first
             continue
         # A limit that is only touched may be exceeded between the points of the grid. It is
         # tightened only once, because an end of the motion may be at the limit.
@@ -203,7 +203,7 @@ def attempt(
         check,
         collisions,
         solved_at,
-        any(part.clearances for part in problem.parts),
+        problem.has_clearances,
         best.memory,
     )
 
@@ -235,10 +235,8 @@ def _continued(
     """
     if first is None:
         return [StartPoint(best.unknowns, best.memory)]
-    memory = best.memory
-    if isinstance(problem, ChainProblem):  # its inequalities are renumbered
-        memory = memory.curvature_alone()
-    return [StartPoint(best.unknowns, memory), first]
+    # The inequalities were renumbered.
+    return [StartPoint(best.unknowns, best.memory.curvature_alone()), first]
 
 
 def _described(

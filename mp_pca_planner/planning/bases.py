@@ -44,6 +44,8 @@ class MotionBasis:
         Weights to start from, the expected ones first.
     n_components : int
         Number of principal components, the first of the weights.
+    is_detour : bool
+        Whether the expected weights are those of a motion along a collision-free path.
     """
 
     tables: QuadratureTables
@@ -52,6 +54,7 @@ class MotionBasis:
     precision: FloatArray | None
     starts: tuple[StartPoint, ...]
     n_components: int
+    is_detour: bool = False
 
     @property
     def basis(self) -> Basis:

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 
 @dataclass(frozen=True)
@@ -27,3 +27,8 @@ class Budget:
     def is_over(self) -> bool:
         """Whether the time ran out or the search was cancelled."""
         return time.perf_counter() > self.deadline or self.is_cancelled()
+
+    def share(self, part: float) -> Budget:
+        """A budget of a share of the remaining time, 0 to 1."""
+        now = time.perf_counter()
+        return replace(self, deadline=now + part * max(self.deadline - now, 0.0))

@@ -1,15 +1,16 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Distances of pairs of links as inequalities of a motion program.
+"""Distances of pairs of bodies as inequalities of a motion program.
 
-Most pairs never come near each other. A pair is constrained after a motion in which it collides:
-first at evenly spread phases, later also at the phases of further collisions.
+Most motions collide with nothing. After one that does, all pairs are constrained: first at evenly
+spread phases, later also at the phases of further collisions.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,14 +32,17 @@ class ClearanceOptions:
         Least clearance [m], with a margin for the motion between the phases.
     share_of_ends : float
         Largest share of the distance at the fixed ends of the motion, 0 to 1.
+    reach : float
+        Distance [m] from which on the change of a distance is not predicted.
     n_phases : int
-        Number of phases at which a pair is constrained at first.
+        Number of phases at which pairs are constrained at first.
     n_more : int
         Number of phases that are added during each further collision.
     """
 
     distance: float = 3e-3
     share_of_ends: float = 0.5
+    reach: float = 0.1
     n_phases: int = 40
     n_more: int = 5
 
@@ -47,59 +51,50 @@ _OPTIONS = ClearanceOptions()
 
 
 @dataclass(frozen=True, eq=False)
-class Clearance:
-    """A clearance constraint: a pair of links, phases and a least distance.
+class Clearances:
+    """Clearance constraints of a motion.
 
     Attributes
     ----------
-    pair : int
-        Index of the pair in the collision model.
     phases : array, shape (n_phases,)
-        Phases of the constraint, increasing.
-    distance : float
-        Least distance [m].
+        Phases of the constraints, increasing.
+    least : array, shape (n_pairs,)
+        Least distance of each pair beside its margin [m].
     """
 
-    pair: int
     phases: FloatArray
-    distance: float
+    least: FloatArray
 
+    @classmethod
+    def between(
+        cls, ends: Sequence[FloatArray | None], model: CollisionModel, n_joints: int
+    ) -> Clearances:
+        """Constraints at evenly spread phases.
 
-def clearances_of(
-    collisions: Iterable[Collision],
-    known: Sequence[Clearance],
-    model: CollisionModel,
-    ends: Sequence[FloatArray | None],
-    duration: float,
-) -> tuple[Clearance, ...]:
-    """Further clearance constraints, for the collisions of a motion.
+        Parameters
+        ----------
+        ends : sequence of (array, shape (n_joints,), or None)
+            Positions at the start and at the goal of the motion, None where they are free.
+        model : CollisionModel
+            The robot's.
+        n_joints : int
+            Number of its joints.
+        """
+        phases = np.linspace(0.0, 1.0, _OPTIONS.n_phases + 1)
+        phases = phases[ends[0] is not None : None if ends[1] is None else -1]
+        fixed = np.array([end for end in ends if end is not None]).reshape(-1, n_joints)
+        least = np.full(len(model.pairs), _OPTIONS.distance)
+        near = model.near(fixed, _OPTIONS.distance / _OPTIONS.share_of_ends)
+        np.minimum.at(least, near.pairs, _OPTIONS.share_of_ends * near.distances)
+        return cls(phases, least)
 
-    Parameters
-    ----------
-    collisions : iterable of Collision
-        Collisions of the motion.
-    known : sequence of Clearance
-        Present constraints.
-    model : CollisionModel
-        The robot's.
-    ends : sequence of (array, shape (n_joints,), or None)
-        Positions at the start and at the goal of the motion, None where they are free.
-    duration : float
-        Of the motion [s].
-    """
-    distances = {clearance.pair: clearance.distance for clearance in known}
-    grid = np.linspace(0.0, 1.0, _OPTIONS.n_phases + 1)
-    grid = grid[ends[0] is not None : None if ends[1] is None else -1]
-    added = []
-    for one in collisions:
-        phases = np.linspace(one.first_time, one.last_time, _OPTIONS.n_more) / duration
-        if one.pair not in distances:
-            phases, pair = grid, np.array([one.pair])
-            room = [model.distances(end, pair)[0][0] for end in ends if end is not None]
-            at_ends = float(min(room, default=np.inf))
-            distances[one.pair] = min(_OPTIONS.distance, _OPTIONS.share_of_ends * at_ends)
-        added.append(Clearance(one.pair, phases, distances[one.pair]))
-    return tuple(added)
+    def during(self, collisions: Sequence[Collision], duration: float) -> Clearances:
+        """The same with further phases, those of the collisions of a motion."""
+        more = [
+            np.linspace(one.first_time, one.last_time, _OPTIONS.n_more) / duration
+            for one in collisions
+        ]
+        return Clearances(np.unique(np.concatenate([self.phases, *more])), self.least)
 
 
 class ClearProgram:
@@ -113,13 +108,13 @@ class ClearProgram:
         Its basis.
     model : CollisionModel
         Computes the distances.
-    clearances : sequence of Clearance
-        At least one constraint.
+    clearances : Clearances
+        The constraints.
 
     Attributes
     ----------
     lower, upper : array, shape (n_inequalities,)
-        Bounds of the limited program, then those of the distances [m].
+        Bounds of the limited program, then those of the distances [m], pair by pair.
     """
 
     def __init__(
@@ -127,47 +122,76 @@ class ClearProgram:
         limited: LimitedProgram,
         basis: Basis,
         model: CollisionModel,
-        clearances: Sequence[Clearance],
+        clearances: Clearances,
     ) -> None:
-        unknowns = limited.program.unknowns
         self._limited, self._model = limited, model
-        sizes = [one.phases.size for one in clearances]
-        pairs = np.repeat([one.pair for one in clearances], sizes)
-        phases, places = np.unique(
-            np.concatenate([one.phases for one in clearances]), return_inverse=True
-        )
-        # All pairs of a phase share one pass of the kinematics.
-        self._rows_at = [np.flatnonzero(places == i) for i in range(phases.size)]
-        self._pairs_at = [pairs[rows] for rows in self._rows_at]
-        self._states = _positions(unknowns, basis, phases)
-        least = np.repeat([one.distance for one in clearances], sizes)
+        self._states = _positions(limited.program.unknowns, basis, clearances.phases)
+        least = np.repeat(clearances.least, clearances.phases.size)
         self.lower = np.concatenate([limited.lower, least])
         self.upper = np.concatenate([limited.upper, np.full(least.size, np.inf)])
 
     def evaluate(self, x: FloatArray) -> ClearPoint:
         """Objective and inequalities at x, with their derivatives."""
-        return ClearPoint(self._limited.evaluate(x), *self._distances(x))
+        return ClearPoint(self._limited.evaluate(x), Distances(self._states, self._model, x))
 
-    def _distances(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """The distances, shape (n_distances,), and their derivatives by the unknowns."""
-        q = self._states.values(x)
-        by_unknown = self._states.jacobian(x, q).reshape(*q.shape, x.size)
-        n_distances = self.lower.size - self._limited.lower.size
-        distances, rows = np.empty(n_distances), np.empty((n_distances, x.size))
-        for i, (at, pairs) in enumerate(zip(self._rows_at, self._pairs_at, strict=True)):
-            distances[at], by_joint = self._model.distances(q[:, i], pairs)
-            rows[at] = by_joint @ by_unknown[:, i]
-        return distances, rows
+
+class Distances:
+    """Distances of all pairs at the phases of constraints, with their derivatives.
+
+    Parameters
+    ----------
+    states : StateMap
+        The positions at the phases.
+    model : CollisionModel
+        Computes the distances.
+    x : array, shape (n,)
+        The unknowns.
+
+    Attributes
+    ----------
+    values : array, shape (n_pairs * n_phases,)
+        The distances [m]; lower bounds beyond the reach of predictions.
+    """
+
+    def __init__(self, states: StateMap, model: CollisionModel, x: FloatArray) -> None:
+        q = states.values(x)
+        self._jacobian = states.jacobian(x, q).reshape(*q.shape, x.size)
+        self._near = near = model.near(q.T, _OPTIONS.reach)
+        self.values = near.bounds.T.ravel()
+        self._places = near.pairs * q.shape[1] + near.configurations
+
+    @cached_property
+    def _entries(self) -> NDArray[np.intp]:
+        """Number of the near entry of each distance, −1 if it is far."""
+        entries = np.full(self.values.size, -1)
+        entries[self._places] = np.arange(self._places.size)
+        return entries
+
+    def rows(self, chosen: NDArray[np.intp]) -> FloatArray:
+        """Derivatives of the chosen distances by the unknowns, 0 for far ones."""
+        entries, near = self._entries[chosen], self._near
+        rows, is_near = np.zeros((chosen.size, self._jacobian.shape[2])), entries >= 0
+        entries = entries[is_near]
+        by_unknown = self._jacobian[:, near.configurations[entries]].transpose(1, 0, 2)
+        rows[is_near] = (near.rows[entries][:, None] @ by_unknown)[:, 0]
+        return rows
+
+    def after(self, step: FloatArray) -> FloatArray:
+        """The linear prediction after a step of the unknowns."""
+        values, near = self.values.copy(), self._near
+        changes = (self._jacobian @ step)[:, near.configurations]
+        values[self._places] += np.einsum("ej,je->e", near.rows, changes)
+        return values
 
 
 class ClearPoint:
     """A :class:`ClearProgram` at one x (see :class:`.program.Point`)."""
 
-    def __init__(self, limited: LimitedPoint, distances: FloatArray, rows: FloatArray) -> None:
-        self._limited, self._distances, self._rows = limited, distances, rows
+    def __init__(self, limited: LimitedPoint, distances: Distances) -> None:
+        self._limited, self._distances = limited, distances
         self.cost, self.gradient = limited.cost, limited.gradient
         self.equalities, self.equality_rows = limited.equalities, limited.equality_rows
-        self.inequalities = np.concatenate([limited.inequalities, distances])
+        self.inequalities = np.concatenate([limited.inequalities, distances.values])
 
     @property
     def hessian(self) -> FloatArray:
@@ -180,13 +204,13 @@ class ClearPoint:
         of_limits = chosen < n_limited
         rows = np.empty((chosen.size, self.gradient.size))
         rows[of_limits] = self._limited.inequality_rows(chosen[of_limits])
-        rows[~of_limits] = self._rows[chosen[~of_limits] - n_limited]
+        if not of_limits.all():
+            rows[~of_limits] = self._distances.rows(chosen[~of_limits] - n_limited)
         return rows
 
     def inequalities_after(self, step: FloatArray) -> FloatArray:
         """Their linear prediction."""
-        distances = self._distances + self._rows @ step
-        return np.concatenate([self._limited.inequalities_after(step), distances])
+        return np.concatenate([self._limited.inequalities_after(step), self._distances.after(step)])
 
 
 def _positions(unknowns: Unknowns, basis: Basis, phases: FloatArray) -> StateMap:

@@ -23,7 +23,7 @@ from ..robot.limits import JointLimits
 from ..robot.model import Robot
 from .bases import MotionBasis
 from .chain import ChainProgram, junctions_of
-from .clearance import Clearance, ClearProgram, clearances_of
+from .clearance import Clearances, ClearProgram
 from .compiler import MotionProgram
 from .constraints import LimitedProgram
 from .motion import Motion
@@ -36,7 +36,7 @@ from .selection import effort_of
 from .sequence_request import SequenceRequest
 from .setup import Setup
 from .starts import StartPoint
-from .unknowns import GOAL_POSITION, Unknowns
+from .unknowns import END_SCALES, GOAL_POSITION, Unknowns
 
 
 @dataclass(eq=False)
@@ -53,15 +53,15 @@ class Part:
         Start and goal, None where the position is free.
     limited : LimitedProgram
         The segment with limits; without limits until they become constraints.
-    clearances : tuple of Clearance
-        Clearance constraints.
+    clearances : Clearances or None
+        Clearance constraints; None until there was a collision.
     """
 
     program: MotionProgram
     basis: MotionBasis
     ends: tuple[JointState | None, JointState | None]
     limited: LimitedProgram = field(init=False)
-    clearances: tuple[Clearance, ...] = ()
+    clearances: Clearances | None = None
 
     def bound(self, limits: JointLimits | None, robot: Robot) -> None:
         """Add the limits as constraints."""
@@ -79,7 +79,7 @@ class Part:
 
     def whole(self, collision: CollisionModel | None) -> Program:
         """The segment with all of its inequalities."""
-        if collision is None or not self.clearances:
+        if collision is None or self.clearances is None:
             return self.limited
         return ClearProgram(self.limited, self.basis.basis, collision, self.clearances)
 
@@ -112,6 +112,11 @@ class PlanningProblem(ABC):
     parts: list[Part]
     starts: list[StartPoint]
     is_bounded = False
+
+    @property
+    def has_clearances(self) -> bool:
+        """Whether there are clearance constraints."""
+        return any(part.clearances is not None for part in self.parts)
 
     @property
     def is_near_expected(self) -> bool:
@@ -156,22 +161,31 @@ class PlanningProblem(ABC):
                 part.limited = part.limited.tightened(own)
             began += motion.duration
 
+    def keep_clear(self) -> None:
+        """Add clearance constraints before any collision."""
+        if self.setup.collision is not None:
+            for part in self.parts:
+                part.clearances = self._clearances(part, self.setup.collision)
+
+    def _clearances(self, part: Part, collision: CollisionModel) -> Clearances:
+        ends = [None if end is None else end.positions for end in part.ends]
+        return Clearances.between(ends, collision, self.setup.robot.n_joints)
+
     def separate(self, collisions: Sequence[Collision], motions: Sequence[Motion]) -> bool:
-        """Add clearance constraints for collisions; return whether any were added."""
+        """Add clearance constraints after collisions; return whether any were added."""
+        collision = self.setup.collision
         duration = sum(motion.duration for motion in motions)
         met = collision_at_end(collisions, self.request, duration)
-        if self.setup.collision is None or met is not None:
+        if collision is None or met is not None:
             return False
         began = 0.0
         for part, motion in zip(self.parts, motions, strict=True):
-            own = [one.within(began, began + motion.duration) for one in collisions]
-            part.clearances += clearances_of(
-                [one for one in own if one is not None],
-                part.clearances,
-                self.setup.collision,
-                [None if end is None else end.positions for end in part.ends],
-                motion.duration,
-            )
+            within = [one.within(began, began + motion.duration) for one in collisions]
+            own = [one for one in within if one is not None]
+            if own and part.clearances is None:
+                part.clearances = self._clearances(part, collision)
+            elif own and part.clearances is not None:
+                part.clearances = part.clearances.during(own, motion.duration)
             began += motion.duration
         return bool(collisions)
 
@@ -223,9 +237,13 @@ class SingleProblem(PlanningProblem):
             objectives=setup.options.objectives,
             conditions=request.conditions,
         )
-        self.starts = _starts(basis, self._program, naturalness, setup.options.search)
+        # A free goal is natural where demonstrations end.
+        goals = request.primitive.boundary_states[:, GOAL_POSITION]
+        self.starts = _starts(basis, self._program, naturalness, setup.options.search, goals)
         ends = request.start, request.goal if request.pose is None else None
         self.parts = [Part(self._program, basis, ends)]
+        if basis.is_detour:
+            self.keep_clear()
 
     def program(self) -> Program:
         """The one segment."""
@@ -354,7 +372,11 @@ def passing_phases(durations: Sequence[float]) -> tuple[float, ...]:
 
 
 def _starts(
-    basis: MotionBasis, program: MotionProgram, naturalness: float, search: SearchOptions
+    basis: MotionBasis,
+    program: MotionProgram,
+    naturalness: float,
+    search: SearchOptions,
+    goals: FloatArray,
 ) -> list[StartPoint]:
     """Set the program's naturalness; return the unknowns to start from, the cheapest first."""
     candidates = np.array([program.unknowns.from_weights(s.unknowns) for s in basis.starts])
@@ -364,6 +386,12 @@ def _starts(
         precision = basis.precision * np.outer(program.scales[:n], program.scales[:n])
         unit = unit_of_naturalness(program, precision, candidates[0], search.effort_weight)
         program.precision[:n, :n] = naturalness * unit * precision
+        free = range(n, program.unknowns.n_linear)
+        if free:
+            spread = np.maximum(goals.std(axis=0), search.min_spread)
+            program.precision[free, free] = (
+                naturalness * unit * (END_SCALES[GOAL_POSITION] / spread) ** 2
+            )
         if naturalness >= search.near_expected:
             order = order[:1]
     if len(order) > 1:

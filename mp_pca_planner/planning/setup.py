@@ -18,7 +18,7 @@ from .motion import Motion
 from .plan import PlannerOptions
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class Setup:
     """The robot, limits and options of a planner.
 
@@ -31,7 +31,7 @@ class Setup:
     options : PlannerOptions
         Options of planning.
     collision : CollisionModel or None
-        The model of its collisions, if they are checked.
+        The model of its collisions, if they are checked; the only part that may be replaced.
     """
 
     robot: Robot

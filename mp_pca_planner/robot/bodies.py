@@ -18,12 +18,13 @@ from ..exceptions import WorldError, unknown_name
 from .world import Box, Capsule, Cylinder, Mesh, Obstacle, Shape, Sphere, World
 
 try:
-    import coal
+    import coal as coal
 except ImportError:  # its name before release 3
     import hppfcl as coal
 
-# Share of its convex hull's volume from which on a closed mesh is convex.
-_CONVEX_SHARE = 1.0 - 1e-6
+# Share of its convex hull's volume from which on a closed mesh is convex: files hold 6 digits. The
+# hull in its place is on the safe side.
+_CONVEX_SHARE = 1.0 - 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,9 +44,13 @@ class Bodies:
     joints : array of int, shape (n_shapes,)
         The joint of the model that each shape moves with; 0 for the base.
     centres : array, shape (n_shapes, 3)
-        Centre of a ball around each shape, in the frame of its joint [m].
+        Centre of a ball and of a box around each shape, in the frame of its joint [m].
     radii : array, shape (n_shapes,)
         Radius of that ball [m].
+    rotations : array, shape (n_shapes, 3, 3)
+        Orientation of that box in the frame of the joint.
+    halves : array, shape (n_shapes, 3)
+        Half of the lengths of its edges [m].
     """
 
     model: Any
@@ -56,6 +61,8 @@ class Bodies:
     joints: NDArray[np.intp]
     centres: FloatArray
     radii: FloatArray
+    rotations: FloatArray
+    halves: FloatArray
 
     @classmethod
     def of_links(cls, model: Any, geometry: Any) -> Bodies:
@@ -74,11 +81,13 @@ class Bodies:
         Raises
         ------
         WorldError
-            If an obstacle is attached to an unknown link.
+            If an obstacle is attached to an unknown link, or has the name of a link.
         """
         shapes, hulls, names = self.shapes.copy(), self.hulls.copy(), [*self.names]
         convex = self.are_convex.tolist()
         for obstacle in world:
+            if obstacle.name in self.names:
+                raise WorldError(f"obstacle '{obstacle.name}' has the name of a link: rename it")
             joint, placement = self._attachment(obstacle)
             for shape in obstacle.shapes:
                 part = pin.GeometryObject(
@@ -101,7 +110,13 @@ class Bodies:
         parts = list(shapes.geometryObjects)
         for part in parts:
             part.geometry.computeLocalAABB()
-        centres = [part.placement.act(np.array(part.geometry.aabb_center)) for part in parts]
+        boxes = [part.geometry.aabb_local for part in parts]
+        corners = np.array([(box.min_, box.max_) for box in boxes]).reshape(-1, 2, 3)
+        centres = [
+            part.placement.act(centre)
+            for part, centre in zip(parts, corners.mean(axis=1), strict=True)
+        ]
+        halves = 0.5 * (corners[:, 1] - corners[:, 0])
         return cls(
             model,
             shapes,
@@ -111,6 +126,8 @@ class Bodies:
             np.array([part.parentJoint for part in parts], dtype=np.intp),
             np.reshape(centres, (-1, 3)),
             np.array([float(part.geometry.aabb_radius) for part in parts]),
+            np.array([part.placement.rotation for part in parts]).reshape(-1, 3, 3),
+            halves,
         )
 
     @cached_property

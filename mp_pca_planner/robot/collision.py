@@ -1,36 +1,29 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Distances between the links of a robot, and between links and obstacles.
-
-Meshes are compared exactly only where their convex hulls are near each other.
-"""
+"""The pairs of a robot's links, and of links and obstacles, that may collide."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
 from ..arrays import FloatArray, frozen_array
 from ..exceptions import RobotError, WorldError
 from ..files import read_text, reading
 from .bodies import Bodies
+from .body_pairs import CONTACT, BodyPairs, Indices, NearPairs, index_pairs, set_pairs
+from .joint_poses import JointTree
 from .model import Robot
 from .urdf import parse_xml
 from .world import MAX_LENGTH, World
 
-CONTACT = 1e-6
-"""Distance below which bodies are in contact [m]: the precision of touching surfaces."""
-
-# Precision of distances [m], at which relative errors of derivatives are usually below 1 %.
-_PRECISION = 1e-8
-# Hulls nearer than this [m] are replaced by the meshes themselves.
-_NEAR = 1e-2
+__all__ = ["CONTACT", "CollisionGeometry", "Indices", "NearPairs", "package_folders"]
 
 
 class CollisionGeometry:
@@ -88,19 +81,18 @@ class CollisionGeometry:
         margin: float = 0.0,
         self_collision: bool = True,
     ) -> None:
-        self._model, geometry, self.model_order = robot.collision_geometry(package_dirs)
-        self._data = self._model.createData()
+        model, geometry, self.model_order = robot.collision_geometry(package_dirs)
         if not self_collision:
             geometry.removeAllCollisionPairs()
         elif srdf is None:
-            _remove_touching_at_neutral(self._model, geometry)
+            _remove_touching_at_neutral(model, geometry)
         else:
             geometry.addAllCollisionPairs()
-            _remove_disabled(self._model, geometry, Path(srdf))
-        self._links = Bodies.of_links(self._model, geometry)
-        joints = self._links.joints
+            _remove_disabled(model, geometry, Path(srdf))
+        self._links = Bodies.of_links(model, geometry)
+        self._tree, joints = JointTree(model), self._links.joints
         # A pair without relative motion is not checked.
-        self._pairs_of_links = [(a, b) for a, b in _index_pairs(geometry) if joints[a] != joints[b]]
+        self._pairs_of_links = [(a, b) for a, b in index_pairs(geometry) if joints[a] != joints[b]]
         self.margin = _checked_margin(margin)
         self.set_world(World() if world is None else world)
 
@@ -127,115 +119,59 @@ class CollisionGeometry:
             for a, b in [*self._pairs_of_links, *further]
             if not world.allows(names[a], names[b])
         ]
-        self.world, self.margin, self._bodies = world, margin, bodies
+        indices = np.array(pairs, dtype=np.intp).reshape(-1, 2)
+        margins = np.where(indices[:, 1] >= n_links, margin, 0.0)
+        self._distances = BodyPairs(self._tree, bodies, indices, margins)
+        self.world, self.margin, self.margins = world, margin, margins
         self.pairs = tuple((names[a], names[b]) for a, b in pairs)
-        self._geometry, self._hulls = bodies.shapes, bodies.hulls
-        for geometry in (self._geometry, self._hulls):
-            _set_pairs(geometry, pairs)
-        self._geometry_data = self._geometry.createData()
-        self._hull_data = self._hulls.createData()
-        for request in self._hull_data.distanceRequests:
-            request.gjk_tolerance = _PRECISION
-        self._indices = np.array(pairs, dtype=np.intp).reshape(-1, 2)
-        first, second = self._indices.T
-        self.margins = np.where(second >= n_links, margin, 0.0)
-        self._are_convex = bodies.are_convex[first] & bodies.are_convex[second]
-        # Of the joints that move one of both, 1 for the second body, −1 for the first.
-        self._moved = bodies.moved[second] - bodies.moved[first]
-        self.levers = np.maximum(
-            np.where(self._moved > 0.0, bodies.levers[second], 0.0),
-            np.where(self._moved < 0.0, bodies.levers[first], 0.0),
-        )
+        self.levers = self._distances.levers
 
     @property
     def has_geometry(self) -> bool:
         """Whether there is any collision geometry of links at all."""
         return bool(self._links.names)
 
-    def distances(self, q: FloatArray, pairs: NDArray[np.intp]) -> tuple[FloatArray, FloatArray]:
-        """Distances of pairs less their margins, and their derivatives by the joints.
+    def collides(self, q: FloatArray) -> bool:
+        """Whether any pair is in collision in a configuration.
 
         Parameters
         ----------
         q : array, shape (n_joints,)
             Positions of the robot's joints in its order.
-        pairs : array of int, shape (n_pairs,)
-            Which of the pairs.
-
-        Returns
-        -------
-        distances : array, shape (n_pairs,)
-            Distances [m]; for meshes in collision, the negative penetration depth of their convex
-            hulls.
-        rows : array, shape (n_pairs, n_joints)
-            Their derivatives by the joints: rates at which the nearest points of two bodies
-            separate.
         """
-        jacobian = pin.computeJointJacobians(self._model, self._data, self._in_model_order(q))
-        pin.updateGeometryPlacements(self._model, self._data, self._hulls, self._hull_data)
-        found = [self._nearest_points(int(k)) for k in pairs]
-        distances = np.array([one.min_distance for one in found])
-        first = np.array([one.getNearestPoint1() for one in found])
-        second = np.array([one.getNearestPoint2() for one in found])
-        away = (second - first) * np.sign(distances)[:, None]
-        lengths = np.linalg.norm(away, axis=1)
-        for i in np.flatnonzero(~(lengths > CONTACT)):
-            # In contact the two points coincide; then the centres define the direction, if they
-            # differ.
-            a, b = (self._centre(part) for part in self._indices[pairs[i]])
-            second[i] = b
-            away[i] = b - a if np.linalg.norm(b - a) > CONTACT else np.ones(3)
-            lengths[i] = np.linalg.norm(away[i])
-        away /= lengths[:, None]
-        # Both points lie on one line along that direction, so both give the same moment about the
-        # origin.
-        along = np.hstack([away, np.cross(second, away)]) @ jacobian
-        rows = np.empty_like(along)
-        rows[:, self.model_order] = along * self._moved[pairs]
-        return distances - self.margins[pairs], rows
+        return self._distances.collide(self._in_model_order(q))
 
-    def _nearest_points(self, pair: int) -> Any:
-        """Pinocchio's result for the current poses of the links."""
-        found = pin.computeDistance(self._hulls, self._hull_data, pair)
-        if self._are_convex[pair] or found.min_distance > _NEAR:
-            return found
-        geometry, data = self._geometry, self._geometry_data
-        pin.updateGeometryPlacements(self._model, self._data, geometry, data)
-        exact = pin.computeDistance(geometry, data, pair)
-        # It is undefined for meshes in contact.
-        return exact if exact.min_distance > CONTACT else found
+    def bounds(self, q: FloatArray, enough: FloatArray | float) -> FloatArray:
+        """Lower bounds of all distances less their margins, see :meth:`.BodyPairs.bounds`."""
+        return self._distances.bounds(self._in_model_order(q), enough)
+
+    def distances(
+        self, q: FloatArray, configurations: Indices, pairs: Indices, enough: FloatArray | float
+    ) -> FloatArray:
+        """Distances of pairs less their margins, see :meth:`.BodyPairs.distances`."""
+        return self._distances.distances(self._in_model_order(q), configurations, pairs, enough)
+
+    def near(self, q: FloatArray, reach: float) -> NearPairs:
+        """The pairs nearer than some distance beside their margins.
+
+        Parameters
+        ----------
+        q : array, shape (n_configurations, n_joints)
+            Positions of the robot's joints in its order.
+        reach : float
+            The distance [m].
+        """
+        found = self._distances.near(self._in_model_order(q), reach)
+        rows = np.empty_like(found.rows)
+        rows[:, self.model_order] = found.rows
+        return replace(found, rows=rows)
 
     def nearest_point(self, q: FloatArray, pair: int) -> FloatArray:
         """Point of the second body of a pair that is nearest to the first one, shape (3,) [m]."""
-        pin.forwardKinematics(self._model, self._data, self._in_model_order(q))
-        pin.updateGeometryPlacements(self._model, self._data, self._hulls, self._hull_data)
-        return np.array(self._nearest_points(pair).getNearestPoint2())
+        return self._distances.nearest_point(self._in_model_order(q), pair)
 
     def _in_model_order(self, q: FloatArray) -> FloatArray:
-        return np.ascontiguousarray(q[self.model_order])
-
-    def _centre(self, part: int) -> FloatArray:
-        placement = self._data.oMi[int(self._bodies.joints[part])]
-        return np.asarray(placement.act(self._bodies.centres[part]))
-
-    def lower_bounds(self, q: FloatArray, pairs: Any, enough: FloatArray) -> FloatArray:
-        """Distances of pairs less their margins [m]; a lower bound where it exceeds `enough`."""
-        q = self._in_model_order(q)
-        pin.updateGeometryPlacements(self._model, self._data, self._hulls, self._hull_data, q)
-        distances: FloatArray = np.array([self._hull_distance(int(k)) for k in pairs])
-        distances -= self.margins[pairs]
-        near = [i for i in np.flatnonzero(distances <= enough) if not self._are_convex[pairs[i]]]
-        if near:
-            distances[near] = self._exact_distances(q, pairs[near]) - self.margins[pairs[near]]
-        return distances
-
-    def _hull_distance(self, pair: int) -> float:
-        return float(pin.computeDistance(self._hulls, self._hull_data, pair).min_distance)
-
-    def _exact_distances(self, configuration: FloatArray, pairs: Any) -> FloatArray:
-        geometry, data = self._geometry, self._geometry_data
-        pin.updateGeometryPlacements(self._model, self._data, geometry, data, configuration)
-        return np.array([pin.computeDistance(geometry, data, int(k)).min_distance for k in pairs])
+        return np.ascontiguousarray(q[..., self.model_order])
 
 
 def _checked_margin(margin: float) -> float:
@@ -263,22 +199,9 @@ def _remove_touching_at_neutral(model: Any, geometry: Any) -> None:
     neutral = np.clip(pin.neutral(model), model.lowerPositionLimit, model.upperPositionLimit)
     data = geometry.createData()
     pin.updateGeometryPlacements(model, model.createData(), geometry, data, neutral)
-    pairs = _index_pairs(geometry)
+    pairs = index_pairs(geometry)
     distances = [pin.computeDistance(geometry, data, k).min_distance for k in range(len(pairs))]
-    _set_pairs(geometry, [pair for pair, d in zip(pairs, distances, strict=True) if d >= CONTACT])
-
-
-def _index_pairs(geometry: Any) -> list[tuple[int, int]]:
-    """Numbers of the geometry objects of each pair."""
-    return [(pair.first, pair.second) for pair in geometry.collisionPairs]
-
-
-def _set_pairs(geometry: Any, pairs: Sequence[tuple[int, int]]) -> None:
-    # What Python gets of Pinocchio's pairs are references to places in a vector, so the vector
-    # is made again: removing one pair would put others into the places behind it.
-    geometry.removeAllCollisionPairs()
-    for first, second in pairs:
-        geometry.addCollisionPair(pin.CollisionPair(first, second))
+    set_pairs(geometry, [pair for pair, d in zip(pairs, distances, strict=True) if d >= CONTACT])
 
 
 def _remove_disabled(model: Any, geometry: Any, srdf: Path) -> None:

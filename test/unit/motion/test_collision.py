@@ -233,13 +233,15 @@ def test_packages_are_looked_for_where_ros_and_the_urdf_are(monkeypatch, tmp_pat
 def test_derivatives_of_distances_are_those_of_differences(which):
     robot = chain() if which == "chain" else arm_robot()
     model, limits = CollisionModel(robot), robot.limits()
-    pairs, rng, step = np.arange(len(model.pairs)), np.random.default_rng(1), 1e-4
+    rng, step = np.random.default_rng(1), 1e-4
     apart = 0
     for _ in range(30):
         q = rng.uniform(limits.lower, limits.upper)
-        distances, rows = model.distances(q, pairs)
+        near = model.near(q[None], np.inf)
+        np.testing.assert_array_equal(near.pairs, np.arange(len(model.pairs)))
+        distances, rows = near.distances, near.rows
         both = [
-            [model.distances(q + sign * e, pairs)[0] for e in step * np.eye(q.size)]
+            [model.near((q + sign * e)[None], np.inf).distances for e in step * np.eye(q.size)]
             for sign in (1.0, -1.0)
         ]
         differences = (np.array(both[0]) - both[1]).T / (2.0 * step)
@@ -268,17 +270,17 @@ def test_links_may_be_where_only_the_convex_hull_of_a_mesh_is(tmp_path):
     two_cubes(tmp_path / "x.stl")
     mesh = f'<mesh filename="file://{tmp_path}/x.stl"/>'
     model = CollisionModel(chain(**{'<box size="0.1 0.1 0.1"/>': mesh}))
-    pair = np.array([model.pairs.index(("base", "c"))])
+    pair = model.pairs.index(("base", "c"))
 
     # An equilateral triangle: the last sphere is between the cubes.
     folded = np.array([0.0, 2.0 * np.pi / 3.0, 2.0 * np.pi / 3.0])
-    distances, _ = model.distances(folded, pair)
-    assert distances[0] == pytest.approx(0.25 - RADIUS, abs=1e-6)
+    assert model.near(folded[None], np.inf).distances[pair] == pytest.approx(
+        0.25 - RADIUS, abs=1e-6
+    )
     assert worst(model, motion([0.0, 2.0, 2.1], folded)) is None
     # Here it is at x = 0.22, half in a cube, and whole in the hull of both.
     into = np.array([0.0, 1.79773936, 2.68770658])
-    distances, _ = model.distances(into, pair)
-    assert distances[0] < -0.05
+    assert model.near(into[None], np.inf).distances[pair] < -0.05
     found = worst(model, motion(folded, into))
     assert found is not None and found.links == ("base", "c")
 
@@ -457,7 +459,7 @@ def test_no_trial_leads_through_the_body(model, around_base):
         n = 0
         for _ in range(15):
             n += bool(model.collisions(learner.propose().trajectory))
-            learner.tell(0.0)
+            learner.record(0.0)
         return n
 
     assert n_through(model) == 0 < n_through(None)
@@ -492,7 +494,7 @@ def test_plan_goes_where_nothing_is_in_the_way(files, capsys):
 def test_plan_refuses_an_srdf_without_collision(files, capsys):
     ends = ["--start", "0,0.5,0", "--goal", "0.2,0.9,1.1", "--srdf", "x.srdf"]
     assert main(["plan", *files, *ends]) == 2
-    assert "are for --collision" in capsys.readouterr().err
+    assert "--srdf is for --collision" in capsys.readouterr().err
 
 
 def test_sequence_refuses_to_end_in_itself_too(files, capsys):

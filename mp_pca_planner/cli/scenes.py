@@ -1,0 +1,153 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""`benchmark --scenes`: comparison with other methods among obstacles."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from ..evaluation.problems import Scene, demonstrations_in, demonstrations_of
+from ..evaluation.scene_problems import SceneProblem, scene_problems, scene_robot
+from ..evaluation.scene_run import (
+    OWN,
+    PEERS,
+    compare_in_scenes,
+    scene_methods,
+    summarise_scenes,
+)
+from ..exceptions import PlannerError, unknown_name
+from ..motion.collision import CollisionModel, package_folders
+from ..plotting.text import table
+from ..primitives.primitive import MovementPrimitive
+from ..resources import config_file
+from ..robot.model import Robot
+from .common import limits_of, print_json, progress_bar
+from .terminal import DONE, say
+
+_LIMIT_S = 1.0
+_N_DEMONSTRATIONS, _DEMONSTRATIONS_SEED = 40, 1
+_COLUMNS = (
+    ("solved_share", ".0f", 100.0),
+    ("solved_in_100_ms_share", ".0f", 100.0),
+    ("n_collisions", "g"),
+    ("limits_kept_share", ".0f", 100.0),
+    ("all_times", ".0f", 1e3),
+    ("solve_time", ".0f", 1e3),
+    ("duration", ".2f"),
+    ("effort_cost", ".4g"),
+    ("path_length", ".2f"),
+    ("rms_jerk", ".3g"),
+    ("clearance", ".1f", 1e3),
+    ("effort_cost_ratio", ".2f"),
+    ("effort_cost_lower_share", ".0f", 100.0),
+    ("rms_jerk_lower_share", ".0f", 100.0),
+)
+"""Columns of the table: value, format, and factor of the unit."""
+_HEADER = (
+    *("method", "solved [%]", "in 100 ms [%]", "collisions", "limits kept [%]", "all [ms]"),
+    *("time [ms]", "T [s]", "J", "path [rad]", "jerk [rad/s³]", "clearance [mm]"),
+    *("J ratio", "J lower [%]", "jerk lower [%]"),
+)
+
+
+def run_scenes(arguments: argparse.Namespace, primitive: MovementPrimitive | None) -> int:
+    """Run the comparison; returns the exit status."""
+    peers = _peers(arguments.peers)
+    max_time = _LIMIT_S if arguments.time_limit is None else arguments.time_limit
+    problems = scene_problems(arguments.scenes, arguments.problems)
+    scene = _scene(arguments, problems[0], primitive)
+    srdf = _existing(scene.urdf.with_suffix(".srdf"))
+    folders = package_folders([scene.urdf.parent], scene.urdf)
+    collision = CollisionModel(scene.robot, srdf=srdf, package_dirs=folders)
+    methods, absent = scene_methods(scene, collision, peers, max_time)
+    with progress_bar("planning", "problem") as progress:
+        results = compare_in_scenes(scene, collision, methods, problems, srdf, progress)
+    facts = {
+        "robot": scene.name,
+        "n_joints": scene.robot.n_joints,
+        "n_problems": len(problems),
+        "time_limit_s": max_time,
+        "methods": {method.name: method.about for method in methods},
+        "absent": absent,
+        "problems": [
+            {"group": problem.group, "number": problem.number}
+            | {name: result.facts() for name, result in found.items()}
+            for problem, found in results
+        ],
+        "summary": summarise_scenes(results),
+    }
+    if arguments.json:
+        print_json(facts)
+    else:
+        say(*_text(facts))
+    return DONE
+
+
+def _peers(text: str) -> list[str]:
+    if text in ("all", "none"):
+        return list(PEERS) if text == "all" else []
+    names = [name.strip() for name in text.split(",")]
+    for name in names:
+        if name not in PEERS:
+            raise PlannerError(unknown_name("peer", name, [*PEERS, "all", "none"]))
+    return list(dict.fromkeys(names))
+
+
+def _scene(
+    arguments: argparse.Namespace, problem: SceneProblem, primitive: MovementPrimitive | None
+) -> Scene:
+    """The robot of the problems, with reaches between random postures as demonstrations."""
+    urdf = scene_robot(problem) if arguments.robot is None else Path(arguments.robot)
+    known = [name for name in problem.start if name in problem.goal]
+    joints = primitive.joint_names if primitive else arguments.joints or known
+    robot = Robot.from_file(urdf, joints)
+    limits = limits_of(robot, arguments.limits or _shipped_limits(urdf.stem))
+    motions = (
+        demonstrations_in(primitive)
+        if primitive
+        else demonstrations_of(urdf.stem, robot, limits, _N_DEMONSTRATIONS, _DEMONSTRATIONS_SEED)
+    )
+    return Scene(urdf.stem, urdf, robot, limits, tuple(motions), primitive)
+
+
+def _shipped_limits(name: str) -> Path | None:
+    """Limits of accelerations and jerks, if the package ships some for a robot of this name."""
+    try:
+        return config_file(f"{name}_joint_limits.yaml")
+    except PlannerError:
+        return None
+
+
+def _existing(path: Path) -> Path | None:
+    return path if path.is_file() else None
+
+
+def _text(facts: Mapping[str, Any]) -> list[str]:
+    lines = [
+        f"{facts['n_problems']} problems of '{facts['robot']}', {facts['n_joints']} joints, "
+        f"within {facts['time_limit_s']:g} s"
+    ]
+    for group, summary in facts["summary"].items():
+        rows = [_row(name, values) for name, values in summary.items()]
+        lines += ["", group, *table(rows, header=_HEADER).splitlines()]
+    return [
+        *lines,
+        "",
+        "By the referee: solved: reaches the goal without a collision on a 1 ms grid. Medians over",
+        "the solved problems; 'all' over all. Ratio and shares: "
+        f"{OWN} over the method, where both solve.",
+        "",
+        *(f"{name}: {about}" for name, about in facts["methods"].items()),
+        *(f"{name} is absent: {reason}" for name, reason in facts["absent"].items()),
+    ]
+
+
+def _row(name: str, values: Mapping[str, Any]) -> list[str]:
+    return [name, *(_number(values[key], *form) for key, *form in _COLUMNS)]
+
+
+def _number(value: float | None, form: str, factor: float = 1.0) -> str:
+    return "–" if value is None else format(factor * value, form)

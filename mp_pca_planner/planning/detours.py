@@ -1,0 +1,317 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Detours: motions that start from collision-free paths, where descent finds no motion.
+
+A path is a straight line in joint space, two of them, or one of RRT-Connect. B-splines lead the
+primitive's motion along it. The program then lowers the cost within limits and clearances, as for
+any other motion.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import block_diag
+
+from ..arrays import FloatArray
+from ..exceptions import MissingDependencyError
+from ..primitives.basis import BSplineBasis, SumBasis
+from ..primitives.boundary import hermite_functions
+from ..primitives.primitive import MovementPrimitive
+from .attempt import Attempt, checked
+from .bases import MotionBasis
+from .budget import Budget
+from .constraints import LimitTables
+from .motion import Motion
+from .plan import MotionSolution
+from .recoveries import Setting
+from .request import Request
+from .sampling import SamplingOptions, sampled_path
+from .setup import Setup
+from .starts import StartPoint
+from .stop_and_go import slowdown
+from .unknowns import QuadratureTables
+
+
+@dataclass(frozen=True)
+class DetourOptions:
+    """Options of detours.
+
+    Attributes
+    ----------
+    n_vias : int
+        Number of random vias that are tried before the search for a path.
+    via_spread : float
+        Standard deviation of vias from the middle of the motion [rad or m].
+    n_paths : int
+        Number of paths of the search, with different seeds.
+    share_of_search : float
+        Share of the remaining time for a path, 0 to 1.
+    step : float
+        Distance between the configurations of a line that are checked [rad or m].
+    n_control_points : int
+        Control points of the B-splines of each joint.
+    spread : float
+        Deviation of these from the path with the cost of naturalness [rad or m].
+    n_phases : int
+        Number of points of the path that the B-splines follow.
+    min_naturalness : float
+        Least weight ρ of deviations from the path. Without it, the program takes too many passes.
+    """
+
+    n_vias: int = 12
+    via_spread: float = 0.6
+    n_paths: int = 5
+    share_of_search: float = 0.6
+    step: float = 0.06
+    n_control_points: int = 7
+    spread: float = 0.3
+    n_phases: int = 80
+    min_naturalness: float = 0.05
+
+
+_OPTIONS = DetourOptions()
+
+
+@dataclass(frozen=True, eq=False)
+class Detour:
+    """A start of motions along a collision-free path.
+
+    Attributes
+    ----------
+    basis : MotionBasis
+        The primitive's components and B-splines. The path takes the place of the prediction.
+    duration : float
+        Duration in which the motion along the path keeps the limits of velocity, acceleration and
+        jerk [s].
+    """
+
+    basis: MotionBasis
+    duration: float
+
+
+class DetourPlanner:
+    """Plans motions along detours.
+
+    Parameters
+    ----------
+    setup : Setup
+        Robot, limits and options of the planner.
+    solve : callable
+        Attempts a request with a setting in the time of a budget.
+    """
+
+    def __init__(
+        self, setup: Setup, solve: Callable[[Request, Setting, Budget], tuple[Attempt, Setting]]
+    ) -> None:
+        self._setup, self._solve = setup, solve
+        self._finder = DetourFinder(setup)
+
+    def applies(self, failed: Attempt, *, is_late: bool) -> bool:
+        """Whether a detour may help after a failed attempt, or one whose time ran out."""
+        request = failed.request
+        met = failed.collisions or failed.has_clearances or is_late
+        return (
+            bool(met)
+            and isinstance(request, Request)
+            and not (request.n_vias or failed.is_hopeless)
+        )
+
+    def serve(self, request: Request, budget: Budget) -> tuple[Attempt | None, str]:
+        """The best motion along a detour, and which extra would help if there is none."""
+        best = None
+        for detour in self._finder.detours(request, budget):
+            tried = self._attempt(request, detour, budget)
+            if best is None or tried.violation < best.violation:
+                best = tried
+            if best.is_valid or budget.is_over():
+                break
+        return best, "" if best is not None and best.is_valid else self._finder.hint
+
+    def _attempt(self, request: Request, detour: Detour, budget: Budget) -> Attempt:
+        """The motion of least cost near a path; the one along the path if time runs out."""
+        duration, naturalness = request.usual_duration, self._setup.options.naturalness
+        if request.duration_is_free:
+            duration = max(duration, detour.duration)
+        naturalness = max(naturalness, _OPTIONS.min_naturalness)
+        setting = Setting(detour.basis, duration, naturalness, is_first=True)
+        found, _ = self._solve(request, setting, budget)
+        if found.is_valid:
+            return found
+        along = self._along(request, detour.basis, duration)
+        if request.duration_is_free and along.check.violations:
+            along = self._along(request, detour.basis, duration * slowdown(along.check))
+        return min(found, along, key=lambda one: one.violation)
+
+    def _along(self, request: Request, basis: MotionBasis, duration: float) -> Attempt:
+        """The motion along a path, without optimisation."""
+        motion = Motion(request.start, request.goal, duration, basis.basis, basis.expected)
+        solution, phases = MotionSolution.unknown(), (1.0,) * len(request.conditions)
+        return checked(self._setup, request, (basis,), (motion,), solution, phases)
+
+
+class DetourFinder:
+    """Finds detours for the requests of one planner.
+
+    Parameters
+    ----------
+    setup : Setup
+        Robot, limits and options of the planner, with a collision model.
+
+    Attributes
+    ----------
+    hint : str
+        Which extra would help if no path was found; empty if none.
+    """
+
+    def __init__(self, setup: Setup) -> None:
+        self._setup, self.hint = setup, ""
+        self._followers: dict[str, PathFollower] = {}
+
+    def detours(self, request: Request, budget: Budget) -> Iterator[Detour]:
+        """Detours along different paths, the cheapest to find first.
+
+        Parameters
+        ----------
+        request : Request
+            A request without vias.
+        budget : Budget
+            The time for all of it.
+        """
+        primitive = request.primitive
+        if primitive.name not in self._followers:
+            self._followers[primitive.name] = PathFollower(primitive, self._setup)
+        follower = self._followers[primitive.name]
+        for path in self._paths(request, budget):
+            yield follower.detour(request, path)
+
+    def _paths(self, request: Request, budget: Budget) -> Iterator[FloatArray]:
+        """Collision-free paths, shape (n_points, n_joints)."""
+        collision, limits = self._setup.collision, self._setup.limits
+        assert collision is not None
+        bounds = limits.lower, limits.upper
+        ends = request.start.positions, request.goal.positions
+        path = path_by_via(collision.collides, bounds, ends)
+        if path is not None:
+            yield path
+        for seed in range(1, _OPTIONS.n_paths + 1):
+            search = budget.share(_OPTIONS.share_of_search)
+            try:
+                path = sampled_path(
+                    collision.collides, bounds, ends, SamplingOptions(seed), search.is_over
+                )
+            except MissingDependencyError as error:
+                self.hint = str(error)
+                return
+            if path is None or budget.is_over():
+                return
+            yield path
+
+
+class PathFollower:
+    """Motions of a primitive along paths.
+
+    Parameters
+    ----------
+    primitive : MovementPrimitive
+        The primitive.
+    setup : Setup
+        Robot, limits and options of the planner.
+    """
+
+    def __init__(self, primitive: MovementPrimitive, setup: Setup) -> None:
+        self._primitive, self._limits = primitive, setup.limits
+        splines = BSplineBasis(primitive.n_joints, _OPTIONS.n_control_points)
+        self._basis = SumBasis(primitive.basis, splines, _OPTIONS.spread)
+        self._tables = QuadratureTables(self._basis, setup.options.n_nodes)
+        self._limit_tables = LimitTables(self._tables)
+        self._phases = np.linspace(0.0, 1.0, _OPTIONS.n_phases)[1:-1]
+        # All joints have the same splines.
+        of_one_joint = splines.functions(self._phases)[:, 0, : _OPTIONS.n_control_points]
+        self._fit = np.linalg.pinv(of_one_joint)
+        self._n_splines = splines.n_weights
+
+    def detour(self, request: Request, path: FloatArray) -> Detour:
+        """The motion of the expected weights, led along a path by the B-splines."""
+        expected = np.append(request.expected.weights, np.zeros(self._n_splines))
+        line = Motion(request.start, request.goal, request.usual_duration, self._basis, expected)
+        s = self._phases
+        lengths = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1)))
+        # Minimum jerk along the path.
+        along = lengths[-1] * (10.0 * s**3 - 15.0 * s**4 + 6.0 * s**5)
+        points = np.stack([np.interp(along, lengths, q) for q in path.T], axis=1)
+        off = points - line.evaluate(s * line.duration)[0]
+        weights = expected.copy()
+        weights[request.expected.weights.size :] = (self._fit @ off).T.ravel()
+        precision = block_diag(
+            request.expected.precision, np.eye(self._n_splines) / _OPTIONS.spread**2
+        )
+        basis = MotionBasis(
+            self._tables,
+            self._limit_tables,
+            weights,
+            precision,
+            (StartPoint(weights),),
+            self._primitive.n_components,
+            is_detour=True,
+        )
+        return Detour(basis, self._least_duration(line.boundary, weights))
+
+    def _least_duration(self, boundary: FloatArray, weights: FloatArray) -> float:
+        """Shortest duration within the limits of velocity, acceleration and jerk [s]."""
+        s, limits = np.append(0.0, np.append(self._phases, 1.0)), self._limits
+        shapes = self._basis.shapes(weights, s, 3)
+        bounds = limits.velocity, limits.acceleration, limits.jerk
+        rates: list[FloatArray] = [
+            np.abs(hermite_functions(s, d) @ boundary + shapes[d]) for d in (1, 2, 3)
+        ]
+        excesses = [rate / bound for rate, bound in zip(rates, bounds, strict=True)]
+        return max(float(excess.max() ** (1.0 / d)) for d, excess in enumerate(excesses, 1))
+
+
+def path_by_via(
+    collides: Callable[[FloatArray], bool],
+    bounds: tuple[FloatArray, FloatArray],
+    ends: tuple[FloatArray, FloatArray],
+    options: DetourOptions = _OPTIONS,
+) -> FloatArray | None:
+    """The straight path in joint space, or one of two straight lines by a random via.
+
+    Parameters
+    ----------
+    collides : callable
+        Whether a configuration is in collision.
+    bounds : tuple of (array, shape (n_joints,))
+        Least and largest positions.
+    ends : tuple of (array, shape (n_joints,))
+        Start and goal.
+    options : DetourOptions
+        Number and spread of the vias. The same ones are drawn in every call.
+
+    Returns
+    -------
+    path : array, shape (n_points, n_joints), or None
+        The corners of a path without collision; None if none was found.
+    """
+    start, goal = ends
+    if _is_free(collides, start, goal, options.step):
+        return np.array(ends)
+    rng, middle = np.random.default_rng(0), 0.5 * (start + goal)
+    for _ in range(options.n_vias):
+        off = options.via_spread * rng.standard_normal(start.size)
+        via = np.clip(middle + off, *bounds)
+        if all(_is_free(collides, end, via, options.step) for end in ends):
+            return np.array([start, via, goal])
+    return None
+
+
+def _is_free(
+    collides: Callable[[FloatArray], bool], start: FloatArray, goal: FloatArray, step: float
+) -> bool:
+    """Whether a straight line is free of collisions, coarsely first."""
+    n = 1 + int(np.ceil(np.linalg.norm(goal - start) / step))
+    shares = np.linspace(0.0, 1.0, n + 1)
+    order = np.concatenate([shares[first::8] for first in (4, 0, 2, 6, 1, 3, 5, 7)])
+    return not any(collides(start + share * (goal - start)) for share in order)

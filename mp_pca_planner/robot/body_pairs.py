@@ -1,0 +1,293 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Distances of pairs of bodies in many configurations at once.
+
+Balls and boxes around the bodies bound most distances from below. The others are computed by GJK on
+convex hulls, and on the meshes themselves where the hulls are near each other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from ..arrays import FloatArray
+from .bodies import Bodies
+from .joint_poses import JointPoses, JointTree
+
+CONTACT = 1e-6
+"""Distance below which bodies are in contact [m]: the precision of touching surfaces."""
+
+# Precision of distances [m], at which relative errors of derivatives are usually below 1 %.
+_PRECISION = 1e-8
+# Hulls nearer than this [m] are replaced by the meshes themselves.
+_NEAR = 1e-2
+
+Indices = NDArray[np.intp]
+
+
+@dataclass(frozen=True, eq=False)
+class NearPairs:
+    """The pairs that are near each other in some configurations.
+
+    Attributes
+    ----------
+    bounds : array, shape (n_configurations, n_pairs)
+        Distances of the entries below, and lower bounds of all others [m].
+    configurations, pairs : array of int, shape (n_near,)
+        The configuration and the pair of each entry.
+    distances : array, shape (n_near,)
+        Distances [m]; for meshes in collision, the negative penetration depth of their convex
+        hulls.
+    rows : array, shape (n_near, n_joints)
+        Their derivatives by the joints: rates at which the nearest points of two bodies separate.
+    """
+
+    bounds: FloatArray
+    configurations: Indices
+    pairs: Indices
+    distances: FloatArray
+    rows: FloatArray
+
+
+class BodyPairs:
+    """Pairs of bodies and their distances; configurations are in the order of the model's joints.
+
+    Parameters
+    ----------
+    tree : JointTree
+        The joints of the model.
+    bodies : Bodies
+        The bodies.
+    indices : array of int, shape (n_pairs, 2)
+        The two bodies of each pair.
+    margins : array, shape (n_pairs,)
+        Subtracted from each distance [m].
+    """
+
+    def __init__(
+        self, tree: JointTree, bodies: Bodies, indices: Indices, margins: FloatArray
+    ) -> None:
+        self._bodies, self._indices, self.margins = bodies, indices, margins
+        self._model, self._data = bodies.model, bodies.model.createData()
+        self._tree = tree
+        for geometry in (bodies.shapes, bodies.hulls):
+            set_pairs(geometry, indices.tolist())
+        self._shape_data, self._hull_data = bodies.shapes.createData(), bodies.hulls.createData()
+        for request in self._hull_data.distanceRequests:
+            request.gjk_tolerance = _PRECISION
+        for data in (self._shape_data, self._hull_data):
+            for request, margin in zip(data.collisionRequests, margins.tolist(), strict=True):
+                request.security_margin = margin
+        # Its boxes are enlarged by the margins in their first update.
+        self._broad_phase = pin.BroadPhaseManager_DynamicAABBTreeCollisionManager(
+            self._model, bodies.hulls, self._hull_data
+        )
+        first, second = indices.T
+        self._are_convex = bodies.are_convex[first] & bodies.are_convex[second]
+        # Of the joints that move one of both, 1 for the second body, −1 for the first.
+        self._moved = bodies.moved[second] - bodies.moved[first]
+        # Bounds of the speeds at which joints close distances, see `CollisionGeometry.levers`.
+        self.levers = np.maximum(
+            np.where(self._moved > 0.0, bodies.levers[second], 0.0),
+            np.where(self._moved < 0.0, bodies.levers[first], 0.0),
+        )
+
+    def collide(self, q: FloatArray) -> bool:
+        """Whether any pair is in collision in a configuration, shape (n_joints,)."""
+        args = self._model, self._data, self._broad_phase, q
+        if not pin.computeCollisions(*args, True):
+            return False
+        if self._are_convex.all():
+            return True
+        pin.computeCollisions(*args, False)
+        results = enumerate(self._hull_data.collisionResults)
+        met = np.array([pair for pair, result in results if result.isCollision()])
+        if self._are_convex[met].any():
+            return True
+        return bool(np.any(~(self.distances(q[None], np.zeros_like(met), met, 0.0) >= CONTACT)))
+
+    def bounds(self, q: FloatArray, enough: FloatArray | float) -> FloatArray:
+        """Lower bounds of all distances in some configurations.
+
+        Parameters
+        ----------
+        q : array, shape (n_configurations, n_joints)
+            The configurations.
+        enough : float, or array that broadcasts to (n_configurations, n_pairs)
+            A bound above this one is not improved [m].
+
+        Returns
+        -------
+        bounds : array, shape (n_configurations, n_pairs)
+            The bounds [m]; those of bodies in collision are at most 0.
+        """
+        return self._bounds(self._tree.poses(q), enough)
+
+    def _bounds(self, poses: JointPoses, enough: FloatArray | float) -> FloatArray:
+        bodies, (first, second) = self._bodies, self._indices.T
+        turned = poses.rotations[:, bodies.joints]
+        centres: FloatArray = poses.positions[:, bodies.joints]
+        centres = centres + (turned @ bodies.centres[:, :, None])[..., 0]
+        apart = centres[:, second] - centres[:, first]
+        bounds: FloatArray = np.sqrt(np.einsum("kpi,kpi->kp", apart, apart))
+        bounds -= bodies.radii[first] + bodies.radii[second] + self.margins
+        k, pairs = np.nonzero(~(bounds > enough))
+        away, margins = apart[k, pairs], self.margins[pairs]
+        for one, other in ((first[pairs], second[pairs]), (second[pairs], first[pairs])):
+            # The ball around one body and the box around the other.
+            axes = turned[k, other] @ bodies.rotations[other]
+            local = np.abs(np.einsum("eij,ei->ej", axes, away))
+            outside = np.maximum(local - bodies.halves[other], 0.0)
+            gaps = np.sqrt(np.einsum("ei,ei->e", outside, outside)) - bodies.radii[one] - margins
+            bounds[k, pairs] = np.maximum(bounds[k, pairs], gaps)
+        return bounds
+
+    def distances(
+        self, q: FloatArray, configurations: Indices, pairs: Indices, enough: FloatArray | float
+    ) -> FloatArray:
+        """Distances of pairs in configurations; where they exceed `enough`, a lower bound does.
+
+        Parameters
+        ----------
+        q : array, shape (n_configurations, n_joints)
+            The configurations.
+        configurations, pairs : array of int, shape (n,)
+            Configuration and pair of each entry.
+        enough : float or array, shape (n,)
+            See above [m].
+
+        Returns
+        -------
+        distances : array, shape (n,)
+            The distances [m].
+        """
+        found = np.empty(pairs.size)
+        enough, margins = np.broadcast_to(enough, pairs.shape), self.margins[pairs]
+        for entries in self._placed(q, configurations, self._bodies.hulls, self._hull_data):
+            for e in entries:
+                found[e] = self._hull_distance(int(pairs[e])).min_distance
+        found -= margins
+        near = np.flatnonzero(~(found > enough) & ~self._are_convex[pairs])
+        shapes, data = self._bodies.shapes, self._shape_data
+        for entries in self._placed(q, configurations[near], shapes, data):
+            for e in near[entries]:
+                exact = pin.computeDistance(shapes, data, int(pairs[e])).min_distance
+                found[e] = exact - margins[e]
+        return found
+
+    def near(self, q: FloatArray, reach: float) -> NearPairs:
+        """The pairs that are nearer than some distance in some configurations.
+
+        Parameters
+        ----------
+        q : array, shape (n_configurations, n_joints)
+            The configurations.
+        reach : float
+            The distance [m].
+        """
+        poses = self._tree.poses(q)
+        bounds = self._bounds(poses, reach)
+        configurations, pairs = np.nonzero(~(bounds > reach))
+        distances, points = self._nearest_points(q, configurations, pairs)
+        bounds[configurations, pairs] = distances - self.margins[pairs]
+        is_near = ~(bounds[configurations, pairs] > reach)
+        configurations, pairs = configurations[is_near], pairs[is_near]
+        rows = self._rows(poses, configurations, pairs, distances[is_near], points[is_near])
+        return NearPairs(bounds, configurations, pairs, bounds[configurations, pairs], rows)
+
+    def nearest_point(self, q: FloatArray, pair: int) -> FloatArray:
+        """Point of the second body of a pair that is nearest to the first one, shape (3,) [m]."""
+        one = np.zeros(1, dtype=np.intp)
+        return np.array(self._nearest_points(q[None], one, one + pair)[1][0, 1])
+
+    def _nearest_points(
+        self, q: FloatArray, configurations: Indices, pairs: Indices
+    ) -> tuple[FloatArray, FloatArray]:
+        """Distances of entries, and the nearest points of both bodies, shape (n, 2, 3)."""
+        distances, points = np.empty(pairs.size), np.empty((pairs.size, 2, 3))
+        hulls, shapes = self._bodies.hulls, self._bodies.shapes
+        for entries in self._placed(q, configurations, hulls, self._hull_data):
+            are_placed = False
+            for e in entries:
+                pair = int(pairs[e])
+                found = self._hull_distance(pair)
+                if not self._are_convex[pair] and not found.min_distance > _NEAR:
+                    if not are_placed:
+                        pin.updateGeometryPlacements(
+                            self._model, self._data, shapes, self._shape_data
+                        )
+                        are_placed = True
+                    exact = pin.computeDistance(shapes, self._shape_data, pair)
+                    # It is undefined for meshes in contact.
+                    found = exact if exact.min_distance > CONTACT else self._hull_distance(pair)
+                distances[e] = found.min_distance
+                points[e, 0], points[e, 1] = found.getNearestPoint1(), found.getNearestPoint2()
+        return distances, points
+
+    def _hull_distance(self, pair: int) -> Any:
+        return pin.computeDistance(self._bodies.hulls, self._hull_data, pair)
+
+    def _placed(
+        self, q: FloatArray, configurations: Indices, geometry: Any, data: Any
+    ) -> Iterator[Indices]:
+        """Place the geometry for one configuration after the other; yield its entries."""
+        order = np.argsort(configurations, kind="stable")
+        starts = np.flatnonzero(np.diff(configurations[order], prepend=-1))
+        for entries in np.split(order, starts[1:]):
+            if entries.size:
+                one = np.ascontiguousarray(q[configurations[entries[0]]])
+                pin.updateGeometryPlacements(self._model, self._data, geometry, data, one)
+                yield entries
+
+    def _rows(
+        self,
+        poses: JointPoses,
+        k: Indices,
+        pairs: Indices,
+        distances: FloatArray,
+        points: FloatArray,
+    ) -> FloatArray:
+        """Derivatives of distances by the joints, see `NearPairs`."""
+        away = (points[:, 1] - points[:, 0]) * np.sign(distances)[:, None]
+        place = points[:, 1]
+        lengths = np.linalg.norm(away, axis=1)
+        met = np.flatnonzero(~(lengths > CONTACT))
+        if met.size:
+            # In contact the two points coincide; then the centres define the direction, if they
+            # differ.
+            bodies, at = self._bodies, []
+            for body in self._indices[pairs[met]].T:
+                turned = poses.rotations[k[met], bodies.joints[body]]
+                local = (turned @ bodies.centres[body][:, :, None])[..., 0]
+                at.append(poses.positions[k[met], bodies.joints[body]] + local)
+            place[met], away[met] = at[1], at[1] - at[0]
+            lengths[met] = np.linalg.norm(away[met], axis=1)
+            away[met[lengths[met] <= CONTACT]] = 1.0
+            lengths = np.linalg.norm(away, axis=1)
+        away /= lengths[:, None]
+        tree = self._tree
+        axes = (poses.rotations[k, 1:] @ tree.axes[1:, :, None])[..., 0]
+        arms = place[:, None] - poses.positions[k, 1:]
+        motions = np.where(tree.turns[1:, None], np.cross(axes, arms), axes)
+        rows = np.einsum("eji,ei->ej", motions, away)
+        return np.asarray(rows[:, tree.order] * self._moved[pairs])
+
+
+def index_pairs(geometry: Any) -> list[tuple[int, int]]:
+    """Numbers of the geometry objects of each pair."""
+    return [(pair.first, pair.second) for pair in geometry.collisionPairs]
+
+
+def set_pairs(geometry: Any, pairs: list[Any]) -> None:
+    """Replace the pairs of a geometry."""
+    # What Python gets of Pinocchio's pairs are references to places in a vector, so the vector
+    # is made again: removing one pair would put others into the places behind it.
+    geometry.removeAllCollisionPairs()
+    for first, second in pairs:
+        geometry.addCollisionPair(pin.CollisionPair(first, second))
