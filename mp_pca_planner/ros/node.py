@@ -86,13 +86,7 @@ class PlannerNode(GuardedNode):
         )
         self._connect()
         self._goals = GoalTopics(
-            self,
-            self._setup,
-            self._server,
-            self._statistics,
-            on_served=self._last_motion.replace,
-            on_rejected=self._last_motion.erase_preview,
-            rest=self._last_motion.show_preview,
+            self, self._setup, self._server, self._statistics, self._last_motion
         )
         self._obstacles = ObstacleTopic(self, self._setup, self._server, self._goals.avoid)
         if not self._setup.problem:
