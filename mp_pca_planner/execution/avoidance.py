@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-from ..exceptions import PlannerError
 from ..robot.world import World
 from .assembly import Model
 from .motion_server import MotionServer
@@ -92,7 +91,7 @@ class ObstacleAvoidance:
             if is_over():
                 raise CancelledError
             found = server.serve(type(goal), lambda _: goal, model, is_over, served.name)
-        except (PlannerError, CancelledError) as error:
+        except Exception as error:  # whatever the reason, the robot must not hit the obstacle
             if is_cancelled():
                 raise CancelledError from None
             why = str(error) or "there was no time to plan another motion"

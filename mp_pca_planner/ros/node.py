@@ -93,9 +93,7 @@ class PlannerNode(GuardedNode):
             self._server,
             self._avoidance,
             self._statistics,
-            on_served=self._last_motion.replace,
-            on_rejected=self._last_motion.erase_preview,
-            rest=self._last_motion.show_preview,
+            self._last_motion,
         )
         self._obstacles = ObstacleTopic(self, self._setup, self._avoidance, self._goals.avoid)
         if not self._setup.problem:
