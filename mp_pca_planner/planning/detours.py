@@ -72,7 +72,7 @@ class DetourOptions:
     n_control_points: int = 6
     spread: float = 0.3
     n_phases: int = 80
-    min_naturalness: float = 0.05
+    min_naturalness: float = 0.02
 
 
 _OPTIONS = DetourOptions()
@@ -143,18 +143,19 @@ class DetourPlanner:
         return best, None if path is None else self._finder.corners(path)
 
     def _attempt(self, request: Request, detour: Detour, budget: Budget) -> Attempt:
-        """The motion of least cost near a path; the one along the path if time runs out."""
-        duration, naturalness = request.usual_duration, self._setup.options.naturalness
+        """The motion of least cost near a path, or else the one along it."""
+        duration = request.usual_duration
         if request.duration_is_free:
             duration = max(duration, detour.duration)
-        naturalness = max(naturalness, _OPTIONS.min_naturalness)
-        setting = Setting(detour.basis, duration, naturalness, is_first=True)
-        found, _ = self._solve(request, setting, budget)
-        if found.is_valid:
-            return found
         along = self._along(request, detour.basis, duration)
         if request.duration_is_free and along.check.violations:
-            along = self._along(request, detour.basis, duration * slowdown(along.check))
+            duration *= slowdown(along.check)
+            along = self._along(request, detour.basis, duration)
+        if budget.is_over():
+            return along
+        naturalness = max(self._setup.options.naturalness, _OPTIONS.min_naturalness)
+        setting = Setting(detour.basis, duration, naturalness, is_first=True)
+        found, _ = self._solve(request, setting, budget)
         return min(found, along, key=lambda one: one.violation)
 
     def _along(self, request: Request, basis: MotionBasis, duration: float) -> Attempt:
