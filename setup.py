@@ -16,8 +16,10 @@ setup(
         "Movement primitives from recorded demonstrations by principal component analysis, "
         "and least-effort arm motions optimised over their weights"
     ),
+    # Placeholders, as in package.xml: the address and the URL.
     maintainer="mp_pca_planner developers",
     maintainer_email="maintainers@mp-pca-planner.example",
+    url="https://mp-pca-planner.example",
     license="Apache-2.0",
     python_requires=">=3.11",
     packages=find_packages(include=[PACKAGE, f"{PACKAGE}.*"]),
@@ -28,11 +30,13 @@ setup(
         (f"share/{PACKAGE}", ["package.xml"]),
         (f"share/{PACKAGE}/config", sorted(glob("config/*"))),
         (f"share/{PACKAGE}/launch", sorted(glob("launch/*.py"))),
-        # No console_scripts: pip would put commands called `plan` and `inspect` into bin/, where
+        # Not console_scripts: pip would put commands called `plan` and `inspect` into bin/, where
         # `ros2 run` does not look; colcon and pip both honour data_files, keep the mode bits, and
         # put the executables where it does.
         (f"lib/{PACKAGE}", sorted(glob("scripts/ros2_run/*"))),
     ],
+    # The one name that is safe in bin/: all commands are its first argument.
+    entry_points={"console_scripts": [f"mp-pca = {PACKAGE}.__main__:main"]},
     # What pip must bring when nothing is there. A ROS workspace takes its dependencies from
     # package.xml instead, where Pinocchio and rosbags may come without the metadata called `pin`
     # and `rosbags`. That does no harm: colcon installs without dependencies, and no script that
@@ -45,6 +49,7 @@ setup(
         "lz4",  # as rosbags does
         "PyYAML>=6.0",
         "tqdm>=4.66",
+        "threadpoolctl>=3.1",
     ],
     extras_require={
         # ROS 2 Jazzy for machines without one: wheels for x86-64 Linux.
@@ -54,8 +59,8 @@ setup(
         ],
         # Pictures, and the pages that hold them.
         "plot": ["matplotlib>=3.6", "jinja2>=3.0"],
-        # The running node in the terminal.
-        "view": ["rich>=13.0"],
+        # The page in the browser, with meshes in COLLADA; the running node in the terminal.
+        "view": ["viser>=1.1", "websockets>=15.0", "trimesh>=4.5", "pycollada>=0.8", "rich>=13.0"],
         # Other ways to motions, to compare with: ProMP and DMP, optimal control, time-optimal.
         "peers": [
             "movement_primitives>=0.9",
@@ -72,7 +77,7 @@ setup(
         # Another physics engine for the simulated robot.
         "sim": ["mujoco>=3.3"],
         # The documentation site.
-        "doc": ["sphinx>=7.0", "myst-parser>=3.0", "furo"],
+        "doc": ["sphinx>=7.0", "myst-parser>=3.0", "furo", "matplotlib>=3.6"],
         # Libraries that several processes may change at once.
         "library": ["filelock>=3.12"],
         # Learning by trials: CMA-ES.
@@ -88,12 +93,17 @@ setup(
             "hypothesis>=6.100",
             "mujoco>=3.3",
             "mypy==2.4.*",
+            "playwright>=1.45",
+            "pycollada>=0.8",
             "pytest>=7.4",
             "rich>=13.0",
             "ruff==0.17.*",
             "setuptools>=70.1",
+            "trimesh>=4.5",
             "types-PyYAML",
             "types-tqdm",
+            "viser>=1.1",
+            "websockets>=15.0",
         ],
     },
 )

@@ -88,7 +88,7 @@ def planner(scene: Scene, n_weights: int, n_nodes: int, like: Planner | None = N
     )
     options = PlannerOptions(naturalness=0.0, n_nodes=n_nodes, max_solve_time=60.0)
     found = Planner(scene.robot, primitives, scene.limits, options)
-    found.practise()
+    found.precompute()
     return found
 
 

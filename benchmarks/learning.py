@@ -20,7 +20,7 @@ import xml.etree.ElementTree as ET
 import numpy as np
 
 from mp_pca_planner.arrays import FloatArray
-from mp_pca_planner.learning.family import family_around
+from mp_pca_planner.learning.primitive_around import primitive_around
 from mp_pca_planner.learning.refinement import RefinementCost, RefinementOptions, refine
 from mp_pca_planner.learning.trials import TrialLearner
 from mp_pca_planner.motion.goal import JointGoal, JointState
@@ -101,7 +101,7 @@ def learn_by_trials(planner: Planner, plan: Plan, n_seeds: int, n_trials: int) -
                 proposal = learner.propose()
                 if check_limits(proposal.trajectory, planner.robot, planner.limits).violations:
                     raise SystemExit("a trial breaks limits")
-                learner.tell(cost.effort_and_cost(proposal.motion.parameters)[0])
+                learner.record(cost.effort_and_cost(proposal.motion.parameters)[0])
             best = min(trial.cost for trial in learner.trials)
             rows.append((label, learner.trials[0].cost / optimum - 1.0, best / optimum - 1.0))
     for label in dict.fromkeys(row[0] for row in rows):
@@ -133,7 +133,7 @@ def plan_around(planner: Planner, plans: list[Plan]) -> None:
     ratios = []
     for plan in plans:
         refined = refine([plan.motion], planner.robot, planner.limits).motion
-        family = family_around(planner.primitives[0], refined, "refined", {})
+        family = primitive_around(planner.primitives[0], refined, "refined", {})
         new = Planner(planner.robot, [family], planner.limits)
         for _ in range(N_NEIGHBOURS):
             ends = [

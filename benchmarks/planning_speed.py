@@ -7,12 +7,13 @@ warm starts between the ends of demonstrations where these help. The floor is th
 of the dynamics alone: the time of one `computeRNEADerivatives` call from Python, measured in the
 same run between the plans, times the number of nodes, times ten.
 
-    python benchmarks/planning_speed.py [--goals 200]
+    python benchmarks/planning_speed.py [--goals 200] [--json]
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 import time
 
 import numpy as np
@@ -46,14 +47,20 @@ def main() -> None:
     """Print a row per robot and basis."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--goals", type=int, default=200)
-    n_goals = parser.parse_args().goals
+    parser.add_argument("--json", action="store_true")
+    arguments = parser.parse_args()
+    n_goals = arguments.goals
     rows = []
     for name in ROBOTS:
         scene = scene_of(*robot_file(name), n_motions=40)
         rows += rows_of(scene, held_out_problems(scene, n_goals, 2))
     header = ["robot", "basis", "ρ", "weights", "nodes", "solve [ms]", "99 %", "passes"]
     header += ["within limits [%]", "call [µs]", "solve / floor", "quadrature error [%]"]
-    print(table(rows, header=header))
+    if arguments.json:
+        title = "Planning times, medians over goals"
+        print(json.dumps({"tables": {title: {"header": header, "rows": rows}}}))
+    else:
+        print(table(rows, header=header))
 
 
 def rows_of(scene: Scene, problems: list[Problem]) -> list[list[str]]:
@@ -74,7 +81,7 @@ def rows_of(scene: Scene, problems: list[Problem]) -> list[list[str]]:
             scene.limits,
             PlannerOptions(basis=basis_name, naturalness=naturalness),
         )
-        planner.practise()
+        planner.precompute()
         plans, call = timed_plans(planner, scene, problems)
         splines = BSplineBasis(scene.robot.n_joints)
         basis: Basis = primitive.basis if basis_name == "pca" else splines

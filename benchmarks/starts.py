@@ -79,7 +79,7 @@ def planners_of(scene: Scene, primitive: MovementPrimitive) -> dict[str, Planner
             options = PlannerOptions(naturalness=0.0, n_starts=n)
             planner = Planner(scene.robot, [primitive], scene.limits, options)
             if practised:
-                planner.practise()
+                planner.precompute()
             planners[f"{n} after practice" if practised else str(n)] = planner
     return planners
 

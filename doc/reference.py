@@ -1,9 +1,10 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Reference pages that are generated from the code: commands, parameters, Python API."""
+"""Pages that are generated: commands, parameters, Python API, results of benchmarks."""
 
 from __future__ import annotations
 
+import json
 import subprocess
 import sys
 from pathlib import Path
@@ -14,12 +15,13 @@ from mp_pca_planner.execution.parameters import DECLARATIONS
 
 
 def write_pages(folder: Path) -> None:
-    """Write `commands.md`, `parameters.md` and `python.md`."""
+    """Write `commands.md`, `parameters.md`, `python.md` and `results.md`."""
     folder.mkdir(exist_ok=True)
     for name, content in (
         ("commands", commands_page()),
         ("parameters", parameters_page()),
         ("python", python_page()),
+        ("results", results_page()),
     ):
         (folder / f"{name}.md").write_text(content, encoding="utf-8")
 
@@ -82,3 +84,29 @@ def python_page() -> str:
             f"```{{eval-rst}}\n.. auto{kind}:: mp_pca_planner.{name}{options}\n```",
         ]
     return "\n\n".join(parts) + "\n"
+
+
+def results_page() -> str:
+    """The results that scripts/record_results.py has kept, table by table."""
+    parts = [
+        "# Recorded results",
+        "Each section is what a command printed, with the machine, the date and the commit. "
+        "`scripts/record_results.py` records a command anew. Times compare within a section only. "
+        "[Benchmarks](../benchmarks.md) explains the commands.",
+    ]
+    for file in sorted((Path(__file__).parent / "results").glob("*.json")):
+        record = json.loads(file.read_text(encoding="utf-8"))
+        parts += [
+            f"## {file.stem.replace('_', ' ').capitalize()}",
+            f"`{record['command']}`, {record['date']}, commit `{record['commit']}`, "
+            f"{record['machine']}, load before and after {record['load'][0]:.1f} and "
+            f"{record['load'][1]:.1f}",
+        ]
+        for title, table in record["tables"].items():
+            parts += [f"### {title}", _markdown_table(table["header"], table["rows"])]
+    return "\n\n".join(parts) + "\n"
+
+
+def _markdown_table(header: list[str], rows: list[list[str]]) -> str:
+    lines = [header, ["---"] * len(header), *rows]
+    return "\n".join(f"| {' | '.join(cell.replace('|', ' ') for cell in line)} |" for line in lines)

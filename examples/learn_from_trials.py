@@ -9,7 +9,7 @@ import numpy as np
 import mp_pca_planner as mp
 from mp_pca_planner.control.closed_loop import ControlLoop, simulate
 from mp_pca_planner.control.law import FEEDFORWARD_PD, ControlLaw
-from mp_pca_planner.learning.family import family_around
+from mp_pca_planner.learning.primitive_around import primitive_around
 from mp_pca_planner.learning.trials import TrialLearner
 
 demonstrations = mp.load_demonstrations(mp.write_example_recording(f"{mkdtemp()}/motions.mcap"))
@@ -32,6 +32,6 @@ def execute(trajectory):
 
 learner = TrialLearner(list(plan.motions), model, planner.limits)
 for _ in range(30):
-    learner.tell(execute(learner.propose().trajectory))
+    learner.record(execute(learner.propose().trajectory))
 print(f"planned motion: {execute(plan.trajectory):.2f}, best of 30: {learner.best.cost:.2f} N²m²s")
-family_around(reach, learner.best_motion().motion, "learned", {}).save("learned.npz")
+primitive_around(reach, learner.best_motion().motion, "learned", {}).save("learned.npz")

@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     from .robot.world import Obstacle as Obstacle
     from .robot.world import Sphere as Sphere
     from .robot.world import World as World
+    from .view.content import show as show
 
 __version__ = "0.1.0"
 
@@ -67,6 +68,7 @@ _HOMES = {
     "World": "robot.world",
     "config_file": "resources",
     "load_demonstrations": "recordings.demonstrations",
+    "show": "view.content",
     "write_example_recording": "recordings.demonstrations",
 }
 __all__ = sorted(_HOMES)

@@ -1,16 +1,24 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""``python -m mp_pca_planner COMMAND ...``."""
+"""``python -m mp_pca_planner COMMAND ...``, and the script ``mp-pca``."""
 
 import os
 import signal
 import sys
 
-if sys.argv[1:2] in (["planner_node"], ["simulate"]):
-    # Installed before all other imports: a node that is stopped that early has nothing to clean up.
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: os._exit(0))
 
-from .cli.main import main
+def main() -> int:
+    """Run the command that the arguments of the process name; returns the exit status."""
+    if sys.argv[1:2] in (["planner_node"], ["simulate"]):
+        # Installed before all imports: a node that is stopped that early has nothing to clean up.
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, lambda *_: os._exit(0))
+    # One thread, because the matrices of planning are too small for several.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    from .cli.main import main as run_command
 
-sys.exit(main())
+    return run_command()
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -23,6 +23,7 @@ from ..evaluation.run import PEERS, compare, ratios, set_up, summarise, unsolved
 from ..exceptions import PlannerError, quote_names, unknown_name
 from ..plotting.comparison import comparison_figure
 from ..plotting.drawing import picture
+from ..plotting.page import Table
 from ..plotting.text import table
 from ..primitives.primitive import MovementPrimitive
 from ..primitives.primitive_library import load_primitives
@@ -74,6 +75,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.plot is not None:
         _draw(arguments, scene, methods, results)
     facts = _facts(scene, methods, absent, results) | {"random_ends": arguments.random_ends}
+    facts["tables"] = {_title(facts): _table(facts)._asdict()}
     if arguments.json:
         print_json(facts)
     else:
@@ -148,7 +150,8 @@ def _facts(
     }
 
 
-def _text(facts: Mapping[str, Any]) -> list[str]:
+def _table(facts: Mapping[str, Any]) -> Table:
+    """The methods, one in each row."""
     chosen = facts["ratios_of"]
     rows = []
     for name, summary in facts["summary"].items():
@@ -157,13 +160,23 @@ def _text(facts: Mapping[str, Any]) -> list[str]:
         rows.append([name, counts, *(_number(values[key], *form) for key, *form in _COLUMNS)])
     header = ["method", "feasible / solved / of", "J", "time [ms]", "99 %", "iterations"]
     header += ["violation", "active [%]", "from demo [°]", "T [s]", "time ratio", "cost ratio"]
+    return Table(header, rows)
+
+
+def _title(facts: Mapping[str, Any]) -> str:
     drawn = "anywhere within the limits" if facts["random_ends"] else "like the demonstrations"
-    missed = facts["solved_by_bspline_only"]
+    return (
+        f"{facts['n_problems']} problems of '{facts['robot']}', {facts['n_joints']} joints, {drawn}"
+    )
+
+
+def _text(facts: Mapping[str, Any]) -> list[str]:
+    chosen, missed = facts["ratios_of"], facts["solved_by_bspline_only"]
+    methods = _table(facts)
     return [
-        f"{facts['n_problems']} problems of '{facts['robot']}', {facts['n_joints']} joints, "
-        + drawn,
+        _title(facts),
         "",
-        *table(rows, header=header).splitlines(),
+        *table(methods.rows, header=methods.header).splitlines(),
         "",
         "Medians over the problems that a method calls solved; the worst violation, relative, on "
         "a 0.5 ms grid;",

@@ -8,7 +8,8 @@ import argparse
 import os
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -36,7 +37,7 @@ from ..recordings.synthetic import JOINT_NAMES, generate_motions
 from ..resources import config_file
 from ..robot.limits import JointLimits
 from ..robot.model import Robot
-from ..ros.client import Answer, GoalClient, this_machine_only
+from ..ros.client import READY, Answer, GoalClient, this_machine_only
 from ..ros.messages import to_trajectory
 from ..ros.monitor import Monitor
 from . import build_primitives
@@ -47,7 +48,6 @@ from .terminal import DONE, FAILED, say
 
 _ARM = ("upper_arm", "lower_arm", "wrist")
 _GOOD = "executable"
-_READY = "ready for goals"  # in the node's diagnostics
 _COLUMNS = (
     ("duration", 1.0, ".2f"),
     ("effort_cost", 1.0, ".2f"),
@@ -94,6 +94,8 @@ _OPTIONS = DemoOptions()
 def run(arguments: argparse.Namespace) -> int:
     """Run the command; returns the exit status."""
     require_matplotlib()
+    if arguments.view:
+        import_module("..view.page", __package__)  # fail before the work if it can't be served
     folder, urdf = arguments.output, config_file("human_arm.urdf")
     make_folder(folder)
     bag, file = folder / "recording", folder / "arm_raising.npz"
@@ -110,7 +112,20 @@ def run(arguments: argparse.Namespace) -> int:
     say("", f"4. Drawing into {folder}")
     for path in _draw(folder, bag, load_primitive(file), robot, served):
         say(f"   {path}")
+    if arguments.view:
+        _view(bag, file, urdf)
     return FAILED if failures else DONE
+
+
+def _view(bag: Path, primitive_file: Path, urdf: Path) -> None:
+    """Serve a page with the demonstrations and the primitive until Ctrl-C."""
+    from ..view.content import read_content
+    from .view import serve
+
+    say("", "5. Open this address in a browser")
+    content = read_content(urdf, [load_primitive(primitive_file)])
+    recordings = load_recordings([bag], joints=JOINT_NAMES)
+    serve(replace(content, recordings=recordings), "127.0.0.1", 8080, None)
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,7 +162,7 @@ def _execute_over_topics(folder: Path, primitive_file: Path) -> list[_Served]:
         with GoalClient() as client, Monitor() as monitor:
             client.wait_for_node()
             _wait_until_at(monitor, home)
-            client.wait_for_diagnostics(lambda values: values["text"] == _READY)
+            client.wait_for_diagnostics(lambda values: values["text"] == READY)
             return [
                 _serve(client, monitor, goal)
                 for motion in goals

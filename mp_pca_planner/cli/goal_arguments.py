@@ -183,6 +183,20 @@ def _state(arguments: argparse.Namespace, end: str, names: Sequence[str]) -> Joi
     return JointState(list(q), list(q.values()), *rates)
 
 
+def stated_pose(frame: str, text: str) -> Pose:
+    """Read ``--pose``: a position and a quaternion, stated in a frame.
+
+    Raises
+    ------
+    GoalError
+        If these are not seven numbers, or the quaternion is not of length 1.
+    """
+    pose = _pose(frame, text, "--pose")
+    if pose.orientation is None:
+        raise GoalError(f"--pose '{text}' has 3 numbers, but a pose has 7 (x y z qx qy qz qw)")
+    return pose
+
+
 def _pose(frame: str, text: str, option: str) -> Pose:
     numbers = number_list(text, option)
     if len(numbers) not in (3, 7):

@@ -29,11 +29,20 @@ COMMANDS = {
     "case_study": "the paper's case study, and naturalness measured",
     "demo": "the whole pipeline: record, build, plan, publish",
     "send_goal": "a goal for the running node, and its answer",
+    "stop": "the robot brought to rest by the running node",
+    "save_motion": "the last motion of the running node as a primitive",
+    "reload": "the primitive files read again by the running node",
     "simulate": "a simulated robot on ROS topics, with faults on demand",
     "watch": "the running node in the terminal, live",
+    "view": "robot, primitives and plans on a page in the browser",
     "planner_node": "the ROS 2 node",
 }
-_RUN_BY_ANOTHER_MODULE = {"sequence": "plan"}
+_RUN_BY_ANOTHER_MODULE = {
+    "sequence": "plan",
+    "stop": "call_service",
+    "save_motion": "call_service",
+    "reload": "call_service",
+}
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -98,7 +107,7 @@ def _extra_with(module_name: str | None) -> str | None:
     top_level = (module_name or "").partition(".")[0]
     if top_level in {"rclpy", "std_srvs"} or top_level.endswith(("_msgs", "_interfaces")):
         return "ros"
-    return "view" if top_level == "rich" else None
+    return "view" if top_level in {"rich", "trimesh", "viser", "websockets"} else None
 
 
 def _parser() -> OneLineParser:

@@ -296,23 +296,49 @@ def demo(add: Options) -> None:
     pictures show the results.
     """
     add("--output DIR", "folder of the results", Path, Path("demo_output"))
+    add.flag("--view", "then show the robot, its primitive and plans on a page in the browser")
 
 
 def send_goal(add: Options) -> None:
-    """Send a goal configuration, or a sequence of them, to the running planner node.
+    """Send a goal configuration, a sequence of them, or a pose to the running planner node.
 
     The command waits for the node's report and prints it. Status 0: the motion was published; 1:
     no answer, or a newer goal came; 2: refused.
     """
-    add("goal NAME=VALUE,...", "positions [rad or m] by joint name")
+    goal = add.one_of(required=True)
+    goal("goal NAME=VALUE,...", "positions [rad or m] by joint name", nargs="?")
+    goal("--pose 'X Y Z QX QY QZ QW'", "pose of the end effector [m, unit quaternion]")
+    add("--frame LINK", "link in whose frame --pose is stated; empty: the base", default="")
     text = "positions of the same joints to pass; @T, also of the goal: T s after the start"
     _add_via(add, "NAME=VALUE,...[@T]", text, with_stops=True)
     add.flag("--degrees", "positions are in degrees, not in radians")
     add("--primitive NAME", "primitive to use; empty: the node chooses", default="")
+    add("--wait S", "first wait up to S s until the node is ready for goals", seconds)
     _add_node_options(add)
     add("--timeout S", "longest time to wait [s]", seconds, 10.0)
     add.flag("--verbose", "print all values of the report")
     _add_report_options(add, written=None)
+
+
+def _add_service_options(add: Options) -> None:
+    _add_node_options(add)
+    add("--timeout S", "longest time to wait for the node, and for its answer [s]", seconds, 10.0)
+    _add_report_options(add, written=None)
+
+
+def stop(add: Options) -> None:
+    """Have the running planner node bring the robot to rest as fast as the limits allow."""
+    _add_service_options(add)
+
+
+def save_motion(add: Options) -> None:
+    """Have the running planner node save its last motion as a primitive in its `save_folder`."""
+    _add_service_options(add)
+
+
+def reload(add: Options) -> None:
+    """Have the running planner node read its primitive files again."""
+    _add_service_options(add)
 
 
 def simulate(add: Options) -> None:
@@ -351,9 +377,31 @@ def watch(add: Options) -> None:
     add("--for S", "end after this time [s]", seconds, dest="duration")
 
 
+def view(add: Options) -> None:
+    """Show the robot, its primitives and plans on a page in the browser.
+
+    The goal is dragged and the plan follows; components bend the mean motion; demonstrations are
+    played. Nothing is sent to a robot. Ctrl-C ends it.
+    """
+    add("primitives FILE", "primitive files or folders", nargs="+")
+    add("--robot URDF", "the robot", Path, required=True)
+    add("--limits FILE.yaml", "limits in the form of joint_limits.yaml", Path)
+    text = "folders of packages with meshes; searched before ROS's and those above the URDF"
+    add("--package-dirs DIR", text, Path, (), nargs="+")
+    add("--obstacles FILE", "obstacles: a planning scene of MoveIt, .scene or YAML", Path)
+    add("--frame LINK", "link that the handle moves (default: the last)", default="")
+    text = "recordings of the demonstrations (default: as the primitives reproduce them)"
+    add("--demonstrations BAG", text, nargs="+")
+    add("--topic", "JointState topic of --demonstrations (default: the only one)")
+    text = "address to listen on; with 0.0.0.0, every machine that reaches it can use the page"
+    add("--host", text, default="127.0.0.1")
+    add("--port", "port, or the first free one after it; 0: any", whole(0, 65535), 8080)
+    add("--for S", "end after this time [s]", seconds, dest="duration")
+
+
 _COMMANDS = (
     *(build_primitives, inspect, plan, sequence, refine, benchmark, library, verify, case_study),
-    *(demo, send_goal, simulate, watch),
+    *(demo, send_goal, stop, save_motion, reload, simulate, watch, view),
 )
 
 

@@ -12,7 +12,7 @@ from typing import Any
 from ..exceptions import LearningError
 from ..files import check_writable
 from ..learning.executions import measure_execution
-from ..learning.family import family_around
+from ..learning.primitive_around import primitive_around
 from ..learning.refined_motion import RefinedMotion
 from ..learning.refinement import AcceptedMotion, Refinement, RefinementOptions, refine
 from ..learning.trials import TrialLearner
@@ -129,7 +129,7 @@ def _refine_by_trials(
 ) -> dict[str, Any]:
     cost = arguments.cost if arguments.executed is None else _measured_cost(arguments, learner)
     if cost is not None:
-        learner.tell(cost, keep=False)
+        learner.record(cost, keep=False)
     facts = _facts_of_trials(request, learner)
     best, motion_file = learner.best_motion().motion, arguments.trajectory
     facts["kept"] = facts["gain"] is not None and _keep(arguments, request, best, facts)
@@ -226,7 +226,7 @@ def _keep(
         name = arguments.name or f"{old.name}_refined"
         if len(outputs) > 1:
             name += f"_{k}"
-        new = family_around(old, RefinedMotion([segment], parameters), name, provenance)
+        new = primitive_around(old, RefinedMotion([segment], parameters), name, provenance)
         save_primitive(new, path, overwrite=arguments.force)
     return True
 

@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""`send_goal`: a goal or a sequence sent to the node, and its answer."""
+"""`send_goal`: a goal, a sequence or a pose sent to the node, and its answer."""
 
 from __future__ import annotations
 
@@ -9,31 +9,31 @@ import math
 import time
 
 from diagnostic_msgs.msg import DiagnosticStatus
-from rclpy.exceptions import NameValidationException
-from rclpy.validate_full_topic_name import validate_full_topic_name
+from geometry_msgs.msg import PoseStamped
 from sensor_msgs.msg import JointState as JointStateMessage
 from trajectory_msgs.msg import JointTrajectory
 
 from ..exceptions import GoalError, quote_names
 from ..motion.goal import JointState, Pose, SequenceGoal
-from ..ros.client import GoalClient, NoAnswerError, is_served
-from ..ros.messages import to_sequence_message
+from ..ros.client import READY, GoalClient, NoAnswerError, check_node_name, is_served
+from ..ros.messages import to_pose_message, to_sequence_message
 from .common import print_json, report_lines
-from .goal_arguments import joint_values, sequence_goal
+from .goal_arguments import joint_values, sequence_goal, stated_pose
 from .terminal import DONE, FAILED, REFUSED, complain, say
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the command; returns the exit status."""
-    message = _message(_goal(arguments))
-    _check_node_name(f"/{arguments.namespace}/{arguments.node}".replace("//", "/"))
-    message.header.frame_id = arguments.primitive
+    message = _pose_message(arguments) if arguments.pose else _joint_message(arguments)
+    check_node_name(arguments.namespace, arguments.node)
     # The stamp distinguishes the report from those of other goals.
     stamp = message.header.stamp
     stamp.sec, stamp.nanosec = divmod(time.time_ns(), 10**9)
     try:
         with GoalClient("send_goal", arguments.namespace, arguments.node) as client:
-            client.wait_for_node(arguments.timeout, with_trajectory=False)
+            client.wait_for_node(arguments.wait or arguments.timeout, with_trajectory=False)
+            if arguments.wait:
+                client.wait_for_diagnostics(lambda values: values["text"] == READY, arguments.wait)
             answer = client.send(message, arguments.timeout, with_trajectory=False)
     except NoAnswerError as error:
         complain(f"mp_pca_planner send_goal: {error}")
@@ -46,6 +46,21 @@ def run(arguments: argparse.Namespace) -> int:
     if report.level == DiagnosticStatus.ERROR:
         return REFUSED
     return DONE if is_served(report) else FAILED
+
+
+def _pose_message(arguments: argparse.Namespace) -> PoseStamped:
+    for option in ("via", "primitive", "degrees"):
+        if getattr(arguments, option):
+            raise GoalError(f"--{option} is for goals of joints, and is not accepted with --pose")
+    return to_pose_message(stated_pose(arguments.frame, arguments.pose))
+
+
+def _joint_message(arguments: argparse.Namespace) -> JointStateMessage | JointTrajectory:
+    if arguments.frame:
+        raise GoalError("--frame is for --pose, and is not accepted with positions of joints")
+    message = _message(_goal(arguments))
+    message.header.frame_id = arguments.primitive
+    return message
 
 
 def _goal(arguments: argparse.Namespace) -> SequenceGoal:
@@ -76,11 +91,3 @@ def _message(goal: SequenceGoal) -> JointStateMessage | JointTrajectory:
     if len(goal.targets) > 1 or goal.times[0] is not None or isinstance(last, Pose):
         return to_sequence_message(goal)
     return JointStateMessage(name=list(last.joint_names), position=last.positions.tolist())
-
-
-def _check_node_name(name: str) -> None:
-    try:
-        validate_full_topic_name(name)
-    except NameValidationException as error:
-        reason = str(error).splitlines()[0].rstrip(":")
-        raise GoalError(f"no node can be called '{name}': {reason}") from None

@@ -24,11 +24,14 @@ from .naturalness import (
     plan_like,
     planned,
 )
-from .paper import N_COMPONENTS, angle_components, paper_method
+from .paper import N_COMPONENTS, angle_components, free_bsplines, paper_method
 
 PAPER = "components as in the paper"
+FREE_BSPLINES = "B-splines, free end velocities"
 OURS = planned(DEFAULT_RHO)
-TABLE_3_METHODS = (BSPLINES, PAPER, planned(0.0), OURS)
+TABLE_3_METHODS = (BSPLINES, FREE_BSPLINES, PAPER, planned(0.0), OURS)
+FREE_ENDS = (FREE_BSPLINES, PAPER)
+"""Methods that leave velocities and accelerations at the ends free; others end at rest."""
 
 _MIN_OF_ACTIVITY = 5  # least number of motions for a table of an activity
 _N_REPEATS = 9  # number of timed solutions
@@ -163,7 +166,7 @@ def study(
         if progress is not None:
             progress(n_done, number * len(groupings))
 
-    more = {PAPER: paper_method(robot)}
+    more = {PAPER: paper_method(robot), FREE_BSPLINES: free_bsplines(robot)}
     held_out, *other_activities = (
         compare(chosen, groups, robot=robot, tip=tip, more=more, progress=count)
         for groups in groupings
@@ -201,9 +204,10 @@ def _raise_arm(motions: Sequence[Demonstration], robot: Robot, tip: str) -> Rais
     motion = motions[highest]
     others = [*motions[:highest], *motions[highest + 1 :]]
     primitive = build_primitive(others, "others")
-    paper = paper_method(robot)
+    paper, free = paper_method(robot), free_bsplines(robot)
     attempts = {
         BSPLINES: lambda: plan_like(motion, primitive, robot, "bspline", 0.0),
+        FREE_BSPLINES: lambda: free(motion, others),
         PAPER: lambda: paper(motion, others),
         planned(0.0): lambda: plan_like(motion, primitive, robot, "pca", 0.0),
         OURS: lambda: plan_like(motion, primitive, robot, "pca", DEFAULT_RHO),

@@ -14,8 +14,8 @@ from .problems import Problem, Scene
 
 BSPLINE = "bspline"
 
-# Numbers of components at which efforts are as close to the minimum as in [P].
 _N_COMPONENTS = {"arm": 10, "joint": 4}
+"""Numbers of components, chosen so that efforts come as near to the least as in [P], Table 3."""
 
 
 def planner_method(
@@ -28,7 +28,7 @@ def planner_method(
     """
     names = scene.robot.joint_names
     planner = Planner(scene.robot, [primitive], scene.limits, options)
-    planner.practise()
+    planner.precompute()
 
     def solve(problem: Problem) -> PeerResult:
         """Plan one motion."""
@@ -37,11 +37,12 @@ def planner_method(
         status = SOLVED if plan.is_executable else plan.message
         return PeerResult(plan.trajectory, plan.solve_time, plan.solution.iterations, status)
 
+    chosen = "" if scene.primitive else " (chosen to come as near to least effort as the paper's)"
     about = (
-        "B-splines, 6 control points per joint, the same compiler; least effort"
+        "B-splines, 6 free control points per joint beside 6 that the ends fix; least effort"
         if options.basis == BSPLINE
         else f"principal components, coupling {primitive.coupling}, {primitive.n_components} "
-        f"weights, naturalness ρ = {options.naturalness:g}"
+        f"weights{chosen}, naturalness ρ = {options.naturalness:g}"
     )
     return Method(name, about, solve)
 

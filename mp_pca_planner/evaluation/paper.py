@@ -1,12 +1,15 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""The planning method of [P], Section 4.
+"""The planning method of [P], Section 4, and B-splines with the same end conditions.
 
 One PCA of the joint angles themselves for each joint; mean and components as fourth-order
 polynomials; motions m(s) + Σ wₖ φₖ(s) whose end points are linear equality constraints on the
 weights. Velocities at the ends are free, since [P] states no constraint on them. The weights that
 meet the constraints are an affine space, whose coordinates are the unknowns: for every joint, their
 number is that of the components kept minus two.
+
+Such a program has several minima. Each method starts from several motions and takes the best of
+their results; its time is the mean of one optimisation, as the planner makes one.
 """
 
 from __future__ import annotations
@@ -21,9 +24,10 @@ from scipy.linalg import null_space
 from ..arrays import FloatArray
 from ..planning.compiler import MotionProgram
 from ..planning.constraints import LimitedProgram, LimitTables
-from ..planning.solver import solve
+from ..planning.solver import Solution, solve
 from ..planning.unknowns import QuadratureTables, Unknowns
-from ..primitives.basis import PolynomialBasis, legendre_values
+from ..primitives.basis import BSplineBasis, PolynomialBasis, legendre_values
+from ..primitives.boundary import hermite_functions
 from ..primitives.differences import FINE_PHASES
 from ..primitives.pca import PrincipalComponents, fit_components
 from ..recordings.demonstration import Demonstration
@@ -45,6 +49,14 @@ TABLE_3 = {"B-spline": (5.19594, 148.975), "PCA": (9.58805, 96.509)}
 N_COMPONENTS = 4
 DEGREE = 4
 _N_PHASES = 101
+
+N_STARTS = 5
+"""Number of starts of the optimisation: the likeliest motion, and random ones."""
+
+# Rows of velocities and accelerations among the boundary values of a motion.
+_END_RATES = (1, 2, 4, 5)
+# Standard deviation of random starts of B-splines [rad], similar to that of the paper's weights.
+_START_SPREAD = 0.2
 
 
 def angle_components(motions: Sequence[Demonstration]) -> list[PrincipalComponents]:
@@ -99,23 +111,65 @@ def paper_method(robot: Robot) -> Predictor:
     def predict(motion: Demonstration, others: Sequence[Demonstration]) -> Prediction:
         """Plan between the ends of a motion with its duration."""
         components = angle_components(others)
-        start, goal = motion.positions[[0, -1]]
         began = time.perf_counter()
-        basis = paper_basis(components, start, goal)
-        nothing = np.zeros(basis.n_weights)
+        basis = paper_basis(components, *motion.positions[[0, -1]])
         # The basis includes the end points, so there is no boundary part.
         boundary = np.zeros((6, motion.n_joints))
-        tables = QuadratureTables(basis)
-        unknowns = Unknowns(tables.basis.scales, boundary, motion.duration)
-        program = MotionProgram(robot, tables, unknowns, nothing)
-        ends = np.zeros((2, 4, motion.n_joints))
-        unlimited = JointLimits(robot.joint_names, {})
-        solution = solve(LimitedProgram(program, LimitTables(tables), unlimited, ends), nothing)
-        solve_time = time.perf_counter() - began
-        positions = basis.shape(solution.unknowns, FINE_PHASES)
-        return Prediction(positions, solution.cost, solve_time)
+        unknowns = Unknowns(basis.scales, boundary, motion.duration)
+        set_up = time.perf_counter() - began
+        starts = _starts(basis.n_weights, 1.0)
+        best, seconds = _least_effort(robot, QuadratureTables(basis), unknowns, starts)
+        positions = basis.shape(best.unknowns, FINE_PHASES)
+        return Prediction(positions, best.cost, set_up + seconds)
 
     return predict
+
+
+def free_bsplines(robot: Robot) -> Predictor:
+    """B-splines whose velocities and accelerations at the ends are free, as a predictor.
+
+    Beside the 6 free control points of each joint, 4 are unknowns that otherwise bring the motion
+    to rest at its ends.
+    """
+
+    def predict(motion: Demonstration, others: Sequence[Demonstration]) -> Prediction:
+        """Plan between the ends of a motion with its duration."""
+        began = time.perf_counter()
+        basis = BSplineBasis(motion.n_joints)
+        boundary = np.zeros((6, motion.n_joints))
+        boundary[[0, 3]] = motion.positions[[0, -1]]
+        unknowns = Unknowns(basis.scales, boundary, motion.duration, free_rows=_END_RATES)
+        set_up = time.perf_counter() - began
+        starts = _starts(basis.n_weights, _START_SPREAD)
+        best, seconds = _least_effort(robot, QuadratureTables(basis), unknowns, starts)
+        ends, _ = unknowns.boundary_at(best.unknowns)
+        shape = basis.shape(unknowns.weights(best.unknowns), FINE_PHASES)
+        positions = hermite_functions(FINE_PHASES) @ ends + shape
+        return Prediction(positions, best.cost, set_up + seconds)
+
+    return predict
+
+
+def _starts(n_weights: int, spread: float) -> FloatArray:
+    """Weights to start from, shape (n_starts, n_weights); the likeliest ones first."""
+    starts = spread * np.random.default_rng(1).normal(size=(N_STARTS, n_weights))
+    starts[0] = 0.0
+    return starts
+
+
+def _least_effort(
+    robot: Robot, tables: QuadratureTables, unknowns: Unknowns, starts: FloatArray
+) -> tuple[Solution, float]:
+    """The best solution without limits, and the mean time of one optimisation [s]."""
+    began = time.perf_counter()
+    program = MotionProgram(robot, tables, unknowns, starts[0])
+    ends = np.zeros((2, 4, robot.n_joints))
+    unlimited = JointLimits(robot.joint_names, {})
+    limited = LimitedProgram(program, LimitTables(tables), unlimited, ends)
+    set_up = time.perf_counter() - began
+    found = [solve(limited, unknowns.from_weights(start)) for start in starts]
+    seconds = (time.perf_counter() - began - set_up) / len(starts)
+    return min(found, key=lambda solution: solution.cost), set_up + seconds
 
 
 def _polynomials(curves: FloatArray) -> FloatArray:

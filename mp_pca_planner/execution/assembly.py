@@ -18,7 +18,7 @@ from .parameters import ParameterError, Settings
 from .preemptive_worker import IsCancelled
 
 # Longest time to precompute warm starts [s]: a starting node waits for it.
-_MAX_PRACTICE = 0.5
+_MAX_PRECOMPUTATION = 0.5
 
 
 class Cancellation:
@@ -94,18 +94,42 @@ def assemble_model(urdf: str, primitives: Sequence[MovementPrimitive], settings:
     # The file describes the whole robot; the primitives may move a part of it.
     overrides = read_limits_file(file, robot.movable_joints) if file else {}
     limits = robot.limits(overrides, settings.limits)
-    collision = None
-    if settings.collision:
-        folders = package_folders(settings.package_folders)
-        srdf = settings.srdf or None
-        collision = CollisionModel(planning_robot, srdf=srdf, package_dirs=folders)
+    collision = collision_model(planning_robot, settings) if settings.collision else None
     cancellation = Cancellation()
     options = replace(settings.planner_options, solver=SolverOptions(should_stop=cancellation))
     planner = Planner(planning_robot, primitives, limits, options, collision)
-    planner.practise(_MAX_PRACTICE)
+    planner.precompute(_MAX_PRECOMPUTATION)
     frame = settings.end_effector_frame
     if frame and frame not in robot.frame_names:
         reason = unknown_name("link of the robot description", frame, robot.frame_names)
         raise ParameterError(f"parameter 'end_effector_frame': {reason}")
     frame = frame or robot.frame_names[-1]
     return Model(planner, planning_robot, cancellation, robot, limits, settings, frame, urdf)
+
+
+def collision_model(
+    robot: Robot, settings: Settings, *, self_collision: bool | None = None
+) -> CollisionModel:
+    """The collision model of a robot without obstacles.
+
+    Parameters
+    ----------
+    robot :
+        The robot.
+    settings :
+        With the files of the geometry and the margin.
+    self_collision :
+        Whether pairs of links are checked; as the settings say unless given.
+
+    Raises
+    ------
+    RobotError
+        If the geometry can't be read.
+    """
+    return CollisionModel(
+        robot,
+        srdf=settings.srdf or None,
+        package_dirs=package_folders(settings.package_folders),
+        margin=settings.obstacle_margin,
+        self_collision=settings.collision if self_collision is None else self_collision,
+    )

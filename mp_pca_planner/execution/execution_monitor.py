@@ -60,6 +60,7 @@ class _Execution:
     goal: Any
     motion: PublishedMotion
     published: float
+    reason: str = ""
     is_stop: bool = False
     last: Following | None = None
     largest_deviation: float = 0.0
@@ -105,18 +106,26 @@ class ExecutionMonitor:
         self._current: _Execution | None = None
         self._lock = threading.RLock()
 
-    def begin(self, goal: Any, motion: PublishedMotion, now: float) -> None:
-        """Follow a motion that was published now; it replaces the one before."""
+    def begin(
+        self,
+        goal: Any,
+        motion: PublishedMotion,
+        now: float,
+        reason: str = "by the motion of a newer goal",
+    ) -> None:
+        """Follow a motion that was published now; it replaces the one before, for a reason."""
         with self._lock:
-            self._end(REPLACED, "replaced by the motion of a newer goal")
+            self._end(REPLACED, f"replaced {reason}")
             self._current = _Execution(goal, motion, now)
 
-    def stop(self, motion: PublishedMotion, now: float) -> None:
+    def stop(self, motion: PublishedMotion, now: float, reason: str = "") -> None:
         """Follow a stop that was published now, in place of the motion that it stops."""
         with self._lock:
             if self._current is not None:
                 goal, last = self._current.goal, self._current.last
-                self._current = _Execution(goal, motion, now, is_stop=True, last=last)
+                self._current = _Execution(
+                    goal, motion, now, reason=reason, is_stop=True, last=last
+                )
 
     def never_started(self, now: float) -> bool:
         """Whether the robot has rested at the start of its motion for too long."""
@@ -159,7 +168,8 @@ class ExecutionMonitor:
         if following.is_over and following.at_rest:
             if current.is_stop:
                 since = now - current.published
-                self._end(STOPPED, f"stopped: the robot is at rest {since:.2f} s after the stop")
+                text = f"stopped: the robot is at rest {since:.2f} s after the stop"
+                self._end(STOPPED, f"{text}; {current.reason}" if current.reason else text)
             else:
                 self._end(ARRIVED, f"arrived: the largest error is {away}")
         elif self.never_started(now):

@@ -47,6 +47,8 @@ class Following:
         The joint with that distance.
     at_rest : bool
         Whether the robot rests.
+    is_path_known : bool
+        See `Joined`. If not, a robot at rest may be short of the end.
     """
 
     motion: PublishedMotion
@@ -55,6 +57,7 @@ class Following:
     distance: float
     joint: str
     at_rest: bool
+    is_path_known: bool = True
 
     @property
     def is_over(self) -> bool:
@@ -160,7 +163,10 @@ class Publication:
         motion, when = self.current.motion, float(times[-1])
         if when < self.unconfirmed_since + options.visible_time:
             return ALIKE
-        measured = seen.samples.positions[-1] - servo.offset
+        is_over = seen.at_rest and when >= motion.began + motion.duration
+        # At rest, the accelerations that the newest offset still contains have no effect.
+        offsets = np.stack([servo.offset, servo.load] if is_over else [servo.offset])
+        measured = seen.samples.positions[-1] - offsets
         new, old = motion.state(found.at(when)).positions, previous.state(when).positions
         # Motions to similar goals share their path and differ in timing only, unless the robot lags
         # on either.
@@ -168,7 +174,7 @@ class Publication:
         if self.joined.is_on_time and not self.is_lagging:
             due = motion.state(when - motion.began - servo.lag).positions
         to_new, to_due, to_old, between = (
-            float(np.abs(x).max())
+            float(np.abs(x).max(axis=-1).min())
             for x in (measured - new, measured - due, measured - old, due - old)
         )
         margin = 4.0 * noise
@@ -179,7 +185,6 @@ class Publication:
         refused = at_rest if seen.at_rest else options.refused_distance
         # A robot that rests after both motions where the old one ends is not on this one, however
         # near they are. At its start, it may only be slow to move.
-        is_over = seen.at_rest and when >= motion.began + motion.duration
         rests_on_old = is_over and to_new >= 0.5 * at_rest and to_old < 0.1 * to_new
         if rests_on_old or (to_new >= refused and to_old < 0.5 * to_new):
             self.give_up()

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from ..exceptions import GoalError
-from ..learning.family import family_around
+from ..learning.primitive_around import primitive_around
 from ..learning.refined_motion import RefinedMotion
 from ..planning.plan import Plan
 from ..primitives.file import save_primitive
@@ -57,7 +57,7 @@ def keep_motion(served: Served, folder: Path, provenance: Mapping[str, Any]) -> 
         parameters, facts = trial.to_keep()
         provenance = {**provenance, **facts}
     motion = RefinedMotion([plan.motion], parameters)
-    save_primitive(family_around(primitive, motion, name, provenance), file)
+    save_primitive(primitive_around(primitive, motion, name, provenance), file)
     if trial is not None:
         trial.close()
     return file

@@ -197,9 +197,10 @@ class MotionFollower:
         self, published: Publication, following: Following, seen: FollowingState
     ) -> Following:
         """Record the arrival of a robot at rest after its motion, unless far from the end."""
-        motion = following.motion
+        motion, options = following.motion, self._options
         away = np.abs(seen.state.positions - motion.end - self._servo.offset).max()
-        if away > self._options.missed_distance:
+        is_known = following.is_path_known
+        if away > (options.missed_distance if is_known else options.missed_stop_distance):
             return replace(following, how=OFF)
         # A state from before the end of the motion is no evidence of the arrival.
         published.is_arrived = self.measured.newest_time >= motion.began + motion.duration
@@ -219,4 +220,5 @@ class MotionFollower:
         worst = int(away.argmax())
         is_known = progress.place < motion.duration or when >= motion.began + motion.duration
         joint, at_rest = seen.state.joint_names[worst], is_known and seen.at_rest
-        return Following(motion, how, progress, float(away[worst]), joint, at_rest)
+        is_path_known, distance = published.joined.is_path_known, float(away[worst])
+        return Following(motion, how, progress, distance, joint, at_rest, is_path_known)

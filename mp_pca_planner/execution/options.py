@@ -81,6 +81,9 @@ class FollowingOptions:
         noise, and its rate changes more slowly [1/s].
     missed_distance : float
         A robot that rests farther from the end of its motion has left it, for any plausible load.
+    missed_stop_distance : float
+        The same distance for a stop at a single point. A controller that is deactivated during the
+        stop holds a position somewhere short of the point.
     beside_share : float
         A robot that rests short of the end is this near to its path, as a share of the distance
         left. An unknown load pulls it away from the end in any direction.
@@ -130,6 +133,7 @@ class FollowingOptions:
     precision: float = 1e-4
     max_change: float = 0.5
     missed_distance: float = 0.02
+    missed_stop_distance: float = 0.005
     beside_share: float = 0.15
     min_rate: float = 0.05
     visible_time: float = 0.05
@@ -167,6 +171,9 @@ class ServingOptions:
     start_delay, left_start : float
         Time at rest at the start after which a motion never started [s], and the distance at
         which a joint has left the start.
+    avoidance_reserve : float
+        Time before a collision with a new obstacle at which the search for another motion ends, and
+        the robot is stopped [s].
     max_hold : float
         Time at rest on the path before the end, or without states after the end, after which a
         motion counts as not followed [s].
@@ -185,4 +192,5 @@ class ServingOptions:
     away_time: float = 0.2
     start_delay: float = 1.0
     left_start: float = 0.006
+    avoidance_reserve: float = 0.5
     max_hold: float = 10.0

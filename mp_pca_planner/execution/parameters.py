@@ -123,6 +123,12 @@ class Settings:
         """Enables self-collision avoidance; goals without a collision-free motion are rejected.
         Needs collision geometry in the robot description.""",
     )
+    obstacle_margin: float = _declared(
+        0.01,
+        """Least clearance from the obstacles of ~/obstacles [m]: what is nearer counts as a
+        collision. Needs collision geometry in the robot description.""",
+        high=10.0,
+    )
     srdf: str = _declared(
         "",
         """SRDF file with the pairs of links that are not checked for self-collision; empty:

@@ -58,6 +58,15 @@ class PreemptiveWorker(Generic[T]):
         """Serve a goal as soon as possible."""
         self._replace(goal)
 
+    def submit_if_idle(self, goal: T) -> bool:
+        """Serve a goal unless another one is served or waits; return whether it is."""
+        with self._changed:
+            if not self.is_idle:
+                return False
+            self._waiting = goal
+            self._changed.notify_all()
+        return True
+
     @property
     def is_idle(self) -> bool:
         """Whether no goal is served or waits."""

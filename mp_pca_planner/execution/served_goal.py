@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import starmap
 from typing import TYPE_CHECKING, Any
 
@@ -40,6 +40,8 @@ class Served:
         The model it was planned with.
     motion : PublishedMotion
         The published motion.
+    name : object
+        Identifies the goal in the report of its execution.
     trial : ServedTrial or None
         The trial of the motion, if the goal is learned by trials.
     under_way : str
@@ -50,8 +52,24 @@ class Served:
     plan: AnyPlan
     model: Model
     motion: PublishedMotion
+    name: Any = None
     trial: ServedTrial | None = None
     under_way: str = ""
+
+    def rest_of_goal(self, place: float) -> Goal:
+        """The goal without a duration and without the targets before a place on the motion [s]."""
+        goal = self.goal
+        if not isinstance(goal, SequenceGoal):
+            return replace(goal, duration=None)
+        durations = [motion.duration for motion in getattr(self.plan, "motions", ())]
+        if len(durations) != len(goal.targets):
+            return goal
+        # The published motion begins with a part of the one that it continues.
+        began = self.motion.duration - sum(durations)
+        first = int(np.count_nonzero(began + np.cumsum(durations)[:-1] <= place))
+        return SequenceGoal(
+            goal.targets[first:], primitive=goal.primitive, stops=goal.stops[first:]
+        )
 
     def answer(self, goal: Goal, start: MotionStart, model: Model) -> str:
         """Why nothing has to be published for another goal; empty if a motion is needed."""

@@ -133,7 +133,7 @@ class StartStates(MotionFollower):
                     "the robot rests at the start of the motion before this one, which was "
                     f"published less than {options.start_time:g} s ago; send the goal again"
                 )
-            holds = following.is_over and start_from != MEASURED and last.joined.is_path_known
+            holds = following.is_over and following.is_path_known and start_from != MEASURED
             # A robot that has just arrived at the end of its motion may still settle.
             may_settle = holds and not last.is_arrived
         if not may_settle and self.measured.velocities(measured).any():

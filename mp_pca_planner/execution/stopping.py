@@ -78,7 +78,7 @@ class StopPlanner:
             return self._stop_unknown(measured, v, model)
         on_path = following.motion.state(following.progress.place)
         if following.is_over:
-            return _holding(measured, on_path.positions, now)
+            return _holding(measured, on_path.positions, now, following.is_path_known)
         state = JointState(measured.joint_names, measured.positions, v)
         by_clock = following.motion.state(now - following.motion.began)
         ends = braking_ends(state) if v.any() else ends_at(state.positions - states.load_offset)
@@ -274,7 +274,10 @@ def _interpolated(state: JointState, end: FloatArray, time: float) -> list[Traje
     ]
 
 
-def _holding(measured: JointState, positions: FloatArray, now: float) -> tuple[str, Joined]:
-    """The stop of a robot at rest."""
-    joined = Joined.on_receipt(hold(measured.joint_names, positions), now)
+def _holding(
+    measured: JointState, positions: FloatArray, now: float, is_certain: bool = True
+) -> tuple[str, Joined]:
+    """The stop of a robot at rest, and whether it is certain that it rests there."""
+    held = hold(measured.joint_names, positions)
+    joined = Joined.on_receipt(held, now) if is_certain else Joined.to_last_point(held, now)
     return "the robot is at rest and holds its position", joined

@@ -74,7 +74,7 @@ class ServedTrial:
         best = "none" if self.best_cost is None else self.best_cost
         return {"trial": self.number, "best_trial_cost": best}
 
-    def tell(self, cost: float) -> None:
+    def record(self, cost: float) -> None:
         """Report the cost of the trial.
 
         Raises
@@ -87,7 +87,7 @@ class ServedTrial:
                 raise LearningError("the trials of this goal are over: the best one was kept")
             if len(self.learned.learner.trials) >= self.number:
                 raise LearningError(f"the cost of trial {self.number} was reported before")
-            self.learned.learner.tell(cost, self.parameters)
+            self.learned.learner.record(cost, self.parameters)
 
     def to_keep(self) -> tuple[FloatArray, dict[str, Any]]:
         """Parameters of the best trial, or of this one before any cost, and facts about it.

@@ -150,7 +150,7 @@ class TrialLearner:
             self._proposal = self._repaired(self._search.ask()) if searching else self._first[n]
         return self._proposal
 
-    def tell(self, cost: float, executed: FloatArray | None = None, *, keep: bool = True) -> None:
+    def record(self, cost: float, executed: FloatArray | None = None, *, keep: bool = True) -> None:
         """Report the cost of the proposed motion.
 
         Parameters

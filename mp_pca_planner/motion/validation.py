@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.polynomial import chebyshev
+from numpy.typing import NDArray
 
 from ..arrays import FloatArray
 from ..exceptions import TrajectoryError
@@ -28,7 +29,7 @@ GRID_PERIOD = 1e-3
 LIMIT_TOLERANCE = 1e-6
 """Relative excess over a limit that counts as rounding."""
 
-LIMIT_NEAR = 2e-5
+LIMIT_NEAR = 1e-4
 """Relative distance from a limit within which the grid may miss a violation."""
 
 _START_TOLERANCE = 1e-9
@@ -122,7 +123,11 @@ class DenseSamples:
     jerk: FloatArray
 
 
-def interpolate(trajectory: Trajectory, period: float = GRID_PERIOD) -> DenseSamples:
+def interpolate(
+    trajectory: Trajectory,
+    period: float = GRID_PERIOD,
+    segments: NDArray[np.bool_] | None = None,
+) -> DenseSamples:
     """Sample the quintic interpolation of a trajectory.
 
     Parameters
@@ -131,6 +136,8 @@ def interpolate(trajectory: Trajectory, period: float = GRID_PERIOD) -> DenseSam
         The points.
     period : float
         Longest time between two samples [s]; every point is a sample.
+    segments : array of bool, shape (n_points - 1,), optional
+        The segments between points to sample; all unless given.
     """
     steps = np.diff(trajectory.times)
     if steps.size == 0:
@@ -145,9 +152,11 @@ def interpolate(trajectory: Trajectory, period: float = GRID_PERIOD) -> DenseSam
     n_parts = max(int(np.ceil(steps.max() / period - 1e-6)), _MIN_PARTS)
     fractions = np.linspace(0.0, 1.0, n_parts + 1)
     tables = np.array([hermite_functions(fractions, d) for d in range(4)])
-    q, v, a, jerk = _derivatives(_segment_ends(trajectory), steps, tables)
-    times = (trajectory.times[:-1, None] + steps[:, None] * fractions).ravel()
-    return DenseSamples(times, q, v, a, jerk)
+    ends, began = _segment_ends(trajectory), trajectory.times[:-1]
+    if segments is not None:
+        ends, steps, began = ends[segments], steps[segments], began[segments]
+    q, v, a, jerk = _derivatives(ends, steps, tables)
+    return DenseSamples((began[:, None] + steps[:, None] * fractions).ravel(), q, v, a, jerk)
 
 
 def _segment_ends(trajectory: Trajectory) -> FloatArray:
@@ -200,14 +209,15 @@ def check_limits(trajectory: Trajectory, robot: Robot, limits: JointLimits) -> L
     """
     require_effort_limits(robot, limits)
     steps, ends = np.diff(trajectory.times), _segment_ends(trajectory)
-    moves_inside = _stays_inside(ends, steps, limits)
-    efforts_inside = _efforts_stay_clear(trajectory, ends, steps, robot, limits)
-    if moves_inside and efforts_inside:
-        return LimitCheck(())
-    dense = interpolate(trajectory)
+    # Only segments that come near a limit are sampled, and a single point.
+    near, near_efforts = np.ones(1, dtype=bool), np.isfinite(limits.effort)
+    if steps.size:
+        near = _near_limits(ends, steps, limits)
+        near_efforts = _near_effort_limits(trajectory, ends, steps, robot, limits)
     compared: list[tuple[str, FloatArray, FloatArray, FloatArray]] = []
-    if not moves_inside:
-        span = _span(limits)
+    times: list[FloatArray] = []
+    if near.any():
+        dense, span = interpolate(trajectory, segments=near), _span(limits)
         compared += [
             ("position", dense.q, limits.lower, (limits.lower - dense.q) / span),
             ("position", dense.q, limits.upper, (dense.q - limits.upper) / span),
@@ -215,14 +225,17 @@ def check_limits(trajectory: Trajectory, robot: Robot, limits: JointLimits) -> L
             _magnitude("acceleration", dense.a, limits.acceleration),
             _magnitude("jerk", dense.jerk, limits.jerk),
         ]
-    if not efforts_inside:
+        times += [dense.times] * len(compared)
+    if near_efforts.any():
+        dense = interpolate(trajectory, segments=near_efforts)
         tau = robot.inverse_dynamics(dense.q, dense.v, dense.a)
         compared.append(_magnitude("effort", tau, limits.effort))
+        times.append(dense.times)
     found = []
-    for quantity, values, bound, excess in compared:
+    for moments, (quantity, values, bound, excess) in zip(times, compared, strict=True):
         for j, (name, k) in enumerate(zip(limits.joint_names, excess.argmax(axis=0), strict=True)):
             if not excess[k, j] <= -LIMIT_NEAR:  # a NaN is a violation
-                at = (dense.times[k], values[k, j], bound[j], excess[k, j])
+                at = (moments[k], values[k, j], bound[j], excess[k, j])
                 found.append(Violation(quantity, name, *map(float, at)))
     found.sort(key=lambda violation: -violation.excess)
     return LimitCheck(tuple(found))
@@ -247,13 +260,11 @@ def require_effort_limits(robot: Robot, limits: JointLimits) -> None:
         robot.require_inertias("limits of efforts", "remove those limits (max_effort: .inf)")
 
 
-def _stays_inside(ends: FloatArray, steps: FloatArray, limits: JointLimits) -> bool:
-    """Whether the Bézier points of positions and their derivatives are within all limits.
+def _near_limits(ends: FloatArray, steps: FloatArray, limits: JointLimits) -> NDArray[np.bool_]:
+    """Segments with a Bézier point of positions or their derivatives near or beyond a limit.
 
-    A curve near a limit may have points beyond it.
+    The points enclose the curve, so other segments are within the limits.
     """
-    if steps.size == 0:
-        return False
     columns = ends.transpose(1, 0, 2).reshape(6, -1)
 
     def bezier_points(order: int) -> FloatArray:
@@ -261,29 +272,25 @@ def _stays_inside(ends: FloatArray, steps: FloatArray, limits: JointLimits) -> b
 
     room = LIMIT_NEAR * _span(limits)
     q = bezier_points(0)
-    if not (np.all(q > limits.lower + room) and np.all(q < limits.upper - room)):
-        return False
+    inside = np.all((q > limits.lower + room) & (q < limits.upper - room), axis=(0, 2))
     for order, bound in enumerate((limits.velocity, limits.acceleration, limits.jerk), start=1):
         if np.isfinite(bound).any():
             highest = np.abs(bezier_points(order)).max(axis=0) / steps[:, None] ** order
-            if not np.all(highest < (1.0 - LIMIT_NEAR) * bound):
-                return False
-    return True
+            inside &= np.all(highest < (1.0 - LIMIT_NEAR) * bound, axis=1)
+    return np.asarray(~inside)
 
 
-def _efforts_stay_clear(
+def _near_effort_limits(
     trajectory: Trajectory, ends: FloatArray, steps: FloatArray, robot: Robot, limits: JointLimits
-) -> bool:
-    """Whether efforts are clear of their limits, by fewer points than the grid has.
+) -> NDArray[np.bool_]:
+    """Segments whose efforts may be near or beyond a limit, by fewer points than the grid has.
 
     Between two points of a trajectory efforts are smooth: the polynomial through five Chebyshev
-    points represents them, and the decay of its coefficients bounds its error. The result is
-    False where efforts come near their limits, or the robot moves far in a step.
+    points represents them, and the decay of its coefficients bounds its error. Segments in which
+    the robot moves far count as near.
     """
     if not np.isfinite(limits.effort).any():
-        return True
-    if steps.size == 0:
-        return False
+        return np.zeros(steps.size, dtype=bool)
     degree = len(_CHEBYSHEV) - 1
     states = _derivatives(ends, steps, _AT_CHEBYSHEV)
     last = (trajectory.positions, trajectory.velocities, trajectory.accelerations)
@@ -293,8 +300,8 @@ def _efforts_stay_clear(
     coefficients = _TO_CHEBYSHEV @ tau[nodes]
     beyond = np.abs(coefficients[:, -1]) + 0.1 * np.abs(coefficients[:, -2])
     within = np.abs(_FROM_CHEBYSHEV @ coefficients).max(axis=1) + beyond
-    is_smooth = np.all(beyond <= _SMOOTH * limits.effort)
-    return bool(is_smooth and np.all(within < (1.0 - LIMIT_NEAR) * limits.effort))
+    clear = (beyond <= _SMOOTH * limits.effort) & (within < (1.0 - LIMIT_NEAR) * limits.effort)
+    return np.asarray(~clear.all(axis=1))
 
 
 def _span(limits: JointLimits) -> FloatArray:

@@ -33,9 +33,11 @@ from .unknowns import (
 MARGIN = 5e-4
 # Points of the grid. The peaks of a motion with two waves are resolved to 0.05 %.
 N_LIMIT_POINTS = 200
+# Distance of the first and last point from the ends of the motion, as a share of the duration.
+_INSIDE = 1e-6
 # A bound is tightened by this multiple of the violation between points, because the peak moves with
 # the bound, and by this additional share.
-_TIMES, _EXTRA = 2.0, 2e-5
+_TIMES, _EXTRA = 2.0, 1e-4
 
 QUANTITIES = ("position", "velocity", "acceleration", "jerk", "effort")
 """Limited quantities, in the order of the constraints; the last is not linear in the weights."""
@@ -61,7 +63,8 @@ class LimitTables:
 
     def __init__(self, tables: QuadratureTables, n_points: int = N_LIMIT_POINTS) -> None:
         self._tables = tables
-        self._phases = (np.arange(n_points) + 0.5) / n_points
+        # Just inside the ends, for only jerks are free there, and they are often largest there.
+        self._phases = np.linspace(_INSIDE, 1.0 - _INSIDE, n_points)
         self._states: dict[int, tuple[FloatArray, FloatArray, FloatArray]] = {}
         self.n_points = n_points
 

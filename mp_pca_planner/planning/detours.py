@@ -24,6 +24,7 @@ from .attempt import Attempt, checked
 from .bases import MotionBasis
 from .budget import Budget
 from .constraints import LimitTables
+from .fallback import Paths
 from .motion import Motion
 from .plan import MotionSolution
 from .recoveries import Setting
@@ -115,32 +116,36 @@ class DetourPlanner:
         self._setup, self._solve = setup, solve
         self._finder = DetourFinder(setup)
 
-    def applies(self, failed: Attempt, *, is_late: bool) -> bool:
-        """Whether a detour may help after a failed attempt, or one whose time ran out."""
-        request = failed.request
-        met = failed.collisions or failed.has_clearances or is_late
-        return (
-            bool(met)
-            and isinstance(request, Request)
-            and not (request.n_vias or failed.is_hopeless)
-        )
-
     @property
     def hint(self) -> str:
         """Which extra is missing for further paths; empty if none."""
         return self._finder.hint
 
-    def serve(self, request: Request, budget: Budget) -> tuple[Attempt | None, FloatArray | None]:
-        """The best motion along a detour, and a path; None if no path was found."""
-        best, path = None, None
+    def may_serve(self, request: Request) -> bool:
+        """Whether a request without a motion by descent is tried with detours."""
+        collision = self._setup.collision
+        return collision is not None and bool(collision.pairs) and not request.n_vias
+
+    def better(self, failed: Attempt, request: Request, budget: Budget, paths: Paths) -> Attempt:
+        """The best motion along a detour, or the failed attempt if there is none.
+
+        A path that was found is added to `paths`.
+        """
+        # Collisions of a motion outside the limits are not known yet.
+        met = failed.collisions or failed.has_clearances
+        if failed.is_hopeless or not (met or self._setup.collisions(failed.trajectory)):
+            return failed
+        best = failed
         for detour in self._finder.detours(request, budget):
-            path = detour.path if path is None else path
+            goal = id(request.goal)
+            if goal not in paths:
+                paths[goal] = self._finder.corners(detour.path)
             tried = self._attempt(request, detour, budget)
-            if best is None or tried.violation < best.violation:
+            if tried.violation < best.violation:
                 best = tried
             if best.is_valid or budget.is_over():
                 break
-        return best, None if path is None else self._finder.corners(path)
+        return best
 
     def _attempt(self, request: Request, detour: Detour, budget: Budget) -> Attempt:
         """The motion of least cost near a path, or else the one along it."""

@@ -27,6 +27,7 @@ from .selection import Selector
 from .setup import Setup
 from .several import SeveralPlanner
 from .single import BasisChooser, SinglePlanner
+from .threads import one_blas_thread
 
 
 class Planner:
@@ -76,7 +77,6 @@ class Planner:
             collision = CollisionModel(robot, package_dirs=folders, world=world)
         elif world is not None and collision is not None:
             collision.set_world(world)
-        self.collision = collision
         names = [p.name for p in self.primitives]
         if not names:
             raise PrimitiveError("the planner needs at least one primitive, got none")
@@ -94,7 +94,7 @@ class Planner:
             others = "choose an objective without efforts, such as jerk"
             self.robot.require_inertias("objectives with efforts", others)
         self._selector = Selector(self.robot, self.primitives, self.options.objectives)
-        self._setup = setup = Setup(self.robot, self.limits, self.options, self.collision)
+        self._setup = setup = Setup(self.robot, self.limits, self.options, collision)
         self._resolver = GoalResolver(setup, self._selector)
         self._sequences = SequenceResolver(setup, self._selector)
         fallback = FallbackPlanner(setup)
@@ -106,6 +106,15 @@ class Planner:
     def __repr__(self) -> str:
         names = ", ".join(f"'{primitive.name}'" for primitive in self.primitives)
         return f"Planner of {self.robot!r}, primitives {names}"
+
+    @property
+    def collision(self) -> CollisionModel | None:
+        """The collision model, if collisions are avoided."""
+        return self._setup.collision
+
+    def use_collision(self, collision: CollisionModel) -> None:
+        """Avoid collisions by another model of the same robot from now on."""
+        self._setup.collision = collision
 
     def check(self, goal: JointGoal) -> None:
         """Reject a goal that can't be served from any start state.
@@ -130,6 +139,7 @@ class Planner:
         """
         return self._resolver.target(goal, start)
 
+    @one_blas_thread()
     def plan(
         self,
         goal: GoalLike,
@@ -182,7 +192,8 @@ class Planner:
         reason = selection_reason(goal, planned.attempt, attempts)
         return self._assembly.plan(planned, reason, solved_at - began)
 
-    def practise(self, max_time: float = float("inf")) -> None:
+    @one_blas_thread()
+    def precompute(self, max_time: float = float("inf")) -> None:
         """Precompute motions between the ends of demonstrations, as warm starts of similar ones.
 
         For each primitive this takes as long as planning twenty goals, and reduces later planning

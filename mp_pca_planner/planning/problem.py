@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -36,7 +36,7 @@ from .selection import effort_of
 from .sequence_request import SequenceRequest
 from .setup import Setup
 from .starts import StartPoint
-from .unknowns import GOAL_POSITION, Unknowns
+from .unknowns import END_SCALES, GOAL_POSITION, Unknowns
 
 
 @dataclass(eq=False)
@@ -237,11 +237,13 @@ class SingleProblem(PlanningProblem):
             objectives=setup.options.objectives,
             conditions=request.conditions,
         )
-        self.starts = _starts(basis, self._program, naturalness, setup.options.search)
+        # A free goal is natural where demonstrations end.
+        goals = request.primitive.boundary_states[:, GOAL_POSITION]
+        self.starts = _starts(basis, self._program, naturalness, setup.options.search, goals)
         ends = request.start, request.goal if request.pose is None else None
         self.parts = [Part(self._program, basis, ends)]
         if basis.is_detour:
-            self.setup = _with_tolerance(setup, setup.options.search.detour_tolerance)
+            self.setup = setup.with_tolerance(setup.options.search.detour_tolerance)
             self.keep_clear()
 
     def program(self) -> Program:
@@ -364,12 +366,6 @@ def collision_at_end(
     return None
 
 
-def _with_tolerance(setup: Setup, tolerance: float) -> Setup:
-    """The same with another tolerance of the solver."""
-    solver = replace(setup.options.solver, tolerance=tolerance)
-    return replace(setup, options=replace(setup.options, solver=solver))
-
-
 def passing_phases(durations: Sequence[float]) -> tuple[float, ...]:
     """The phases at the ends of segments."""
     ends = np.cumsum(durations)
@@ -377,7 +373,11 @@ def passing_phases(durations: Sequence[float]) -> tuple[float, ...]:
 
 
 def _starts(
-    basis: MotionBasis, program: MotionProgram, naturalness: float, search: SearchOptions
+    basis: MotionBasis,
+    program: MotionProgram,
+    naturalness: float,
+    search: SearchOptions,
+    goals: FloatArray,
 ) -> list[StartPoint]:
     """Set the program's naturalness; return the unknowns to start from, the cheapest first."""
     candidates = np.array([program.unknowns.from_weights(s.unknowns) for s in basis.starts])
@@ -387,6 +387,12 @@ def _starts(
         precision = basis.precision * np.outer(program.scales[:n], program.scales[:n])
         unit = unit_of_naturalness(program, precision, candidates[0], search.effort_weight)
         program.precision[:n, :n] = naturalness * unit * precision
+        free = range(n, program.unknowns.n_linear)
+        if free:
+            spread = np.maximum(goals.std(axis=0), search.min_spread)
+            program.precision[free, free] = (
+                naturalness * unit * (END_SCALES[GOAL_POSITION] / spread) ** 2
+            )
         if naturalness >= search.near_expected:
             order = order[:1]
     if len(order) > 1:

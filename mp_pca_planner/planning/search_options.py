@@ -26,17 +26,16 @@ class SearchOptions:
     share_of_fixed : float
         Share of the time for planning with a requested duration, 0 to 1. The rest is for finding a
         feasible duration.
+    share_in_shortest : float
+        Cost of the planner's objectives as a share of that of time, in the search for the shortest
+        duration.
+    scaling_margin : float
+        Factor on the duration at which the expected motion just keeps the limits at the nodes, for
+        the peaks between them.
     share_of_descent : float
         Share of the time for descent from the expected motion before detours are tried, 0 to 1.
     detour_tolerance : float
         Tolerance of the solver on detours: most of the cost depends on the path that was found.
-    max_search_iterations : int
-        Largest number of iterations for each duration in the search for the shortest.
-    first_step, duration_precision : float
-        First factor of that search, and the factor between the longest infeasible and the shortest
-        feasible duration at which it ends.
-    search_naturalness : float
-        Largest naturalness in that search, so that it does not prevent motions within the limits.
     duration_margin : float
         Factor on the reported shortest duration, so that a motion with that duration is found
         again.
@@ -77,12 +76,10 @@ class SearchOptions:
     effort_weight: float = 8.0
     max_refinements: int = 8
     share_of_fixed: float = 0.6
+    share_in_shortest: float = 1e-3
+    scaling_margin: float = 1.02
     share_of_descent: float = 0.15
     detour_tolerance: float = 1e-3
-    max_search_iterations: int = 30
-    first_step: float = 2.0
-    duration_precision: float = 1.002
-    search_naturalness: float = 1e-2
     duration_margin: float = 1.002
     max_stretch: float = 10.0
     naturalness_steps: tuple[float, ...] = (1e-3, 1e-2, 1e-1, 1.0, 10.0, 100.0)

@@ -299,12 +299,7 @@ def cost_of(
     objectives: Sequence[tuple[float, Objective]],
 ) -> float:
     """Weighted sum of the objectives of a motion on the tables of its basis."""
-    z, boundary = motion.weights / motion.basis.scales, motion.boundary
-    q, v, a, jerk = (
-        (tables.hermite[d] @ boundary + tables.mean[d] + tables.functions[:, d] @ z)
-        / motion.duration**d
-        for d in range(4)
-    )
+    q, v, a, jerk = node_states(motion, tables)
     tau = robot.inverse_dynamics(q, v, a)
     nodes = Nodes(robot, q, v, a, jerk, tau, motion.start.positions, motion.goal.positions)
     squares = sum(
@@ -312,3 +307,10 @@ def cost_of(
         for weight, objective in objectives
     )
     return float(0.5 * motion.duration * tables.quadrature @ squares)
+
+
+def node_states(motion: Motion, tables: QuadratureTables) -> FloatArray:
+    """Positions to jerks of a motion at the nodes, shape (4, n_nodes, n_joints)."""
+    z, boundary = motion.weights / motion.basis.scales, motion.boundary
+    by_phase = tables.hermite @ boundary + tables.mean + (tables.functions @ z).swapaxes(0, 1)
+    return np.asarray(by_phase / motion.duration ** np.arange(4.0)[:, None, None])

@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -18,7 +18,7 @@ from .motion import Motion
 from .plan import PlannerOptions
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class Setup:
     """The robot, limits and options of a planner.
 
@@ -31,7 +31,7 @@ class Setup:
     options : PlannerOptions
         Options of planning.
     collision : CollisionModel or None
-        The model of its collisions, if they are checked.
+        The model of its collisions, if they are checked; the only part that may be replaced.
     """
 
     robot: Robot
@@ -58,3 +58,8 @@ class Setup:
     def collisions(self, trajectory: Trajectory) -> tuple[Collision, ...]:
         """Collisions of a trajectory, if they are checked."""
         return () if self.collision is None else self.collision.collisions(trajectory)
+
+    def with_tolerance(self, tolerance: float) -> Setup:
+        """The same with another tolerance of the solver."""
+        solver = replace(self.options.solver, tolerance=tolerance)
+        return replace(self, options=replace(self.options, solver=solver))

@@ -7,12 +7,14 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from itertools import chain
 
 import numpy as np
 
 from ..exceptions import GoalError
 from ..motion.goal import JointGoal, JointState
 from ..primitives.basis import Basis, BSplineBasis
+from ..primitives.boundary import hermite_functions
 from ..primitives.primitive import MovementPrimitive
 from .attempt import Attempt, attempt
 from .bases import MotionBasis, component_basis, corrected_basis, spline_basis
@@ -20,12 +22,17 @@ from .budget import Budget
 from .constraints import LimitTables
 from .detours import DetourPlanner
 from .fallback import Fallback, FallbackPlanner, Paths
+from .motion import Motion
+from .objectives import Time
 from .plan import FREE, SHORTEST
 from .problem import SingleProblem
 from .recoveries import Failure, MoreNatural, Recovery, Setting, Slower, WiderBasis
 from .request import GoalResolver, Request
+from .selection import cost_of, node_states
 from .setup import Setup
 from .starts import WarmStarts
+from .stop_and_go import least_stretch
+from .subproblem import TINY
 from .unknowns import QuadratureTables
 from .verdict import Planned, StatedDuration
 
@@ -132,7 +139,8 @@ class SinglePlanner:
         paths: Paths = {}
         for request in requests:
             attempts.append(self._attempts(request, first, paths))
-            if first.is_over():
+            # Further configurations of a pose are for where the most natural one has no motion.
+            if first.is_over() or (request.pose is not None and attempts[-1].is_valid):
                 break
         best = min(attempts, key=lambda one: (one.violation, one.solution.cost))
         failed = not (best.is_valid or best.is_hopeless or budget.is_cancelled())
@@ -176,27 +184,27 @@ class SinglePlanner:
         A collision-free path that was found is added to `paths`.
         """
         options, usual = self._setup.options, request.expected.duration
-        wider = WiderBasis(self._chooser.bases(request), usual, options.naturalness)
         stretch = options.search.max_stretch if request.duration_is_free else 1.0
+        bases, duration = self._chooser.bases(request), usual
+        if request.duration_is_free:
+            first_basis = next(bases)
+            bases, duration = chain([first_basis], bases), self._scaled(request, first_basis)
+        wider = WiderBasis(bases, duration, options.naturalness)
         recoveries: list[Recovery] = [wider]
         if not self._searches(request):
             natural = MoreNatural(options.search.naturalness_steps)
             recoveries = [Slower(stretch * usual), natural, wider]
         best, setting, rest = None, wider.propose(), budget
-        if self._setup.collision is not None:
+        if self._detours.may_serve(request):
             budget = budget.share(options.search.share_of_descent)
         while setting is not None:
             tried, setting = self._attempt(request, setting, budget)
             if best is None or tried.violation < best.violation:
                 best = tried
-            may_turn = not best.is_valid and budget is not rest
-            if may_turn and self._detours.applies(tried, is_late=budget.is_over()):
+            met = tried.collisions or tried.has_clearances
+            if budget is not rest and not tried.is_valid and (met or budget.is_over()):
                 budget = rest
-                detoured, path = self._detours.serve(request, rest)
-                if path is not None:
-                    paths[id(request.goal)] = path
-                if detoured is not None and detoured.violation < best.violation:
-                    best = detoured
+                best = self._detours.better(best, request, rest, paths)
             if best.is_valid or best.is_hopeless or budget.is_over():
                 break
             failure = Failure(tried, setting, self._setup)
@@ -204,6 +212,21 @@ class SinglePlanner:
             setting = next((one for one in proposals if one is not None), None)
         assert best is not None
         return best
+
+    def _scaled(self, request: Request, basis: MotionBasis) -> float:
+        """The expected duration, longer if the expected motion exceeds limits otherwise [s]."""
+        usual, search = request.expected.duration, self._setup.options.search
+        motion = Motion(request.start, request.goal, usual, basis.basis, basis.expected)
+        # Jerks are often largest at the ends.
+        phases = np.array([0.0, 1.0])
+        ends = hermite_functions(phases, 3) @ motion.boundary
+        ends = (ends + basis.basis.shape(basis.expected, phases, 3)) / usual**3
+        states = node_states(motion, basis.tables)
+        states = np.concatenate([states, states[:, [0, -1]]], axis=1)
+        states[3, -2:] = ends
+        stretch = least_stretch(self._setup.robot, self._setup.limits, states)
+        stretch *= search.scaling_margin
+        return usual * stretch if 1.0 < stretch <= search.max_stretch else usual
 
     def _searches(self, request: Request) -> bool:
         return request.duration_is_free and self._setup.options.timing == SHORTEST
@@ -213,10 +236,7 @@ class SinglePlanner:
     ) -> tuple[Attempt, Setting]:
         """The attempt with a setting, and the setting with the duration that was found."""
         if self._searches(request):
-            found, is_shortest = self._shortest(request, setting.basis, budget)
-            converged = found.solution.converged and is_shortest
-            solution = replace(found.solution, converged=converged)
-            return replace(found, solution=solution), setting
+            return self._shortest(request, setting.basis, budget), setting
         options = self._setup.options
         if request.duration_is_free and options.timing == FREE and setting.is_first:
             timed = self._attempt_in(request, setting, budget, duration_is_free=True)
@@ -238,44 +258,24 @@ class SinglePlanner:
         )
         return attempt(problem, budget, n_starts=self._setup.options.n_starts)
 
-    def _shortest(
-        self, request: Request, basis: MotionBasis, budget: Budget
-    ) -> tuple[Attempt, bool]:
-        """The attempt of the shortest duration that keeps the limits, by bisection.
+    def _shortest(self, request: Request, basis: MotionBasis, budget: Budget) -> Attempt:
+        """The attempt of the least duration, from the expected motion within the limits.
 
-        Whether a duration is long enough is known only from an attempt, which optimises the weights
-        (and a free goal) again. Returns also whether there was time to find the shortest.
+        The planner's objectives count little: they choose among motions of one duration.
         """
-        search, usual = self._setup.options.search, request.expected.duration
-        naturalness = min(self._setup.options.naturalness, search.search_naturalness)
-
-        def tried_in(duration: float) -> Attempt:
-            # In the search, each duration gets one start and a few iterations only.
-            problem = SingleProblem(self._setup, request, basis, duration, naturalness)
-            return attempt(problem, budget, max_iterations=search.max_search_iterations)
-
-        best, too_short = tried_in(usual), 0.0
-        factor = 1.0 / search.first_step if best.is_valid else search.first_step
-        longest = search.max_stretch * usual
-        while not best.is_valid or too_short == 0.0:
-            duration = factor * best.duration
-            in_range = longest / search.max_stretch**3 < duration <= longest
-            if not in_range or budget.is_over():
-                return best, not budget.is_over()
-            tried = tried_in(duration)
-            if best.is_valid and not tried.is_valid:
-                too_short = duration
-            else:
-                if tried.is_valid and not best.is_valid:
-                    too_short = best.duration
-                best = tried
-        while best.duration > search.duration_precision * too_short and not budget.is_over():
-            tried = tried_in(float(np.sqrt(too_short * best.duration)))
-            if tried.is_valid:
-                best = tried
-            elif not budget.is_over():
-                too_short = tried.duration
-        return best, best.duration <= search.duration_precision * too_short
+        options, duration = self._setup.options, self._scaled(request, basis)
+        initial = Motion(request.start, request.goal, duration, basis.basis, basis.expected)
+        cost = cost_of(self._setup.robot, initial, basis.tables, options.objectives)
+        share = options.search.share_in_shortest * duration / max(cost, TINY)
+        others = [(share * weight, objective) for weight, objective in options.objectives]
+        timed = replace(options, objectives=((1.0, Time()), *others))
+        setup = replace(self._setup, options=timed)
+        problem = SingleProblem(setup, request, basis, duration, 0.0, duration_is_free=True)
+        found = attempt(problem, budget)
+        # The cost is computed in the assembly of the plan, by the objectives of the planner.
+        unknown = float("nan")
+        solution = replace(found.solution, objective_cost=unknown, naturalness_cost=0.0)
+        return replace(found, solution=solution)
 
     def _stated_duration(self, best: Attempt, fallback: Fallback, budget: Budget) -> StatedDuration:
         """The shortest known feasible duration, if it is to be reported."""
@@ -290,8 +290,9 @@ class SinglePlanner:
         expected = self._resolver.expect(request.primitive, request.start, request.goal, None)
         free = replace(request, duration_is_free=True, expected=expected)
         for basis in self._chooser.bases(free):
-            found, is_shortest = self._shortest(free, basis, budget)
+            found = self._shortest(free, basis, budget)
             if found.is_valid:
-                seconds = search.duration_margin * found.duration
+                seconds, is_shortest = found.duration, found.solution.converged
+                seconds *= search.duration_margin
                 return stated if stated.seconds < seconds else StatedDuration(seconds, is_shortest)
         return stated

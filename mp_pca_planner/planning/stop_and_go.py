@@ -73,6 +73,49 @@ def slowdown(check: LimitCheck) -> float:
     return float(np.clip(1.02 * max(factors), 1.05, 2.0)) if factors else 1.0
 
 
+def least_stretch(robot: Robot, limits: JointLimits, states: FloatArray) -> float:
+    """Factor of the duration at which a motion from rest to rest just keeps its limits.
+
+    Parameters
+    ----------
+    robot, limits
+        The robot and the limits of its joints; those of position are not considered.
+    states : array, shape (4, n_steps, n_joints)
+        Positions, velocities, accelerations and jerks of the motion.
+
+    Returns
+    -------
+    factor : float
+        Infinite if gravity alone exceeds the limits of effort.
+    """
+    bounds = (limits.velocity, limits.acceleration, limits.jerk)
+    factors = [
+        float(np.max(np.abs(values) / bound) ** (1.0 / order))
+        for order, (values, bound) in enumerate(zip(states[1:], bounds, strict=True), start=1)
+    ]
+    if np.isfinite(limits.effort).any():
+        gravity, moving = _effort_parts(robot, *states[:3])
+        if not np.all(np.abs(gravity) < limits.effort):
+            return float("inf")
+        factors.append(_stretch_of_efforts(limits, gravity, moving))
+    return max(factors)
+
+
+def _effort_parts(
+    robot: Robot, q: FloatArray, v: FloatArray, a: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Efforts of gravity, and those that fall with the square of the duration."""
+    rest = np.zeros_like(q)
+    gravity = robot.inverse_dynamics(q, rest, rest)
+    return gravity, robot.inverse_dynamics(q, v, a) - gravity
+
+
+def _stretch_of_efforts(limits: JointLimits, gravity: FloatArray, moving: FloatArray) -> float:
+    """The least factor k with |g + m/k²| ≤ τ_max."""
+    room = limits.effort - np.sign(moving) * gravity
+    return float(np.sqrt(np.max(np.abs(moving) / np.maximum(room, np.finfo(float).tiny))))
+
+
 class FixedShape:
     """A basis without weights, whose mean shape passes given states by quintics.
 
@@ -285,14 +328,9 @@ def least_duration(robot: Robot, limits: JointLimits, start: FloatArray, goal: F
     ends = np.zeros((6, displacement.size))
     ends[0], ends[3] = start, goal
     q, v, a = (hermite_functions(_PHASES, d) @ ends for d in range(3))
-    rest = np.zeros_like(q)
-    gravity = robot.inverse_dynamics(q, rest, rest)
+    gravity, moving = _effort_parts(robot, q, v, a)
     _check_gravity(gravity, limits)
-    moving = robot.inverse_dynamics(q, v, a) - gravity
-    # |g + m/T²| ≤ τ_max
-    room = limits.effort - np.sign(moving) * gravity
-    slowest = np.max(np.abs(moving) / np.maximum(room, np.finfo(float).tiny))
-    return float(max(*kinematic, np.sqrt(slowest)))
+    return float(max(*kinematic, _stretch_of_efforts(limits, gravity, moving)))
 
 
 def _check_gravity(gravity: FloatArray, limits: JointLimits) -> None:

@@ -8,7 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from ..evaluation.case_study import OURS, TABLE_3_METHODS, CaseStudy, variance_shares
+from ..evaluation.case_study import (
+    FREE_ENDS,
+    OURS,
+    TABLE_3_METHODS,
+    CaseStudy,
+    variance_shares,
+)
 from ..evaluation.naturalness import BSPLINES, QUANTITIES, Comparison
 from ..evaluation.paper import TABLE_2, TABLE_3
 from ..primitives.differences import MEASURES
@@ -16,7 +22,16 @@ from .page import Table
 from .text import percent, table
 from .variance import percents, variance_table
 
-_EFFORTS = ["method", "effort [N²m²s]", "ratio", "time [ms]", "time ratio"]
+_EFFORTS = ["method", "ends", "effort [N²m²s]", "ratio", "time [ms]", "time ratio"]
+
+_LABELS = {
+    "table_2": "Table 2: variance of the joint angles [%]",
+    "table_3": "Table 3: the arm-raising motion",
+    "table_3_all_motions": "Table 3, all motions, each left out: medians",
+    "naturalness": "Naturalness: RMS errors of motions left out, and 95 % intervals of the "
+    "difference from the default's",
+}
+"""Titles of the tables that are printed."""
 
 
 def tables(study: CaseStudy) -> dict[str, Table]:
@@ -71,6 +86,8 @@ def table_3(study: CaseStudy) -> Table:
         for name in TABLE_3_METHODS
     ]
     rows += [_effort_row(f"paper: {name}", *TABLE_3[name], TABLE_3["B-spline"]) for name in TABLE_3]
+    for row in rows[-len(TABLE_3) :]:
+        row[1] = "not stated"
     return Table(_EFFORTS, rows)
 
 
@@ -80,11 +97,17 @@ def _effort_row(
     """Effort and time of a method, and their ratios to those of B-splines."""
     return [
         name,
+        _ends(name),
         f"{effort:.3f}" if effort else "none",
         f"{effort / base[0]:.2f}" if effort and base[0] else "",
         f"{1e3 * seconds:.2f}",
         f"{seconds / base[1]:.3f}",
     ]
+
+
+def _ends(method: str) -> str:
+    """How motions of a method begin and end."""
+    return "moving" if method in FREE_ENDS else "at rest"
 
 
 def table_3_all_motions(study: CaseStudy) -> Table:
@@ -95,6 +118,7 @@ def table_3_all_motions(study: CaseStudy) -> Table:
         rows.append(
             [
                 name,
+                _ends(name),
                 f"{np.median(held_out.column(name, 'effort')):.3f}",
                 f"{held_out.effort_ratio(name):.2f}",
                 f"{1e3 * np.median(held_out.column(name, 'solve_time')):.2f}",
@@ -129,16 +153,9 @@ def naturalness(comparison: Comparison) -> Table:
 
 def summary(study: CaseStudy) -> str:
     """The text output of the command."""
-    labels = {
-        "table_2": "Table 2: variance of the joint angles [%]",
-        "table_3": "Table 3: the arm-raising motion",
-        "table_3_all_motions": f"Table 3, all {len(study.motions)} motions, each left out: medians",
-        "naturalness": "Naturalness: RMS errors of motions left out, and 95 % intervals of the "
-        "difference from the default's",
-    }
     found = tables(study)
     texts = [
-        f"{label}\n{table(found[n].rows, header=found[n].header)}" for n, label in labels.items()
+        f"{label}\n{table(found[n].rows, header=found[n].header)}" for n, label in _LABELS.items()
     ]
     return "\n\n".join([*texts, verdict(study)])
 
@@ -160,6 +177,9 @@ def facts(study: CaseStudy, source: str) -> dict[str, Any]:
     other = study.other_activities
     return {
         "source": source,
+        "tables": {
+            _LABELS.get(name, name): found._asdict() for name, found in tables(study).items()
+        },
         "n_motions": len(study.motions),
         "motions": [
             {"recording": m.recording, "start_time_s": m.start_time, "label": m.label}
@@ -185,6 +205,7 @@ def facts(study: CaseStudy, source: str) -> dict[str, Any]:
             **{name: study.time_ratio(name) for name in TABLE_3_METHODS},
             "paper": _paper_ratio(),
         },
+        "free_ends": FREE_ENDS,
         "closer_than_bspline": {
             quantity: study.closer_than_bsplines(quantity) for quantity in (*MEASURES, "tip")
         },

@@ -27,7 +27,7 @@ from .page import figure_address, render
 from .primitive import PHASES, primitive_figure
 from .recording import recording_figure
 from .units import primitive_unit, prismatic_joints
-from .variance import variance_table
+from .variance import is_arm_of_paper, variance_table
 
 REPORT_SAMPLES = 301
 """Number of samples of a motion for curves and leave-one-out predictions."""
@@ -85,6 +85,7 @@ def report_page(
     prismatic = prismatic_joints(primitive)
     affordable = max(5, limits.max_built_from // len(motions))
     left_out = _evenly(len(motions), min(limits.max_left_out, affordable))
+    angles = primitive.metadata["angle_variance_ratio"]
     errors, why_no_errors = _held_out(motions, options, left_out)
     return render(
         "report.html",
@@ -101,8 +102,8 @@ def report_page(
             partial(primitive_figure, primitive=primitive, demonstrations=np.array(shown))
         ),
         shape_variance=variance_table(primitive.explained_variance_ratio),
-        angle_variance=variance_table(primitive.metadata["angle_variance_ratio"], 4),
-        paper_variance=variance_table(TABLE_2),
+        angle_variance=variance_table(angles, 4),
+        paper_variance=variance_table(TABLE_2) if is_arm_of_paper(angles) else None,
         errors=errors,
         why_no_errors=why_no_errors,
         left_out_as={motion: row for row, motion in enumerate(left_out)},

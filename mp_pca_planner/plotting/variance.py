@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 from ..evaluation.paper import TABLE_2
 from ..primitives.primitive import MovementPrimitive
@@ -46,13 +46,16 @@ def variance_report(primitive: MovementPrimitive) -> list[str]:
             )
     angles = primitive.metadata["angle_variance_ratio"]
     header, rows = variance_table(angles, 4)
-    if set(TABLE_2) & set(angles):
+    beside = ""
+    if is_arm_of_paper(angles):
+        beside = ", as in Table 2 of the paper"
         header += ["paper PC1", "PC2"]
         for row in rows:
-            row += percents(TABLE_2.get(row[0], ()), 2)
-    lines += ["", "Variance of the joint angles themselves, as in Table 2 of the paper [%]"]
-    lines += table(rows, header=header).splitlines()
-    if not set(TABLE_2) & set(angles):
-        firsts = [percent(sum(values[:2])) for values in TABLE_2.values()]
-        lines.append(f"PC1 + PC2 of the paper's arm, joint by joint: {', '.join(firsts)}")
-    return lines
+            row += percents(TABLE_2[row[0]], 2)
+    lines += ["", f"Variance of the joint angles themselves{beside} [%]"]
+    return [*lines, *table(rows, header=header).splitlines()]
+
+
+def is_arm_of_paper(joint_names: Iterable[str]) -> bool:
+    """Whether these are the joints of the paper's arm."""
+    return set(joint_names) == set(TABLE_2)

@@ -18,7 +18,7 @@ from ..exceptions import WorldError, unknown_name
 from .world import Box, Capsule, Cylinder, Mesh, Obstacle, Shape, Sphere, World
 
 try:
-    import coal
+    import coal as coal
 except ImportError:  # its name before release 3
     import hppfcl as coal
 

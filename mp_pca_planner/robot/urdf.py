@@ -32,6 +32,8 @@ _ONE_DOF_TYPES = ("revolute", "continuous", "prismatic")
 _UNBOUNDED = "1e30"
 _PARTS_OF_JOINTS = ("origin", "parent", "child", "axis", "limit")
 _SHAPES = ("box", "sphere", "cylinder", "mesh")
+# Largest length, mass or inertia of a description [SI units].
+_LARGEST = 1e9
 # Numbers in attributes: how many; those in _OPTIONAL may be left out.
 _NUMBERS = {
     "origin": {"xyz": 3, "rpy": 3},
@@ -299,8 +301,14 @@ def _wrong_numbers(element: ET.Element) -> str:
                 values = [float(word) for word in text.split()]
             except ValueError:
                 values = []
-            if len(values) != count or not all(map(math.isfinite, values)):
+            # Limits may be huge; masses and lengths that are would overflow in the dynamics.
+            largest = math.inf if part.tag == "limit" else _LARGEST
+            if len(values) != count or not all(
+                math.isfinite(value) and abs(value) <= largest for value in values
+            ):
                 expected = "a finite number" if count == 1 else f"{count} finite numbers"
+                if largest < math.inf:
+                    expected += f" of at most {largest:g}"
                 return f"'{attribute}' of <{part.tag}> is '{text}', expected {expected}"
             part.set(attribute, " ".join(map(repr, values)))
     return ""

@@ -54,15 +54,7 @@ class Shape:
     def _place(self, position: ArrayLike, orientation: ArrayLike) -> None:
         what = f"of a {type(self).__name__.lower()}"
         position = _coordinates(position, (3,), f"position {what}")
-        orientation = frozen_array(orientation, (4,), f"orientation {what}", WorldError)
-        length = float(np.linalg.norm(orientation))
-        if not abs(length - 1.0) <= _QUATERNION_TOLERANCE:
-            raise WorldError(
-                f"orientation {what} must be a quaternion (x, y, z, w) of length 1, got one of "
-                f"length {length:.6g}"
-            )
-        orientation = frozen_array(orientation / length, (4,), "orientation", WorldError)
-        set_frozen(self, position=position, orientation=orientation)
+        set_frozen(self, position=position, orientation=_unit(orientation, f"orientation {what}"))
 
     @property
     def pose(self) -> FloatArray:
@@ -71,7 +63,9 @@ class Shape:
 
     def moved(self, pose: FloatArray) -> Self:
         """The same shape in a frame in which its present one has a pose, shape (7,)."""
-        placed = pin.XYZQUATToSE3(np.asarray(pose)) * pin.XYZQUATToSE3(self.pose)
+        position = _coordinates(pose[:3], (3,), "position")
+        frame = np.concatenate([position, _unit(pose[3:], "orientation")])
+        placed = pin.XYZQUATToSE3(frame) * pin.XYZQUATToSE3(self.pose)
         found = np.array(pin.SE3ToXYZQUAT(placed))
         other = object.__new__(type(self))
         set_frozen(other, **vars(self))
@@ -210,6 +204,26 @@ class Mesh(Shape):
         whole.setflags(write=False)
         set_frozen(self, vertices=points, triangles=whole)
         self._place(position, orientation)
+
+    @classmethod
+    def from_file(
+        cls,
+        path: str | Path,
+        scale: float = 1.0,
+        position: ArrayLike = _ORIGIN,
+        orientation: ArrayLike = _UPRIGHT,
+    ) -> Mesh:
+        """Read a mesh file, such as STL, OBJ or COLLADA, with coordinates times a scale.
+
+        Raises
+        ------
+        WorldError
+            If the file can't be read.
+        """
+        from .world_meshes import read_mesh
+
+        vertices, triangles = read_mesh(str(path), ())
+        return cls(_positive(scale, "scale of a mesh") * vertices, triangles, position, orientation)
 
     def _dimensions(self) -> str:
         return f"{len(self.triangles)} triangles"
@@ -360,6 +374,16 @@ class World:
         """Whether two bodies, by their names, are not checked for contact."""
         pairs = ((first, second), (first, ANY), (second, ANY))
         return any((min(pair), max(pair)) in self.allowed for pair in pairs)
+
+
+def _unit(quaternion: ArrayLike, what: str) -> FloatArray:
+    values = frozen_array(quaternion, (4,), what, WorldError)
+    length = float(np.linalg.norm(values))
+    if not abs(length - 1.0) <= _QUATERNION_TOLERANCE:
+        raise WorldError(
+            f"{what} must be a quaternion (x, y, z, w) of length 1, got one of length {length:.6g}"
+        )
+    return frozen_array(values / length, (4,), what, WorldError)
 
 
 def _positive(value: float, what: str) -> float:

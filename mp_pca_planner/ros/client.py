@@ -14,12 +14,15 @@ from typing import IO, Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped
+from rclpy.exceptions import NameValidationException
 from rclpy.serialization import deserialize_message
+from rclpy.validate_full_topic_name import validate_full_topic_name
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, String
 from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory
 
+from ..exceptions import GoalError
 from ..resources import config_file
 from .messages import OVERTAKEN, UNDER_WAY, to_stamp_text
 from .node import NODE_NAME
@@ -30,6 +33,9 @@ from .qos import LATCHED
 # A client that is busy for a while must not lose messages.
 DEPTH = 10_000
 """Depth of the subscriptions of a client."""
+
+READY = "ready for goals"
+"""Sentence in the diagnostics of a node that has all it needs."""
 
 _GOAL_TOPICS = {JointState: "goal", PoseStamped: "goal_pose", JointTrajectory: "goal_sequence"}
 
@@ -95,6 +101,22 @@ def start_node(
     command = [sys.executable, "-m", __package__.partition(".")[0], "planner_node", *options]
     command += ["--ros-args", *ros_arguments]
     return subprocess.Popen(command, stdout=output, stderr=output, text=True)
+
+
+def check_node_name(namespace: str, node: str) -> None:
+    """Check that a node can have this name in this namespace.
+
+    Raises
+    ------
+    GoalError
+        If ROS accepts no such name.
+    """
+    name = f"/{namespace}/{node}".replace("//", "/")
+    try:
+        validate_full_topic_name(name)
+    except NameValidationException as error:
+        reason = str(error).splitlines()[0].rstrip(":")
+        raise GoalError(f"no node can be called '{name}': {reason}") from None
 
 
 def is_served(report: DiagnosticStatus) -> bool:
@@ -281,7 +303,10 @@ class GoalClient(NodeInOwnContext):
         self.wait(
             lambda: self._diagnostics_received > called and is_expected(values()),
             timeout,
-            "published no such diagnostics",
+            lambda: (
+                "published no such diagnostics"
+                + (f" (the newest: {values()['text']})" if self.diagnostics else "")
+            ),
         )
         return values()
 

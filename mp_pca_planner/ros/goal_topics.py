@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from builtin_interfaces.msg import Time
@@ -20,7 +20,9 @@ from ..execution.goal_statistics import GoalStatistics
 from ..execution.motion_server import MakeGoal, MotionServer
 from ..execution.preemptive_worker import CancelledError, IsCancelled, PreemptiveWorker
 from ..execution.served_goal import Served
-from ..motion.goal import Goal, JointGoal
+from ..motion.goal import Goal, JointGoal, JointState, SequenceGoal
+from ..planning.states import in_order
+from ..robot.model import Robot
 from . import messages
 from .guarded_node import LOG_PERIOD, GuardedNode
 from .planning_setup import PlanningSetup
@@ -43,17 +45,24 @@ class _Request:
         The planning context.
     stamp : Time
         The stamp of its message.
+    ignored_joints : tuple of str
+        Joints of the message that the primitives don't move.
     """
 
     goal: Goal
     make_goal: MakeGoal
     context: Model
     stamp: Time
+    ignored_joints: tuple[str, ...] = ()
 
     def check(self) -> None:
         """Raise a `PlannerError` if the goal can be rejected without planning."""
         if isinstance(self.goal, JointGoal):
             self.context.planner.check(self.goal)
+
+
+class _Avoidance:
+    """The request to replace a motion that would hit a new obstacle."""
 
 
 class GoalTopics:
@@ -71,6 +80,8 @@ class GoalTopics:
         Counts goals.
     on_served : callable
         Called with each published motion, before its report.
+    on_rejected : callable
+        Called after the report of each rejected goal.
     rest : callable
         Called when no goals have come for a moment after one was served.
     """
@@ -82,12 +93,16 @@ class GoalTopics:
         server: MotionServer,
         statistics: GoalStatistics,
         on_served: Callable[[Served], None],
+        on_rejected: Callable[[], None],
         rest: Callable[[], None],
     ) -> None:
         self._node, self._setup, self._server = node, setup, server
         self._statistics, self._on_served = statistics, on_served
+        self._on_rejected = on_rejected
         self._reports = node.create_publisher(DiagnosticStatus, "~/plan_report", EVERY)
-        self._worker = PreemptiveWorker(self._serve, self._on_preempted, node.guarded(rest))
+        self._worker: PreemptiveWorker[_Request | _Avoidance] = PreemptiveWorker(
+            self._serve, self._on_preempted, node.guarded(rest)
+        )
         group = ThreadGroup()
         for message_type, topic in (
             (JointStateMessage, "~/goal"),
@@ -99,6 +114,10 @@ class GoalTopics:
             )
         # A separate thread, so that goals don't wait for services of the node.
         self._executor = GroupExecutor(node, group)
+
+    def avoid(self) -> None:
+        """Replace the running motion, or stop the robot; after the goal that is being served."""
+        self._worker.submit_if_idle(_Avoidance())
 
     def cancel(self) -> None:
         """Cancel all goals that wait or are being planned."""
@@ -121,14 +140,32 @@ class GoalTopics:
         else:
             self._worker.submit(request)
 
-    def _serve(self, request: _Request, is_cancelled: IsCancelled) -> None:
+    def _serve(self, request: _Request | _Avoidance, is_cancelled: IsCancelled) -> None:
+        """Serve a goal, then avoid an obstacle that the running motion would hit."""
+        if isinstance(request, _Request):
+            self._serve_goal(request, is_cancelled)
+        if not self._server.is_threatened:
+            return
+        logger = self._node.get_logger()
+        try:
+            text, served = self._server.avoid(self._setup.ready(), is_cancelled)
+        except CancelledError:
+            raise
+        except Exception as error:
+            logger.error(f"the robot was not stopped: {self._node.explain(error)}")
+        else:
+            if served is not None:
+                self._on_served(served)
+            logger.warning(messages.to_text(text or "the obstacle is no longer on the path"))
+
+    def _serve_goal(self, request: _Request, is_cancelled: IsCancelled) -> None:
         """Plan, publish and report, in the thread of the worker."""
         kind, stamp = type(request.goal), request.stamp
         try:
             served = self._server.serve(
                 kind, request.make_goal, request.context, is_cancelled, stamp
             )
-            self._report(served, stamp)
+            self._report(served, request)
         except UnexecutablePlanError as error:
             self._reject(messages.to_refusal(str(error), stamp, error.plan))
         except CancelledError:
@@ -136,8 +173,8 @@ class GoalTopics:
         except Exception as error:
             self._reject(messages.to_refusal(self._node.explain(error), stamp))
 
-    def _report(self, served: Served, stamp: Time) -> None:
-        plan = served.plan
+    def _report(self, served: Served, request: _Request) -> None:
+        plan, stamp = served.plan, request.stamp
         if served.under_way:
             self._statistics.under_way()
             self._reports.publish(messages.to_under_way_report(plan, served.under_way, stamp))
@@ -146,7 +183,8 @@ class GoalTopics:
         self._on_served(served)
         trial = served.trial.facts if served.trial else None
         primitives = served.model.planner.primitives
-        self._reports.publish(messages.to_plan_report(plan, stamp, trial, primitives))
+        ignored = request.ignored_joints
+        self._reports.publish(messages.to_plan_report(plan, stamp, trial, primitives, ignored))
         times = f"{served.motion.duration:.3g} s long, planned in {1e3 * plan.solve_time:.3g} ms"
         self._node.get_logger().info(messages.to_text(f"goal served: {plan.message} ({times})"))
 
@@ -156,8 +194,11 @@ class GoalTopics:
             f"goal refused: {report.message}", throttle_duration_sec=LOG_PERIOD
         )
         self._reports.publish(report)
+        self._on_rejected()
 
-    def _on_preempted(self, request: _Request) -> None:
+    def _on_preempted(self, request: _Request | _Avoidance) -> None:
+        if isinstance(request, _Avoidance):
+            return
         try:
             request.check()
         except Exception as error:
@@ -174,9 +215,31 @@ def _read(message: JointStateMessage | PoseStamped | JointTrajectory, context: M
         posed = messages.to_pose_goal(message, context.end_effector, duration)
         make_goal = stated_in(posed, header.frame_id, context.planning_robot)
         return _Request(posed, make_goal, context, header.stamp)
-    goal: Goal
+    stated: JointGoal | SequenceGoal
     if isinstance(message, JointTrajectory):
-        goal = messages.to_sequence_goal(message)
+        stated = messages.to_sequence_goal(message)
     else:
-        goal = messages.to_goal(message, duration)
-    return _Request(goal, lambda _: goal, context, header.stamp)
+        stated = messages.to_goal(message, duration)
+    goal, ignored = _without_unmoved(stated, context.robot)
+    return _Request(goal, lambda _: goal, context, header.stamp, ignored)
+
+
+def _without_unmoved(
+    goal: JointGoal | SequenceGoal, robot: Robot
+) -> tuple[JointGoal | SequenceGoal, tuple[str, ...]]:
+    """The goal without the robot's joints that don't move here, and the names of these.
+
+    Messages of a whole robot name the joints of its gripper, too. A goal that names no other
+    joints is left as it is, and rejected later.
+    """
+    states = goal.targets if isinstance(goal, SequenceGoal) else (goal.state,)
+    names = next(state.joint_names for state in states if isinstance(state, JointState))
+    still = set(robot.movable_joints) - set(robot.joint_names)
+    kept = tuple(name for name in names if name not in still)
+    if len(kept) in (0, len(names)):
+        return goal, ()
+    reduced = tuple(in_order(state, kept) for state in states if isinstance(state, JointState))
+    ignored = tuple(name for name in names if name in still)
+    if isinstance(goal, SequenceGoal):
+        return replace(goal, targets=reduced), ignored
+    return replace(goal, state=reduced[0]), ignored

@@ -5,11 +5,14 @@
 from __future__ import annotations
 
 import math
+import threading
+from collections.abc import Callable
 from pathlib import Path
 
-from visualization_msgs.msg import MarkerArray
+from visualization_msgs.msg import Marker, MarkerArray
 
 from ..exceptions import GoalError
+from ..execution.execution_monitor import NEVER_STARTED, REPLACED
 from ..execution.kept_motion import keep_motion
 from ..execution.parameters import ParameterError
 from ..execution.served_goal import Served
@@ -17,7 +20,12 @@ from .preview import to_preview
 
 
 class LastMotion:
-    """The motion that was published last, and its measured cost.
+    """The motion that was published last, its preview and its measured cost.
+
+    Parameters
+    ----------
+    show : callable
+        Publishes the markers of a preview.
 
     Attributes
     ----------
@@ -25,14 +33,24 @@ class LastMotion:
         The measured cost; None if none was reported.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, show: Callable[[MarkerArray], None]) -> None:
         self.cost: float | None = None
+        self._show = show
         self._served: Served | None = None
         self._previewed: Served | None = None
+        self._is_over, self._is_shown = True, False
+        self._lock = threading.Lock()
 
     def replace(self, served: Served) -> None:
         """Record a published motion."""
-        self._served, self.cost = served, None
+        self._served, self.cost, self._is_over = served, None, False
+
+    def end(self, outcome: str) -> None:
+        """Record that a motion is over; its preview is erased if the robot has left its start."""
+        if outcome != REPLACED:
+            self._is_over = True
+            if outcome != NEVER_STARTED:
+                self.erase_preview()
 
     def report_cost(self, cost: float) -> None:
         """Record the measured cost, and learn from it if the motion is a trial.
@@ -49,18 +67,28 @@ class LastMotion:
                 "a motion"
             )
         if served.trial is not None:
-            served.trial.tell(cost)
+            served.trial.record(cost)
         self.cost = cost
 
-    def preview(self) -> MarkerArray | None:
-        """Draw the motion; None if there is none, or it was drawn already."""
-        served = self._served
-        if served is None or served is self._previewed:
-            return None
-        self._previewed = served
-        context = served.model
-        robot, frame = context.planning_robot, context.end_effector
-        return to_preview(served.plan.trajectory, robot, frame, context.urdf)
+    def show_preview(self) -> None:
+        """Show the motion, if it was not shown before."""
+        with self._lock:
+            served = self._served
+            if served is None or served is self._previewed:
+                return
+            self._previewed, self._is_shown = served, True
+            context = served.model
+            robot, frame = context.planning_robot, context.end_effector
+            self._show(to_preview(served.plan.trajectory, robot, frame, context.urdf))
+
+    def erase_preview(self) -> None:
+        """Erase the preview, unless its motion is being executed."""
+        with self._lock:
+            if self._is_over:
+                self._previewed = self._served
+                if self._is_shown:
+                    self._show(MarkerArray(markers=[Marker(action=Marker.DELETEALL)]))
+                self._is_shown = False
 
     def keep(self, folder: str, kept_by: str) -> Path:
         """Write the motion as a primitive; returns the file.

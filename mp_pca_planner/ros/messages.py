@@ -15,7 +15,7 @@ from sensor_msgs.msg import JointState as JointStateMessage
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from ..control.statement import control_statement
-from ..exceptions import GoalError, printable
+from ..exceptions import GoalError, printable, quote_names
 from ..execution.adaptation import AdaptedPlan
 from ..execution.execution_monitor import ExecutionReport
 from ..execution.parameters import Declaration
@@ -153,6 +153,17 @@ def to_sequence_message(goal: SequenceGoal) -> JointTrajectory:
     return message
 
 
+def to_pose_message(pose: Pose) -> PoseStamped:
+    """Write a pose that is stated in the frame that it names."""
+    message = PoseStamped()
+    message.header.frame_id = pose.frame
+    to, turned = message.pose.position, message.pose.orientation
+    to.x, to.y, to.z = pose.position.tolist()
+    if pose.orientation is not None:
+        turned.x, turned.y, turned.z, turned.w = pose.orientation.tolist()
+    return message
+
+
 def to_state(message: JointStateMessage, joint_names: Sequence[str]) -> JointState:
     """Read the state of some joints, the others may hold anything.
 
@@ -234,6 +245,7 @@ def to_plan_report(
     goal_stamp: Time,
     more: Mapping[str, str | float | int] | None = None,
     primitives: Sequence[MovementPrimitive] = (),
+    ignored_joints: Sequence[str] = (),
 ) -> DiagnosticStatus:
     """Report a motion that was published: OK, or WARN with what is unusual about it.
 
@@ -247,8 +259,15 @@ def to_plan_report(
         Further values.
     primitives : sequence of MovementPrimitive
         Those of the planner: of the ones used, the control laws are reported.
+    ignored_joints : sequence of str
+        Joints of the goal that the primitives don't move.
     """
     found = remarks(plan)
+    if ignored_joints:
+        found.append(
+            f"joints {quote_names(ignored_joints)} of the goal are not moved: the primitives lack "
+            "them"
+        )
     level = DiagnosticStatus.WARN if found else DiagnosticStatus.OK
     used = plan.primitives if isinstance(plan, Plan) else (plan.primitive,)
     laws = {f"control_law.{p.name}": control_statement(p) for p in primitives if p.name in used}

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import threading
 import time
+from collections.abc import Mapping
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rcl_interfaces.msg import SetParametersResult
@@ -30,6 +31,7 @@ from .guarded_node import LOG_PERIOD, GuardedNode
 from .last_motion import LastMotion
 from .messages import to_execution_report, to_status, to_text
 from .node_parameters import NodeParameters
+from .obstacle_topic import ObstacleTopic
 from .planning_setup import PlanningSetup
 from .qos import EVERY, LATCHED, NEWEST, STATES
 from .state_reader import SerializedStateReader
@@ -63,7 +65,7 @@ class PlannerNode(GuardedNode):
         except RuntimeError as error:  # where DDS security lacks files, or support, for example
             reason = str(error).splitlines()[0]
             raise ParameterError(f"ROS refuses the node: {reason}") from error
-        self._statistics, self._last_motion = GoalStatistics(), LastMotion()
+        self._statistics = GoalStatistics()
         self._polling, self._polled = threading.Lock(), time.monotonic()
         self._clocks_are_known = False
         self._states = StartStates(
@@ -83,13 +85,22 @@ class PlannerNode(GuardedNode):
             self._states, self._statistics, self._send, time.perf_counter, self._report_execution
         )
         self._connect()
-        on_served, rest = self._last_motion.replace, self._preview
-        self._goals = GoalTopics(self, self._setup, self._server, self._statistics, on_served, rest)
+        self._goals = GoalTopics(
+            self,
+            self._setup,
+            self._server,
+            self._statistics,
+            on_served=self._last_motion.replace,
+            on_rejected=self._last_motion.erase_preview,
+            rest=self._last_motion.show_preview,
+        )
+        self._obstacles = ObstacleTopic(self, self._setup, self._server, self._goals.avoid)
         if not self._setup.problem:
             self._log_readiness()
 
     def destroy_node(self) -> None:
         """End the threads, then the node."""
+        self._obstacles.close()
         self._goals.close()
         super().destroy_node()
 
@@ -115,7 +126,8 @@ class PlannerNode(GuardedNode):
         self._trajectories = self.create_publisher(JointTrajectory, "~/joint_trajectory", EVERY)
         self._executions = self.create_publisher(DiagnosticStatus, "~/execution_report", EVERY)
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", EVERY)
-        self._previews = self.create_publisher(MarkerArray, "~/preview", LATCHED)
+        previews = self.create_publisher(MarkerArray, "~/preview", LATCHED)
+        self._last_motion = LastMotion(previews.publish)
         self._joint_states = PolledSubscription(self, JointState, "joint_states", STATES, raw=True)
         self.create_subscription(Float64, "~/trial_cost", self._on_trial_cost, NEWEST)
         self.create_subscription(String, "robot_description", self._on_description, LATCHED)
@@ -213,18 +225,18 @@ class PlannerNode(GuardedNode):
 
     def _report_execution(self, report: ExecutionReport) -> None:
         self._executions.publish(to_execution_report(report))
+        self._last_motion.end(report.outcome)
         if not report.is_good:
             self.get_logger().error(to_text(report.message))
 
-    def _preview(self) -> None:
-        markers = self._last_motion.preview()
-        if markers is not None:
-            self._previews.publish(markers)
-
     def _publish_diagnostics(self) -> None:
         name = f"{self.get_fully_qualified_name()}: planner"
-        cost = self._last_motion.cost
-        status = _status(name, self._setup, self._states.measured, self._statistics, cost)
+        values = {
+            "trial_cost": "none" if self._last_motion.cost is None else self._last_motion.cost,
+            "obstacles": len(self._server.world),
+            "obstacle_rejected": self._obstacles.problem or "none",
+        }
+        status = _status(name, self._setup, self._states.measured, self._statistics, values)
         array = DiagnosticArray(status=[status])
         array.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics.publish(array)
@@ -241,7 +253,7 @@ def _status(
     setup: PlanningSetup,
     measured: MeasuredStates,
     counts: GoalStatistics,
-    cost: float | None,
+    more: Mapping[str, str | float | int],
 ) -> DiagnosticStatus:
     """Diagnostics on the node's inputs and on the goals that it served."""
     age, context, problem = measured.age, setup.context, setup.missing or setup.problem
@@ -256,7 +268,7 @@ def _status(
         "goals_refused": counts.n_refused,
         "goals_under_way": counts.n_under_way,
         "goals_overtaken": counts.n_overtaken,
-        "trial_cost": "none" if cost is None else cost,
+        **more,
         **counts.solve_time_percentiles(),
         "joint_states_age_s": "none" if age is None else round(age, 3),
         "joint_states_incomplete": measured.n_incomplete,

@@ -61,7 +61,9 @@ class NodeInOwnContext:
         """Take one message that has arrived, or wait for one [s]."""
         self._executor.spin_once(timeout_sec=timeout)
 
-    def wait(self, is_done: Callable[[], bool], timeout: float, complaint: str) -> None:
+    def wait(
+        self, is_done: Callable[[], bool], timeout: float, complaint: str | Callable[[], str]
+    ) -> None:
         """Receive messages until a condition holds.
 
         Raises
@@ -73,7 +75,8 @@ class NodeInOwnContext:
         deadline = time.monotonic() + timeout
         while not is_done():
             if time.monotonic() > deadline:
-                raise NoAnswerError(f"the node '{self.planner}' {complaint} within {timeout:g} s")
+                text = complaint if isinstance(complaint, str) else complaint()
+                raise NoAnswerError(f"the node '{self.planner}' {text} within {timeout:g} s")
             self.spin_once()
 
     def result(self, client: Any, request: Any, timeout: float = 10.0) -> Any:

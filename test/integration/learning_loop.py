@@ -30,7 +30,7 @@ import yaml
 from mp_pca_planner.control.closed_loop import ControlLoop, Sampling, simulate
 from mp_pca_planner.control.law import FEEDFORWARD_PD, ControlLaw, pair_law, paired_law
 from mp_pca_planner.learning.executions import measure_execution
-from mp_pca_planner.learning.family import family_around
+from mp_pca_planner.learning.primitive_around import primitive_around
 from mp_pca_planner.learning.refinement import refine
 from mp_pca_planner.learning.trials import TrialLearner
 from mp_pca_planner.motion.goal import JointGoal, JointState
@@ -96,10 +96,10 @@ def main() -> None:
             for i in range(arguments.trials):
                 cost = robot.execute(learner.propose().trajectory, f"trial_{i + 1}")
                 client.publish("trial_cost", Float64(data=cost))
-                learner.tell(cost)
+                learner.record(cost)
                 costs.append(cost)
             best = learner.best_motion().motion
-            family = family_around(primitive, best, "learned", {"trials": len(learner.trials)})
+            family = primitive_around(primitive, best, "learned", {"trials": len(learner.trials)})
             save_primitive(family, folder / "primitives" / "learned.npz", overwrite=True)
             (folder / "primitives" / "shown.npz").rename(folder / "shown.npz")
             answer = client.call("reload_primitives")

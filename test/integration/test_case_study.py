@@ -14,6 +14,7 @@ from mp_pca_planner.cli.main import main
 from mp_pca_planner.evaluation.case_study import OURS, choose_motions, study, variance_shares
 from mp_pca_planner.evaluation.naturalness import BSPLINES, EXPECTED, compare
 from mp_pca_planner.exceptions import PrimitiveError
+from mp_pca_planner.plotting.case_study_tables import tables
 from mp_pca_planner.recordings.demonstration import Demonstration
 
 
@@ -73,6 +74,14 @@ def test_our_plan_is_nearer_than_bsplines_which_take_less_effort(found):
     assert found.closer_than_bsplines("time") == 1.0
     predictions = found.raising.predictions
     assert predictions[BSPLINES].effort < predictions[OURS].effort
+
+
+def test_rows_say_which_motions_end_at_rest(found):
+    header, rows = tables(found)["table_3"]
+    ends = {row[0]: row[header.index("ends")] for row in rows}
+    for name, prediction in found.raising.predictions.items():
+        rates = np.abs(np.diff(prediction.positions, axis=0))[[0, -1]].max()
+        assert (ends[name] == "at rest") == (rates < 1e-5), name
 
 
 def test_shares_are_those_of_the_variance_of_the_angles(found):

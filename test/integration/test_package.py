@@ -23,7 +23,7 @@ from mp_pca_planner.cli.main import COMMANDS, main
 
 ROOT = Path(__file__).parents[2]
 PACKAGE = "mp_pca_planner"
-ROS_COMMANDS = ["cli.demo", "cli.send_goal", "cli.simulate", "cli.watch"]
+ROS_COMMANDS = ["cli.call_service", "cli.demo", "cli.send_goal", "cli.simulate", "cli.watch"]
 SOURCES = sorted((ROOT / PACKAGE).rglob("*.py"))
 
 LAYERS = [
@@ -35,7 +35,7 @@ LAYERS = [
     {"control", "learning"},
     {"execution"},
     {"simulation", "evaluation"},
-    {"plotting"},
+    {"plotting", "view"},
     {"cli", "ros", "__main__"},
 ]
 
@@ -57,7 +57,10 @@ ROSDEP_NAMES = {
 }
 
 # Extras that rosdep has no name for: pip brings them.
-EXTRAS_ONLY = {"filelock", "cmaes", "distributed", "mujoco", "rich"}
+EXTRAS_ONLY = {
+    *("filelock", "cmaes", "distributed", "mujoco"),
+    *("rich", "trimesh", "viser", "websockets"),
+}
 
 
 def imported_modules(source: Path, *, when_loaded: bool = False) -> Iterator[str]:
@@ -362,6 +365,38 @@ def test_installed_executable_runs_the_command_it_is_called_after(
     assert result.returncode == 0, result.stderr
     assert result.stdout.startswith("usage:")
     assert "inspect" in result.stdout
+
+
+def test_installed_script_runs_commands_from_any_folder(prefix: Path, tmp_path: Path) -> None:
+    script = prefix / "bin/mp-pca"
+    result = run([script, "--version"], cwd=tmp_path, PYTHONPATH="")
+    assert result.stdout == f"{PACKAGE} {mp_pca_planner.__version__}\n", result.stderr
+    result = run([script, "inspect", "nothing.bag"], cwd=tmp_path, PYTHONPATH="")
+    assert (result.returncode, result.stderr.count("\n")) == (2, 1)
+
+
+def test_source_distribution_installs_the_same_files(prefix: Path, tmp_path: Path) -> None:
+    source = prefix.parent / "source"
+    code = "from setuptools import build_meta; print(build_meta.build_sdist('..'))"
+    result = run([sys.executable, "-c", code], cwd=source)
+    assert result.returncode == 0, result.stderr
+    archive = source.parent / result.stdout.splitlines()[-1]
+    # Installed from the archive alone.
+    options = ["--no-deps", "--no-build-isolation", "--no-index", "--target", str(tmp_path)]
+    pip = [sys.executable, "-m", "pip", "install", "--quiet", *options, str(archive)]
+    result = run(pip)
+    assert result.returncode == 0, result.stderr
+    shared = [f"share/{PACKAGE}/{part}" for part in ("config", "launch", "package.xml")]
+    for part in (*shared, f"lib/{PACKAGE}"):
+        assert files_below(tmp_path / part) == files_below(prefix / part) != {}
+    templates = f"{PACKAGE}/plotting/templates"
+    assert files_below(tmp_path / templates) == files_below(ROOT / templates)
+
+
+def files_below(path: Path) -> dict[str, bytes]:
+    """The contents of a file, or of all files of a folder that pip doesn't make itself."""
+    files = [file for file in (path, *path.rglob("*")) if file.is_file() and file.suffix != ".pyc"]
+    return {str(file.relative_to(path)): file.read_bytes() for file in files}
 
 
 def test_installed_package_finds_its_own_configuration(prefix: Path, tmp_path: Path) -> None:

@@ -16,18 +16,22 @@ import pytest
 import yaml
 from patience import HANG
 
+from mp_pca_planner.execution.parameters import DECLARATIONS
+
 FOLDER = Path(__file__).parents[2]
 LAUNCH_FILE = FOLDER / "launch" / "planner.launch.py"
 LAUNCH_ARGUMENTS = {
-    "primitives",
     "robot_description_file",
+    "xacro_arguments",
     "robot_description_topic",
     "params_file",
     "controller_topic",
     "namespace",
     "rviz",
     "fixed_frame",
+    "use_sim_time",
 }
+PARAMETERS = {declaration.name for declaration in DECLARATIONS}
 
 needs_launch = pytest.mark.skipif(
     find_spec("launch_ros") is None, reason="launch_ros is not installed"
@@ -74,7 +78,8 @@ def test_launch_file_loads_and_declares_its_arguments() -> None:
     source = PythonLaunchDescriptionSource(str(LAUNCH_FILE))
     description = source.get_launch_description(LaunchContext())
     declared = [e.name for e in description.entities if isinstance(e, DeclareLaunchArgument)]
-    assert set(declared) == LAUNCH_ARGUMENTS
+    assert set(declared) == LAUNCH_ARGUMENTS | PARAMETERS
+    assert len(declared) == len(set(declared))
 
 
 @pytest.fixture
@@ -111,7 +116,7 @@ def launched(prefix: Path, *arguments: str) -> subprocess.Popen[str]:
 
 
 @needs_launch
-def test_launched_node_heeds_every_argument_and_ends_with_the_launch(
+def test_launched_node_uses_arguments_before_the_file_of_parameters_and_ends_with_the_launch(
     prefix: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from arm import JOINTS, arm_primitive
@@ -135,6 +140,11 @@ def test_launched_node_heeds_every_argument_and_ends_with_the_launch(
         f"params_file:={parameters}",
         "controller_topic:=/controller/joint_trajectory",
         "namespace:=left",
+        "duration:=1.25",
+        "publish_effort:=true",
+        "n_starts:=2",
+        "start_from:=measured",
+        "stamp_trajectories:=false",  # with stamps, motions begin with a hold
     )
     try:
         with NodeClient(namespace="left") as client, ros_node("controller") as controller:
@@ -158,7 +168,8 @@ def test_launched_node_heeds_every_argument_and_ends_with_the_launch(
         output, _ = process.communicate(timeout=HANG)
     last = received[0].points[-1]
     assert list(last.positions) == GOAL
-    assert last.time_from_start.sec + last.time_from_start.nanosec * 1e-9 == 1.5
+    assert last.time_from_start.sec + last.time_from_start.nanosec * 1e-9 == 1.25
+    assert len(last.effort) == len(GOAL)
     assert process.returncode == 0
     assert "process has finished cleanly" in output
     assert "Traceback" not in output
@@ -170,6 +181,9 @@ def test_launched_node_heeds_every_argument_and_ends_with_the_launch(
     [
         ("rviz:=perhaps", "['true', 'false']"),
         ("robot_description_file:=missing.urdf", "missing.urdf"),
+        ("robot_description_file:=missing.xacro", "xacro"),
+        ("n_starts:=many", "n_starts:=many is not accepted: it must be a whole number"),
+        ("collision:=1", "collision:=1 is not accepted: it must be true or false"),
     ],
 )
 def test_wrong_argument_is_named_and_nothing_is_left_running(

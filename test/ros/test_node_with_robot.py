@@ -27,6 +27,7 @@ from rclpy.parameter import Parameter
 from referee import judge
 from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory
+from visualization_msgs.msg import Marker, MarkerArray
 
 from mp_pca_planner.primitives.file import save_primitive
 from mp_pca_planner.resources import config_file
@@ -174,6 +175,26 @@ def test_goal_is_reached_and_reported_as_arrived(bench: Bench) -> None:
 def test_goal_to_an_inactive_controller_is_reported_as_never_started(bench: Bench) -> None:
     with bench.fault("active", False, True):
         assert bench.execution(bench.send(VIA))["outcome"] == "never_started"
+    assert bench.execution(bench.send(START))["outcome"] == "arrived"
+
+
+def is_erased(preview: MarkerArray) -> bool:
+    return [marker.action for marker in preview.markers] == [Marker.DELETEALL]
+
+
+def test_preview_is_erased_after_its_motion_or_with_a_refused_goal(bench: Bench) -> None:
+    def wait_for(is_expected: Callable[[MarkerArray], bool]) -> None:
+        bench.wait(lambda: bool(bench.client.previews) and is_expected(bench.client.previews[-1]))
+
+    arrived = bench.begin_slowly(VIA)
+    wait_for(lambda preview: not is_erased(preview))
+    assert bench.execution(arrived)["outcome"] == "arrived"
+    wait_for(is_erased)
+    with bench.fault("active", False, True):
+        assert bench.execution(bench.send(GOAL))["outcome"] == "never_started"
+        wait_for(lambda preview: not is_erased(preview))
+        bench.client.send(goal_message([0.0], ("nothing",)), HANG)
+        wait_for(is_erased)
     assert bench.execution(bench.send(START))["outcome"] == "arrived"
 
 

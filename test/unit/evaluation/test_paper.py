@@ -4,15 +4,19 @@
 
 import numpy as np
 from arm import arm_demonstrations, arm_robot
+from scipy.interpolate import BSpline
 from scipy.optimize import minimize
 
+from mp_pca_planner.evaluation.naturalness import plan_like
 from mp_pca_planner.evaluation.paper import (
     DEGREE,
     N_COMPONENTS,
     angle_components,
+    free_bsplines,
     paper_basis,
     paper_method,
 )
+from mp_pca_planner.primitives.build import build_primitive
 from mp_pca_planner.primitives.differences import FINE_PHASES
 
 MOTIONS = arm_demonstrations()
@@ -63,3 +67,33 @@ def test_the_effort_is_the_least_that_another_optimiser_finds():
     assert found.effort is not None
     assert found.effort <= least * 1.01
     assert found.solve_time > 0.0
+
+
+def test_bsplines_with_free_ends_take_the_least_effort_that_another_optimiser_finds():
+    robot, motion = arm_robot(), MOTIONS[0]
+    found = free_bsplines(robot)(motion, ())
+    np.testing.assert_allclose(found.positions[[0, -1]], [START, GOAL], atol=1e-9)
+    # All clamped splines of 12 control points, of which the first and the last are given.
+    degree, n_free = 5, 10
+    inner = np.linspace(0.0, 1.0, n_free + 2 - degree + 1)
+    knots = np.concatenate([np.zeros(degree), inner, np.ones(degree)])
+    x, w = np.polynomial.legendre.leggauss(40)
+
+    def effort(free):
+        points = np.vstack([START, free.reshape(n_free, -1), GOAL])
+        curve = BSpline(knots, points, degree)
+        states = (curve((x + 1) / 2, d) / motion.duration**d for d in range(3))
+        return 0.25 * motion.duration * float(w @ np.sum(robot.inverse_dynamics(*states) ** 2, 1))
+
+    straight = np.linspace(START, GOAL, n_free + 2)[1:-1]
+    least = minimize(effort, straight.ravel(), method="BFGS").fun
+    assert found.effort is not None
+    assert found.effort <= least * 1.01
+
+
+def test_free_ends_take_less_effort_than_rest():
+    robot, motion = arm_robot(), MOTIONS[0]
+    primitive = build_primitive(MOTIONS[1:], "others")
+    rest = plan_like(motion, primitive, robot, "bspline", 0.0)
+    free = free_bsplines(robot)(motion, ())
+    assert free.effort < rest.effort

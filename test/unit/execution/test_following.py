@@ -17,7 +17,15 @@ from mp_pca_planner.motion.trajectory import Trajectory
 NAMES, NOW = ("a", "b"), 10.0
 
 
-def conclusion(distance: float, place: float, noise: float = 0.0, *, is_over: bool = True) -> str:
+def conclusion(
+    distance: float,
+    place: float,
+    noise: float = 0.0,
+    *,
+    is_over: bool = True,
+    load: float = 0.0,
+    offset: float = 0.0,
+) -> str:
     """For motions that are this far apart, and a robot at rest at this share of that distance."""
     held = [
         PublishedMotion(hold(NAMES, np.array([end, 0.0])), began)
@@ -34,7 +42,9 @@ def conclusion(distance: float, place: float, noise: float = 0.0, *, is_over: bo
     samples = MeasuredSamples(np.array([NOW]), position[None])
     seen = FollowingState(JointState(NAMES, position), True, samples)
     found = Progress(NOW, NOW - 2.0)
-    return publication.confirm(found, seen, ServoModel(2), noise, FollowingOptions())
+    servo = ServoModel(2)
+    servo.load, servo.offset = np.array([load, 0.0]), np.array([offset, 0.0])
+    return publication.confirm(found, seen, servo, noise, FollowingOptions())
 
 
 @pytest.mark.parametrize("distance", [3e-4, 4.3e-4, 1e-3, 1e-2])
@@ -46,6 +56,15 @@ def test_robot_at_rest_on_the_old_motion_has_not_taken_the_new_one(distance: flo
 @pytest.mark.parametrize("place", [0.6, 1.0, 1.2])
 def test_robot_at_rest_near_the_new_motion_may_have_taken_it(distance: float, place: float) -> None:
     assert conclusion(distance, place) != REFUSED
+
+
+@pytest.mark.parametrize("place", [0.0, 1.0])
+@pytest.mark.parametrize("error", [-5e-5, 5e-5])
+def test_offset_of_a_motion_does_not_hide_where_a_robot_rests(place: float, error: float) -> None:
+    """The last accelerations are in the offset, or the load has changed since the last rest."""
+    for load, offset in ((0.0, error), (error, 0.0)):
+        is_refused = conclusion(2.5e-4, place, load=load, offset=offset) == REFUSED
+        assert is_refused == (place == 0.0)
 
 
 def test_robot_that_has_not_begun_to_move_may_have_taken_the_new_motion() -> None:

@@ -23,6 +23,7 @@ from mp_pca_planner.execution.motion_server import MotionServer
 from mp_pca_planner.execution.parameters import Settings
 from mp_pca_planner.execution.preemptive_worker import CancelledError
 from mp_pca_planner.motion.goal import JointGoal, JointState, Pose, PoseGoal, SequenceGoal
+from mp_pca_planner.motion.trajectory import Trajectory
 from mp_pca_planner.resources import config_file
 
 URDF = config_file("human_arm.urdf").read_text(encoding="utf-8")
@@ -408,6 +409,29 @@ def test_stop_of_a_robot_that_is_not_heard_of_keeps_the_limits_and_says_what_is_
     node.assert_smooth([tick for tick, n_points in node.robot.taken if n_points == 1])
     assert not node.robot.record.v[-1].any()
     assert np.abs(node.commanded - GOAL).max() > 0.05
+
+
+@pytest.mark.parametrize("away", [0.003, 0.011])
+def test_goal_after_stops_starts_where_the_robot_rests_beside_their_point(node, away):
+    node.ask(GOAL, duration=3.0)
+    node.run(0.4)
+    node.robot.faults.silent = True
+    node.run(0.6)
+    node.stop()
+    node.robot.faults.silent = False
+    node.run(0.2)
+    # Something else ends the stop, and the next one is lost.
+    stop = node.sent[-1][1]
+    q, zero = stop.positions[[0, -1]] + away * np.array([0, 1, -1, 0]), np.zeros((2, 4))
+    node.robot.send(Trajectory(JOINTS, [0.0, 0.5], q, zero, zero), last_point_only=True)
+    node.run(4.0)
+    node.robot.faults.drop = 1.0
+    node.stop()
+    node.run(0.5)
+    node.robot.faults.drop, held = 0.0, node.commanded
+    node.ask(START)
+    node.run(0.1)
+    np.testing.assert_allclose(node.sent[-1][1].positions[0], held, atol=1e-6)
 
 
 def test_stop_of_a_robot_that_was_never_heard_of_is_refused(node):

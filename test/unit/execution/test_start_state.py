@@ -355,6 +355,16 @@ def test_robot_that_is_led_to_a_point_is_not_continued(moving):
         moving.choose()
 
 
+@pytest.mark.parametrize(("away", "is_reached"), [(0.004, True), (0.006, False), (0.011, False)])
+def test_robot_that_rests_short_of_a_single_point_has_not_reached_it(moving, away, is_reached):
+    stop = moving.states.command(Joined.to_last_point(continuing(moving.choose()), moving.now))
+    # Beside the path that the node assumes.
+    rest, since = stop.end + away * np.array([-1.0, 1.0]), moving.now
+    moving.run(2.0, lambda time: rest + (moving.here - rest) * (time < since + 0.5))
+    assert moving.states.follow(SETTINGS).is_over == is_reached
+    np.testing.assert_allclose(moving.choose().state.positions, rest, atol=1e-4)
+
+
 def test_motion_counts_no_longer_when_time_was_set_back(moving):
     moving.now -= 10.0
     moving.rest()

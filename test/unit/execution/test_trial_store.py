@@ -59,7 +59,7 @@ def test_trials_lower_the_cost_and_start_wherever_the_robot_is(model: Model) -> 
         assert np.array_equal(plan.trajectory.positions[-1], GOAL)
         # A cost that the model knows nothing of: the elbow should be late.
         costs.append(float(np.mean((plan.trajectory.positions[:, 3] - START[3]) ** 2)))
-        trial.tell(costs[-1])
+        trial.record(costs[-1])
     parameters, facts = trial.to_keep()
     assert facts == {"trial_cost": min(costs), "planned_cost": costs[0], "n_trials": 20}
     assert min(costs) < 0.95 * costs[0]
@@ -79,13 +79,13 @@ def test_first_trial_is_the_planned_motion_and_repeats_until_its_cost_is_reporte
         )
         assert plan.solution.effort_cost == pytest.approx(planned.solution.effort_cost, rel=1e-3)
     assert trial.to_keep()[1] == {}
-    trial.tell(3.0)
+    trial.record(3.0)
     with pytest.raises(LearningError, match="cost of trial 1 was reported before"):
-        trial.tell(2.0)
+        trial.record(2.0)
     second, trial = serve(store, model)
     assert (trial.number, trial.best_cost) == (2, 3.0)
     assert np.abs(second.trajectory.positions - plan.trajectory.positions).max() > 1e-3
-    trial.tell(4.0)
+    trial.record(4.0)
     with pytest.raises(LearningError, match="none of 2 trials cost less"):
         trial.to_keep()
 
@@ -111,7 +111,7 @@ def test_trials_avoid_self_collision_where_that_is_enabled(tmp_path: Path) -> No
         for number in range(1, 4):
             plan, trial = store.vary(goal, planned, model)
             n_collisions[is_enabled] += len(collision.collisions(plan.trajectory))
-            trial.tell(1.0 / number)
+            trial.record(1.0 / number)
         trial.close()
     assert n_collisions[False] > 0
     assert n_collisions[True] == 0
@@ -126,7 +126,7 @@ def test_process_that_was_killed_continues_with_the_next_trial(model: Model) -> 
             assert again.number == number
             assert again.best_cost == trial.best_cost == 1.0 / (number - 1)
             np.testing.assert_allclose(again.parameters, trial.parameters, atol=1e-12)
-        trial.tell(1.0 / number)
+        trial.record(1.0 / number)
 
 
 def test_other_goals_and_starts_have_trials_of_their_own(model: Model, tmp_path: Path) -> None:
@@ -134,7 +134,7 @@ def test_other_goals_and_starts_have_trials_of_their_own(model: Model, tmp_path:
     for goal, start in ((GOAL, START), (0.9 * GOAL, START), (GOAL, START + 0.05)):
         _, trial = serve(store, model, goal, start)
         assert trial.number == 1
-        trial.tell(1.0)
+        trial.record(1.0)
     assert len(list(tmp_path.iterdir())) == 3
     # From files, too.
     assert serve(TrialStore(), model, GOAL, START + 0.049)[1].number == 2
@@ -144,17 +144,17 @@ def test_trials_begin_anew_when_the_best_was_kept(model: Model, tmp_path: Path) 
     store = TrialStore()
     for cost in (2.0, 1.0):
         _, trial = serve(store, model)
-        trial.tell(cost)
+        trial.record(cost)
     trial.close()
     assert not list(tmp_path.iterdir())
     with pytest.raises(LearningError, match="over"):
-        trial.tell(1.0)
+        trial.record(1.0)
     assert serve(store, model)[1].number == 1
 
 
 def test_trials_that_cannot_be_continued_are_refused(model: Model, tmp_path: Path) -> None:
     _, trial = serve(TrialStore(), model)
-    trial.tell(1.0)
+    trial.record(1.0)
     (file,) = tmp_path.iterdir()
     other = assemble_model(URDF, [arm_primitive()], replace(model.settings, naturalness=9.0))
     with pytest.raises(LearningError, match="with other options: remove it"):

@@ -9,7 +9,7 @@ from patience import PATIENT
 from scipy.integrate import trapezoid
 
 from mp_pca_planner.exceptions import GoalError, PlannerError, TrajectoryError
-from mp_pca_planner.learning.family import family_around
+from mp_pca_planner.learning.primitive_around import primitive_around
 from mp_pca_planner.learning.refined_motion import (
     AMPLITUDE,
     LOG_DURATION,
@@ -201,7 +201,7 @@ def test_what_is_not_executable_is_refused():
 def test_family_expects_the_refined_motion_for_the_same_request():
     plan = planned()
     refined = RefinedMotion([plan.motion], [[0.3, 0.2, 0.4, -0.3, 0.2]])
-    family = family_around(arm_primitive(), refined, "refined", {"why": "test"})
+    family = primitive_around(arm_primitive(), refined, "refined", {"why": "test"})
     expected = family.model.predict(
         plan.motion.start.positions, plan.motion.goal.positions, refined.duration
     )
@@ -218,7 +218,7 @@ def test_family_plans_goals_around_the_motion_more_cheaply():
     rng = np.random.default_rng(0)
     plan = planned()
     refined = refine([plan.motion], ROBOT, LIMITS).motion
-    family = family_around(arm_primitive(), refined, "refined", {})
+    family = primitive_around(arm_primitive(), refined, "refined", {})
     old, new = (Planner(ROBOT, [p], LIMITS, PATIENT) for p in (arm_primitive(), family))
     for _ in range(5):
         start = JointState(JOINTS, plan.motion.start.positions + 0.05 * rng.normal(size=4))

@@ -58,7 +58,7 @@ def effort(proposal):
 
 def learn(learner, n_trials):
     for _ in range(n_trials):
-        learner.tell(effort(learner.propose()))
+        learner.record(effort(learner.propose()))
     return learner
 
 
@@ -82,7 +82,7 @@ def test_every_trial_is_within_the_limits():
         proposal = learner.propose()
         assert not check_limits(proposal.trajectory, ROBOT, limits).violations
         assert proposal.motion.duration == pytest.approx(motion().duration, rel=1e-12)
-        learner.tell(effort(proposal))
+        learner.record(effort(proposal))
     assert learner.best.cost < learner.trials[0].cost
 
 
@@ -140,7 +140,7 @@ def test_killed_learner_leaves_a_file_that_can_be_read(tmp_path):
 def test_cost_that_is_no_number_is_refused_and_nothing_is_learned(cost):
     learner = TrialLearner([motion()], ROBOT, ROBOT.limits())
     with pytest.raises(LearningError, match="finite"):
-        learner.tell(cost)
+        learner.record(cost)
     assert learner.trials == ()
 
 

@@ -459,7 +459,7 @@ def test_no_trial_leads_through_the_body(model, around_base):
         n = 0
         for _ in range(15):
             n += bool(model.collisions(learner.propose().trajectory))
-            learner.tell(0.0)
+            learner.record(0.0)
         return n
 
     assert n_through(model) == 0 < n_through(None)

@@ -43,9 +43,9 @@ def test_values_are_the_quantities_as_shares_of_their_limits(name):
     bounds = {"elbow": {"max_acceleration": 7.0, "max_jerk": 70.0}}
     program, motion, limits = constrained(name, bounds)
     values = program.evaluate(weights_of(program, motion)).inequalities
-    times = (np.arange(N_LIMIT_POINTS) + 0.5) / N_LIMIT_POINTS * motion.duration
+    times = np.linspace(1e-6, 1.0 - 1e-6, N_LIMIT_POINTS) * motion.duration
     q, v, a = motion.evaluate(times)
-    step = 1e-5
+    step = 1e-6 * motion.duration
     jerk = (motion.evaluate(times + step)[2] - motion.evaluate(times - step)[2]) / (2.0 * step)
     tau = arm_robot().inverse_dynamics(q, v, a)
     half = (limits.upper - limits.lower) / 2.0

@@ -18,13 +18,14 @@ from test_collision import ACROSS_BASE, chain, chain_planner
 from test_planner import planner, request
 
 from mp_pca_planner.exceptions import GoalError
-from mp_pca_planner.learning.family import family_around
+from mp_pca_planner.learning.primitive_around import primitive_around
 from mp_pca_planner.learning.refined_motion import RefinedMotion
 from mp_pca_planner.motion.collision import CollisionModel
 from mp_pca_planner.motion.goal import JointGoal, JointState, Pose, PoseGoal, SequenceGoal, Via
 from mp_pca_planner.motion.validation import check_executable, check_limits
 from mp_pca_planner.planning.plan import INFEASIBLE, MODES, STOPPED_EARLY, PlannerOptions
 from mp_pca_planner.planning.planner import Planner
+from mp_pca_planner.planning.search_options import SearchOptions
 
 NO_TIME = 1e-9
 # Hardly any jerk: no motion that is optimised without time keeps these limits.
@@ -87,7 +88,9 @@ def test_every_goal_is_served_from_rest_and_in_motion_without_any_time(
 
 def test_message_says_that_time_ran_out_and_that_the_motion_is_usable():
     goal, start = request(1)
-    plan = planner(overrides=OVERRIDES, max_solve_time=NO_TIME).plan(goal, start)
+    unscaled = SearchOptions(max_stretch=1.0)
+    subject = planner(overrides=OVERRIDES, max_solve_time=NO_TIME, search=unscaled)
+    plan = subject.plan(goal, start)
     assert_serves(plan, start)
     assert plan.status == STOPPED_EARLY
     assert plan.message.startswith("time ran out (max_solve_time = 1e-09 s) before")
@@ -106,7 +109,10 @@ def arm_duration(goal: JointGoal, start: JointState) -> float:
 
 def test_from_rest_it_is_the_minimum_jerk_motion_as_fast_as_the_limits_allow():
     goal, start = request(1)
-    subject = planner(overrides=OVERRIDES, max_solve_time=NO_TIME, timing="shortest")
+    unscaled = SearchOptions(max_stretch=1.0)
+    subject = planner(
+        overrides=OVERRIDES, max_solve_time=NO_TIME, timing="shortest", search=unscaled
+    )
     plan = subject.plan(goal, start)
     way = goal.state.positions - start.positions
     s = plan.trajectory.times[:, None] / plan.motion.duration
@@ -239,7 +245,7 @@ def test_slow_motion_in_collision_is_not_returned():
 def test_slow_motion_can_be_kept_as_a_primitive():
     goal, start = request(1)
     plan = planner(overrides=OVERRIDES, max_solve_time=NO_TIME).plan(goal, start)
-    family = family_around(arm_primitive(), RefinedMotion([plan.motion]), "kept", {})
+    family = primitive_around(arm_primitive(), RefinedMotion([plan.motion]), "kept", {})
     again = Planner(
         arm_robot(), [family], LIMITS, PlannerOptions(naturalness=100.0, max_solve_time=EVER)
     ).plan(replace(goal, duration=plan.motion.duration), start)

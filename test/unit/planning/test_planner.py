@@ -84,8 +84,8 @@ def test_starts_that_there_is_no_time_for_are_left_out():
 @pytest.mark.parametrize("coupling", ["arm", "joint"])
 def test_practice_leads_to_the_same_optima_in_fewer_passes(coupling):
     plain, practised, again = (planner(coupling, naturalness=0.0) for _ in range(3))
-    practised.practise()
-    again.practise()
+    practised.precompute()
+    again.precompute()
     ratios, passes = [], np.zeros(2)
     for i in range(30):
         plans = [subject.plan(*request(i)) for subject in (plain, practised, again)]
@@ -103,7 +103,7 @@ def test_practice_leads_to_the_same_optima_in_fewer_passes(coupling):
 )
 def test_practice_where_it_is_of_no_use_changes_nothing(options):
     plain, practised = planner(**options), planner(**options)
-    practised.practise()
+    practised.precompute()
     before, after = (subject.plan(*request(4)) for subject in (plain, practised))
     np.testing.assert_array_equal(before.trajectory.positions, after.trajectory.positions)
     assert before.solution.iterations == after.solution.iterations
@@ -113,12 +113,12 @@ def test_practice_leaves_out_what_the_limits_forbid_and_helps_poses_and_vias_too
     # None of the demonstrations lies within these limits.
     narrow = {name: {"min_position": 0.3, "max_position": 0.31} for name in JOINTS}
     subject = planner(overrides=narrow, naturalness=0.0)
-    subject.practise()
+    subject.precompute()
     inside = JointState(JOINTS, np.full(4, 0.305))
     assert subject.plan(JointGoal(inside, 1.0), inside).status == SOLVED
     subject = planner(naturalness=0.0)
-    subject.practise(max_time=0.0)  # no time for any
-    subject.practise()
+    subject.precompute(max_time=0.0)  # no time for any
+    subject.precompute()
     goal, start = request(2)
     via = Via(JointState(JOINTS, 0.5 * (start.positions + goal.state.positions)))
     frame = subject.robot.frame_names[-1]

@@ -19,6 +19,7 @@ from mp_pca_planner.planning.stop_and_go import (
     FixedShape,
     StopAndGo,
     least_duration,
+    least_stretch,
     slowdown,
     stop_and_go,
 )
@@ -91,6 +92,24 @@ def test_least_duration_takes_the_whole_of_a_limit_of_effort_and_no_more(first, 
     # Between the phases that are compared efforts may be a little larger.
     assert share_taken(duration) == pytest.approx(1.0, abs=2e-2)
     assert share_taken(0.9 * duration) > share_taken(duration) > share_taken(2.0 * duration)
+
+
+@given(shares, shares, st.floats(0.2, 5.0))
+def test_stretch_of_a_minimum_jerk_motion_gives_its_least_duration(first, second, duration):
+    robot, start, goal = arm_robot(), configuration(first), configuration(second)
+    limits = limits_of(max_velocity=0.7, max_acceleration=2.0, max_jerk=9.0)
+    motion = minimum_jerk(start, goal, duration)
+    s = motion.times[:, None] / duration
+    jerks = (goal - start) * (60.0 - 360.0 * s + 360.0 * s**2) / duration**3
+    states = np.array([motion.positions, motion.velocities, motion.accelerations, jerks])
+    for bounds in (limits, limits_of(max_effort=50.0), limits_of(max_effort=0.01)):
+        stretch = least_stretch(robot, bounds, states)
+        try:
+            least = least_duration(robot, bounds, start, goal)
+        except TrajectoryError:
+            assert stretch == np.inf
+        else:
+            assert stretch * duration == pytest.approx(least, rel=5e-3, abs=1e-6)
 
 
 def test_gravity_beyond_a_limit_of_effort_is_said_with_joint_and_value():

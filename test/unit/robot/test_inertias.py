@@ -67,6 +67,10 @@ BROKEN = {
     "mass alone": ('<inertial><mass value="1"/></inertial>', "without <inertia>"),
     "mass without value": ("<inertial><mass/>" + tensor(1, 1, 1) + "</inertial>", "'value'"),
     "NaN": (inertial("nan"), "'value' of <mass> is 'nan', expected a finite number"),
+    "absurd": (
+        inertial("1e308"),
+        "'value' of <mass> is '1e308', expected a finite number of at most 1e+09",
+    ),
     "infinite": (inertial("inf"), "'value' of <mass> is 'inf'"),
     "text": (inertial("2 kg"), "'value' of <mass> is '2 kg'"),
     "comma": (inertial("2,5"), "'value' of <mass> is '2,5'"),

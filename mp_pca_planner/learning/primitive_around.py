@@ -27,7 +27,7 @@ from .refined_motion import RefinedMotion
 _N_PHASES = 201
 
 
-def family_around(
+def primitive_around(
     primitive: MovementPrimitive,
     motion: RefinedMotion,
     name: str,

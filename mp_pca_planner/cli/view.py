@@ -1,0 +1,49 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""`view`: the robot, its primitives and plans on a page in the browser."""
+
+from __future__ import annotations
+
+import argparse
+import threading
+from contextlib import suppress
+from dataclasses import replace
+
+from ..exceptions import RobotError, unknown_name
+from ..primitives.primitive_library import load_primitives
+from ..recordings.demonstrations import load_demonstrations
+from ..robot.world import World
+from ..view.content import PageContent, read_content
+from ..view.page import ViewPage
+from .common import limits_of
+from .terminal import DONE, flush, say
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Serve the page until the time has passed or Ctrl-C; returns the exit status."""
+    primitives = load_primitives(arguments.primitives)
+    content = read_content(arguments.robot, primitives, arguments.package_dirs)
+    limits = limits_of(content.robot, arguments.limits)
+    recordings = None
+    if arguments.demonstrations:
+        recordings = load_demonstrations(
+            arguments.demonstrations, robot=content.robot, topic=arguments.topic
+        )
+    if arguments.frame and arguments.frame not in content.robot.frame_names:
+        raise RobotError(unknown_name("link", arguments.frame, content.robot.frame_names))
+    world = World() if arguments.obstacles is None else World.from_file(arguments.obstacles)
+    content = replace(
+        content, limits=limits, frame=arguments.frame, recordings=recordings, world=world
+    )
+    serve(content, arguments.host, arguments.port, arguments.duration)
+    return DONE
+
+
+def serve(content: PageContent, host: str, port: int, duration: float | None) -> None:
+    """Serve a page for a time [s], or until Ctrl-C."""
+    with ViewPage(content, host, port) as page:
+        reach = "this machine only" if page.server.is_local else "every machine that reaches it"
+        say(f"page         {page.url} (for {reach}; Ctrl-C ends it)")
+        flush()
+        with suppress(KeyboardInterrupt):  # the usual end
+            threading.Event().wait(duration)

@@ -1,0 +1,77 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Mesh files of obstacles."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..arrays import FloatArray
+from ..exceptions import WorldError, printable, quote_names
+from ..files import open_regular, reading
+from .bodies import coal
+from .world import MAX_TRIANGLES
+
+# Largest mesh file that is read [bytes].
+_MAX_BYTES = 64 << 20
+
+
+def read_mesh(resource: str, package_dirs: Sequence[Path]) -> tuple[FloatArray, NDArray[np.intp]]:
+    """Read a mesh file, such as STL, OBJ or COLLADA.
+
+    Parameters
+    ----------
+    resource : str
+        ``package://package/path``, ``file:///path`` or a path.
+    package_dirs : sequence of Path
+        Folders of packages.
+
+    Returns
+    -------
+    vertices : array, shape (n_vertices, 3)
+        Coordinates in the units of the file.
+    triangles : array of int, shape (n_triangles, 3)
+        Indices of the vertices of each triangle.
+
+    Raises
+    ------
+    WorldError
+        If the file can't be found or read.
+    """
+    path = _path(resource, package_dirs)
+    with reading(f"mesh '{printable(resource)}'", WorldError):
+        with open_regular(path) as file:
+            if file.seek(0, 2) > _MAX_BYTES:
+                raise ValueError(f"it is larger than {_MAX_BYTES:,} bytes")
+        found = coal.MeshLoader().load(str(path), np.ones(3))
+        if not 1 <= found.num_tris <= MAX_TRIANGLES:
+            raise ValueError(
+                f"it has {found.num_tris} triangles, 1 to {MAX_TRIANGLES} are accepted"
+            )
+        vertices = np.array(found.vertices())
+        triangles = [[t[0], t[1], t[2]] for t in map(found.tri_indices, range(found.num_tris))]
+    return vertices, np.array(triangles, dtype=np.intp)
+
+
+def _path(resource: str, package_dirs: Sequence[Path]) -> Path:
+    scheme, separator, rest = resource.partition("://")
+    if not separator:
+        return Path(resource)
+    if scheme == "file":
+        return Path(rest)
+    if scheme != "package":
+        raise WorldError(
+            f"mesh '{printable(resource)}': accepted are package://package/path and file:///path"
+        )
+    for folder in package_dirs:
+        # A folder may be the package itself, as the URDF reader accepts it.
+        if (folder / rest).is_file():
+            return folder / rest
+    raise WorldError(
+        f"mesh '{printable(resource)}' was not found in the packages of "
+        f"{quote_names(map(str, package_dirs))} (package_dirs)"
+    )

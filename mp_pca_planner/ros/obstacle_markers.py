@@ -1,0 +1,93 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Obstacles of visualization_msgs/Marker messages."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from visualization_msgs.msg import Marker
+
+from ..arrays import FloatArray, frozen_array
+from ..exceptions import WorldError, printable
+from ..robot.world import MAX_SHAPES, MAX_TRIANGLES, Box, Cylinder, Mesh, Obstacle, Shape, Sphere
+from ..robot.world_meshes import read_mesh
+
+# Relative difference up to which diameters are the same.
+_SAME = 1e-6
+_ACCEPTED = "CUBE, SPHERE, CYLINDER, CUBE_LIST, SPHERE_LIST, TRIANGLE_LIST and MESH_RESOURCE"
+
+
+def marker_name(marker: Marker) -> str:
+    """The name of a marker's obstacle: its namespace and number."""
+    return f"{marker.ns}/{marker.id}" if marker.ns else f"marker {marker.id}"
+
+
+def to_obstacle(marker: Marker, package_dirs: Sequence[Path]) -> Obstacle:
+    """The obstacle of a marker that is added or modified.
+
+    Parameters
+    ----------
+    marker :
+        The marker. Its colour, lifetime and stamp are not used.
+    package_dirs :
+        Folders of packages, for meshes.
+
+    Raises
+    ------
+    WorldError
+        If its type is not supported, or its numbers can't be used.
+    """
+    name = marker_name(marker)
+    try:
+        p, o = marker.pose.position, marker.pose.orientation
+        pose = np.array([p.x, p.y, p.z, o.x, o.y, o.z, o.w])
+        shapes = [shape.moved(pose) for shape in _shapes(marker, package_dirs)]
+        return Obstacle(name, shapes, marker.header.frame_id)
+    except WorldError as error:
+        raise WorldError(f"marker '{printable(name)}': {error}") from None
+
+
+def _shapes(marker: Marker, package_dirs: Sequence[Path]) -> list[Shape]:
+    """The shapes in the frame of the marker's pose."""
+    scale = frozen_array(
+        [marker.scale.x, marker.scale.y, marker.scale.z], (3,), "scale", WorldError
+    )
+    kind = marker.type
+    if kind == Marker.CUBE:
+        return [Box(scale)]
+    if kind == Marker.SPHERE:
+        return [Sphere(0.5 * _diameter(scale, "a sphere"))]
+    if kind == Marker.CYLINDER:
+        return [Cylinder(0.5 * _diameter(scale[:2], "a cylinder"), scale[2])]
+    if kind == Marker.MESH_RESOURCE:
+        vertices, triangles = read_mesh(marker.mesh_resource, package_dirs)
+        return [Mesh(vertices * scale, triangles)]
+    points = _points(marker)
+    if kind == Marker.TRIANGLE_LIST:
+        if len(points) % 3:
+            raise WorldError(f"a TRIANGLE_LIST has 3 points per triangle, got {len(points)} points")
+        return [Mesh(points * scale, np.arange(len(points)).reshape(-1, 3))]
+    if kind == Marker.CUBE_LIST:
+        return [Box(scale, point) for point in points]
+    if kind == Marker.SPHERE_LIST:
+        radius = 0.5 * _diameter(scale, "a sphere")
+        return [Sphere(radius, point) for point in points]
+    raise WorldError(f"type {kind} is not supported; accepted are {_ACCEPTED}")
+
+
+def _points(marker: Marker) -> FloatArray:
+    most = 3 * MAX_TRIANGLES if marker.type == Marker.TRIANGLE_LIST else MAX_SHAPES
+    if len(marker.points) > most:
+        raise WorldError(f"it has {len(marker.points)} points, at most {most} are accepted")
+    return np.array([(p.x, p.y, p.z) for p in marker.points]).reshape(-1, 3)
+
+
+def _diameter(scale: Any, what: str) -> float:
+    if np.ptp(scale) > _SAME * np.abs(scale).max():
+        numbers = ", ".join(f"{number:g}" for number in scale)
+        raise WorldError(f"the diameters of {what} must be equal, got {numbers}")
+    return float(scale[0])

@@ -1,0 +1,150 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""What a page shows: a robot, its primitives, demonstrations and obstacles."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..arrays import FloatArray
+from ..exceptions import MissingDependencyError, RobotError
+from ..files import read_text, reading
+from ..motion.collision import CollisionModel, package_folders
+from ..planning.plan import Plan
+from ..planning.planner import Planner
+from ..primitives.primitive import MovementPrimitive
+from ..recordings.reports import RecordingSet
+from ..robot.limits import JointLimits
+from ..robot.model import Robot
+from ..robot.world import World
+
+if TYPE_CHECKING:
+    from .page import ViewPage
+
+
+@dataclass(frozen=True, eq=False)
+class PageContent:
+    """What a page shows.
+
+    Attributes
+    ----------
+    robot : Robot
+        The robot of the primitives.
+    urdf : str
+        Its description, XML text.
+    primitives : tuple of MovementPrimitive
+        At least one.
+    limits : JointLimits
+        Limits of its joints.
+    folders : sequence of Path
+        Folders with the packages of meshes.
+    collision : CollisionModel or None
+        Collision model of the robot; None: self-collisions are not checked.
+    frame : str
+        The link that the handle moves; empty: the last one.
+    recordings : RecordingSet or None
+        Demonstrations; those that the primitives reproduce unless given.
+    world : World
+        The obstacles at the beginning.
+    ends : tuple of array, shape (n_joints,), or None
+        The first start and goal; those of a demonstration unless given.
+    """
+
+    robot: Robot
+    urdf: str
+    primitives: Sequence[MovementPrimitive]
+    limits: JointLimits
+    folders: Sequence[Path] = ()
+    collision: CollisionModel | None = None
+    frame: str = ""
+    recordings: RecordingSet | None = None
+    world: World = field(default_factory=World)
+    ends: tuple[FloatArray, FloatArray] | None = None
+
+
+def read_content(
+    urdf: Path,
+    primitives: Sequence[MovementPrimitive],
+    package_dirs: Sequence[Path] = (),
+) -> PageContent:
+    """The content of a page for primitives and the URDF file of their robot.
+
+    Self-collisions are checked if the robot's collision geometry can be read.
+
+    Parameters
+    ----------
+    urdf : Path
+        The URDF file.
+    primitives : sequence of MovementPrimitive
+        At least one.
+    package_dirs : sequence of Path
+        Folders of packages with meshes; searched before ROS's and those above the URDF.
+
+    Raises
+    ------
+    RobotError
+        If the URDF can't be used.
+    """
+    with reading(f"the URDF file '{urdf}'", RobotError):
+        text = read_text(urdf)
+    robot = Robot(text, primitives[0].joint_names, source=f"URDF file '{urdf}'")
+    folders = package_folders(package_dirs, urdf)
+    try:
+        collision = CollisionModel(robot, package_dirs=folders)
+    except RobotError:  # meshes are missing, which the page states for the visual ones
+        collision = None
+    return PageContent(robot, text, tuple(primitives), robot.limits(), folders, collision)
+
+
+def first_ends(primitive: MovementPrimitive, limits: JointLimits) -> tuple[FloatArray, FloatArray]:
+    """Start and goal of the demonstration nearest to the mean, within the limits."""
+    ends = primitive.boundary_states[:, [0, 3]]
+    spread = ends.std(axis=0) + 1e-9
+    nearest = np.argmin(np.sum(((ends - ends.mean(axis=0)) / spread) ** 2, axis=(1, 2)))
+    start, goal = np.clip(ends[nearest], limits.lower, limits.upper)
+    return start, goal
+
+
+def show(planner: Planner, plan: Plan | None = None, *, port: int = 8080) -> ViewPage:
+    """Serve a page with the robot and the primitives of a planner, to be opened in a browser.
+
+    Parameters
+    ----------
+    planner : Planner
+        A planner whose robot was read from a file.
+    plan : Plan, optional
+        A plan whose start and goal are shown first.
+    port : int
+        Port, or the first free one after it; 0: any free one.
+
+    Returns
+    -------
+    page : ViewPage
+        The page, served until it is closed or the process ends.
+
+    Raises
+    ------
+    RobotError
+        If the robot was not read from a file.
+    MissingDependencyError
+        If the extra `view` is not installed.
+    """
+    try:
+        from .page import ViewPage
+    except ImportError as error:
+        raise MissingDependencyError(str(error.name), "view", "the page") from None
+    path = planner.robot.path
+    if path is None:
+        raise RobotError("the page needs the URDF file of the robot: use Robot.from_file")
+    content = replace(read_content(path, planner.primitives), limits=planner.limits)
+    if planner.collision is not None:
+        content = replace(content, world=planner.collision.world)
+    if plan is not None:
+        first, *_, last = plan.trajectory.positions
+        content = replace(content, ends=(first, last))
+    return ViewPage(content, port=port)

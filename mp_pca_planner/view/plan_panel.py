@@ -1,0 +1,261 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""The panel of the plan: a handle for the goal, and the motion that follows it."""
+
+from __future__ import annotations
+
+import traceback
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import viser
+
+from ..arrays import FloatArray
+from ..execution.preemptive_worker import PreemptiveWorker
+from ..motion.goal import Pose
+from ..planning.plan import DEMONSTRATED, TIMINGS
+from .drawing import DrawnPaths, DrawnRobot
+from .export import add_export
+from .motion import ShownMotion
+from .planning import FIXED, InteractivePlanner, PlanAnswer, PlanRequest, PlanSettings
+from .player import Player
+from .stage import Stage
+from .vias import ViaHandles
+from .words import answer_html, bars_html, limit_shares
+
+NAME = "Plan"
+
+_GOAL, _REFUSED = (0, 158, 115), (217, 53, 43)
+_PATH, _SPLINES = (0, 114, 178), (204, 121, 167)
+_NATURALNESS = ("0", "0.01", "0.1", "1", "10")
+_CONTINUE, _RESET = "At the goal", "Reset"
+_OBJECTIVES = ("effort", "energy", "jerk", "straightness")
+
+
+class PlanPanel:
+    """The goal, its plan, and their controls.
+
+    Parameters
+    ----------
+    stage : Stage
+        The scene.
+    player : Player
+        Plays the plan.
+    planner : InteractivePlanner
+        Used by one thread of this panel only.
+    request : PlanRequest
+        The first request.
+
+    Attributes
+    ----------
+    handle : viser.TransformControlsHandle
+        The handle of the goal.
+    answer : PlanAnswer or None
+        The newest answer.
+    """
+
+    def __init__(
+        self,
+        stage: Stage,
+        player: Player,
+        planner: InteractivePlanner,
+        request: PlanRequest,
+    ) -> None:
+        self._stage, self._player, self._planner = stage, player, planner
+        self._home = request.start, request.goal
+        self.answer: PlanAnswer | None = None
+        self._request = request
+        scene, size = stage.server.scene, stage.size
+        self._ghost = DrawnRobot(scene, "/goal", stage.shapes, _GOAL)
+        self._path = DrawnPaths(scene, "/plan/path", _PATH, 5.0)
+        self._splines = DrawnPaths(scene, "/plan/splines", _SPLINES, 3.0)
+        self.handle = scene.add_transform_controls(
+            "/handle", scale=0.16 * size, disable_rotations=True, depth_test=False
+        )
+        self.handle.on_update(self._on_handle)
+        self._add_goal()
+        self._vias = ViaHandles(stage, self._new_via, self._on_vias)
+        self._add_settings()
+        gui = stage.server.gui
+        with gui.add_folder("Limits used"):
+            self._bars = gui.add_html("")
+        add_export(stage, lambda: None if self.answer is None else self.answer.plan)
+        self._worker = PreemptiveWorker[PlanRequest](
+            lambda request, _: self._serve(request), lambda _: None, lambda: None
+        )
+        player.when_shown(NAME, self._on_shown)
+        self._place_handle()
+        self._ghost.show(request.goal)
+        self.submit()
+
+    def submit(self, **changes: Any) -> None:
+        """Request a plan with changes to the present request; the newest request wins."""
+        self._request = replace(self._request, **changes)
+        self._worker.submit(self._request)
+
+    @property
+    def is_settled(self) -> bool:
+        """Whether every request has been answered."""
+        return self._worker.is_idle and self.answer is not None
+
+    def close(self) -> None:
+        """End the thread."""
+        self._worker.close()
+
+    def _add_goal(self) -> None:
+        stage, gui = self._stage, self._stage.server.gui
+        self._verdict = gui.add_html("")
+        self._turns = gui.add_checkbox(
+            "Orientation too", False, hint="The handle sets the full pose, not only the position"
+        )
+        stage.on_change(self._turns, self._on_turns)
+        self._sliders: list[Any] = []
+        with gui.add_folder("Goal by joint", expand_by_default=False):
+            limits = stage.limits
+            for i, name in enumerate(stage.robot.joint_names):
+                low, high = max(limits.lower[i], -np.pi), min(limits.upper[i], np.pi)
+                value = float(np.clip(self._request.goal[i], low, high))
+                slider = gui.add_slider(name, float(low), float(high), 0.001, value)
+                stage.on_change(slider, self._on_joints)
+                self._sliders.append(slider)
+        ends = gui.add_button_group(
+            "Start", (_CONTINUE, _RESET), hint="Continue from the goal, or go back to the beginning"
+        )
+        stage.on_click(
+            ends, lambda: self._on_swap() if ends.value == _CONTINUE else self._on_reset()
+        )
+
+    def _add_settings(self) -> None:
+        stage, gui = self._stage, self._stage.server.gui
+        with gui.add_folder("How", expand_by_default=False):
+            self._naturalness = gui.add_dropdown(
+                "Naturalness ρ", _NATURALNESS, initial_value="1", hint="0: least cost alone"
+            )
+            self._objective = gui.add_dropdown("Least", _OBJECTIVES)
+            self._timing = gui.add_dropdown(
+                "Duration", (*TIMINGS, FIXED), initial_value=DEMONSTRATED
+            )
+            self._duration = gui.add_number(
+                "Seconds", 1.0, min=0.1, max=60.0, step=0.1, visible=False
+            )
+            self._compares = gui.add_checkbox("Compare with B-splines", False)
+        for widget in (
+            self._naturalness,
+            self._objective,
+            self._timing,
+            self._duration,
+            self._compares,
+        ):
+            stage.on_change(widget, self._on_settings)
+
+    def _on_shown(self, is_shown: bool) -> None:
+        self._ghost.visible = is_shown
+        if self.answer is not None:
+            self._show_paths(self.answer)
+
+    def _on_handle(self, event: viser.TransformControlsEvent) -> None:
+        with self._stage.lock:
+            self.submit(pose=self._pose())
+
+    def _pose(self) -> Pose:
+        handle = self.handle
+        turn = np.roll(handle.wxyz, -1) if self._turns.value else None
+        return Pose(self._stage.frame, handle.position, turn)
+
+    def _on_turns(self) -> None:
+        self.handle.disable_rotations = not self._turns.value
+        self._place_handle()
+        self.submit(pose=self._pose())
+
+    def _on_joints(self) -> None:
+        goal = np.array([slider.value for slider in self._sliders])
+        self._ghost.show(goal)
+        self._place_handle(goal)
+        self.submit(goal=goal, pose=None)
+
+    def _on_swap(self) -> None:
+        self._player.playback.seek(0.0)
+        self.submit(start=self._request.goal)
+
+    def _on_reset(self) -> None:
+        start, goal = self._home
+        self._vias.clear()
+        self._place_handle(goal)
+        self._player.playback.seek(0.0)
+        self.submit(start=start, goal=goal, pose=None, vias=())
+
+    def _new_via(self) -> FloatArray:
+        """The place that the end effector passes in the middle of the present motion."""
+        plan = None if self.answer is None else self.answer.plan
+        motion = self._request.start[None] if plan is None else plan.trajectory.positions
+        return np.asarray(self._stage.path(motion[len(motion) // 2][None])[0])
+
+    def _on_vias(self, vias: tuple[Pose, ...]) -> None:
+        self.submit(vias=vias)
+
+    def _on_settings(self) -> None:
+        self._duration.visible = self._timing.value == FIXED
+        settings = PlanSettings(
+            naturalness=float(self._naturalness.value),
+            objective=self._objective.value,
+            timing=self._timing.value,
+            duration=float(self._duration.value),
+            compares=self._compares.value,
+        )
+        self.submit(settings=settings)
+
+    def _place_handle(self, q: FloatArray | None = None) -> None:
+        """Put the handle onto the end effector in a configuration, by default at the goal."""
+        goal = self._request.goal if q is None else q
+        self.handle.position, self.handle.wxyz = self._stage.shapes.frame_pose(
+            goal, self._stage.frame
+        )
+
+    def _serve(self, request: PlanRequest) -> None:
+        # In the planning thread: only what is under the lock changes the page.
+        request = self._with_newest_goal(request)
+        try:
+            answer = self._planner.answer(request)
+        except Exception as error:  # the thread must outlive errors of the planner
+            traceback.print_exc()
+            problem = f"internal error, {type(error).__name__}: {error}"
+            answer = PlanAnswer(request, request.goal, None, problem, None, 0.0)
+        with self._stage.lock, self._stage.server.atomic():
+            self._show(answer)
+
+    def _with_newest_goal(self, request: PlanRequest) -> PlanRequest:
+        """Begin the search for a pose where the last answer ended."""
+        if request.pose is None or self.answer is None:
+            return request
+        return replace(request, goal=self.answer.goal)
+
+    def _show(self, answer: PlanAnswer) -> None:
+        self.answer, plan = answer, answer.plan
+        if answer.request.pose is not None:
+            self._request = replace(self._request, goal=answer.goal)
+            for slider, q in zip(self._sliders, answer.goal, strict=True):
+                slider.value = float(np.clip(q, slider.min, slider.max))
+        self._player.take(NAME)
+        self._verdict.content = answer_html(answer)
+        self._ghost.show(answer.goal)
+        self._ghost.paint(_REFUSED if answer.problem else _GOAL)
+        self._show_paths(answer)
+        if plan is not None:
+            shares = limit_shares(plan.trajectory, self._stage.limits)
+            self._bars.content = bars_html(plan.trajectory.joint_names, shares)
+            if not answer.problem:
+                self._player.offer(NAME, ShownMotion.of(NAME, plan.trajectory))
+
+    def _show_paths(self, answer: PlanAnswer) -> None:
+        plan, other = answer.plan, answer.comparison
+        if not self._ghost.visible:
+            self._path.show()
+            self._splines.show()
+            return
+        colour = _REFUSED if answer.problem else _PATH
+        place: Callable[[Any], Any] = self._stage.path
+        drawn = [] if plan is None else [place(plan.trajectory.positions)]
+        self._path.show(*drawn, colour=colour)
+        self._splines.show(*([] if other is None else [place(other.trajectory.positions)]))

@@ -1,0 +1,283 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Shapes of a robot's links to draw: visual ones, else collision shapes, else a skeleton."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import trimesh
+
+from ..arrays import FloatArray
+from ..exceptions import RobotError
+from ..robot.inertias import joint_of
+from ..robot.model import Robot
+from ..robot.urdf import parse_xml
+
+Colour = tuple[float, float, float, float]
+"""Red, green, blue and opacity, 0 to 1."""
+
+_PLAIN: Colour = (0.76, 0.79, 0.83, 1.0)
+
+
+@dataclass(frozen=True, eq=False)
+class RobotShape:
+    """A rigid body that a joint moves.
+
+    Attributes
+    ----------
+    joint : int
+        Index of the joint in Pinocchio's model; 0: the base.
+    mesh : trimesh.Trimesh
+        Its surface in the frame of the joint [m], with its own colours if `colour` is None.
+    colour : tuple of float, or None
+        Its colour.
+    """
+
+    joint: int
+    mesh: Any
+    colour: Colour | None
+
+    @property
+    def hull(self) -> Any:
+        """The convex hull of the mesh, or the mesh itself where there is none."""
+        try:
+            return self.mesh.convex_hull
+        except Exception:  # a flat mesh; the library has no error type of its own for that
+            return self.mesh
+
+
+class RobotShapes:
+    """The shapes of a robot, and the places of its joints.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot.
+    urdf : str
+        Its description, XML text.
+    folders : sequence of Path
+        Folders with the packages that ``package://`` paths of meshes name, and folders of relative
+        paths.
+
+    Attributes
+    ----------
+    shapes : tuple of RobotShape
+        At least one.
+    notes : tuple of str
+        What is drawn in place of the visual shapes, and why; empty if all of these are drawn.
+    n_joints : int
+        Number of joints of Pinocchio's model, the base included.
+    """
+
+    def __init__(self, robot: Robot, urdf: str, folders: Sequence[Path]) -> None:
+        self._model, order = robot.pinocchio_model()
+        self._data = self._model.createData()
+        self._order = np.argsort(order)
+        self.n_joints = int(self._model.njoints)
+        root = parse_xml(urdf, "the robot description")
+        reader = _ShapeReader(self._model, root, folders)
+        self.shapes: tuple[RobotShape, ...] = ()
+        for tag in ("visual", "collision"):
+            self.shapes = self.shapes or tuple(reader.shapes(tag))
+        if not self.shapes:
+            self.shapes = tuple(_skeleton(self._model))
+        self.notes = tuple(dict.fromkeys(reader.notes))
+
+    def placements(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Places of all joints, the base first.
+
+        Parameters
+        ----------
+        q : array, shape (n_joints,)
+            Positions of the robot's joints in its order [rad or m].
+
+        Returns
+        -------
+        positions : array, shape (n_joints + 1, 3)
+            Origins in the base frame [m].
+        orientations : array, shape (n_joints + 1, 4)
+            Unit quaternions (w, x, y, z).
+        """
+        pin.forwardKinematics(self._model, self._data, np.ascontiguousarray(q[self._order]))
+        places = [self._data.oMi[joint] for joint in range(self.n_joints)]
+        turns = [pin.Quaternion(place.rotation).coeffs() for place in places]
+        return (
+            np.array([place.translation for place in places]),
+            np.roll(np.array(turns), 1, axis=1),
+        )
+
+    def frame_pose(self, q: FloatArray, frame: str) -> tuple[FloatArray, FloatArray]:
+        """Position [m], shape (3,), and orientation (w, x, y, z), shape (4,), of a link."""
+        pin.forwardKinematics(self._model, self._data, np.ascontiguousarray(q[self._order]))
+        index = self._model.getFrameId(frame, pin.FrameType.BODY)
+        place = pin.updateFramePlacement(self._model, self._data, index)
+        turn = pin.Quaternion(place.rotation).coeffs()
+        return np.array(place.translation), np.roll(turn, 1)
+
+    def link_place(self, frame: str) -> tuple[int, FloatArray, FloatArray]:
+        """The joint that moves a link, and the place of the link in the frame of the joint.
+
+        Returns
+        -------
+        joint : int
+            Its index.
+        position : array, shape (3,)
+            [m].
+        orientation : array, shape (4,)
+            Unit quaternion (w, x, y, z).
+        """
+        found = self._model.frames[self._model.getFrameId(frame, pin.FrameType.BODY)]
+        turn = pin.Quaternion(found.placement.rotation).coeffs()
+        return joint_of(found), np.array(found.placement.translation), np.roll(turn, 1)
+
+    def corners(self, q: FloatArray) -> FloatArray:
+        """Lowest and highest coordinates of all shapes, shape (2, 3) [m]."""
+        self.placements(q)
+        points = [
+            np.array(self._data.oMi[s.joint].act(np.asarray(corner)))
+            for s in self.shapes
+            for corner in product(*s.mesh.bounds.T)
+        ]
+        return np.array([np.min(points, axis=0), np.max(points, axis=0)])
+
+
+class _ShapeReader:
+    """Reads the visual or collision shapes of a URDF; unusable ones are left out with a note."""
+
+    def __init__(self, model: Any, root: ET.Element, folders: Sequence[Path]) -> None:
+        self._model, self._root, self._folders = model, root, folders
+        self._colours = dict(filter(None, map(_named_colour, root.findall("material"))))
+        self.notes: list[str] = []
+
+    def shapes(self, tag: str) -> Iterator[RobotShape]:
+        for link in self._root.findall("link"):
+            frame = self._model.frames[
+                self._model.getFrameId(link.get("name", ""), pin.FrameType.BODY)
+            ]
+            for part in link.findall(tag):
+                try:
+                    mesh, has_colours = self._mesh(part)
+                    place = frame.placement * pin.SE3(_origin(part))
+                except (ValueError, RobotError) as error:
+                    self.notes.append(f"link '{link.get('name')}': {error}")
+                    continue
+                mesh.apply_transform(place.homogeneous)
+                colour = self._colour(part)
+                if colour is None and not has_colours:
+                    colour = _PLAIN
+                yield RobotShape(joint_of(frame), mesh, colour)
+
+    def _colour(self, part: ET.Element) -> Colour | None:
+        material = part.find("material")
+        if material is None:
+            return None
+        own = _named_colour(material)
+        return own[1] if own else self._colours.get(material.get("name", ""))
+
+    def _mesh(self, part: ET.Element) -> tuple[Any, bool]:
+        """The surface of a shape in its own frame, and whether it has colours of its own."""
+        geometry = part.find("geometry")
+        shape = next(iter(geometry), None) if geometry is not None else None
+        if shape is None:
+            raise RobotError(f"a <{part.tag}> lacks its <geometry>")
+        if shape.tag == "mesh":
+            return self._loaded(shape)
+        if shape.tag == "box":
+            return trimesh.creation.box(_numbers(shape, "size", 3)), False
+        radius = float(_numbers(shape, "radius", 1)[0])
+        if shape.tag == "sphere":
+            return trimesh.creation.icosphere(radius=radius, subdivisions=3), False
+        length = float(_numbers(shape, "length", 1)[0])
+        if shape.tag == "cylinder":
+            return trimesh.creation.cylinder(radius=radius, height=length, sections=32), False
+        if shape.tag == "capsule":
+            return trimesh.creation.capsule(length, radius), False
+        raise RobotError(f"no shape is called <{shape.tag}>")
+
+    def _loaded(self, shape: ET.Element) -> tuple[Any, bool]:
+        name = shape.get("filename", "")
+        path = _find_file(name, self._folders)
+        if path is None:
+            searched = ", ".join(f"'{folder}'" for folder in self._folders[:3]) or "no folder"
+            raise RobotError(f"the mesh '{name}' was not found (searched in {searched}, …)")
+        try:
+            mesh = trimesh.load_scene(path).to_mesh()
+        except Exception as error:  # any reader of the library, with its own errors
+            raise RobotError(f"the mesh '{path}' can't be read: {error}") from None
+        if len(mesh.faces) == 0:
+            raise RobotError(f"the mesh '{path}' has no surface")
+        if shape.get("scale") is not None:
+            mesh.apply_scale(_numbers(shape, "scale", 3))
+        return mesh, mesh.visual.kind in ("texture", "face", "vertex")
+
+
+def _named_colour(material: ET.Element) -> tuple[str, Colour] | None:
+    element = material.find("color")
+    if element is None:
+        return None
+    try:
+        red, green, blue, opacity = np.clip(_numbers(element, "rgba", 4), 0.0, 1.0).tolist()
+    except ValueError:
+        return None
+    return material.get("name", ""), (red, green, blue, opacity)
+
+
+def _numbers(element: ET.Element, attribute: str, count: int) -> FloatArray:
+    text = element.get(attribute, "")
+    values = np.array([float(word) for word in text.split()])
+    if values.size != count or not np.all(np.isfinite(values)):
+        raise ValueError(f"'{attribute}' of <{element.tag}> is '{text}', expected {count} numbers")
+    return values
+
+
+def _origin(part: ET.Element) -> FloatArray:
+    """Placement of a shape in its link, shape (4, 4)."""
+    place, origin = np.eye(4), part.find("origin")
+    if origin is not None:
+        if origin.get("xyz"):
+            place[:3, 3] = _numbers(origin, "xyz", 3)
+        if origin.get("rpy"):
+            place[:3, :3] = pin.rpy.rpyToMatrix(*_numbers(origin, "rpy", 3))
+    return place
+
+
+def _find_file(name: str, folders: Sequence[Path]) -> Path | None:
+    """The file of a mesh: ``package://PACKAGE/PATH``, ``file://PATH``, or a path."""
+    scheme, mark, rest = name.partition("://")
+    relative = Path(rest if mark else name)
+    if relative.is_absolute():
+        return relative if relative.is_file() else None
+    candidates = [folder / relative for folder in folders]
+    if scheme == "package":
+        package, *inner = relative.parts
+        candidates += [folder.joinpath(*inner) for folder in folders if folder.name == package]
+    return next((path for path in candidates if path.is_file()), None)
+
+
+def _skeleton(model: Any) -> Iterator[RobotShape]:
+    """Balls at the joints, and rods from each to the next ones and to the links it moves."""
+    ends: list[tuple[int, FloatArray]] = [
+        (int(model.parents[joint]), np.array(model.jointPlacements[joint].translation))
+        for joint in range(1, model.njoints)
+    ]
+    ends += [
+        (joint_of(frame), np.array(frame.placement.translation))
+        for frame in model.frames
+        if frame.type == pin.FrameType.BODY
+    ]
+    reach = sum(float(np.linalg.norm(end)) for _, end in ends) or 1.0
+    radius = float(np.clip(0.02 * reach, 0.005, 0.05))
+    for joint in range(model.njoints):
+        yield RobotShape(joint, trimesh.creation.icosphere(radius=1.4 * radius), _PLAIN)
+    for joint, end in ends:
+        if np.linalg.norm(end) > radius:
+            rod = trimesh.creation.cylinder(radius, segment=[np.zeros(3), end], sections=24)
+            yield RobotShape(joint, rod, _PLAIN)

@@ -1,0 +1,130 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""The panel of the world: obstacles shown, added, moved and removed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import viser
+
+from ..robot.world import World
+from .drawn_world import DrawnWorld
+from .stage import Stage
+from .world_edit import KINDS, WorldEditor
+
+NAME = "World"
+
+_NOTHING = "none"
+_TEXT = "Plans avoid obstacles while these are moved. Click an obstacle, or choose it, to move it."
+
+
+class WorldPanel:
+    """The obstacles and the handle of the chosen one.
+
+    Parameters
+    ----------
+    stage : Stage
+        The scene.
+    world : World
+        The obstacles at the beginning.
+    react : callable
+        Called with the world when a person changes it.
+    """
+
+    def __init__(self, stage: Stage, world: World, react: Callable[[World], None]) -> None:
+        self._stage, self._react = stage, react
+        self._editor = WorldEditor(world)
+        self._drawn = DrawnWorld(stage, self._on_picked)
+        gui = stage.server.gui
+        gui.add_markdown(_TEXT)
+        kinds = gui.add_button_group("Add", KINDS)
+        self._choice: Any = gui.add_dropdown("Obstacle", (_NOTHING,))
+        self._sizes: list[Any] = []
+        self._folder = gui.add_folder(None)
+        remove = gui.add_button("Remove", icon=viser.Icon.TRASH, color="gray")
+        self._handle = stage.server.scene.add_transform_controls(
+            "/obstacle_handle", scale=0.14 * stage.size, depth_test=False, visible=False
+        )
+        self._handle.on_update(self._on_moved)
+        stage.on_click(kinds, lambda: self._on_add(kinds.value))
+        stage.on_click(remove, self._on_remove)
+        stage.on_change(self._choice, lambda: self._choose(self._choice.value))
+        for name in world.names:
+            self._draw(name)
+        self._choose(_NOTHING)
+
+    def _on_add(self, kind: str) -> None:
+        stage = self._stage
+        position = stage.shapes.frame_pose(stage.drawn.configuration, stage.frame)[0]
+        # Beside the end effector, away from the base.
+        out = position[:2] / max(float(np.linalg.norm(position[:2])), 1e-6)
+        position[:2] += 0.15 * stage.size * out
+        name = self._editor.add(kind, position.round(2), max(round(0.06 * stage.size, 2), 0.02))
+        self._draw(name)
+        self._choose(name)
+        self._react(self._editor.world)
+
+    def _on_remove(self) -> None:
+        name = self._choice.value
+        if name != _NOTHING:
+            self._editor.remove(name)
+            self._drawn.remove(name)
+            self._choose(_NOTHING)
+            self._react(self._editor.world)
+
+    def _on_picked(self, name: str) -> None:
+        with self._stage.lock:
+            self._choose(name)
+
+    def _on_moved(self, _: viser.TransformControlsEvent) -> None:
+        with self._stage.lock:
+            name, handle = self._choice.value, self._handle
+            if name != _NOTHING:
+                pose = np.concatenate([handle.position, np.roll(handle.wxyz, -1)])
+                self._editor.move(name, pose)
+                self._drawn.place(name, pose)
+                self._react(self._editor.world)
+
+    def _on_size(self) -> None:
+        name = self._choice.value
+        self._editor.resize(name, [number.value for number in self._sizes])
+        self._draw(name)
+        self._choose(name)
+        self._react(self._editor.world)
+
+    def _choose(self, name: str) -> None:
+        """Make an obstacle the chosen one."""
+        self._choice.options = (_NOTHING, *self._editor.world.names)
+        self._choice.value = name
+        self._drawn.mark(name)
+        is_movable = name != _NOTHING and not self._editor[name].frame
+        self._handle.visible = is_movable
+        if is_movable:
+            place = self._editor.place(name)
+            self._handle.position, self._handle.wxyz = place[:3], np.roll(place[3:], 1)
+        self._show_sizes(name)
+
+    def _show_sizes(self, name: str) -> None:
+        sizes = {} if name == _NOTHING else self._editor.sizes(name)
+        labels = [number.label for number in self._sizes]
+        if labels == list(sizes):
+            for number, value in zip(self._sizes, sizes.values(), strict=True):
+                number.value = value
+            return
+        for number in self._sizes:
+            number.remove()
+        self._sizes = []
+        with self._folder:
+            for label, value in sizes.items():
+                number = self._stage.server.gui.add_number(
+                    label, value, min=0.005, max=100.0, step=0.005
+                )
+                self._stage.on_change(number, self._on_size)
+                self._sizes.append(number)
+
+    def _draw(self, name: str) -> None:
+        editor = self._editor
+        self._drawn.draw(editor[name], editor.place(name), editor.parts(name))

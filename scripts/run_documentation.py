@@ -1,0 +1,123 @@
+#!/usr/bin/env python3
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Run the commands and programs of the README and of the tutorials, as a reader would.
+
+    python3 scripts/run_documentation.py [PAGE...]           # with the packages of this Python
+    python3 scripts/run_documentation.py --fresh [PAGE...]   # in a clone, with a new environment
+
+Blocks of the languages ``bash`` and ``python`` are run in the order of the page, each page in a
+folder of its own. Neighbouring blocks of one language are one program. Blocks of the language
+``sh`` are not run: they need a robot, or a ROS installation.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+from itertools import groupby
+from pathlib import Path
+from typing import NamedTuple
+
+ROOT = Path(__file__).resolve().parents[1]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "doc/tutorials").glob("*.md"))]
+
+# What is started in the background ends with its block.
+BASH = "set -euo pipefail\ntrap 'kill $(jobs -p) 2>/dev/null || true; wait' EXIT\n"
+LONGEST = 900.0  # s for one program
+
+_FENCE = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+_ALL_TESTS = re.compile(r"^.*python3 -m pytest$", re.MULTILINE)
+_ENVIRONMENT = re.compile(r"^(scripts/in_venv \S+ |source \.venv/bin/activate$)", re.MULTILINE)
+
+
+class Block(NamedTuple):
+    """A block of code of a page, by its language."""
+
+    language: str
+    code: str
+
+
+def blocks(page: Path) -> list[Block]:
+    """The fenced blocks of a page."""
+    return [Block(*found) for found in _FENCE.findall(page.read_text(encoding="utf-8"))]
+
+
+def programs(page: Path) -> list[Block]:
+    """What is run of a page: neighbouring blocks of one language are joined."""
+    run = [block for block in blocks(page) if block.language in ("bash", "python")]
+    return [
+        Block(language, "\n".join(block.code for block in group))
+        for language, group in groupby(run, key=lambda block: block.language)
+    ]
+
+
+def run_page(page: Path, folder: Path, environment: dict[str, str], *, fresh: bool) -> None:
+    """Run all programs of a page in a folder; raises `RuntimeError` if one fails."""
+    for number, (language, code) in enumerate(programs(page), start=1):
+        code = _ALL_TESTS.sub("", code)
+        if not fresh:
+            code = _ENVIRONMENT.sub("", code)
+        command = ["bash", "-c", BASH + code] if language == "bash" else ["python3", "-c", code]
+        print(f"--- {page.relative_to(ROOT)}, {language} program {number}", flush=True)
+        process = subprocess.Popen(command, cwd=folder, env=environment, start_new_session=True)
+        try:
+            status = process.wait(LONGEST)
+        finally:
+            if process.poll() is None:
+                os.killpg(process.pid, signal.SIGKILL)
+        if status:
+            raise RuntimeError(f"{page.name}: program {number} ended with status {status}:\n{code}")
+
+
+def this_environment(folder: Path) -> dict[str, str]:
+    """Environment variables with which this Python runs the code of this checkout."""
+    scripts = folder / "bin"
+    scripts.mkdir()
+    for name, arguments in (("python3", ""), ("mp-pca", "-m mp_pca_planner ")):
+        text = f'#!/bin/sh\nexec "{sys.executable}" {arguments}"$@"\n'
+        (scripts / name).write_text(text, encoding="utf-8")
+        (scripts / name).chmod(0o755)
+    paths = {"PATH": str(scripts), "PYTHONPATH": str(ROOT)}
+    return {name: os.pathsep.join([path, os.environ.get(name, "")]) for name, path in paths.items()}
+
+
+def checkout(folder: Path, *, fresh: bool) -> Path:
+    """A clone of this checkout, or as much of it as the README uses."""
+    copy = folder / "mp_pca_planner"
+    if fresh:
+        subprocess.run(["git", "clone", "--quiet", ROOT, copy], check=True)
+    else:
+        shutil.copytree(ROOT / "config", copy / "config")
+    return copy
+
+
+def main() -> None:
+    """Run the pages that are named, or all."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("pages", nargs="*", type=Path, default=PAGES)
+    parser.add_argument("--fresh", action="store_true", help="in a clone, with a new environment")
+    arguments = parser.parse_args()
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        environment = os.environ | {"MPLBACKEND": "Agg"}
+        clone = checkout(folder, fresh=arguments.fresh)
+        if arguments.fresh:
+            # Made by the first command of the README; the tutorials start in it.
+            environment["PATH"] = f"{clone / '.venv/bin'}{os.pathsep}{environment['PATH']}"
+        else:
+            environment |= this_environment(folder)
+        for page in arguments.pages:
+            own = clone if page.name == "README.md" else folder / page.stem
+            own.mkdir(exist_ok=True)
+            run_page(page.resolve(), own, environment, fresh=arguments.fresh)
+
+
+if __name__ == "__main__":
+    main()

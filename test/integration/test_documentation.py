@@ -1,0 +1,170 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""The README and the pages of ``doc/``: their programs, commands, links and the reference."""
+
+import ast
+import re
+import runpy
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import yaml
+from patience import HANG
+
+from mp_pca_planner.cli.main import COMMANDS
+from mp_pca_planner.cli.options import parse
+
+ROOT = Path(__file__).parents[2]
+SCRIPT = ROOT / "scripts/run_documentation.py"
+DOCUMENTATION = runpy.run_path(str(SCRIPT))
+PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "doc").rglob("*.md")])
+PAGES = [page for page in PAGES if "reference" not in page.parts]
+NAMES = [str(page.relative_to(ROOT)) for page in PAGES]
+MADE_BY_SPHINX = (ROOT / "doc/reference", ROOT / "doc/gallery")
+
+# Stands for something in a command that is shown: the options of it are checked one by one.
+ELLIPSIS = "…"
+
+
+def text_of(page: Path) -> str:
+    return page.read_text(encoding="utf-8")
+
+
+# Programs
+
+
+@pytest.mark.parametrize(
+    "page", DOCUMENTATION["PAGES"], ids=lambda page: page.relative_to(ROOT).as_posix()
+)
+def test_programs_of_the_page_run(page: Path) -> None:
+    pytest.importorskip("matplotlib", reason="matplotlib (extra 'plot') is not installed")
+    if any("planner_node" in block.code for block in DOCUMENTATION["programs"](page)):
+        pytest.importorskip("rclpy", reason="rclpy (extra 'ros') is not installed")
+    done = subprocess.run(
+        [sys.executable, SCRIPT, page], capture_output=True, text=True, timeout=HANG, check=False
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert done.stdout.count("--- ") == len(DOCUMENTATION["programs"](page)) > 0
+
+
+@pytest.mark.parametrize("page", PAGES, ids=NAMES)
+def test_python_of_the_page_is_python(page: Path) -> None:
+    for block in DOCUMENTATION["blocks"](page):
+        if block.language == "python":
+            compile(block.code, str(page), "exec")
+
+
+# Commands
+
+
+def commands_of(page: Path) -> list[list[str]]:
+    """Calls of this package's commands in blocks of code: the words after the program."""
+    text = text_of(page)
+    indented = re.findall(r"(?:^    .*\n)+", text, re.MULTILINE)
+    fenced = [block.code for block in DOCUMENTATION["blocks"](page) if block.language != "python"]
+    lines = "\n".join([*indented, *fenced]).replace("\\\n", " ").splitlines()
+    program = re.compile(r"(?:mp-pca|ros2 run mp_pca_planner|python3 -m mp_pca_planner) (.*)")
+    found = (program.search(line) for line in lines)
+    return [shlex.split(match[1].rstrip("& "), comments=True) for match in found if match]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=NAMES)
+def test_commands_of_the_page_are_accepted(
+    page: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("COLUMNS", "1000")
+    for command, *words in commands_of(page):
+        if command in ("COMMAND", "--help", "planner_node"):
+            continue
+        assert command in COMMANDS
+        if ELLIPSIS not in words:
+            parse(command, words)  # exits if it is not accepted
+            continue
+        with pytest.raises(SystemExit):
+            parse(command, ["--help"])
+        known = capsys.readouterr().out
+        assert all(f"{word} " in known for word in words if word.startswith("--"))
+
+
+def test_every_command_is_described_somewhere() -> None:
+    described = {command for page in PAGES for command, *_ in commands_of(page)}
+    assert set(COMMANDS) <= described
+
+
+# Links
+
+
+def anchors(page: Path) -> set[str]:
+    """Anchors of the headings, as GitHub and MyST make them."""
+    headings = re.findall(r"^#+ (.*)$", text_of(page), re.MULTILINE)
+    words = (re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings)
+    return set(words)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=NAMES)
+def test_links_lead_to_files_and_headings_that_exist(page: Path) -> None:
+    for link in re.findall(r"\]\(([^)\s]+)\)", text_of(page)):
+        assert not link.startswith("http"), "pages outside of the project may vanish"
+        name, _, anchor = link.partition("#")
+        target = (page.parent / name).resolve() if name else page
+        assert target.exists() or target.parent in MADE_BY_SPHINX, link
+        assert not anchor or anchor in anchors(target), link
+
+
+def test_every_page_is_in_the_site() -> None:
+    linked = set()
+    index = ROOT / "doc/index.md"
+    for names in re.findall(r"^```{toctree}\n(.*?)^```", text_of(index), re.MULTILINE | re.DOTALL):
+        linked |= {name for name in names.split() if not name.startswith(":")}
+    pages = {
+        page.relative_to(ROOT / "doc").with_suffix("").as_posix()
+        for page in PAGES
+        if ROOT / "doc" in page.parents
+    }
+    assert pages - {"index"} <= linked
+
+
+# Names
+
+
+def test_every_topic_and_service_of_the_node_is_described() -> None:
+    policy = text_of(ROOT / "config/sros2_policy.xml")
+    names = set(re.findall(r"<(?:topic|service)>(~/\w+)</", policy))
+    # Services that every node has.
+    own = {name for name in names if "_parameter" not in name} - {"~/get_type_description"}
+    guide = text_of(ROOT / "doc/guides/node.md")
+    assert own
+    assert {name for name in own if f"`{name}`" not in guide} == set()
+
+
+def messages_of_the_code() -> str:
+    """All texts in the sources; what is inserted into them is left out."""
+    texts = [(ROOT / "scripts/in_venv").read_text(encoding="utf-8").replace('"\n', " ")]
+    for source in sorted((ROOT / "mp_pca_planner").rglob("*.py")):
+        for node in ast.walk(ast.parse(source.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.JoinedStr):
+                parts = [part.value for part in node.values if isinstance(part, ast.Constant)]
+                texts.append("".join(map(str, parts)))
+            elif isinstance(node, ast.Constant) and isinstance(node.value, str):
+                texts.append(node.value)
+    return "\n".join(texts)
+
+
+def test_messages_that_are_explained_are_those_of_the_code() -> None:
+    page = text_of(ROOT / "doc/troubleshooting.md")
+    explained = re.findall(r'^### "(.*)"$', page, re.MULTILINE)
+    code = messages_of_the_code()
+    assert len(explained) > 10
+    assert [message for message in explained if message not in code] == []
+
+
+def test_citation_is_complete() -> None:
+    citation = yaml.safe_load(text_of(ROOT / "CITATION.cff"))
+    assert {"cff-version", "message", "title", "authors", "version", "license"} <= set(citation)
+
+
+def test_readme_is_short() -> None:
+    assert len(text_of(ROOT / "README.md").splitlines()) <= 150

@@ -1,0 +1,232 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Obstacles of a running node and a simulated robot, over the middleware."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy", reason="ROS 2 (rclpy) is not installed")
+
+from arm import JOINTS, arm_robot
+from geometry_msgs.msg import Point, Quaternion
+from nodes import GOAL, START, NodeClient, column, running_node, set_domain, times
+from patience import HANG
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from std_msgs.msg import Header
+from test_node_with_robot import Bench, benched
+from trajectory_msgs.msg import JointTrajectory
+from visualization_msgs.msg import Marker, MarkerArray
+
+from mp_pca_planner.exceptions import WorldError
+from mp_pca_planner.motion.collision import CollisionModel
+from mp_pca_planner.motion.trajectory import Trajectory
+from mp_pca_planner.motion.validation import interpolate
+from mp_pca_planner.robot.world import Mesh, Obstacle, Sphere, World
+from mp_pca_planner.ros.client import report_values
+from mp_pca_planner.ros.obstacle_markers import to_obstacle
+
+LATCHED = QoSProfile(depth=5, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+BEST_EFFORT = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT)
+RADIUS, MARGIN = 0.03, 0.01
+
+
+def marker(number: int, position: np.ndarray, **fields: object) -> Marker:
+    one = Marker(ns="test", id=number, type=Marker.SPHERE)
+    one.scale.x = one.scale.y = one.scale.z = 2.0 * RADIUS
+    one.pose.position.x, one.pose.position.y, one.pose.position.z = map(float, position)
+    for name, value in fields.items():
+        setattr(one, name, value)
+    return one
+
+
+def deletion(number: int) -> Marker:
+    return marker(number, np.zeros(3), action=Marker.DELETE)
+
+
+class MarkerUser:
+    """A user who publishes markers, and sees in the diagnostics what the node made of them."""
+
+    def __init__(self, client: NodeClient, qos: QoSProfile = LATCHED) -> None:
+        self._client = client
+        name = f"{client.planner}/obstacles"
+        self._publisher = client.node.create_publisher(MarkerArray, name, qos)
+
+    def send(self, *markers: Marker) -> None:
+        self._publisher.publish(MarkerArray(markers=list(markers)))
+
+    def wait(self, **expected: str) -> None:
+        self._client.wait_for_diagnostics(
+            lambda values: all(text in values[key] for key, text in expected.items()), HANG
+        )
+
+    def meet(self, n: int = 2) -> None:
+        """Wait until the node listens on so many of its subscriptions."""
+        self._client.wait(
+            lambda: self._publisher.get_subscription_count() >= n, HANG, "does not listen"
+        )
+
+
+@pytest.fixture(scope="module")
+def shared(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Bench, MarkerUser]]:
+    with pytest.MonkeyPatch.context() as patch:
+        set_domain(patch, 91)
+        with benched(tmp_path_factory.mktemp("robot")) as bench:
+            user = MarkerUser(bench.client)
+            user.meet()
+            yield bench, user
+
+
+@pytest.fixture
+def bench(shared: tuple[Bench, MarkerUser]) -> Bench:
+    """The robot at rest at the start, without obstacles."""
+    bench, user = shared
+    user.send(Marker(action=Marker.DELETEALL))
+    user.wait(obstacles="0", obstacle_rejected="none")
+    answer = bench.send(START)
+    if answer.trajectory is not None:
+        bench.execution(answer)
+    return bench
+
+
+@pytest.fixture
+def user(shared: tuple[Bench, MarkerUser]) -> MarkerUser:
+    return shared[1]
+
+
+def hand(positions: Sequence[Sequence[float]]) -> np.ndarray:
+    robot = arm_robot()
+    return robot.frame_positions(np.array(positions), [robot.frame_names[-1]])[:, 0]
+
+
+def middle(trajectory: JointTrajectory) -> np.ndarray:
+    """Where the hand is in the middle of a motion."""
+    return hand([trajectory.points[len(trajectory.points) // 2].positions])[0]
+
+
+def least_clearance(message: JointTrajectory, centre: np.ndarray) -> float:
+    """Least distance of the arm from the sphere on a grid of 1 ms."""
+    columns = (column(message, kind) for kind in ("positions", "velocities", "accelerations"))
+    seconds = 1e-9 * np.array(times(message))
+    dense = interpolate(Trajectory(JOINTS, seconds, *columns))
+    world = World([Obstacle("ball", Sphere(RADIUS, centre))])
+    model = CollisionModel(arm_robot(), world=world, self_collision=False)
+    return float(model.near(dense.q, np.inf).distances.min())
+
+
+def test_goal_is_planned_around_an_obstacle(bench: Bench, user: MarkerUser) -> None:
+    through = bench.send(GOAL)
+    centre = middle(through.trajectory)
+    bench.execution(through)
+    bench.execution(bench.send(START))
+    user.send(marker(1, centre))
+    user.wait(obstacles="1")
+    around = bench.send(GOAL)
+    assert least_clearance(through.trajectory, centre) < 0.0
+    assert least_clearance(around.trajectory, centre) >= MARGIN
+    assert bench.execution(around)["outcome"] == "arrived"
+
+
+def test_goal_in_an_obstacle_is_refused_with_both_names(bench: Bench, user: MarkerUser) -> None:
+    user.send(marker(7, hand([GOAL])[0]))
+    user.wait(obstacles="1")
+    answer = bench.send(GOAL)
+    assert answer.trajectory is None
+    assert "'lower_arm' and 'test/7'" in answer.report.message
+    assert "the goal is in collision" in answer.report.message
+    user.send(deletion(7))
+    user.wait(obstacles="0")
+    assert bench.execution(bench.send(GOAL))["outcome"] == "arrived"
+
+
+def test_running_motion_leads_around_a_new_obstacle(bench: Bench, user: MarkerUser) -> None:
+    n = len(bench.client.executions)
+    moving = bench.begin_slowly(GOAL)
+    centre = middle(moving.trajectory)
+    user.send(marker(1, centre))
+    bench.wait(lambda: len(bench.client.executions) >= n + 2)
+    replaced, arrived = bench.client.executions[n : n + 2]
+    assert "a new obstacle is on the path ('lower_arm' would hit 'test/1')" in replaced.message
+    assert report_values(replaced)["outcome"] == "replaced"
+    assert report_values(arrived)["outcome"] == "arrived"
+    assert least_clearance(bench.client.trajectories[-1], centre) >= MARGIN
+    np.testing.assert_allclose(bench.position, GOAL, atol=1e-3)
+
+
+def test_robot_stops_where_no_motion_leads_around(bench: Bench, user: MarkerUser) -> None:
+    moving = bench.begin_slowly(GOAL)
+    user.send(marker(1, hand([GOAL])[0]))
+    report = bench.execution(moving)
+    assert report["outcome"] == "stopped"
+    assert "'lower_arm' would hit 'test/1'" in bench.client.executions[-1].message
+    assert np.abs(bench.position - GOAL).max() > 0.1
+
+
+def test_markers_that_can_not_be_used_change_nothing(bench: Bench, user: MarkerUser) -> None:
+    far = np.array([2.0, 0.0, 0.0])
+    user.send(marker(1, far))
+    user.wait(obstacles="1", obstacle_rejected="none")
+    for reason, bad in (
+        ("is nan", marker(1, np.array([np.nan, 0.0, 0.0]))),
+        ("no link is called 'moon'", marker(1, far, header=Header(frame_id="moon"))),
+        ("type 9 is not supported", marker(1, far, type=Marker.TEXT_VIEW_FACING)),
+        ("action 8", marker(1, far, action=8)),
+        ("not found", marker(1, far, type=Marker.MESH_RESOURCE, mesh_resource="package://x/y")),
+    ):
+        user.send(bad, marker(2, far))
+        user.wait(obstacles="2", obstacle_rejected=reason)
+        user.send(deletion(2))
+        user.wait(obstacles="1", obstacle_rejected="none")
+
+
+def test_latched_markers_are_heard_late_and_best_effort_ones_live(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    set_domain(monkeypatch, 92)
+    far = np.array([2.0, 0.0, 0.0])
+    with NodeClient() as client:
+        late, live = MarkerUser(client), MarkerUser(client, BEST_EFFORT)
+        late.send(marker(1, far), marker(2, far))
+        late.send(deletion(2))
+        with running_node(tmp_path / "log.txt"):
+            late.wait(obstacles="1")
+            live.meet(1)
+            live.send(marker(3, far))
+            live.wait(obstacles="2")
+
+
+# Markers
+
+
+def test_lists_become_one_shape_per_point_in_the_pose_of_the_marker() -> None:
+    turned = Quaternion(z=np.sqrt(0.5), w=np.sqrt(0.5))
+    one = marker(1, np.array([1.0, 0.0, 0.0]), type=Marker.CUBE_LIST)
+    one.pose.orientation, one.header.frame_id = turned, "lower_arm"
+    one.points = [Point(x=1.0), Point(x=2.0)]
+    obstacle = to_obstacle(one, [])
+    assert (obstacle.name, obstacle.frame) == ("test/1", "lower_arm")
+    positions = [shape.position for shape in obstacle.shapes]
+    np.testing.assert_allclose(positions, [[1.0, 1.0, 0.0], [1.0, 2.0, 0.0]], atol=1e-12)
+
+
+def test_triangles_are_scaled_before_they_are_moved() -> None:
+    one = marker(1, np.array([1.0, 0.0, 0.0]), type=Marker.TRIANGLE_LIST)
+    one.scale.x, one.scale.y, one.scale.z = 2.0, 3.0, 4.0
+    one.points = [Point(), Point(x=1.0), Point(y=1.0)]
+    (mesh,) = to_obstacle(one, []).shapes
+    assert isinstance(mesh, Mesh)
+    np.testing.assert_allclose(mesh.vertices, [[0, 0, 0], [2, 0, 0], [0, 3, 0]])
+    one.points = one.points[:2]
+    with pytest.raises(WorldError, match="3 points per triangle, got 2"):
+        to_obstacle(one, [])
+
+
+def test_an_ellipsoid_is_refused() -> None:
+    one = marker(1, np.zeros(3))
+    one.scale.x = 1.0
+    with pytest.raises(WorldError, match=r"marker 'test/1': the diameters of a sphere must be"):
+        to_obstacle(one, [])

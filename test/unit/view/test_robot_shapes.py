@@ -1,0 +1,107 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Shapes of robots: meshes, simple shapes, a skeleton; and where joints are."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from arm import arm_robot
+
+from mp_pca_planner.resources import config_file
+from mp_pca_planner.robot.model import Robot
+
+trimesh = pytest.importorskip("trimesh", reason="the extra 'view' is not installed")
+from mp_pca_planner.view.robot_shapes import RobotShapes  # noqa: E402
+
+URDF = """<robot name="r"><material name="red"><color rgba="1 0 0 0.5"/></material>
+<link name="base">{base}</link>
+<link name="arm"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0"
+iyz="0"/></inertial>{arm}</link>
+<link name="tip"/>
+<joint name="j" type="revolute"><parent link="base"/><child link="arm"/><origin xyz="0 0 1"/>
+<axis xyz="0 1 0"/><limit lower="-2" upper="2" velocity="1" effort="1"/></joint>
+<joint name="f" type="fixed"><parent link="arm"/><child link="tip"/><origin xyz="0.5 0 0"/></joint>
+</robot>"""
+MESH = '<visual><geometry><mesh filename="{}" scale="2 1 1"/></geometry></visual>'
+
+
+def shapes(base: str = "", arm: str = "", folders: tuple[Path, ...] = ()) -> RobotShapes:
+    urdf = URDF.format(base=base, arm=arm)
+    return RobotShapes(Robot(urdf), urdf, folders)
+
+
+def part(shape: str, tag: str = "visual", more: str = "") -> str:
+    return f"<{tag}>{more}<geometry>{shape}</geometry></{tag}>"
+
+
+def test_visual_shapes_come_before_collision_shapes_with_their_colours_and_places():
+    origin = '<origin xyz="0 0 2" rpy="0 1.5707963267948966 0"/><material name="red"/>'
+    found = shapes(
+        part('<box size="1 2 3"/>'),
+        part('<cylinder radius="0.1" length="2"/>', more=origin)
+        + part('<sphere radius="9"/>', "collision"),
+    )
+    box, cylinder = found.shapes
+    assert (box.joint, cylinder.joint) == (0, 1)
+    np.testing.assert_allclose(box.mesh.extents, [1, 2, 3])
+    np.testing.assert_allclose(cylinder.mesh.bounds[:, 0], [-1.0, 1.0], atol=1e-9)
+    np.testing.assert_allclose(cylinder.mesh.bounds[:, 2], [1.9, 2.1], atol=1e-3)
+    assert cylinder.colour == (1.0, 0.0, 0.0, 0.5)
+
+
+def test_collision_shapes_are_drawn_without_visual_ones():
+    (ball,) = shapes(arm=part('<sphere radius="0.3"/>', "collision")).shapes
+    np.testing.assert_allclose(ball.mesh.extents, 0.6, atol=0.01)
+
+
+def test_a_robot_without_shapes_gets_a_skeleton_up_to_its_tip():
+    found = shapes()
+    bounds = np.array([s.mesh.bounds for s in found.shapes if s.joint == 1])
+    assert bounds[:, 1, 0].max() == pytest.approx(0.5, abs=0.05)
+
+
+def test_meshes_are_found_in_packages_and_scaled(tmp_path):
+    (tmp_path / "pack" / "meshes").mkdir(parents=True)
+    trimesh.creation.box((1, 1, 1)).export(tmp_path / "pack" / "meshes" / "box.stl")
+    for folder in (tmp_path, tmp_path / "pack"):
+        found = shapes(arm=MESH.format("package://pack/meshes/box.stl"), folders=(folder,))
+        np.testing.assert_allclose(found.shapes[0].mesh.extents, [2, 1, 1])
+        assert found.notes == ()
+
+
+@pytest.mark.parametrize("content", [None, b"", b"solid nothing\nendsolid nothing\n", b"junk"])
+def test_a_mesh_that_cannot_be_read_is_left_out_with_a_note(tmp_path, content):
+    if content is not None:
+        (tmp_path / "box.stl").write_bytes(content)
+    found = shapes(part('<box size="1 1 1"/>'), MESH.format("box.stl"), (tmp_path,))
+    assert len(found.shapes) == 1 and "box.stl" in found.notes[0]
+
+
+@pytest.mark.parametrize(
+    "shape", ['<box size="1 2"/>', '<sphere radius="x"/>', "<cone/>", "", '<box size="1 1 nan"/>']
+)
+def test_a_malformed_shape_is_left_out_with_a_note(shape):
+    found = shapes(part('<box size="1 1 1"/>'), part(shape))
+    assert len(found.shapes) == 1 and "'arm'" in found.notes[0]
+
+
+def test_places_agree_with_the_kinematics_of_the_robot():
+    robot = arm_robot()
+    found = RobotShapes(robot, config_file("human_arm.urdf").read_text(), ())
+    rng = np.random.default_rng(0)
+    for q in rng.uniform(-1.0, 1.0, (5, robot.n_joints)):
+        position, turn = found.frame_pose(q, "wrist")
+        x, y, z, w = np.roll(turn, -1)
+        error, _ = robot.pose_error("wrist", q, position, np.array([x, y, z, w]))
+        np.testing.assert_allclose(error, 0.0, atol=1e-9)
+        joints, turns = found.placements(q)
+        np.testing.assert_allclose(
+            joints[-1], robot.frame_positions(q[None], ["lower_arm"])[0, 0], atol=1e-12
+        )
+        np.testing.assert_allclose(np.linalg.norm(turns, axis=1), 1.0)
+
+
+def test_all_shapes_lie_between_the_corners():
+    found = shapes(part('<box size="1 2 3"/>'), part('<box size="1 1 1"/>'))
+    np.testing.assert_allclose(found.corners(np.zeros(1)), [[-0.5, -1, -1.5], [0.5, 1, 1.5]])

@@ -1,0 +1,104 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""The mean motion bent by components, the demonstrations, and the clock that plays them."""
+
+import numpy as np
+import pytest
+from arm import arm_demonstrations, arm_primitive
+from hypothesis import given
+from hypothesis import strategies as st
+
+from mp_pca_planner.recordings.reports import RecordingSet
+from mp_pca_planner.view.components import bent_motion, component_names, variance_shares
+from mp_pca_planner.view.demonstrations import recorded, reproduced
+from mp_pca_planner.view.motion import Playback, ShownMotion
+
+
+def ramp(duration: float = 2.0) -> ShownMotion:
+    times = np.array([0.0, duration])
+    return ShownMotion("ramp", times, np.array([[0.0, 1.0], [10.0, 3.0]]))
+
+
+# Components
+
+
+@pytest.mark.parametrize("coupling", ["arm", "joint"])
+def test_bending_is_linear_and_keeps_the_ends(coupling):
+    primitive = arm_primitive(coupling, 2)
+    n = primitive.n_components
+    mean = bent_motion(primitive, np.zeros(n)).positions
+    bent = [bent_motion(primitive, row).positions - mean for row in np.eye(n)]
+    both = bent_motion(primitive, np.arange(1.0, n + 1.0)).positions - mean
+    np.testing.assert_allclose(both, np.tensordot(np.arange(1.0, n + 1.0), bent, 1), atol=1e-9)
+    np.testing.assert_allclose([one[[0, -1]] for one in bent], 0.0, atol=1e-9)
+
+
+def test_one_deviation_is_the_standard_deviation_of_the_demonstrations():
+    primitive = arm_primitive()
+    deviations = primitive.weights / np.sqrt(primitive.explained_variance)
+    np.testing.assert_allclose(deviations.std(axis=0, ddof=1), 1.0, rtol=0.05)
+
+
+def test_shares_of_all_components_sum_to_the_explained_share():
+    for coupling in ("arm", "joint"):
+        primitive = arm_primitive(coupling)
+        explained = primitive.explained_variance.sum() / primitive.total_variance.sum()
+        assert variance_shares(primitive).sum() == pytest.approx(explained)
+        assert len(set(component_names(primitive))) == primitive.n_components
+
+
+# Demonstrations
+
+
+def test_reproduced_demonstrations_are_like_the_recorded_ones():
+    (own,), (measured,) = (
+        reproduced([arm_primitive()]),
+        recorded(RecordingSet(arm_demonstrations()[:1])),
+    )
+    assert len(own.motions) == len(arm_demonstrations())
+    first, same = own.motions[0], measured.motions[0]
+    np.testing.assert_allclose(first.times, same.times)
+    assert np.sqrt(np.mean((first.positions - same.positions) ** 2)) < 0.1
+
+
+def test_a_primitive_without_provenance_is_shown_all_the_same():
+    from dataclasses import replace
+
+    for facts in ({}, {"demonstrations": "none"}, {"demonstrations": [1] * 20}):
+        (group,) = reproduced([replace(arm_primitive(), metadata=facts)])
+        assert group.label == arm_primitive().name and group.motions[0].name == "1."
+
+
+# Playback
+
+
+def test_the_clock_stops_at_the_end_rests_and_starts_again():
+    playback = Playback(ramp())
+    assert playback.advance(1.0) and playback.share == 0.5
+    np.testing.assert_allclose(playback.configuration, [5.0, 2.0])
+    assert playback.advance(5.0) and playback.share == 1.0
+    assert not playback.advance(0.5 * Playback.REST)
+    assert playback.advance(Playback.REST) and playback.share == 0.0
+
+
+def test_the_speed_scales_time_and_a_pause_stops_it():
+    playback = Playback(ramp())
+    playback.speed = 0.25
+    playback.advance(1.0)
+    assert playback.time == 0.25
+    playback.is_playing = False
+    assert not playback.advance(1.0) and playback.time == 0.25
+
+
+@given(st.floats(0.0, 1.0), st.floats(0.1, 10.0))
+def test_another_motion_goes_on_at_the_same_share(share, duration):
+    playback = Playback(ramp())
+    playback.seek(share)
+    playback.show(ramp(duration))
+    assert playback.share == pytest.approx(share)
+
+
+def test_a_motion_of_one_point_is_shown():
+    playback = Playback(ShownMotion("point", np.zeros(1), np.array([[1.0, 2.0]])))
+    np.testing.assert_array_equal(playback.configuration, [1.0, 2.0])
+    assert playback.share == 0.0

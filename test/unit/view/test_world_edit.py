@@ -1,0 +1,63 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Obstacles that are added, moved, resized and removed."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from mp_pca_planner.robot.world import Box, Capsule, Cylinder, Obstacle, Sphere, World
+from mp_pca_planner.view.world_edit import KINDS, WorldEditor
+
+ball, box = Obstacle("ball", Sphere(0.1, [1, 0, 0])), Obstacle("box", Box([1, 2, 3], [0, 1, 0]))
+pair = Obstacle("pair", [Sphere(0.1, [0, 0, 0]), Capsule(0.1, 0.5, [2, 0, 0])])
+
+
+def test_new_obstacles_have_names_of_their_own_and_the_place_asked_for():
+    editor = WorldEditor(World([ball]))
+    names = [editor.add(kind, [1, 2, 3], 0.2) for kind in (*KINDS, *KINDS)]
+    assert len(set(names)) == 6 and editor.world.names == ("ball", *names)
+    for name in names:
+        np.testing.assert_allclose(editor.place(name), [1, 2, 3, 0, 0, 0, 1])
+
+
+@given(st.lists(st.floats(-2.0, 2.0), min_size=6, max_size=6))
+def test_shapes_move_as_one_rigid_body(numbers):
+    editor = WorldEditor(World([ball, pair]))
+    turn = Rotation.from_rotvec(numbers[3:])
+    before = editor.place("pair")
+    pose = np.concatenate([numbers[:3], turn.as_quat()])
+    editor.move("pair", pose)
+    for old, new in zip(pair.shapes, editor["pair"].shapes, strict=True):
+        moved = turn.apply(old.position - before[:3]) + numbers[:3]
+        np.testing.assert_allclose(new.position, moved, atol=1e-9)
+    np.testing.assert_allclose(editor.place("pair"), pose)
+    assert editor["ball"] is ball
+    editor.move("pair", before)
+    for old, new in zip(pair.shapes, editor["pair"].shapes, strict=True):
+        np.testing.assert_allclose(new.position, old.position, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    "shape", [Box([1, 2, 3]), Sphere(0.5), Cylinder(0.2, 1.0), Capsule(0.2, 1.0)]
+)
+def test_sizes_are_read_and_written(shape):
+    editor = WorldEditor(World([Obstacle("it", shape)]))
+    sizes = editor.sizes("it")
+    editor.resize("it", [2.0 * size for size in sizes.values()])
+    assert editor.sizes("it") == {name: 2.0 * size for name, size in sizes.items()}
+    assert type(editor["it"].shapes[0]) is type(shape)
+
+
+def test_an_obstacle_of_several_shapes_has_no_sizes():
+    assert WorldEditor(World([pair])).sizes("pair") == {}
+
+
+def test_order_and_allowed_contacts_survive_a_change():
+    editor = WorldEditor(World([ball, box], [("ball", "wrist")]))
+    editor.move("ball", np.array([0.0, 0, 0, 0, 0, 0, 1]))
+    assert editor.world.names == ("ball", "box") and editor.world.allows("ball", "wrist")
+    editor.remove("ball")
+    assert editor.world.names == ("box",)
