@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Detours: motions that start from collision-free paths, where descent finds no motion.
 
-A path is a straight line in joint space, two of them, or one of RRT-Connect. B-splines lead the
-primitive's motion along it. The program then lowers the cost within limits and clearances, as for
-any other motion.
+A path is a straight line in joint space, or else one of RRT-Connect; without the extra ``ompl``,
+two lines that meet at a random via. B-splines lead the primitive's motion along it. The program
+then lowers the cost within limits and clearances, as for any other motion.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ class DetourOptions:
     Attributes
     ----------
     n_vias : int
-        Number of random vias that are tried before the search for a path.
+        Number of random vias that are tried where there is no search for paths.
     via_spread : float
         Standard deviation of vias from the middle of the motion [rad or m].
     n_paths : int
@@ -64,7 +64,7 @@ class DetourOptions:
         Least weight ρ of deviations from the path. Without it, the program takes too many passes.
     """
 
-    n_vias: int = 6
+    n_vias: int = 40
     via_spread: float = 0.6
     n_paths: int = 5
     share_of_search: float = 0.6
@@ -129,22 +129,22 @@ class DetourPlanner:
     def better(self, failed: Attempt, request: Request, budget: Budget, paths: Paths) -> Attempt:
         """The best motion along a detour, or the failed attempt if there is none.
 
-        A path that was found is added to `paths`.
+        If no motion keeps the limits, a path that was found is added to `paths`.
         """
         # Collisions of a motion outside the limits are not known yet.
         met = failed.collisions or failed.has_clearances
         if failed.is_hopeless or not (met or self._setup.collisions(failed.trajectory)):
             return failed
-        best = failed
+        best, path = failed, None
         for detour in self._finder.detours(request, budget):
-            goal = id(request.goal)
-            if goal not in paths:
-                paths[goal] = self._finder.corners(detour.path)
+            path = detour.path if path is None else path
             tried = self._attempt(request, detour, budget)
             if tried.violation < best.violation:
                 best = tried
             if best.is_valid or budget.is_over():
                 break
+        if path is not None and not best.is_valid:
+            paths[id(request.goal)] = self._finder.corners(path)
         return best
 
     def _attempt(self, request: Request, detour: Detour, budget: Budget) -> Attempt:
@@ -211,21 +211,16 @@ class DetourFinder:
         assert collision is not None
         bounds = limits.lower, limits.upper
         ends = request.start.positions, request.goal.positions
-        path = path_by_via(collision.collides, bounds, ends)
-        if path is not None:
-            yield path
+        if _is_free(collision.collides, *ends, _OPTIONS.step):
+            yield np.array(ends)
         for seed in range(1, _OPTIONS.n_paths + 1):
             search = budget.share(_OPTIONS.share_of_search)
+            options = SamplingOptions(seed, _OPTIONS.step)
             try:
-                path = sampled_path(
-                    collision.collides,
-                    bounds,
-                    ends,
-                    SamplingOptions(seed, _OPTIONS.step),
-                    search.is_over,
-                )
+                path = sampled_path(collision.collides, bounds, ends, options, search.is_over)
             except MissingDependencyError as error:
                 self.hint = str(error)
+                yield from paths_by_vias(collision.collides, bounds, ends)
                 return
             if path is None or budget.is_over():
                 return
@@ -306,13 +301,13 @@ class PathFollower:
         return max(float(excess.max() ** (1.0 / d)) for d, excess in enumerate(excesses, 1))
 
 
-def path_by_via(
+def paths_by_vias(
     collides: Callable[[FloatArray], bool],
     bounds: tuple[FloatArray, FloatArray],
     ends: tuple[FloatArray, FloatArray],
     options: DetourOptions = _OPTIONS,
-) -> FloatArray | None:
-    """The straight path in joint space, or one of two straight lines by a random via.
+) -> Iterator[FloatArray]:
+    """Collision-free paths of two straight lines in joint space that meet at a random via.
 
     Parameters
     ----------
@@ -325,21 +320,17 @@ def path_by_via(
     options : DetourOptions
         Number and spread of the vias. The same ones are drawn in every call.
 
-    Returns
-    -------
-    path : array, shape (n_points, n_joints), or None
-        The corners of a path without collision; None if none was found.
+    Yields
+    ------
+    path : array, shape (3, n_joints)
+        Start, via and goal.
     """
-    start, goal = ends
-    if _is_free(collides, start, goal, options.step):
-        return np.array(ends)
-    rng, middle = np.random.default_rng(0), 0.5 * (start + goal)
+    rng, middle = np.random.default_rng(0), 0.5 * (ends[0] + ends[1])
     for _ in range(options.n_vias):
-        off = options.via_spread * rng.standard_normal(start.size)
+        off = options.via_spread * rng.standard_normal(middle.size)
         via = np.clip(middle + off, *bounds)
         if all(_is_free(collides, end, via, options.step) for end in ends):
-            return np.array([start, via, goal])
-    return None
+            yield np.array([ends[0], via, ends[1]])
 
 
 def _is_free(

@@ -16,7 +16,7 @@ from mp_pca_planner.evaluation.scene_referee import SceneReferee
 from mp_pca_planner.exceptions import MissingDependencyError
 from mp_pca_planner.motion.collision import CollisionModel
 from mp_pca_planner.motion.goal import JointGoal, JointState
-from mp_pca_planner.planning.detours import path_by_via
+from mp_pca_planner.planning.detours import paths_by_vias
 from mp_pca_planner.planning.plan import PlannerOptions
 from mp_pca_planner.planning.planner import Planner
 from mp_pca_planner.planning.sampling import SamplingOptions, sampled_path
@@ -27,6 +27,9 @@ BOUNDS = np.array([-1.0, -1.0]), np.array([1.0, 1.0])
 ENDS = np.array([-0.8, 0.0]), np.array([0.8, 0.0])
 # A post in the middle of a motion of the primitive: descent ends at it.
 POST = ("post", "box", [0.04, 0.04, 1.2], [0.384, -0.399, 0.14])
+
+# A plate between the ends of the same motion.
+WALL = ("wall", "box", [0.5, 0.5, 0.04], [0.363, -0.331, -0.017])
 
 
 def in_wall(q: np.ndarray) -> bool:
@@ -46,22 +49,16 @@ def dense(path: np.ndarray, n: int = 2001) -> np.ndarray:
     return np.stack([np.interp(along, lengths, q) for q in path.T], axis=1)
 
 
-def test_straight_path_needs_no_search():
-    calls = []
-    path = path_by_via(lambda q: bool(calls.append(q)), BOUNDS, ENDS)
-    np.testing.assert_array_equal(path, ENDS)
-    steps = np.diff(np.sort([q[0] for q in calls]))
-    assert steps.max() < 0.1
-
-
-def test_via_leads_around_a_wall():
-    path = path_by_via(in_wall, BOUNDS, ENDS)
-    assert len(path) == 3
-    assert not any(map(in_wall, dense(path)))
+def test_vias_lead_around_a_wall():
+    paths = list(paths_by_vias(in_wall, BOUNDS, ENDS))
+    assert len(paths) > 1
+    for path in paths:
+        np.testing.assert_array_equal(path[[0, -1]], ENDS)
+        assert not any(map(in_wall, dense(path)))
 
 
 def test_no_via_leads_through_a_maze():
-    assert path_by_via(in_maze, BOUNDS, ENDS) is None
+    assert not list(paths_by_vias(in_maze, BOUNDS, ENDS))
 
 
 def test_search_finds_the_way_through_a_maze():
@@ -70,8 +67,7 @@ def test_search_finds_the_way_through_a_maze():
     path = sampled_path(in_maze, BOUNDS, ENDS, options)
     np.testing.assert_allclose(path[[0, -1]], ENDS)
     # Corners of walls are cut by less than the distance between the configurations checked.
-    met = [q for q in dense(path) if in_maze(0.98 * (q - [0.0, 0.0]))]
-    assert len(met) < 20
+    assert sum(map(in_maze, dense(path))) < 20
     np.testing.assert_array_equal(sampled_path(in_maze, BOUNDS, ENDS, options), path)
     other = sampled_path(in_maze, BOUNDS, ENDS, SamplingOptions(seed=2, step=0.01))
     assert other.shape != path.shape or not np.array_equal(other, path)
@@ -114,6 +110,30 @@ def test_detour_avoids_what_descent_does_not(post):
     assert found.collision == ""
     assert_keeps(spline(plan.trajectory), planner.limits)
     np.testing.assert_allclose(plan.trajectory.positions[[0, -1]], [start, goal], atol=1e-12)
+
+
+def test_without_the_extra_random_vias_lead_around(post, monkeypatch):
+    monkeypatch.setitem(sys.modules, "ompl.base", None)
+    scene, planner, start, goal = post
+    plan = planner.plan(goal, start)
+    assert plan.is_executable
+    urdf = config_file("human_arm.urdf")
+    found = SceneReferee(RigidArm(urdf, JOINTS), urdf, scene).judge(plan.trajectory)
+    assert found.collision == ""
+
+
+def test_refusal_names_bodies_place_and_the_missing_extra(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "ompl.base", None)
+    primitive = arm_primitive()
+    start, goal = primitive.boundary_states[0, [0, 3]]
+    scene = write_scene(tmp_path / "scene0001.yaml", [WALL])
+    options = PlannerOptions(max_solve_time=1.0)
+    collision = CollisionModel(arm_robot(), world=World.from_file(scene))
+    assert not (collision.collides(start) or collision.collides(goal))
+    plan = Planner(arm_robot(), [primitive], None, options, collision).plan(goal, start)
+    assert plan.status == "infeasible"
+    assert "'lower_arm' and 'wall' collide from" in plan.message
+    assert "needs the Python module 'ompl'" in plan.message
 
 
 def test_same_problem_gives_the_same_detour(post):
