@@ -67,7 +67,7 @@ class DetourOptions:
     n_vias: int = 40
     via_spread: float = 0.6
     n_paths: int = 5
-    share_of_search: float = 0.6
+    share_of_search: float = 0.9
     step: float = 0.07
     fine_step: float = 0.03
     n_control_points: int = 6
@@ -126,15 +126,18 @@ class DetourPlanner:
         collision = self._setup.collision
         return collision is not None and bool(collision.pairs) and not request.n_vias
 
-    def better(self, failed: Attempt, request: Request, budget: Budget, paths: Paths) -> Attempt:
+    def better(
+        self, failed: Attempt, request: Request, budget: Budget, paths: Paths
+    ) -> tuple[Attempt, bool]:
         """The best motion along a detour, or the failed attempt if there is none.
 
-        If no motion keeps the limits, a path that was found is added to `paths`.
+        If no motion keeps the limits, a path that was found is added to `paths`. Returns also
+        whether the search for paths was complete, so that more descent is of no use.
         """
         # Collisions of a motion outside the limits are not known yet.
         met = failed.collisions or failed.has_clearances
         if failed.is_hopeless or not (met or self._setup.collisions(failed.trajectory)):
-            return failed
+            return failed, False
         best, path = failed, None
         for detour in self._finder.detours(request, budget):
             path = detour.path if path is None else path
@@ -145,7 +148,7 @@ class DetourPlanner:
                 break
         if path is not None and not best.is_valid:
             paths[id(request.goal)] = self._finder.corners(path)
-        return best
+        return best, not self.hint
 
     def _attempt(self, request: Request, detour: Detour, budget: Budget) -> Attempt:
         """The motion of least cost near a path, or else the one along it."""

@@ -204,7 +204,9 @@ class SinglePlanner:
             met = tried.collisions or tried.has_clearances
             if budget is not rest and not tried.is_valid and (met or budget.is_over()):
                 budget = rest
-                best = self._detours.better(best, request, rest, paths)
+                best, is_done = self._detours.better(best, request, rest, paths)
+                if is_done:
+                    break
             if best.is_valid or best.is_hopeless or budget.is_over():
                 break
             failure = Failure(tried, setting, self._setup)
