@@ -223,9 +223,9 @@ class DetourFinder:
                 path = sampled_path(collision.collides, bounds, ends, options, search.is_over)
             except MissingDependencyError as error:
                 self.hint = str(error)
-                yield from paths_by_vias(collision.collides, bounds, ends)
+                yield from paths_by_vias(collision.collides, bounds, ends, budget.is_over)
                 return
-            if path is None or budget.is_over():
+            if path is None:
                 return
             yield path
 
@@ -308,9 +308,11 @@ def paths_by_vias(
     collides: Callable[[FloatArray], bool],
     bounds: tuple[FloatArray, FloatArray],
     ends: tuple[FloatArray, FloatArray],
-    options: DetourOptions = _OPTIONS,
+    should_stop: Callable[[], bool] = lambda: False,
 ) -> Iterator[FloatArray]:
     """Collision-free paths of two straight lines in joint space that meet at a random via.
+
+    The same vias are drawn in every call.
 
     Parameters
     ----------
@@ -320,8 +322,8 @@ def paths_by_vias(
         Least and largest positions.
     ends : tuple of (array, shape (n_joints,))
         Start and goal.
-    options : DetourOptions
-        Number and spread of the vias. The same ones are drawn in every call.
+    should_stop : callable
+        Whether to end the search.
 
     Yields
     ------
@@ -329,10 +331,12 @@ def paths_by_vias(
         Start, via and goal.
     """
     rng, middle = np.random.default_rng(0), 0.5 * (ends[0] + ends[1])
-    for _ in range(options.n_vias):
-        off = options.via_spread * rng.standard_normal(middle.size)
+    for _ in range(_OPTIONS.n_vias):
+        if should_stop():
+            return
+        off = _OPTIONS.via_spread * rng.standard_normal(middle.size)
         via = np.clip(middle + off, *bounds)
-        if all(_is_free(collides, end, via, options.step) for end in ends):
+        if all(_is_free(collides, end, via, _OPTIONS.step) for end in ends):
             yield np.array([ends[0], via, ends[1]])
 
 
