@@ -67,8 +67,11 @@ setup(
             "pytransform3d>=3.5",  # movement_primitives imports it, but doesn't ask for it
             "crocoddyl>=3.2",
             "ruckig>=0.14",
+            "toppra>=0.6.9",
             "example-robot-data>=4.3",
         ],
+        # Paths around obstacles, for detours; and as a peer. No wheels for Python 3.14 yet.
+        "ompl": ["ompl>=2.0; python_version < '3.14'"],
         # Has no wheels for many platforms: apart, so that it doesn't hold up the other peers.
         "drake": ["drake>=1.30"],
         # Another physics engine for the simulated robot.
