@@ -57,14 +57,23 @@ class LivePanel:
         self._thread = threading.Thread(target=self._run, name="live", daemon=True)
 
     def add_stop(self) -> None:
-        """Add the stop button and its key."""
+        """Add the stop buttons and their key.
+
+        One is in a window of its own, which stays where the panels are scrolled; phones have no
+        windows, so the other one is on top of the main panel.
+        """
         gui = self._stage.server.gui
-        stop = gui.add_button("Stop the robot (S)", color="red", icon=viser.Icon.HAND_STOP)
+        window = gui.add_panel()
+        with window.add_tab("Robot"):
+            beside = gui.add_button("Stop (S)", color="red", icon=viser.Icon.HAND_STOP)
+        window.float(x=15, y=-15, width=200)
+        on_top = gui.add_button("Stop the robot", color="red", icon=viser.Icon.HAND_STOP)
+        self._answer = gui.add_html("")
         key = gui.add_command("Stop the robot", hotkey="S", icon=viser.Icon.HAND_STOP)
         # Without the lock of the page: nothing may delay a stop.
-        stop.on_click(lambda _: self._stopping.set())
+        for button in (beside, on_top):
+            button.on_click(lambda _: self._stopping.set())
         key.on_trigger(lambda _: self._stopping.set())
-        self._answer = gui.add_html("")
 
     def add_tab(self) -> None:
         """Add the content of the tab, and start."""

@@ -189,14 +189,14 @@ class PlanPanel:
         self.submit(goal=goal, pose=None)
 
     def _on_swap(self) -> None:
-        self._player.playback.seek(0.0)
+        self._player.seek(0.0)
         self.submit(start=self._request.goal)
 
     def _on_reset(self) -> None:
         start, goal = self._home
         self._vias.clear()
         self._place_handle(goal)
-        self._player.playback.seek(0.0)
+        self._player.seek(0.0)
         self.submit(start=start, goal=goal, pose=None, vias=())
 
     def _new_via(self) -> FloatArray:
