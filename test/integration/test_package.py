@@ -58,6 +58,7 @@ ROSDEP_NAMES = {
 
 # Extras that rosdep has no name for: pip brings them.
 EXTRAS_ONLY = {
+    "argcomplete",
     *("filelock", "cmaes", "distributed", "mujoco"),
     *("rich", "trimesh", "viser", "websockets"),
 }
