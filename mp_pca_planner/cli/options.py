@@ -284,7 +284,8 @@ def view(add: Options) -> None:
     """Show the robot, its primitives and plans on a page in the browser.
 
     The goal is dragged and the plan follows; components bend the mean motion; demonstrations are
-    played. Nothing is sent to a robot. Ctrl-C ends it.
+    played. With --live it shows a running planner node and its robot, too, and sends goals to it
+    once that is armed on the page. Ctrl-C ends it.
     """
     add("primitives FILE", "primitive files or folders", nargs="+")
     add("--robot URDF", "the robot", Path, required=True)
@@ -300,6 +301,11 @@ def view(add: Options) -> None:
     add("--host", text, default="127.0.0.1")
     add("--port", "port, or the first free one after it; 0: any", whole(0, 65535), 8080)
     add("--for S", "end after this time [s]", seconds, dest="duration")
+    live = add.group("beside a running node")
+    live.flag("--live", "show the node and its robot, with a stop button")
+    add_node_options(live)
+    text = "topic of the node's motions, if it is remapped (default: NODE/joint_trajectory)"
+    live("--controller-topic TOPIC", text, default="")
 
 
 _COMMANDS = (

@@ -17,7 +17,7 @@ from ..robot.limits import JointLimits
 from .method import PeerResult, import_peer
 from .without_optimisation import sample_times
 
-_OPTIONS = SamplingOptions(smooths=True)
+_OPTIONS = SamplingOptions(step=0.05, smooths=True)
 
 
 class SamplingPeer:

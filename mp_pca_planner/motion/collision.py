@@ -142,10 +142,7 @@ class _Search:
         closed = self._closed(pairs, first, last)
         both = np.concatenate([first, last]) * self._deepest.size + np.tile(pairs, 2)
         every, places = np.unique(both, return_inverse=True)
-        enough = np.zeros(every.size)
-        np.maximum.at(enough, places, np.tile(closed, 2))
-        at, of = np.divmod(every, self._deepest.size)
-        ends = self._distances(at, of, enough)[places].reshape(2, -1)
+        ends = self._distances(*np.divmod(every, self._deepest.size))[places].reshape(2, -1)
         while True:
             # A distance within an interval is at least half of this.
             least = ends.sum(axis=0) - closed
@@ -157,7 +154,7 @@ class _Search:
             kept = np.flatnonzero(~is_clear)
             pairs, first, last, ends = pairs[kept], first[kept], last[kept], ends[:, kept]
             middle = (first + last) // 2
-            between = self._distances(middle, pairs, closed[kept])
+            between = self._distances(middle, pairs)
             pairs = np.tile(pairs, 2)
             first, last = np.concatenate([first, middle]), np.concatenate([middle, last])
             ends = np.block([[ends[0], between], [between, ends[1]]])
@@ -180,9 +177,9 @@ class _Search:
         travelled = self._travelled[last] - self._travelled[first]
         return np.asarray(np.einsum("ej,ej->e", travelled, self._model.levers[pairs]))
 
-    def _distances(self, samples: Indices, pairs: Indices, enough: FloatArray) -> FloatArray:
-        """Distances of pairs at samples, or bounds above `enough`; collisions are noted."""
-        distances = self._model.distances(self._q, samples, pairs, enough)
+    def _distances(self, samples: Indices, pairs: Indices) -> FloatArray:
+        """Distances of pairs at samples; collisions are noted."""
+        distances = self._model.distances(self._q, samples, pairs)
         for e in np.flatnonzero(~(distances >= CONTACT)):  # a NaN is a collision
             noted = self._found.setdefault(int(pairs[e]), [])
             noted.append((float(distances[e]), int(samples[e])))

@@ -214,13 +214,17 @@ def _solutions(
     max_iterations: int | None,
     budget: Budget,
 ) -> list[Solution]:
-    """Yield the solution from each start in turn until the time runs out."""
+    """The solutions from each start in turn, until the time runs out.
+
+    Among clearance constraints, the first one that meets them is enough.
+    """
     program, found = problem.program(), list[Solution]()
     options = replace(problem.setup.options.solver, should_stop=budget.is_over)
     if max_iterations is not None:
         options = replace(options, max_iterations=max_iterations)
     for start in starts:
-        if found and budget.is_over():
+        is_clear = problem.has_clearances and found and found[-1].infeasibility <= FEASIBLE
+        if is_clear or (found and budget.is_over()):
             break
         found.append(solve(program, start.unknowns, options, start.memory))
     return found

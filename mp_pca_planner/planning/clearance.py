@@ -170,10 +170,11 @@ class Distances:
     def rows(self, chosen: NDArray[np.intp]) -> FloatArray:
         """Derivatives of the chosen distances by the unknowns, 0 for far ones."""
         entries, near = self._entries[chosen], self._near
+        rows, is_near = np.zeros((chosen.size, self._jacobian.shape[2])), entries >= 0
+        entries = entries[is_near]
         by_unknown = self._jacobian[:, near.configurations[entries]].transpose(1, 0, 2)
-        rows = (near.rows[entries][:, None] @ by_unknown)[:, 0]
-        rows[entries < 0] = 0.0
-        return np.asarray(rows)
+        rows[is_near] = (near.rows[entries][:, None] @ by_unknown)[:, 0]
+        return rows
 
     def after(self, step: FloatArray) -> FloatArray:
         """The linear prediction after a step of the unknowns."""

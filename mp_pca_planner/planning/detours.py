@@ -51,6 +51,8 @@ class DetourOptions:
         Share of the remaining time for a path, 0 to 1.
     step : float
         Distance between the configurations of a line that are checked [rad or m].
+    fine_step : float
+        The same where the motion rests at the corners of a path.
     n_control_points : int
         Control points of the B-splines of each joint.
     spread : float
@@ -61,12 +63,13 @@ class DetourOptions:
         Least weight ρ of deviations from the path. Without it, the program takes too many passes.
     """
 
-    n_vias: int = 12
+    n_vias: int = 6
     via_spread: float = 0.6
     n_paths: int = 5
     share_of_search: float = 0.6
-    step: float = 0.06
-    n_control_points: int = 7
+    step: float = 0.07
+    fine_step: float = 0.03
+    n_control_points: int = 6
     spread: float = 0.3
     n_phases: int = 80
     min_naturalness: float = 0.05
@@ -83,12 +86,15 @@ class Detour:
     ----------
     basis : MotionBasis
         The primitive's components and B-splines. The path takes the place of the prediction.
+    path : array, shape (n_points, n_joints)
+        The path.
     duration : float
         Duration in which the motion along the path keeps the limits of velocity, acceleration and
         jerk [s].
     """
 
     basis: MotionBasis
+    path: FloatArray
     duration: float
 
 
@@ -119,16 +125,22 @@ class DetourPlanner:
             and not (request.n_vias or failed.is_hopeless)
         )
 
-    def serve(self, request: Request, budget: Budget) -> tuple[Attempt | None, str]:
-        """The best motion along a detour, and which extra would help if there is none."""
-        best = None
+    @property
+    def hint(self) -> str:
+        """Which extra is missing for further paths; empty if none."""
+        return self._finder.hint
+
+    def serve(self, request: Request, budget: Budget) -> tuple[Attempt | None, FloatArray | None]:
+        """The best motion along a detour, and a path; None if no path was found."""
+        best, path = None, None
         for detour in self._finder.detours(request, budget):
+            path = detour.path if path is None else path
             tried = self._attempt(request, detour, budget)
             if best is None or tried.violation < best.violation:
                 best = tried
             if best.is_valid or budget.is_over():
                 break
-        return best, "" if best is not None and best.is_valid else self._finder.hint
+        return best, None if path is None else self._finder.corners(path)
 
     def _attempt(self, request: Request, detour: Detour, budget: Budget) -> Attempt:
         """The motion of least cost near a path; the one along the path if time runs out."""
@@ -200,7 +212,11 @@ class DetourFinder:
             search = budget.share(_OPTIONS.share_of_search)
             try:
                 path = sampled_path(
-                    collision.collides, bounds, ends, SamplingOptions(seed), search.is_over
+                    collision.collides,
+                    bounds,
+                    ends,
+                    SamplingOptions(seed, _OPTIONS.step),
+                    search.is_over,
                 )
             except MissingDependencyError as error:
                 self.hint = str(error)
@@ -208,6 +224,19 @@ class DetourFinder:
             if path is None or budget.is_over():
                 return
             yield path
+
+    def corners(self, path: FloatArray) -> FloatArray:
+        """The points of a path between which straight lines are free of collisions."""
+        assert self._setup.collision is not None
+        kept = [0]
+        while kept[-1] < len(path) - 1:
+            here, k = path[kept[-1]], len(path) - 1
+            while k > kept[-1] + 1 and not _is_free(
+                self._setup.collision.collides, here, path[k], _OPTIONS.fine_step
+            ):
+                k -= 1
+            kept.append(k)
+        return path[kept]
 
 
 class PathFollower:
@@ -257,7 +286,7 @@ class PathFollower:
             self._primitive.n_components,
             is_detour=True,
         )
-        return Detour(basis, self._least_duration(line.boundary, weights))
+        return Detour(basis, path, self._least_duration(line.boundary, weights))
 
     def _least_duration(self, boundary: FloatArray, weights: FloatArray) -> float:
         """Shortest duration within the limits of velocity, acceleration and jerk [s]."""

@@ -31,6 +31,9 @@ from .states import unwrapped
 from .stop_and_go import StopAndGo, stop_and_go
 from .unknowns import QuadratureTables
 
+Paths = dict[int, FloatArray]
+"""Corners of collision-free paths, shape (n_corners, n_joints), by the `id` of the goal state."""
+
 
 @dataclass(frozen=True)
 class Fallback:
@@ -45,11 +48,14 @@ class Fallback:
         A feasible duration [s]; NaN if none is known.
     reason : str
         Why there is no motion in any duration; empty if there is one.
+    n_corners : int
+        Number of the corners of a known path at which the motion rests.
     """
 
     attempt: Attempt | None = None
     duration: float = float("nan")
     reason: str = ""
+    n_corners: int = 0
 
 
 class FallbackPlanner:
@@ -64,7 +70,7 @@ class FallbackPlanner:
     def __init__(self, setup: Setup) -> None:
         self._setup = setup
 
-    def serve(self, requests: Sequence[Request], failed: Attempt) -> Fallback:
+    def serve(self, requests: Sequence[Request], failed: Attempt, paths: Paths) -> Fallback:
         """Find a slow motion for the first request that has one.
 
         Parameters
@@ -73,6 +79,8 @@ class FallbackPlanner:
             Requests for one goal, with several configurations or several primitives.
         failed : Attempt
             The best attempt to optimise a motion.
+        paths : dict
+            Collision-free paths that are known.
         """
         feasible, reason = float("inf"), ""
         configurations: dict[int, Request] = {}
@@ -81,7 +89,8 @@ class FallbackPlanner:
         for request in configurations.values():
             for at_least, step in self._timings(request):
                 try:
-                    attempt = self._attempt(request, failed, at_least, step)
+                    path = paths.get(id(request.goal))
+                    attempt = self._attempt(request, failed, at_least, step, path)
                 except (GoalError, TrajectoryError) as error:
                     reason = reason or str(error)
                     continue
@@ -90,7 +99,7 @@ class FallbackPlanner:
                     continue
                 duration = attempt.duration
                 if request.duration_is_free or duration <= at_least * (1.0 + 1e-9):
-                    return Fallback(attempt)
+                    return Fallback(attempt, n_corners=0 if path is None else len(path) - 2)
                 feasible = min(feasible, duration)
         return Fallback(duration=feasible) if np.isfinite(feasible) else Fallback(reason=reason)
 
@@ -125,10 +134,23 @@ class FallbackPlanner:
             return Fallback(reason=str(attempt.collisions[0]))
         return Fallback(attempt)
 
-    def _attempt(self, request: Request, failed: Attempt, at_least: float, step: float) -> Attempt:
-        states = _route(self._setup.robot, self._setup.limits, request)
+    def _attempt(
+        self,
+        request: Request,
+        failed: Attempt,
+        at_least: float,
+        step: float,
+        path: FloatArray | None,
+    ) -> Attempt:
+        phases: list[float | None]
+        if path is None:
+            states = _route(self._setup.robot, self._setup.limits, request)
+            phases = [*(via.phase for via in request.conditions[: request.n_vias]), 1.0]
+        else:
+            corners = [JointState(self._setup.robot.joint_names, q) for q in path[1:-1]]
+            states = [request.start, *corners, request.goal]
+            phases = [*(None for _ in corners), 1.0]
         route = stop_and_go(self._setup.robot, self._setup.limits, states, step)
-        phases = [*(via.phase for via in request.conditions[: request.n_vias]), 1.0]
         durations = route.slowed(
             self._setup.robot,
             self._setup.limits,
@@ -137,7 +159,8 @@ class FallbackPlanner:
         )
         found = route.motion(durations)
         ends = np.cumsum(durations) / found.duration
-        reached = (*map(float, ends[:-1]), 1.0)[: len(request.conditions)]
+        n_vias = request.n_vias
+        reached = (*map(float, ends[:n_vias]), 1.0)[: len(request.conditions)]
         return self._attempt_of(request, failed, (found,), reached)
 
     def _attempt_of(

@@ -36,8 +36,8 @@ class SamplingOptions:
     """
 
     seed: int = 1
-    step: float = 0.06
-    range: float = 1.5
+    step: float = 0.1
+    range: float = 0.5
     max_checks: int = 100_000
     smooths: bool = False
 

@@ -34,6 +34,8 @@ class SearchOptions:
         the peaks between them.
     share_of_descent : float
         Share of the time for descent from the expected motion before detours are tried, 0 to 1.
+    detour_tolerance : float
+        Tolerance of the solver on detours: most of the cost depends on the path that was found.
     duration_margin : float
         Factor on the reported shortest duration, so that a motion with that duration is found
         again.
@@ -76,7 +78,8 @@ class SearchOptions:
     share_of_fixed: float = 0.6
     share_in_shortest: float = 1e-3
     scaling_margin: float = 1.02
-    share_of_descent: float = 0.3
+    share_of_descent: float = 0.15
+    detour_tolerance: float = 1e-3
     duration_margin: float = 1.002
     max_stretch: float = 10.0
     naturalness_steps: tuple[float, ...] = (1e-3, 1e-2, 1e-1, 1.0, 10.0, 100.0)

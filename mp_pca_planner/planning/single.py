@@ -21,7 +21,7 @@ from .bases import MotionBasis, component_basis, corrected_basis, spline_basis
 from .budget import Budget
 from .constraints import LimitTables
 from .detours import DetourPlanner
-from .fallback import Fallback, FallbackPlanner
+from .fallback import Fallback, FallbackPlanner, Paths
 from .motion import Motion
 from .objectives import Time
 from .plan import FREE, SHORTEST
@@ -136,8 +136,9 @@ class SinglePlanner:
         share = 1.0 if requests[0].duration_is_free else self._setup.options.search.share_of_fixed
         first = replace(budget, deadline=began + share * (budget.deadline - began))
         attempts: list[Attempt] = []
+        paths: Paths = {}
         for request in requests:
-            attempts.append(self._attempts(request, first))
+            attempts.append(self._attempts(request, first, paths))
             # Further configurations of a pose are for where the most natural one has no motion.
             if first.is_over() or (request.pose is not None and attempts[-1].is_valid):
                 break
@@ -145,10 +146,11 @@ class SinglePlanner:
         failed = not (best.is_valid or best.is_hopeless or budget.is_cancelled())
         ran_out, fallback = failed and first.is_over(), Fallback()
         if failed:
-            fallback = self._fallback.serve(requests, best)
+            fallback = self._fallback.serve(requests, best, paths)
             best = fallback.attempt or best
         stated = self._stated_duration(best, fallback, budget)
-        return Planned(best, fallback, ran_out, stated), attempts
+        hint = self._detours.hint if failed else ""
+        return Planned(best, fallback, ran_out, stated, hint=hint), attempts
 
     def precompute(self, primitive: MovementPrimitive, deadline: float) -> WarmStarts:
         """Motions between the ends of demonstrations, as warm starts for similar ones."""
@@ -176,8 +178,11 @@ class SinglePlanner:
                 memories.append(found.memory.curvature_alone())
         return WarmStarts(np.array(ends), np.array(weights), memories)
 
-    def _attempts(self, request: Request, budget: Budget) -> Attempt:
-        """The best motion for a request, with recoveries until one succeeds or none applies."""
+    def _attempts(self, request: Request, budget: Budget, paths: Paths) -> Attempt:
+        """The best motion for a request, with recoveries until one succeeds or none applies.
+
+        A collision-free path that was found is added to `paths`.
+        """
         options, usual = self._setup.options, request.expected.duration
         stretch = options.search.max_stretch if request.duration_is_free else 1.0
         bases, duration = self._chooser.bases(request), usual
@@ -190,7 +195,7 @@ class SinglePlanner:
             natural = MoreNatural(options.search.naturalness_steps)
             recoveries = [Slower(stretch * usual), natural, wider]
         best, setting, rest = None, wider.propose(), budget
-        if self._setup.collision is not None:
+        if self._setup.collision is not None and not request.n_vias:  # no detours by vias
             budget = budget.share(options.search.share_of_descent)
         while setting is not None:
             tried, setting = self._attempt(request, setting, budget)
@@ -199,7 +204,9 @@ class SinglePlanner:
             may_turn = not best.is_valid and budget is not rest
             if may_turn and self._detours.applies(tried, is_late=budget.is_over()):
                 budget = rest
-                detoured, self.hint = self._detours.serve(request, rest)
+                detoured, path = self._detours.serve(request, rest)
+                if path is not None:
+                    paths[id(request.goal)] = path
                 if detoured is not None and detoured.violation < best.violation:
                     best = detoured
             if best.is_valid or best.is_hopeless or budget.is_over():

@@ -27,6 +27,9 @@ from .pose_search import POSE_TOLERANCE
 from .request import Request
 from .setup import Setup
 
+# Points of a detour at which clearances are computed, and the largest that is reported [m].
+_N_CHECKED, _NEAR = 50, 0.05
+
 
 @dataclass(frozen=True)
 class StatedDuration:
@@ -54,6 +57,8 @@ class Planned:
         Mode of joining segments, see :class:`.Plan`.
     improved : Attempt or None
         An optimal motion through several targets that must not be executed.
+    hint : str
+        What would help the search; empty if nothing is known.
     """
 
     attempt: Attempt
@@ -62,6 +67,7 @@ class Planned:
     stated: StatedDuration = field(default_factory=StatedDuration)
     mode: str = ""
     improved: Attempt | None = None
+    hint: str = ""
 
 
 class Judge:
@@ -154,6 +160,8 @@ class Judge:
         brakes = np.any([request.start.velocities, request.start.accelerations])
         motion = "brakes, then follows" if brakes else "follows"
         rests = " with a rest at each via" if request.n_vias else ""
+        if outcome.fallback.n_corners:
+            rests = f" around obstacles with {outcome.fallback.n_corners} stops"
         return (
             f"{self._search(outcome, 'optimised within the limits')}; this one {motion} a "
             f"minimum-jerk path{rests}, keeps the limits and may be executed"
@@ -171,8 +179,8 @@ class Judge:
                 known = "the shortest duration that the limits allow"
             return f"{message}; {known} is {stated.seconds:.4g} s"
         if outcome.fallback.reason:
-            return f"{message}; nor was a slow one found: {outcome.fallback.reason}"
-        return message
+            message = f"{message}; nor was a slow one found: {outcome.fallback.reason}"
+        return f"{message}; {outcome.hint}" if attempt.collisions and outcome.hint else message
 
     def _impossible(self, attempt: Attempt) -> str:
         """The reason why the requested duration has no motion; empty if unknown."""
@@ -189,6 +197,20 @@ class Judge:
             f"{least[j]:.4g} s"
         )
 
+    def _detour(self, attempt: Attempt) -> str:
+        """Text on a detour: the bodies that come nearest to each other."""
+        text = "; near a collision-free path, because the expected motion collides"
+        if self._setup.collision is None:
+            return text
+        positions = attempt.trajectory.positions
+        chosen = np.linspace(0, len(positions) - 1, min(_N_CHECKED, len(positions))).astype(int)
+        near = self._setup.collision.near(positions[chosen], _NEAR)
+        if not near.distances.size:
+            return f"{text}; bodies stay {1e3 * _NEAR:g} mm apart"
+        k = int(near.distances.argmin())
+        names = "' and '".join(self._setup.collision.pairs[near.pairs[k]])
+        return f"{text}; the least clearance is {1e3 * near.distances[k]:.1f} mm, of '{names}'"
+
     def _concessions(self, attempt: Attempt) -> str:
         """The concessions that were made for the goal, as the end of a sentence."""
         options, collision = self._setup.options, self._setup.collision
@@ -196,7 +218,8 @@ class Judge:
         given_up = []
         if duration > usual * (1.0 + 1e-9) and options.timing == DEMONSTRATED:
             given_up.append(f"the duration was lengthened from {usual:.3g} to {duration:.3g} s")
-        if attempt.naturalness > options.naturalness:
+        is_detour = any(basis.is_detour for basis in attempt.bases)
+        if attempt.naturalness > options.naturalness and not is_detour:
             given_up.append(
                 f"the naturalness was raised from {options.naturalness:g} "
                 f"to {attempt.naturalness:g}"
@@ -205,7 +228,9 @@ class Judge:
         if collision is not None and collision.has_geometry:
             why += f" without {self._collision_kind}"
         kept = f"; {why}, {' and '.join(given_up)}" if given_up else ""
-        if attempt.has_clearances:
+        if is_detour:
+            kept += self._detour(attempt)
+        elif attempt.has_clearances:
             kept += "; bodies that would collide otherwise are kept apart"
         if collision is not None and not collision.has_geometry:
             kept += NOT_CHECKED

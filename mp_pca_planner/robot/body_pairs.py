@@ -25,8 +25,8 @@ CONTACT = 1e-6
 
 # Precision of distances [m], at which relative errors of derivatives are usually below 1 %.
 _PRECISION = 1e-8
-# Hulls nearer than this [m] are replaced by the meshes themselves.
-_NEAR = 1e-2
+# Hulls nearer than this beside their margin [m] are replaced by the meshes themselves.
+_NEAR = 3e-3
 
 Indices = NDArray[np.intp]
 
@@ -38,7 +38,7 @@ class NearPairs:
     Attributes
     ----------
     bounds : array, shape (n_configurations, n_pairs)
-        Lower bounds of all distances [m].
+        Distances of the entries below, and lower bounds of all others [m].
     configurations, pairs : array of int, shape (n_near,)
         The configuration and the pair of each entry.
     distances : array, shape (n_near,)
@@ -110,7 +110,7 @@ class BodyPairs:
         met = np.array([pair for pair, result in results if result.isCollision()])
         if self._are_convex[met].any():
             return True
-        return bool(np.any(~(self.distances(q[None], np.zeros_like(met), met, 0.0) >= CONTACT)))
+        return bool(np.any(~(self.distances(q[None], np.zeros_like(met), met) >= CONTACT)))
 
     def bounds(self, q: FloatArray, enough: FloatArray | float) -> FloatArray:
         """Lower bounds of all distances in some configurations.
@@ -125,7 +125,7 @@ class BodyPairs:
         Returns
         -------
         bounds : array, shape (n_configurations, n_pairs)
-            The bounds [m].
+            The bounds [m]; those of bodies in collision are at most 0.
         """
         return self._bounds(self._tree.poses(q), enough)
 
@@ -148,10 +148,8 @@ class BodyPairs:
             bounds[k, pairs] = np.maximum(bounds[k, pairs], gaps)
         return bounds
 
-    def distances(
-        self, q: FloatArray, configurations: Indices, pairs: Indices, enough: FloatArray | float
-    ) -> FloatArray:
-        """Distances of pairs in configurations; where they exceed `enough`, a lower bound does.
+    def distances(self, q: FloatArray, configurations: Indices, pairs: Indices) -> FloatArray:
+        """Distances of pairs in configurations; of hulls, as long as these are not in contact.
 
         Parameters
         ----------
@@ -159,21 +157,18 @@ class BodyPairs:
             The configurations.
         configurations, pairs : array of int, shape (n,)
             Configuration and pair of each entry.
-        enough : float or array, shape (n,)
-            See above [m].
 
         Returns
         -------
         distances : array, shape (n,)
             The distances [m].
         """
-        found = np.empty(pairs.size)
-        enough, margins = np.broadcast_to(enough, pairs.shape), self.margins[pairs]
+        found, margins = np.empty(pairs.size), self.margins[pairs]
         for entries in self._placed(q, configurations, self._bodies.hulls, self._hull_data):
             for e in entries:
                 found[e] = self._hull_distance(int(pairs[e])).min_distance
         found -= margins
-        near = np.flatnonzero(~(found > enough) & ~self._are_convex[pairs])
+        near = np.flatnonzero(~(found >= CONTACT) & ~self._are_convex[pairs])
         shapes, data = self._bodies.shapes, self._shape_data
         for entries in self._placed(q, configurations[near], shapes, data):
             for e in near[entries]:
@@ -211,27 +206,26 @@ class BodyPairs:
     ) -> tuple[FloatArray, FloatArray]:
         """Distances of entries, and the nearest points of both bodies, shape (n, 2, 3)."""
         distances, points = np.empty(pairs.size), np.empty((pairs.size, 2, 3))
-        hulls, shapes = self._bodies.hulls, self._bodies.shapes
-        for entries in self._placed(q, configurations, hulls, self._hull_data):
-            are_placed = False
-            for e in entries:
-                pair = int(pairs[e])
+        near, are_convex = (self.margins + _NEAR).tolist(), self._are_convex.tolist()
+        for entries in self._placed(q, configurations, self._bodies.hulls, self._hull_data):
+            for e, pair in zip(entries.tolist(), pairs[entries].tolist(), strict=True):
                 found = self._hull_distance(pair)
-                if not self._are_convex[pair] and not found.min_distance > _NEAR:
-                    if not are_placed:
-                        pin.updateGeometryPlacements(
-                            self._model, self._data, shapes, self._shape_data
-                        )
-                        are_placed = True
-                    exact = pin.computeDistance(shapes, self._shape_data, pair)
-                    # It is undefined for meshes in contact.
-                    found = exact if exact.min_distance > CONTACT else self._hull_distance(pair)
+                if not are_convex[pair] and not found.min_distance > near[pair]:
+                    found = self._mesh_distance(pair)
                 distances[e] = found.min_distance
                 points[e, 0], points[e, 1] = found.getNearestPoint1(), found.getNearestPoint2()
         return distances, points
 
     def _hull_distance(self, pair: int) -> Any:
         return pin.computeDistance(self._bodies.hulls, self._hull_data, pair)
+
+    def _mesh_distance(self, pair: int) -> Any:
+        """The result for the meshes themselves, or for their hulls if the meshes are in contact."""
+        shapes, data = self._bodies.shapes, self._shape_data
+        pin.updateGeometryPlacements(self._model, self._data, shapes, data)
+        exact = pin.computeDistance(shapes, data, pair)
+        # It is undefined for meshes in contact.
+        return exact if exact.min_distance > CONTACT else self._hull_distance(pair)
 
     def _placed(
         self, q: FloatArray, configurations: Indices, geometry: Any, data: Any

@@ -145,11 +145,9 @@ class CollisionGeometry:
         """Lower bounds of all distances less their margins, see :meth:`.BodyPairs.bounds`."""
         return self._distances.bounds(self._in_model_order(q), enough)
 
-    def distances(
-        self, q: FloatArray, configurations: Indices, pairs: Indices, enough: FloatArray | float
-    ) -> FloatArray:
+    def distances(self, q: FloatArray, configurations: Indices, pairs: Indices) -> FloatArray:
         """Distances of pairs less their margins, see :meth:`.BodyPairs.distances`."""
-        return self._distances.distances(self._in_model_order(q), configurations, pairs, enough)
+        return self._distances.distances(self._in_model_order(q), configurations, pairs)
 
     def near(self, q: FloatArray, reach: float) -> NearPairs:
         """The pairs nearer than some distance beside their margins.

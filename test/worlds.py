@@ -1,0 +1,84 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Random worlds around the human arm, and distances in them by plain calls of the libraries."""
+
+import numpy as np
+import pinocchio as pin
+from arm import arm_robot
+
+import mp_pca_planner as mp
+
+try:
+    import coal
+except ImportError:
+    import hppfcl as coal
+
+_Transform = getattr(coal, "Transform3s", None) or coal.Transform3f
+TETRAHEDRON = [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]
+# The sides and the bottom of a box, open at the top.
+TRAY = mp.Mesh(
+    [[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (0, 1)],
+    np.reshape(
+        [0, 1, 3, 0, 3, 2, 4, 6, 7, 4, 7, 5, 0, 4, 5, 0, 5, 1, 2, 3, 7, 2, 7, 6, 0, 2, 6, 0, 6, 4],
+        (-1, 3),
+    ),
+)
+
+
+def random_world(rng: np.random.Generator) -> mp.World:
+    """A shape of each kind within reach of the human arm."""
+
+    def place() -> tuple[np.ndarray, np.ndarray]:
+        quaternion = rng.normal(size=4)
+        position = rng.uniform([0.2, -0.9, -0.3], [0.9, 0.3, 0.7])
+        return position, quaternion / np.linalg.norm(quaternion)
+
+    sizes = rng.uniform(0.02, 0.15, 3)
+    pyramid = np.vstack([np.zeros(3), np.diag(sizes)])
+    shapes = (
+        mp.Box(sizes, *place()),
+        mp.Sphere(sizes[0], *place()),
+        mp.Cylinder(sizes[0], sizes[1], *place()),
+        mp.Capsule(sizes[0], sizes[1], *place()),
+        mp.Mesh(TRAY.vertices * sizes, TRAY.triangles, *place()),
+        mp.Mesh(pyramid, TETRAHEDRON, *place()),
+    )
+    return mp.World([mp.Obstacle(f"o{k}", shape) for k, shape in enumerate(shapes)])
+
+
+def plain_distances(world: mp.World, q: np.ndarray) -> np.ndarray:
+    """Distances of the links of the human arm from obstacles, by Pinocchio and its library."""
+    robot = arm_robot()
+    model, geometry, order = robot.collision_geometry([])
+    data, geometry_data = model.createData(), geometry.createData()
+    least = np.empty((len(q), len(world)))
+    for k, one in enumerate(q):
+        pin.updateGeometryPlacements(model, data, geometry, geometry_data, one[order])
+        for i, obstacle in enumerate(world):
+            (shape,) = obstacle.shapes
+            if isinstance(shape, mp.Mesh):
+                body = coal.BVHModelOBBRSS()
+                body.beginModel(len(shape.triangles), len(shape.vertices))
+                body.addVertices(shape.vertices)
+                body.addTriangles(shape.triangles)
+                body.endModel()
+            else:
+                sizes = [np.ravel(value) for key, value in vars(shape).items()]
+                kind = type(shape).__name__
+                body = getattr(coal, kind)(*map(float, np.concatenate(sizes[: len(sizes) - 2])))
+            there = pin.XYZQUATToSE3(shape.pose)
+            least[k, i] = np.inf
+            for j, part in enumerate(geometry.geometryObjects):
+                if part.parentJoint == 0:
+                    continue
+                here = geometry_data.oMg[j]
+                found = coal.distance(
+                    part.geometry,
+                    _Transform(here.rotation, here.translation),
+                    body,
+                    _Transform(there.rotation, there.translation),
+                    coal.DistanceRequest(),
+                    coal.DistanceResult(),
+                )
+                least[k, i] = min(least[k, i], found)
+    return least
