@@ -12,40 +12,22 @@ import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
-from .option_types import Stop, count, duration, jobs, name_list, number, seconds, seed, whole
+from .option_types import count, duration, jobs, name_list, number, seconds, seed, whole
 from .parser import Options, parse_command
+from .ros_options import demo, reload, save_motion, send_goal, simulate, stop
+from .shared_options import add_node_options, add_report_options, add_via
 
 VALUES = "name=value,… or values in the robot description's joint order [rad or m]"
 _PLACE = "configuration (name=value,…) or pose ('FRAME: X Y Z' or with a quaternion)"
-_NODE = "mp_pca_planner"
 
 
 # Options that several commands have
-
-
-def _add_report_options(add: Options, written: str | None = "files") -> None:
-    if written is not None:
-        add.flag("--force", f"overwrite {written}")
-    add.flag("--json", "print one JSON object")
 
 
 def _add_bag_options(add: Options) -> None:
     add("--topic", "JointState topic of the bags (default: the only one)")
     add("--field a.b", "field of the topic's messages that is a JointState")
     add.flag("--recover --salvage", "of a damaged bag, use the part before the damage")
-
-
-def _add_node_options(add: Options) -> None:
-    add("--node NAME", "name of the node", default=_NODE)
-    add("--namespace NS", "namespace of the node", default="")
-
-
-def _add_via(add: Options, form: str, text: str, *, with_stops: bool = False) -> None:
-    """Add ``--via`` and ``--stop``; the values of both stand in order in ``via``."""
-    add(f"--via {form}", f"{text}; may be repeated", str, [], action="append")
-    if with_stops:
-        text = "likewise, with a stop there"
-        add(f"--stop {form}", text, Stop, [], action="append", dest="via")
 
 
 def _add_motion_options(add: Options) -> None:
@@ -77,7 +59,7 @@ def _add_single_goal(add: Options, via_form: str, via_time: str) -> None:
     for end in ("start", "goal"):
         for rate in ("velocity", "acceleration"):
             add(f"--{end}-{rate} {rate[0].upper()}", f"{rate} at the {end}, likewise")
-    _add_via(add, via_form, f"{_PLACE} to pass, {via_time}")
+    add_via(add, via_form, f"{_PLACE} to pass, {via_time}")
     text = "duration [s], 'shortest', or 'free' for least cost (default: like the demonstrations)"
     add("--duration T", text, duration)
     text = "weighted sum to minimise, of effort, energy, jerk, time, straightness"
@@ -89,7 +71,7 @@ def _add_single_goal(add: Options, via_form: str, via_time: str) -> None:
 def _add_motion_outputs(add: Options) -> None:
     add("--output FILE", "motion to write: .csv, .json, .npz, or a bag", Path)
     add("--plot FILE.png", "picture to draw", Path)
-    _add_report_options(add)
+    add_report_options(add)
 
 
 # Planning
@@ -106,7 +88,7 @@ def sequence(add: Options) -> None:
     """Plan one motion through configurations and poses that stops only where asked."""
     _add_motion_options(add)
     text = f"{_PLACE} to pass, with @T at T s after the start"
-    _add_via(add, "V[@T]", text, with_stops=True)
+    add_via(add, "V[@T]", text, with_stops=True)
     add("--goal", "goal, likewise", required=True)
     add("--mode", "join segments, or optimise", default="optimal", choices=("real_time", "optimal"))
     _add_motion_outputs(add)
@@ -136,7 +118,7 @@ def refine(add: Options) -> None:
     cost("--executed BAG", "recording of its execution; its ½∫‖τ‖²dt is the cost", Path)
     trials("--tracking-price P", "price of ∫‖q − q_planned‖²dt of --executed", price, 0.0)
     trials("--seed", "seed of the random numbers", seed, 0)
-    _add_report_options(add)
+    add_report_options(add)
 
 
 def verify(add: Options) -> None:
@@ -166,7 +148,7 @@ def verify(add: Options) -> None:
     add("--output FILE.npz", "primitive with this law to write", Path)
     add("--controller-parameters FILE.yaml", "gains to write, for the controller", Path)
     add("--controller", "name of the controller", default="joint_trajectory_controller")
-    _add_report_options(add)
+    add_report_options(add)
 
 
 # Recordings and primitives
@@ -182,7 +164,7 @@ def build_primitives(add: Options) -> None:
     output("--output FILE", "file to write", Path, required=True)
     output("--report FILE.html", "page that shows what was found", Path)
     output("--write-segments FILE.csv", "motions as a table to edit, for --segments", Path)
-    _add_report_options(output, "the outputs")
+    add_report_options(output, "the outputs")
 
 
 def _add_input(add: Options) -> None:
@@ -222,7 +204,7 @@ def inspect(add: Options) -> None:
     """Show what is in bags and primitive files."""
     add("files FILE", "bag, folder of bags, or .npz", nargs="+")
     _add_bag_options(add)
-    _add_report_options(add, written=None)
+    add_report_options(add, written=None)
 
 
 def library(add: Options) -> None:
@@ -235,7 +217,7 @@ def library(add: Options) -> None:
     add("what FILE|NAME", "files to add, or names of primitives", nargs="*")
     add("--version N", "version to roll back to", int)
     add("--note", "reason, for the history", default="")
-    _add_report_options(add, written=None)
+    add_report_options(add, written=None)
 
 
 # Evaluation
@@ -263,7 +245,7 @@ def benchmark(add: Options) -> None:
     add("--repeats", "times each is solved", count, 3)
     add("--time-limit S", "for one problem [s] (default: 10, with --scenes 1)", seconds)
     add("--plot FILE.png", "picture of cost over time to draw", Path)
-    _add_report_options(add, "the picture")
+    add_report_options(add, "the picture")
 
 
 def case_study(add: Options) -> None:
@@ -282,89 +264,10 @@ def case_study(add: Options) -> None:
     add("--arm A,B,C", "frames along the arm, to its tip", default="upper_arm,lower_arm,wrist")
     add("--jobs N", "recordings to read at the same time", jobs, 1)
     add("--output DIR", "folder of the results", Path, Path("case_study_output"))
-    _add_report_options(add, "earlier results")
+    add_report_options(add, "earlier results")
 
 
 # Running with ROS
-
-
-def demo(add: Options) -> None:
-    """Record, build, plan and execute: the whole pipeline with a simulated human-like arm.
-
-    Demonstrations are recorded into a bag and become primitives. The planner node and a simulated
-    robot are started, goals are sent from another process, the robot executes the motions, and
-    pictures show the results.
-    """
-    add("--output DIR", "folder of the results", Path, Path("demo_output"))
-    add.flag("--view", "then show the robot, its primitive and plans on a page in the browser")
-
-
-def send_goal(add: Options) -> None:
-    """Send a goal configuration, a sequence of them, or a pose to the running planner node.
-
-    The command waits for the node's report and prints it. Status 0: the motion was published; 1:
-    no answer, or a newer goal came; 2: refused.
-    """
-    goal = add.one_of(required=True)
-    goal("goal NAME=VALUE,...", "positions [rad or m] by joint name", nargs="?")
-    goal("--pose 'X Y Z QX QY QZ QW'", "pose of the end effector [m, unit quaternion]")
-    add("--frame LINK", "link in whose frame --pose is stated; empty: the base", default="")
-    text = "positions of the same joints to pass; @T, also of the goal: T s after the start"
-    _add_via(add, "NAME=VALUE,...[@T]", text, with_stops=True)
-    add.flag("--degrees", "positions are in degrees, not in radians")
-    add("--primitive NAME", "primitive to use; empty: the node chooses", default="")
-    add("--wait S", "first wait up to S s until the node is ready for goals", seconds)
-    _add_node_options(add)
-    add("--timeout S", "longest time to wait [s]", seconds, 10.0)
-    add.flag("--verbose", "print all values of the report")
-    _add_report_options(add, written=None)
-
-
-def _add_service_options(add: Options) -> None:
-    _add_node_options(add)
-    add("--timeout S", "longest time to wait for the node, and for its answer [s]", seconds, 10.0)
-    _add_report_options(add, written=None)
-
-
-def stop(add: Options) -> None:
-    """Have the running planner node bring the robot to rest as fast as the limits allow."""
-    _add_service_options(add)
-
-
-def save_motion(add: Options) -> None:
-    """Have the running planner node save its last motion as a primitive in its `save_folder`."""
-    _add_service_options(add)
-
-
-def reload(add: Options) -> None:
-    """Have the running planner node read its primitive files again."""
-    _add_service_options(add)
-
-
-def simulate(add: Options) -> None:
-    """Simulate a robot that publishes joint_states and robot_description and executes trajectories.
-
-    Its controller has the semantics of joint_trajectory_controller. Its faults are parameters of
-    the node simulated_robot: speed_scaling, held, silent, delay, jitter, active, drop, payload,
-    noise. Pass node arguments after --ros-args. Ctrl-C ends it.
-    """
-    add("--robot URDF", "the robot", Path, required=True)
-    add("--joints A,B", "joints of the controller; all by default", name_list)
-    text = "name=value,… or one per joint [rad or m]; by default 0, or the middle between limits"
-    add("--start VALUES", text)
-    add("--rate HZ", "rate of joint_states", number(0.01, 1000.0, "Hz"), 500.0)
-    topic = f"{_NODE}/joint_trajectory"
-    add("--controller-topic TOPIC", "topic of the trajectories to execute", default=topic)
-    add("--speed-scaling SHARE", "speed of the controller's clock, 0 to 1", float, 1.0)
-    add("--payload KG", "unknown mass at the end effector", float, 0.0)
-    add("--delay S", "time that a trajectory takes to the controller", float, 0.0)
-    add("--jitter S", "largest random addition to the delay", float, 0.0)
-    add("--drop P", "probability that a trajectory is lost", float, 0.0)
-    add("--noise RAD", "standard deviation of measured positions", float, 0.0)
-    add("--seed N", "seed of all random numbers", seed, 0)
-    add("--plant", "physics engine", default="pinocchio", choices=("pinocchio", "mujoco"))
-    add("--record FILE", "file (.npz) for every command at 1 kHz", Path)
-    _add_report_options(add, "the file")
 
 
 def watch(add: Options) -> None:
@@ -373,7 +276,7 @@ def watch(add: Options) -> None:
     It shows the present joint states within their limits, the last goal and its report, and
     diagnostics. Ctrl-C ends it.
     """
-    _add_node_options(add)
+    add_node_options(add)
     add("--for S", "end after this time [s]", seconds, dest="duration")
 
 
@@ -381,7 +284,8 @@ def view(add: Options) -> None:
     """Show the robot, its primitives and plans on a page in the browser.
 
     The goal is dragged and the plan follows; components bend the mean motion; demonstrations are
-    played. Nothing is sent to a robot. Ctrl-C ends it.
+    played. With --live it shows a running planner node and its robot, too, and sends goals to it
+    once that is armed on the page. Ctrl-C ends it.
     """
     add("primitives FILE", "primitive files or folders", nargs="+")
     add("--robot URDF", "the robot", Path, required=True)
@@ -397,6 +301,11 @@ def view(add: Options) -> None:
     add("--host", text, default="127.0.0.1")
     add("--port", "port, or the first free one after it; 0: any", whole(0, 65535), 8080)
     add("--for S", "end after this time [s]", seconds, dest="duration")
+    live = add.group("beside a running node")
+    live.flag("--live", "show the node and its robot, with a stop button")
+    add_node_options(live)
+    text = "topic of the node's motions, if it is remapped (default: NODE/joint_trajectory)"
+    live("--controller-topic TOPIC", text, default="")
 
 
 _COMMANDS = (

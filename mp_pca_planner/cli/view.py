@@ -14,6 +14,7 @@ from ..primitives.primitive_library import load_primitives
 from ..recordings.demonstrations import load_demonstrations
 from ..robot.world import World
 from ..view.content import PageContent, read_content
+from ..view.live import LiveLink
 from ..view.page import ViewPage
 from .common import limits_of
 from .terminal import DONE, flush, say
@@ -35,13 +36,26 @@ def run(arguments: argparse.Namespace) -> int:
     content = replace(
         content, limits=limits, frame=arguments.frame, recordings=recordings, world=world
     )
-    serve(content, arguments.host, arguments.port, arguments.duration)
+    if not arguments.live:
+        serve(content, arguments.host, arguments.port, arguments.duration)
+        return DONE
+    from ..ros.live_node import LiveNode
+
+    names = arguments.namespace, arguments.node, arguments.controller_topic
+    with LiveNode(*names) as link:
+        serve(content, arguments.host, arguments.port, arguments.duration, link)
     return DONE
 
 
-def serve(content: PageContent, host: str, port: int, duration: float | None) -> None:
+def serve(
+    content: PageContent,
+    host: str,
+    port: int,
+    duration: float | None,
+    link: LiveLink | None = None,
+) -> None:
     """Serve a page for a time [s], or until Ctrl-C."""
-    with ViewPage(content, host, port) as page:
+    with ViewPage(content, host, port, link) as page:
         reach = "this machine only" if page.server.is_local else "every machine that reaches it"
         say(f"page         {page.url} (for {reach}; Ctrl-C ends it)")
         flush()

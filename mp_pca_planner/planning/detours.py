@@ -32,7 +32,7 @@ from .request import Request
 from .sampling import SamplingOptions, sampled_path
 from .setup import Setup
 from .starts import StartPoint
-from .stop_and_go import slowdown
+from .time_scaling import slowdown
 from .unknowns import QuadratureTables
 
 

@@ -14,7 +14,7 @@ from ..motion.validation import LimitCheck
 from .attempt import Attempt
 from .bases import MotionBasis
 from .setup import Setup
-from .stop_and_go import slowdown
+from .time_scaling import slowdown
 
 
 @dataclass(frozen=True, eq=False)

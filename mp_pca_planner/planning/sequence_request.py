@@ -26,7 +26,7 @@ from .bases import MotionBasis
 from .conditions import Condition, PoseTarget, Target
 from .motion import Motion
 from .selection import Selection
-from .stop_and_go import slowdown
+from .time_scaling import slowdown
 
 
 @dataclass(frozen=True, eq=False)

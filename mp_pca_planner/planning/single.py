@@ -31,8 +31,8 @@ from .request import GoalResolver, Request
 from .selection import cost_of, node_states
 from .setup import Setup
 from .starts import WarmStarts
-from .stop_and_go import least_stretch
 from .subproblem import TINY
+from .time_scaling import least_stretch
 from .unknowns import QuadratureTables
 from .verdict import Planned, StatedDuration
 

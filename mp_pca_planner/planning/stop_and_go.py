@@ -2,10 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Motions within the limits without optimisation: braking, then motions from rest to rest.
 
-From rest to rest the motion is the minimum-jerk one, slowed by the laws of time scaling: with the
-duration T, velocities fall as 1/T, accelerations as 1/T², jerks as 1/T³, and efforts tend to those
-of gravity, τ(s) = g(s) + m(s)/T². A robot that moves is braked first, each joint by the
-deceleration of least time within its limits of acceleration and jerk.
+From rest to rest the motion is the minimum-jerk one, slowed by the laws of time scaling (see
+:mod:`.time_scaling`). A robot that moves is braked first, each joint by the deceleration of least
+time within its limits of acceleration and jerk.
 """
 
 from __future__ import annotations
@@ -21,15 +20,11 @@ from ..exceptions import TrajectoryError
 from ..motion.goal import JointState
 from ..motion.interpolation import hermite_functions, segment_ends
 from ..motion.trajectory import Trajectory
-from ..motion.validation import LimitCheck, check_limits
+from ..motion.validation import check_limits
 from ..robot.limits import JointLimits
 from ..robot.model import Robot
 from .motion import Motion
-
-# Largest velocity, acceleration and jerk of the minimum-jerk motion of distance 1 in a time of 1.
-_PEAKS = (15.0 / 8.0, 10.0 / np.sqrt(3.0), 60.0)
-_PHASES = np.linspace(0.0, 1.0, 41)
-_POWERS = {"velocity": 1.0, "acceleration": 1.0 / 2.0, "jerk": 1.0 / 3.0, "effort": 1.0 / 2.0}
+from .time_scaling import least_duration, slowdown
 
 
 @dataclass(frozen=True)
@@ -61,59 +56,6 @@ class BrakingOptions:
 
 
 _OPTIONS = BrakingOptions()
-
-
-def slowdown(check: LimitCheck) -> float:
-    """Factor of the duration that may restore the limits; 1 if none can."""
-    # A longer duration does not change the path, so it can't restore position limits.
-    factors = [
-        (1.0 + v.excess) ** _POWERS[v.quantity] for v in check.violations if v.quantity in _POWERS
-    ]
-    # Time scaling alone does not determine efforts, because they have a static part.
-    return float(np.clip(1.02 * max(factors), 1.05, 2.0)) if factors else 1.0
-
-
-def least_stretch(robot: Robot, limits: JointLimits, states: FloatArray) -> float:
-    """Factor of the duration at which a motion from rest to rest just keeps its limits.
-
-    Parameters
-    ----------
-    robot, limits
-        The robot and the limits of its joints; those of position are not considered.
-    states : array, shape (4, n_steps, n_joints)
-        Positions, velocities, accelerations and jerks of the motion.
-
-    Returns
-    -------
-    factor : float
-        Infinite if gravity alone exceeds the limits of effort.
-    """
-    bounds = (limits.velocity, limits.acceleration, limits.jerk)
-    factors = [
-        float(np.max(np.abs(values) / bound) ** (1.0 / order))
-        for order, (values, bound) in enumerate(zip(states[1:], bounds, strict=True), start=1)
-    ]
-    if np.isfinite(limits.effort).any():
-        gravity, moving = _effort_parts(robot, *states[:3])
-        if not np.all(np.abs(gravity) < limits.effort):
-            return float("inf")
-        factors.append(_stretch_of_efforts(limits, gravity, moving))
-    return max(factors)
-
-
-def _effort_parts(
-    robot: Robot, q: FloatArray, v: FloatArray, a: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Efforts of gravity, and those that fall with the square of the duration."""
-    rest = np.zeros_like(q)
-    gravity = robot.inverse_dynamics(q, rest, rest)
-    return gravity, robot.inverse_dynamics(q, v, a) - gravity
-
-
-def _stretch_of_efforts(limits: JointLimits, gravity: FloatArray, moving: FloatArray) -> float:
-    """The least factor k with |g + m/k²| ≤ τ_max."""
-    room = limits.effort - np.sign(moving) * gravity
-    return float(np.sqrt(np.max(np.abs(moving) / np.maximum(room, np.finfo(float).tiny))))
 
 
 class FixedShape:
@@ -300,47 +242,6 @@ def stop_and_go(
     least = [least_duration(robot, limits, a, b) for a, b in pairwise(places)]
     legs = [max(_OPTIONS.clearance * duration, step) for duration in least]
     return StopAndGo(start, goal, brake, launch, places, np.array(legs), step)
-
-
-def least_duration(robot: Robot, limits: JointLimits, start: FloatArray, goal: FloatArray) -> float:
-    """Least duration [s] of the minimum-jerk motion between two configurations at rest.
-
-    Parameters
-    ----------
-    robot, limits
-        The robot and the limits of its joints.
-    start, goal : array, shape (n_joints,)
-        Positions within the limits [rad or m].
-
-    Raises
-    ------
-    TrajectoryError
-        If gravity alone exceeds the limits of effort between them.
-    """
-    displacement = goal - start
-    bounds = (limits.velocity, limits.acceleration, limits.jerk)
-    kinematic = [
-        float(np.max(peak * np.abs(displacement) / bound)) ** (1.0 / order)
-        for order, (peak, bound) in enumerate(zip(_PEAKS, bounds, strict=True), start=1)
-    ]
-    if not np.isfinite(limits.effort).any():
-        return float(max(kinematic))
-    ends = np.zeros((6, displacement.size))
-    ends[0], ends[3] = start, goal
-    q, v, a = (hermite_functions(_PHASES, d) @ ends for d in range(3))
-    gravity, moving = _effort_parts(robot, q, v, a)
-    _check_gravity(gravity, limits)
-    return float(max(*kinematic, _stretch_of_efforts(limits, gravity, moving)))
-
-
-def _check_gravity(gravity: FloatArray, limits: JointLimits) -> None:
-    share = np.abs(gravity) / limits.effort
-    k, j = np.unravel_index(int(share.argmax()), share.shape)
-    if share[k, j] >= 1.0:
-        raise TrajectoryError(
-            f"on the straight path gravity alone takes an effort of {abs(gravity[k, j]):.4g} of "
-            f"joint '{limits.joint_names[j]}', limit {limits.effort[j]:.4g}"
-        )
 
 
 def _brake(robot: Robot, limits: JointLimits, state: JointState, step: float) -> FloatArray:

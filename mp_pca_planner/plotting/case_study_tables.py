@@ -24,14 +24,16 @@ from .variance import percents, variance_table
 
 _EFFORTS = ["method", "ends", "effort [N²m²s]", "ratio", "time [ms]", "time ratio"]
 
-_LABELS = {
+_TITLES = {
     "table_2": "Table 2: variance of the joint angles [%]",
+    "table_2_by_activity": "Table 2 for each activity: shares of the first two components [%]",
     "table_3": "Table 3: the arm-raising motion",
     "table_3_all_motions": "Table 3, all motions, each left out: medians",
     "naturalness": "Naturalness: RMS errors of motions left out, and 95 % intervals of the "
     "difference from the default's",
+    "naturalness_other_activities": "Naturalness with primitives of other activities",
 }
-"""Titles of the tables that are printed."""
+_PRINTED = ("table_2", "table_3", "table_3_all_motions", "naturalness")
 
 
 def tables(study: CaseStudy) -> dict[str, Table]:
@@ -154,9 +156,7 @@ def naturalness(comparison: Comparison) -> Table:
 def summary(study: CaseStudy) -> str:
     """The text output of the command."""
     found = tables(study)
-    texts = [
-        f"{label}\n{table(found[n].rows, header=found[n].header)}" for n, label in _LABELS.items()
-    ]
+    texts = [f"{_TITLES[n]}\n{table(found[n].rows, header=found[n].header)}" for n in _PRINTED]
     return "\n\n".join([*texts, verdict(study)])
 
 
@@ -177,9 +177,7 @@ def facts(study: CaseStudy, source: str) -> dict[str, Any]:
     other = study.other_activities
     return {
         "source": source,
-        "tables": {
-            _LABELS.get(name, name): found._asdict() for name, found in tables(study).items()
-        },
+        "tables": {_TITLES[name]: found._asdict() for name, found in tables(study).items()},
         "n_motions": len(study.motions),
         "motions": [
             {"recording": m.recording, "start_time_s": m.start_time, "label": m.label}

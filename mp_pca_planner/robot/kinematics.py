@@ -46,6 +46,39 @@ class Kinematics(PinocchioModel):
                 points[k, i] = self._data.oMf[frame].translation
         return points
 
+    def attached_poses(
+        self, q: FloatArray, frames: Sequence[str], origins: FloatArray
+    ) -> FloatArray:
+        """Poses in the base frame of what is attached to frames, along a motion.
+
+        Parameters
+        ----------
+        q : array, shape (n_steps, n_joints)
+            Joint positions [rad or m].
+        frames : sequence of str
+            Names of the frames (links), one for each of n_bodies bodies.
+        origins : array, shape (n_bodies, 6)
+            Places on them as a URDF states them: x, y, z [m], roll, pitch, yaw [rad].
+
+        Returns
+        -------
+        poses : array, shape (n_steps, n_bodies, 7)
+            Positions [m] and unit quaternions (x, y, z, w).
+
+        Raises
+        ------
+        RobotError
+            If there is no such frame.
+        """
+        ids = self._frame_ids(frames)
+        places = [pin.SE3(pin.rpy.rpyToMatrix(origin[3:]), origin[:3]) for origin in origins]
+        poses = np.empty((len(q), len(ids), 7))
+        for k, configuration in enumerate(self._order.sorted(q)):
+            pin.framesForwardKinematics(self._model, self._data, configuration)
+            for i, (frame, place) in enumerate(zip(ids, places, strict=True)):
+                poses[k, i] = pin.SE3ToXYZQUAT(self._data.oMf[frame] * place)
+        return poses
+
     def pose_error(
         self,
         frame: str,

@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -15,6 +14,7 @@ from sensor_msgs.msg import JointState as JointStateMessage
 from trajectory_msgs.msg import JointTrajectory
 
 from ..execution.assembly import Model
+from ..execution.avoidance import ObstacleAvoidance
 from ..execution.goal_planner import UnexecutablePlanError
 from ..execution.goal_statistics import GoalStatistics
 from ..execution.motion_server import MakeGoal, MotionServer
@@ -25,6 +25,7 @@ from ..planning.states import in_order
 from ..robot.model import Robot
 from . import messages
 from .guarded_node import LOG_PERIOD, GuardedNode
+from .last_motion import LastMotion
 from .planning_setup import PlanningSetup
 from .qos import EVERY, GOALS
 from .reference_frame import stated_in
@@ -76,14 +77,13 @@ class GoalTopics:
         Makes the planning context.
     server : MotionServer
         Plans and publishes motions.
+    avoidance : ObstacleAvoidance
+        Replaces motions that would hit an obstacle.
     statistics : GoalStatistics
         Counts goals.
-    on_served : callable
-        Called with each published motion, before its report.
-    on_rejected : callable
-        Called after the report of each rejected goal.
-    rest : callable
-        Called when no goals have come for a moment after one was served.
+    last_motion : LastMotion
+        Records each published motion before its report, and previews it when no goals have come for
+        a moment; a rejected goal erases the preview.
     """
 
     def __init__(
@@ -91,17 +91,16 @@ class GoalTopics:
         node: GuardedNode,
         setup: PlanningSetup,
         server: MotionServer,
+        avoidance: ObstacleAvoidance,
         statistics: GoalStatistics,
-        on_served: Callable[[Served], None],
-        on_rejected: Callable[[], None],
-        rest: Callable[[], None],
+        last_motion: LastMotion,
     ) -> None:
-        self._node, self._setup, self._server = node, setup, server
-        self._statistics, self._on_served = statistics, on_served
-        self._on_rejected = on_rejected
+        self._node, self._setup = node, setup
+        self._server, self._avoidance = server, avoidance
+        self._statistics, self._last_motion = statistics, last_motion
         self._reports = node.create_publisher(DiagnosticStatus, "~/plan_report", EVERY)
         self._worker: PreemptiveWorker[_Request | _Avoidance] = PreemptiveWorker(
-            self._serve, self._on_preempted, node.guarded(rest)
+            self._serve, self._on_preempted, node.guarded(last_motion.show_preview)
         )
         group = ThreadGroup()
         for message_type, topic in (
@@ -144,18 +143,18 @@ class GoalTopics:
         """Serve a goal, then avoid an obstacle that the running motion would hit."""
         if isinstance(request, _Request):
             self._serve_goal(request, is_cancelled)
-        if not self._server.is_threatened:
+        if not self._avoidance.is_needed:
             return
         logger = self._node.get_logger()
         try:
-            text, served = self._server.avoid(self._setup.ready(), is_cancelled)
+            text, served = self._avoidance.avoid(self._setup.ready(), is_cancelled)
         except CancelledError:
             raise
         except Exception as error:
             logger.error(f"the robot was not stopped: {self._node.explain(error)}")
         else:
             if served is not None:
-                self._on_served(served)
+                self._last_motion.replace(served)
             logger.warning(messages.to_text(text or "the obstacle is no longer on the path"))
 
     def _serve_goal(self, request: _Request, is_cancelled: IsCancelled) -> None:
@@ -180,7 +179,7 @@ class GoalTopics:
             self._reports.publish(messages.to_under_way_report(plan, served.under_way, stamp))
             return
         # A cost may follow the report at once.
-        self._on_served(served)
+        self._last_motion.replace(served)
         trial = served.trial.facts if served.trial else None
         primitives = served.model.planner.primitives
         ignored = request.ignored_joints
@@ -194,7 +193,7 @@ class GoalTopics:
             f"goal refused: {report.message}", throttle_duration_sec=LOG_PERIOD
         )
         self._reports.publish(report)
-        self._on_rejected()
+        self._last_motion.erase_preview()
 
     def _on_preempted(self, request: _Request | _Avoidance) -> None:
         if isinstance(request, _Avoidance):

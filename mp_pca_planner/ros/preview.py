@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""A motion as markers for RViz: the path of the end effector, and poses of the arm along it."""
+"""A motion as markers for RViz: the path of the end effector, and poses of the robot along it."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 from ..arrays import FloatArray
 from ..motion.trajectory import Trajectory
 from ..robot.model import Robot
+from .ghosts import ghost_markers, visual_shapes
 
 
 def link_pairs(urdf: str) -> tuple[str, list[tuple[str, str]]]:
@@ -41,7 +42,7 @@ def to_preview(trajectory: Trajectory, robot: Robot, end_effector: str, urdf: st
     end_effector : str
         The link whose path is drawn.
     urdf : str
-        The description of the robot; lines join its links.
+        The description of the robot; lines join its links, and its visual shapes are drawn.
     """
     base, pairs = link_pairs(urdf)
     points = robot.frame_positions(_spread(trajectory, 60), [end_effector])
@@ -51,18 +52,24 @@ def to_preview(trajectory: Trajectory, robot: Robot, end_effector: str, urdf: st
     markers = [path]
     known = set(robot.frame_names)
     ends = [link for pair in pairs if known.issuperset(pair) for link in pair]
-    poses = robot.frame_positions(_spread(trajectory, 6), ends)
+    shown = _spread(trajectory, 6)
     # From orange to green.
-    colours = np.linspace([1.0, 0.6, 0.1], [0.1, 0.8, 0.3], len(poses)).tolist()
-    for k, (pose, (r, g, b)) in enumerate(zip(poses, colours, strict=True)):
-        colour = ColorRGBA(r=r, g=g, b=b, a=0.6)
+    colours = [
+        ColorRGBA(r=r, g=g, b=b, a=0.6)
+        for r, g, b in np.linspace([1.0, 0.6, 0.1], [0.1, 0.8, 0.3], len(shown)).tolist()
+    ]
+    for k, (pose, colour) in enumerate(
+        zip(robot.frame_positions(shown, ends), colours, strict=True)
+    ):
         ghost = Marker(ns="ghosts", id=k, type=Marker.LINE_LIST, color=colour)
         ghost.scale.x, ghost.points = 0.01, _points(pose)
         markers.append(ghost)
     for marker in markers:
+        marker.pose.orientation.w = 1.0
+    markers += ghost_markers(robot, visual_shapes(urdf), shown, colours)
+    for marker in markers:
         # Without a stamp it is drawn where the frame is now.
         marker.header.frame_id = base
-        marker.pose.orientation.w = 1.0
     return MarkerArray(markers=markers)
 
 

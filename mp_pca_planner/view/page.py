@@ -13,6 +13,9 @@ from .content import PageContent, first_ends
 from .demonstrations import recorded, reproduced
 from .demonstrations_panel import NAME as DEMONSTRATIONS
 from .demonstrations_panel import DemonstrationsPanel
+from .live import LiveLink
+from .live_panel import NAME as LIVE
+from .live_panel import LivePanel
 from .motion import ShownMotion
 from .plan_panel import NAME as PLAN
 from .plan_panel import PlanPanel
@@ -39,6 +42,8 @@ class ViewPage:
         Address to listen on.
     port : int
         Port, or the first free one after it; 0: any free one.
+    link : LiveLink, optional
+        A connection to a running node.
 
     Attributes
     ----------
@@ -50,6 +55,8 @@ class ViewPage:
         The panel of the plan.
     player : Player
         Plays motions.
+    live : LivePanel or None
+        The panel of the running node.
 
     Raises
     ------
@@ -57,7 +64,13 @@ class ViewPage:
         If the address is not one of this machine.
     """
 
-    def __init__(self, content: PageContent, host: str = "127.0.0.1", port: int = 8080) -> None:
+    def __init__(
+        self,
+        content: PageContent,
+        host: str = "127.0.0.1",
+        port: int = 8080,
+        link: LiveLink | None = None,
+    ) -> None:
         self._content = content
         # Planning and drawing happen in different threads, each with a robot of its own.
         robot = Robot(content.urdf, content.robot.joint_names)
@@ -65,6 +78,7 @@ class ViewPage:
         frame = content.frame or robot.frame_names[-1]
         self.server = PageServer(host, port)
         self.stage = Stage(self.server, robot, content.limits, shapes, frame)
+        self.live = None if link is None else LivePanel(self.stage, link)
         with self.stage.lock:
             self._add_panels()
 
@@ -76,6 +90,8 @@ class ViewPage:
         self.stage.arrange(np.array([start, goal]))
         if self.stage.shapes.notes:
             gui.add_html(lines_html(self.stage.shapes.notes[:3]))
+        if self.live is not None:
+            self.live.add_stop()
         first = ShownMotion(PLAN, np.array([0.0]), start[None])
         self.player = Player(self.stage, PLAN, first)
         tabs = gui.add_tab_group()
@@ -84,13 +100,17 @@ class ViewPage:
                 content.robot, content.primitives, content.limits, content.collision
             )
             request = PlanRequest(start, goal, world=content.world)
-            self.plan = PlanPanel(self.stage, self.player, planner, request)
+            self.plan = PlanPanel(self.stage, self.player, planner, request, self.live)
         with tabs.add_tab(COMPONENTS):
             ComponentsPanel(self.stage, self.player, content.primitives)
         with tabs.add_tab(DEMONSTRATIONS):
             self._add_demonstrations()
         with tabs.add_tab(WORLD):
             WorldPanel(self.stage, content.world, lambda world: self.plan.submit(world=world))
+        if self.live is not None:
+            with tabs.add_tab(LIVE):
+                self.live.add_tab()
+            self.live.when_sent(lambda: self.plan.goal)
         dark = gui.add_checkbox("Dark", False)
         self.stage.on_change(dark, lambda: self._theme(is_dark=dark.value))
 
@@ -121,6 +141,8 @@ class ViewPage:
 
     def close(self) -> None:
         """End the threads and the server."""
+        if self.live is not None:
+            self.live.close()
         self.plan.close()
         self.player.close()
         self.server.stop()

@@ -18,6 +18,7 @@ from ..motion.goal import Pose
 from ..planning.plan import DEMONSTRATED, TIMINGS
 from .drawing import DrawnPaths, DrawnRobot
 from .export import add_export
+from .live_panel import LivePanel
 from .motion import ShownMotion
 from .planning import FIXED, InteractivePlanner, PlanAnswer, PlanRequest, PlanSettings
 from .player import Player
@@ -47,6 +48,8 @@ class PlanPanel:
         Used by one thread of this panel only.
     request : PlanRequest
         The first request.
+    live : LivePanel, optional
+        The running node, from whose robot motions start, and that gets the goals.
 
     Attributes
     ----------
@@ -62,8 +65,10 @@ class PlanPanel:
         player: Player,
         planner: InteractivePlanner,
         request: PlanRequest,
+        live: LivePanel | None = None,
     ) -> None:
         self._stage, self._player, self._planner = stage, player, planner
+        self._live = live
         self._home = request.start, request.goal
         self.answer: PlanAnswer | None = None
         self._request = request
@@ -92,8 +97,16 @@ class PlanPanel:
 
     def submit(self, **changes: Any) -> None:
         """Request a plan with changes to the present request; the newest request wins."""
-        self._request = replace(self._request, **changes)
+        if self._live is not None and self._live.start is not None:
+            limits = self._stage.limits
+            changes["start"] = np.clip(self._live.start, limits.lower, limits.upper)
+        self._request = replace(self._request, **{"is_final": False, **changes})
         self._worker.submit(self._request)
+
+    @property
+    def goal(self) -> FloatArray | None:
+        """The goal configuration, shape (n_joints,), if there is a motion to it."""
+        return None if self.answer is None or self.answer.problem else self.answer.goal
 
     @property
     def is_settled(self) -> bool:
@@ -157,7 +170,7 @@ class PlanPanel:
 
     def _on_handle(self, event: viser.TransformControlsEvent) -> None:
         with self._stage.lock:
-            self.submit(pose=self._pose())
+            self.submit(pose=self._pose(), is_final=event.phase == "end")
 
     def _pose(self) -> Pose:
         handle = self.handle
@@ -242,6 +255,8 @@ class PlanPanel:
         self._ghost.show(answer.goal)
         self._ghost.paint(_REFUSED if answer.problem else _GOAL)
         self._show_paths(answer)
+        if self._live is not None and answer.request.is_final:
+            self._live.send(self.goal)
         if plan is not None:
             shares = limit_shares(plan.trajectory, self._stage.limits)
             self._bars.content = bars_html(plan.trajectory.joint_names, shares)

@@ -70,6 +70,8 @@ class PlanRequest:
         Options.
     world : World
         The obstacles.
+    is_final : bool
+        Whether the handle was released there.
     """
 
     start: FloatArray
@@ -78,6 +80,7 @@ class PlanRequest:
     vias: tuple[Pose, ...] = ()
     settings: PlanSettings = field(default_factory=PlanSettings)
     world: World = field(default_factory=World)
+    is_final: bool = False
 
 
 @dataclass(frozen=True, eq=False)

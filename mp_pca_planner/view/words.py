@@ -101,7 +101,7 @@ def verdict_html(title: str, text: str, colour: str) -> str:
     return (
         f'<div style="margin:0.3em 0.6em;padding:0.5em 0.7em;border-left:5px solid {colour};'
         f'border-radius:4px;background:{colour}22;font-size:0.85em;line-height:1.35">'
-        f'<b style="color:{colour}">{_text(title)}</b><br>{_text(text)}</div>'
+        f'<b style="color:{colour}">{text_html(title)}</b><br>{text_html(text)}</div>'
     )
 
 
@@ -109,7 +109,7 @@ def rows_html(rows: Sequence[tuple[str, str]]) -> str:
     """A table of names and values."""
     cells = "".join(
         f'<tr><td style="opacity:0.7;padding:1px 0.8em 1px 0;white-space:nowrap;'
-        f'vertical-align:top">{_text(name)}</td><td>{_text(value)}</td></tr>'
+        f'vertical-align:top">{text_html(name)}</td><td>{text_html(value)}</td></tr>'
         for name, value in rows
     )
     table = f'<table style="font-size:0.82em;line-height:1.3">{cells}</table>'
@@ -118,7 +118,7 @@ def rows_html(rows: Sequence[tuple[str, str]]) -> str:
 
 def lines_html(lines: Sequence[str]) -> str:
     """Lines of small text."""
-    text = "<br>".join(map(_text, lines))
+    text = "<br>".join(map(text_html, lines))
     return padded_html(f'<div style="font-size:0.8em;opacity:0.85">{text}</div>')
 
 
@@ -133,7 +133,7 @@ def bars_html(names: Sequence[str], shares: dict[str, FloatArray]) -> str:
     rows = [f"<tr><td></td>{head}</tr>"]
     for i, name in enumerate(names):
         bars = "".join(f"<td>{bar_html(float(values[i]))}</td>" for values in shares.values())
-        rows.append(f'<tr><td style="padding-right:0.6em">{_text(name)}</td>{bars}</tr>')
+        rows.append(f'<tr><td style="padding-right:0.6em">{text_html(name)}</td>{bars}</tr>')
     return f'<table style="width:100%;font-size:0.75em;line-height:1.25">{"".join(rows)}</table>'
 
 
@@ -148,5 +148,6 @@ def bar_html(share: float) -> str:
     )
 
 
-def _text(text: str) -> str:
+def text_html(text: str) -> str:
+    """Text without markup; what is not printable is escaped."""
     return escape(printable(text))

@@ -45,6 +45,8 @@ HANDED_ON = {("motion", "recordings"), ("motion", "ros"), ("planning", "plotting
 # Where rosdep calls a dependency otherwise than Python does.
 ROSDEP_NAMES = {
     "jinja2": "python3-jinja2",
+    "coal": "pinocchio",  # which brings it, under the one or the other name
+    "hppfcl": "pinocchio",
     "lz4": "python3-rosbags-pip",  # which brings it
     "backports": "python3-rosbags-pip",  # which brings it
     "compression": "python3-rosbags-pip",  # which brings it
@@ -59,6 +61,7 @@ ROSDEP_NAMES = {
 # Extras that rosdep has no name for: pip brings them.
 EXTRAS_ONLY = {
     *("filelock", "cmaes", "distributed", "mujoco"),
+    "threadpoolctl",  # planning is slower without it
     *("rich", "trimesh", "viser", "websockets"),
 }
 
@@ -145,7 +148,7 @@ def test_manifest_names_every_package_that_is_imported() -> None:
 
 def test_ci_runs_the_commands_of_the_readme() -> None:
     readme = (ROOT / "README.md").read_text(encoding="utf-8")
-    demo, tests = re.findall(r"^    (scripts/in_venv .+)$", readme, re.MULTILINE)[:2]
+    demo, tests = re.findall(r"^(scripts/in_venv .+)$", readme, re.MULTILINE)[:2]
     assert demo.endswith("-m mp_pca_planner demo --output demo_output")
     assert tests in (ROOT / ".ci/run").read_text(encoding="utf-8")
 
@@ -382,15 +385,16 @@ def test_source_distribution_installs_the_same_files(prefix: Path, tmp_path: Pat
     assert result.returncode == 0, result.stderr
     archive = source.parent / result.stdout.splitlines()[-1]
     # Installed from the archive alone.
-    options = ["--no-deps", "--no-build-isolation", "--no-index", "--target", str(tmp_path)]
-    pip = [sys.executable, "-m", "pip", "install", "--quiet", *options, str(archive)]
-    result = run(pip)
+    options = ["--no-deps", "--no-build-isolation", "--no-index", "--prefix", str(tmp_path)]
+    pip = [sys.executable, "-m", "pip", "install", "--quiet", "--ignore-installed", *options]
+    result = run([*pip, str(archive)])
     assert result.returncode == 0, result.stderr
     shared = [f"share/{PACKAGE}/{part}" for part in ("config", "launch", "package.xml")]
     for part in (*shared, f"lib/{PACKAGE}"):
         assert files_below(tmp_path / part) == files_below(prefix / part) != {}
-    templates = f"{PACKAGE}/plotting/templates"
-    assert files_below(tmp_path / templates) == files_below(ROOT / templates)
+    (installed,) = tmp_path.glob(f"**/site-packages/{PACKAGE}")
+    templates = "plotting/templates"
+    assert files_below(installed / templates) == files_below(ROOT / PACKAGE / templates)
 
 
 def files_below(path: Path) -> dict[str, bytes]:

@@ -21,14 +21,15 @@ from mp_pca_planner.robot.model import Robot
 from mp_pca_planner.robot.world import Obstacle, Sphere, World
 from mp_pca_planner.view.content import PageContent, first_ends, read_content, show
 
-playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+pytest.importorskip("playwright", reason="playwright is not installed")
 pytest.importorskip("viser", reason="the extra 'view' is not installed")
 
-from view_browser import SIZE, chromium, chromium_path, grip_of, on_screen  # noqa: E402
-from websockets.exceptions import InvalidStatus  # noqa: E402
-from websockets.sync.client import connect  # noqa: E402
+from playwright.sync_api import expect
+from view_browser import SIZE, chromium, chromium_path, grip_of, on_screen
+from websockets.exceptions import InvalidStatus
+from websockets.sync.client import connect
 
-from mp_pca_planner.view.page import ViewPage  # noqa: E402
+from mp_pca_planner.view.page import ViewPage
 
 if chromium_path() is None:
     pytest.skip("chromium is not installed (apt-get install chromium)", allow_module_level=True)
@@ -265,10 +266,10 @@ def test_two_browsers_share_the_page_and_a_reload_keeps_it(browser, page):
     first, second = opened(browser, page), opened(browser, page, PHONE)
     boxes = [tab.get_by_role("checkbox", name="Orientation too") for tab in (first, second)]
     boxes[0].check()
-    playwright.expect(boxes[1]).to_be_checked(timeout=1e3 * PATIENCE)
+    expect(boxes[1]).to_be_checked(timeout=1e3 * PATIENCE)
     until(lambda: page.plan.answer.request.pose is not None)
     first.reload()
-    playwright.expect(boxes[0]).to_be_checked(timeout=1e3 * PATIENCE)
+    expect(boxes[0]).to_be_checked(timeout=1e3 * PATIENCE)
     first.wait_for_selector(FOUND)
     second.close()
     first.close()

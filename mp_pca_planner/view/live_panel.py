@@ -1,0 +1,167 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""The panel of the running node: what it does, goals for it, and the stop button."""
+
+from __future__ import annotations
+
+import threading
+import time
+import traceback
+from collections.abc import Callable
+from queue import SimpleQueue
+from typing import Any
+
+import numpy as np
+import viser
+
+from ..arrays import FloatArray
+from ..exceptions import PlannerError
+from .drawing import DrawnPaths, DrawnRobot
+from .live import LiveLink, LiveView
+from .live_words import figures_html, node_html, reports_html, states_html
+from .stage import Stage
+from .words import lines_html
+
+NAME = "Live"
+
+_PERIOD = 0.05  # time between two looks at the node [s]
+_TEXT_STEPS = 4  # text follows every so many of them
+_MEASURED, _COMMANDED = (230, 159, 0), (230, 159, 0)
+
+
+class LivePanel:
+    """The running node on the page.
+
+    Parameters
+    ----------
+    stage : Stage
+        The scene.
+    link : LiveLink
+        The connection to the node; used by the thread of this panel only.
+
+    Attributes
+    ----------
+    view : LiveView
+        What was received up to now.
+    """
+
+    def __init__(self, stage: Stage, link: LiveLink) -> None:
+        self._stage, self._link, self.view = stage, link, LiveView()
+        self._goals: SimpleQueue[dict[str, float]] = SimpleQueue()
+        self._drawn_motion: Any = None
+        scene = stage.server.scene
+        self._measured = DrawnRobot(scene, "/measured", stage.shapes, _MEASURED, 0.6)
+        self._measured.visible = False
+        self._path = DrawnPaths(scene, "/commanded", _COMMANDED, 4.0)
+        self._closed, self._stopping = threading.Event(), threading.Event()
+        self._thread = threading.Thread(target=self._run, name="live", daemon=True)
+
+    def add_stop(self) -> None:
+        """Add the stop button and its key."""
+        gui = self._stage.server.gui
+        stop = gui.add_button("Stop the robot (S)", color="red", icon=viser.Icon.HAND_STOP)
+        key = gui.add_command("Stop the robot", hotkey="S", icon=viser.Icon.HAND_STOP)
+        # Without the lock of the page: nothing may delay a stop.
+        stop.on_click(lambda _: self._stopping.set())
+        key.on_trigger(lambda _: self._stopping.set())
+        self._answer = gui.add_html("")
+
+    def add_tab(self) -> None:
+        """Add the content of the tab, and start."""
+        gui = self._stage.server.gui
+        self._node = gui.add_html("")
+        self._armed: Any = gui.add_checkbox(
+            "Armed", False, hint="The handle sends its goals to the robot when it is released"
+        )
+        self._send = gui.add_button("Send the goal", icon=viser.Icon.SEND, disabled=True)
+        self._stage.on_change(self._armed, self._show_armed)
+        self._reports = gui.add_html("")
+        with gui.add_folder("Joint states"):
+            self._states = gui.add_html("")
+        with gui.add_folder("Figures of the node", expand_by_default=False):
+            self._figures = gui.add_html("")
+        self._thread.start()
+
+    def when_sent(self, goal: Callable[[], FloatArray | None]) -> None:
+        """Set where the button takes its goal from."""
+        self._stage.on_click(self._send, lambda: self.send(goal()))
+
+    def send(self, goal: FloatArray | None) -> None:
+        """Send a goal, shape (n_joints,), to the node, if the page is armed."""
+        if goal is not None and self._armed.value and not self._stopping.is_set():
+            names = self._stage.robot.joint_names
+            self._goals.put(dict(zip(names, goal.tolist(), strict=True)))
+
+    @property
+    def start(self) -> FloatArray | None:
+        """The measured configuration, shape (n_joints,), if there is one."""
+        return self.view.configuration(self._stage.robot.joint_names)
+
+    def close(self) -> None:
+        """End the thread."""
+        self._closed.set()
+        if self._thread.is_alive():
+            self._thread.join()
+
+    def _show_armed(self) -> None:
+        self._send.disabled = not self._armed.value
+
+    def _disarm(self) -> None:
+        self._armed.value = False
+        self._show_armed()
+
+    def _serve(self) -> None:
+        """Stop the robot if a person wants that, else send the goals that wait."""
+        if self._stopping.is_set():
+            answer = self._link.stop()
+            with self._stage.lock:
+                self._disarm()
+                self._answer.content = lines_html([answer])
+            while not self._goals.empty():
+                self._goals.get()
+            self._stopping.clear()
+        while not (self._goals.empty() or self._stopping.is_set()):
+            self._link.send_goal(self._goals.get())
+
+    def _run(self) -> None:
+        steps = 0
+        while not self._closed.wait(_PERIOD):
+            try:
+                self._serve()
+                self.view = self._link.view()
+            except PlannerError as error:
+                with self._stage.lock:
+                    self._answer.content = lines_html([str(error)])
+            except Exception:  # the stop button must outlive every error
+                traceback.print_exc()
+            with self._stage.lock, self._stage.server.atomic():
+                self._draw()
+                if steps % _TEXT_STEPS == 0:
+                    self._write()
+            steps += 1
+
+    def _draw(self) -> None:
+        q, motion = self.start, self.view.motion
+        if q is not None and not np.array_equal(q, self._measured.configuration):
+            self._measured.show(q)
+            self._measured.visible = True
+        if motion is not self._drawn_motion:
+            self._drawn_motion = motion
+            self._path.show(*self._commanded())
+
+    def _commanded(self) -> list[FloatArray]:
+        """The path of the commanded motion, if it is one of the robot's joints."""
+        names, motion = self._stage.robot.joint_names, self.view.motion
+        if motion is None or set(motion.joint_names) != set(names):
+            return []
+        order = [motion.joint_names.index(name) for name in names]
+        return [self._stage.path(motion.positions[:, order])]
+
+    def _write(self) -> None:
+        now = time.monotonic()
+        if self._armed.value and not self.view.has_node(now):
+            self._disarm()  # a node that comes back must not get goals unasked
+        self._node.content = node_html(self.view, now)
+        self._reports.content = reports_html(self.view, now)
+        self._states.content = states_html(self.view, self._stage.limits, now)
+        self._figures.content = figures_html(self.view)
