@@ -106,16 +106,11 @@ class ExecutionMonitor:
         self._current: _Execution | None = None
         self._lock = threading.RLock()
 
-    def begin(
-        self,
-        goal: Any,
-        motion: PublishedMotion,
-        now: float,
-        reason: str = "by the motion of a newer goal",
-    ) -> None:
+    def begin(self, goal: Any, motion: PublishedMotion, now: float, reason: str = "") -> None:
         """Follow a motion that was published now; it replaces the one before, for a reason."""
         with self._lock:
-            self._end(REPLACED, f"replaced {reason}")
+            why = f"another motion, for {reason}" if reason else "the motion of a newer goal"
+            self._end(REPLACED, f"replaced by {why}")
             self._current = _Execution(goal, motion, now)
 
     def stop(self, motion: PublishedMotion, now: float, reason: str = "") -> None:

@@ -14,12 +14,10 @@ from dataclasses import replace
 from functools import partial
 from typing import Any, Protocol
 
-from ..exceptions import GoalError, PlannerError
-from ..motion.collision import Collision
+from ..exceptions import GoalError
 from ..motion.goal import Goal, JointGoal, JointState
 from ..motion.trajectory import Trajectory
 from ..motion.validation import check_executable, check_limits
-from ..robot.world import World
 from .assembly import Model
 from .execution_monitor import ExecutionMonitor, ExecutionReport
 from .following import UnconfirmedError
@@ -66,6 +64,13 @@ class MotionServer:
         Waits for a time [s].
     options :
         Parameters.
+
+    Attributes
+    ----------
+    surroundings : Surroundings
+        The obstacles around the robot.
+    served : Served or None
+        The goal that was served last, if the robot was not stopped since.
     """
 
     def __init__(
@@ -87,10 +92,8 @@ class MotionServer:
         self._planner = GoalPlanner(states, clock, self._options)
         self._stops = StopPlanner(states, self._options)
         self._monitor = ExecutionMonitor(report, self._options)
-        self._surroundings = Surroundings()
-        self._served: Served | None = None
-        # The next collision of the running motion with an obstacle that was not there before.
-        self._threat: Collision | None = None
+        self.surroundings = Surroundings(states)
+        self.served: Served | None = None
         # Goals are served in a thread of their own, stops in that of the callbacks.
         self._publishing = threading.Lock()
 
@@ -158,82 +161,6 @@ class MotionServer:
         if self._monitor.never_started(now):
             self._states.give_up()
 
-    @property
-    def world(self) -> World:
-        """The obstacles around the robot."""
-        return self._surroundings.world
-
-    def replace_world(self, world: World, model: Model | None) -> bool:
-        """Use other obstacles; return whether the running motion would hit one of them.
-
-        Goals are planned among the new obstacles from now on. If a motion would hit one, call
-        :meth:`avoid` in the thread that serves goals.
-
-        Raises
-        ------
-        PlannerError
-            If they can't be used, see :meth:`.Surroundings.replace`.
-        """
-        self._surroundings.replace(world, model)
-        if model is not None:
-            self._look_ahead(model)
-        return self.is_threatened
-
-    @property
-    def is_threatened(self) -> bool:
-        """Whether the running motion would hit an obstacle that was not there before."""
-        return self._threat is not None
-
-    def avoid(self, model: Model, is_cancelled: IsCancelled) -> tuple[str, Served | None]:
-        """Replace a motion that would hit a new obstacle, or stop the robot.
-
-        Returns
-        -------
-        message : str
-            What was done, one sentence; empty if there is nothing to avoid.
-        served : Served or None
-            The new motion, if there is one.
-
-        Raises
-        ------
-        PlannerError
-            If the robot could not even be stopped.
-        CancelledError
-            If a newer goal preempts it.
-        """
-        self._look_ahead(model)
-        threat, served = self._threat, self._served
-        if threat is None or served is None:
-            return "", None
-        began = served.motion.began
-        last = began + threat.first_time - self._options.avoidance_reserve
-
-        def is_over() -> bool:
-            return is_cancelled() or self._states.motion_time > last
-
-        goal = served.rest_of_goal(self._states.motion_time - began)
-        try:
-            if is_over():
-                raise CancelledError
-            found = self.serve(type(goal), lambda _: goal, model, is_over, served.name)
-        except (PlannerError, CancelledError) as error:
-            if is_cancelled():
-                raise CancelledError from None
-            reason = str(error) or "there was no time to plan another motion"
-            return f"{_hit(threat)}: {self.stop(model, _hit(threat))}, for {reason}", None
-        return f"{_hit(threat)}: another motion leads to the goal", found
-
-    def _look_ahead(self, model: Model) -> None:
-        """Check the rest of the running motion against the newest obstacles."""
-        served = self._served
-        try:
-            following = self._states.follow(model.settings)
-        except GoalError:  # the robot may be anywhere on its motion
-            return
-        self._threat = None
-        if served is not None and following is not None and served.motion is following.motion:
-            self._threat = self._surroundings.threat(model, following)
-
     def stop(self, model: Model, reason: str = "") -> str:
         """Publish a trajectory that brings the robot to rest.
 
@@ -257,7 +184,7 @@ class MotionServer:
         with self._publishing:
             message, joined = self._stops.find(model)
             self._monitor.stop(self._publish_joined(joined), joined.time, reason)
-            self._served = self._threat = None
+            self.served = self.surroundings.threat = None
         return message
 
     def _serve_once(
@@ -272,31 +199,20 @@ class MotionServer:
         began = self._clock()
         start = self._states.choose(model.settings, latency)
         model.cancellation.is_cancelled = is_cancelled
-        goal, served = make_goal(start.state), self._served
+        goal, served = make_goal(start.state), self.served
         under_way = served.answer(goal, start, model) if served is not None else ""
-        if served is not None and under_way and not self.is_threatened:
+        if served is not None and under_way and self.surroundings.threat is None:
             return replace(served, under_way=under_way)
-        world = self._surroundings.prepare(model)
+        world = self.surroundings.prepare(model)
         request = PlanRequest(start, model, is_cancelled, served)
         plan, trial = self._planner.plan(goal, request)
-        if self._surroundings.world is not world:
-            world = self._surroundings.prepare(model)
-            self._check_again(plan, model)
+        world = self.surroundings.check_again(plan.trajectory, world, model)
         motion = self._publish(plan, request, name)
         self._statistics.served(kind, plan.solve_time, self._clock() - began)
-        self._served, self._threat = Served(goal, plan, model, motion, name, trial), None
-        if self._surroundings.world is not world:
-            self._look_ahead(model)
-        return self._served
-
-    def _check_again(self, plan: AnyPlan, model: Model) -> None:
-        """Reject a plan that collides with obstacles that came while it was made."""
-        collision = model.planner.collision
-        found = () if collision is None else collision.collisions(plan.trajectory)
-        if found:
-            raise TooLateError(
-                f"the obstacles changed during planning: {found[0]}; send the goal again"
-            )
+        self.served, self.surroundings.threat = Served(goal, plan, model, motion, name, trial), None
+        if self.surroundings.world is not world:
+            self.surroundings.look_ahead(model, self.served)
+        return self.served
 
     def _publish(self, plan: AnyPlan, request: PlanRequest, name: Any) -> PublishedMotion:
         """Publish a plan from where the robot is: the only place where goals are published."""
@@ -319,16 +235,10 @@ class MotionServer:
                 allow_nonzero_end_velocity=settings.allow_nonzero_end_velocity,
             )
             motion = self._publish_joined(joined)
-            why = {} if self._threat is None else {"reason": f"for {_hit(self._threat)}"}
-            self._monitor.begin(name, motion, joined.time, **why)
+            self._monitor.begin(name, motion, joined.time, self.surroundings.reason)
         return motion
 
     def _publish_joined(self, joined: Joined) -> PublishedMotion:
         stamp = joined.time if joined.is_timed else None
         self._send(joined.trajectory, stamp=stamp, last_point_only=joined.last_point_only)
         return self._states.command(joined)
-
-
-def _hit(threat: Collision) -> str:
-    """Text on a collision that a running motion would have."""
-    return f"a new obstacle is on the path ('{threat.links[0]}' would hit '{threat.links[1]}')"

@@ -96,6 +96,12 @@ class PublishedMotion:
         )
         return q, v, a
 
+    def rest(self, place: float) -> Trajectory:
+        """The motion from a place before its end [s]; times count from there."""
+        points = self.trajectory
+        places = np.concatenate([[place], points.times[points.times > place]])
+        return Trajectory(points.joint_names, places - place, *self.sample(places))
+
     def followed_by(self, rest: Trajectory, switch: float, here: float) -> Trajectory:
         """The motion from one place up to another one, and then another trajectory.
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..motion.goal import Goal, JointGoal, JointState, Pose, SequenceGoal
+from ..motion.goal import Goal, JointGoal, JointState, Pose, PoseGoal, SequenceGoal
 from ..planning.plan import Plan
 from .adaptation import AdaptedPlan
 from .assembly import Model
@@ -57,19 +57,36 @@ class Served:
     under_way: str = ""
 
     def rest_of_goal(self, place: float) -> Goal:
-        """The goal without a duration and without the targets before a place on the motion [s]."""
-        goal = self.goal
-        if not isinstance(goal, SequenceGoal):
+        """The goal for all joints, without a duration and without the targets before a place [s].
+
+        Joints that the goal doesn't name keep the position that they were to have, not the one at
+        that place.
+        """
+        goal, motions = self.goal, getattr(self.plan, "motions", ())
+        if isinstance(goal, PoseGoal):
             return replace(goal, duration=None)
-        durations = [motion.duration for motion in getattr(self.plan, "motions", ())]
-        if len(durations) != len(goal.targets):
-            return goal
-        # The published motion begins with a part of the one that it continues.
-        began = self.motion.duration - sum(durations)
-        first = int(np.count_nonzero(began + np.cumsum(durations)[:-1] <= place))
-        return SequenceGoal(
-            goal.targets[first:], primitive=goal.primitive, stops=goal.stops[first:]
+        end = self.plan.trajectory
+        names = end.joint_names
+        last: JointState | Pose = JointState(
+            names, end.positions[-1], end.velocities[-1], end.accelerations[-1]
         )
+        if isinstance(goal, SequenceGoal) and len(motions) == len(goal.targets):
+            # The published motion begins with a part of the one that it continues.
+            ends = np.cumsum([motion.duration for motion in motions])
+            began = self.motion.duration - ends[-1]
+            first = int(np.count_nonzero(began + ends[:-1] <= place))
+            targets = [
+                target if isinstance(target, Pose) else JointState(names, motion.goal.positions)
+                for target, motion in zip(goal.targets, motions, strict=True)
+            ]
+            if targets[first + 1 :]:
+                stops = goal.stops[first:]
+                return SequenceGoal(tuple(targets[first:]), primitive=goal.primitive, stops=stops)
+            last = targets[-1]
+        # For one target, more detours are tried than for a sequence.
+        if isinstance(last, Pose):
+            return PoseGoal(last, primitive=goal.primitive)
+        return JointGoal(last, primitive=goal.primitive)
 
     def answer(self, goal: Goal, start: MotionStart, model: Model) -> str:
         """Why nothing has to be published for another goal; empty if a motion is needed."""

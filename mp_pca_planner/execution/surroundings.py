@@ -6,30 +6,55 @@ from __future__ import annotations
 
 import threading
 
-from ..exceptions import RobotError
+from ..exceptions import GoalError, RobotError
 from ..motion.collision import Collision, CollisionModel
+from ..motion.trajectory import Trajectory
 from ..robot.world import World
 from .assembly import Model, collision_model
-from .following import Following
+from .served_goal import Served
+from .start_state import StartStates, TooLateError
 
 
 class Surroundings:
-    """The newest obstacles, for planning and for the check of a running motion.
+    """The newest obstacles, for planning and for the check of the running motion.
 
     The planner has a collision model of its own, which only the thread of planning uses. Running
     motions are checked in any thread with another one. Both are made when the first obstacle is
     known.
+
+    Parameters
+    ----------
+    states :
+        Source of the robot's place on its motion.
+
+    Attributes
+    ----------
+    threat : Collision or None
+        The next collision of the running motion with an obstacle that was not there before, in the
+        rest of the motion.
+    threat_time : float
+        When it begins [s].
     """
 
-    def __init__(self) -> None:
-        self._world = World()
+    def __init__(self, states: StartStates) -> None:
+        self._states, self._world = states, World()
         self._lock = threading.Lock()
         self._checker: tuple[Model, CollisionModel] | None = None
+        self.threat: Collision | None = None
+        self.threat_time = 0.0
 
     @property
     def world(self) -> World:
         """The newest obstacles."""
         return self._world
+
+    @property
+    def reason(self) -> str:
+        """Why the running motion has to be replaced; empty if it has not."""
+        if self.threat is None:
+            return ""
+        link, obstacle = self.threat.links
+        return f"a new obstacle is on the path ('{link}' would hit '{obstacle}')"
 
     def replace(self, world: World, model: Model | None) -> None:
         """Use other obstacles from now on.
@@ -44,19 +69,14 @@ class Surroundings:
             are rejected.
         """
         with self._lock:
-            before, self._world = self._world, world
-            if model is None or not len(world):
-                return
-            try:
-                checker = self._checker_of(model)
-            except RobotError:
-                self._checker = None
-                raise
-            try:
+            if model is not None and len(world):
+                try:
+                    checker = self._checker_of(model)
+                except RobotError:
+                    self._world = world
+                    raise
                 checker.set_world(world)
-            except Exception:
-                self._world = before
-                raise
+            self._world = world
 
     def prepare(self, model: Model) -> World:
         """Give the planner the newest obstacles, in its own thread; return them.
@@ -67,37 +87,60 @@ class Surroundings:
             If they can't be avoided.
         """
         world, planner = self._world, model.planner
-        if planner.collision is None:
-            if not len(world):
-                return world
+        if planner.collision is None and len(world):
             planner.use_collision(collision_model(model.planning_robot, model.settings))
         collision = planner.collision
-        assert collision is not None
-        if collision.world is not world:
+        if collision is not None and collision.world is not world:
             if len(world) and not collision.has_geometry:
                 raise _without_geometry()
             collision.set_world(world)
         return world
 
-    def threat(self, model: Model, following: Following | None) -> Collision | None:
-        """The next collision of a running motion with an obstacle; None if there is none.
+    def check_again(self, trajectory: Trajectory, planned_in: World, model: Model) -> World:
+        """Check a planned motion if the obstacles have changed since; return the newest ones.
+
+        Raises
+        ------
+        TooLateError
+            If it collides with them.
+        """
+        if self._world is planned_in:
+            return planned_in
+        world, collision = self.prepare(model), model.planner.collision
+        found = () if collision is None else collision.collisions(trajectory)
+        if found:
+            raise TooLateError(
+                f"the obstacles changed during planning: {found[0]}; send the goal again"
+            )
+        return world
+
+    def look_ahead(self, model: Model, served: Served | None) -> None:
+        """Check the rest of the running motion, that of a goal, and set `threat`.
 
         Raises
         ------
         PlannerError
-            If motions can't be checked.
+            If the motion can't be checked.
         """
+        try:
+            following = self._states.follow(model.settings)
+        except GoalError:  # the robot may be anywhere on its motion
+            return
+        self.threat = None
+        if served is None or following is None or served.motion is not following.motion:
+            return
+        motion, place = following.motion, following.progress.place
         with self._lock:
-            world = self._world
-            if following is None or not following.is_running or not len(world):
-                return None
+            if not (following.is_running and len(self._world) and place < motion.duration):
+                return
             checker = self._checker_of(model)
-            if checker.world is not world:
-                checker.set_world(world)
-            place = following.progress.place
-            found = checker.collisions(following.motion.trajectory)
-            ahead = [one for one in found if one.last_time >= place]
-            return min(ahead, key=lambda one: one.first_time, default=None)
+            if checker.world is not self._world:
+                checker.set_world(self._world)
+            found = checker.collisions(motion.rest(place))
+        first = min(found, key=lambda one: one.first_time, default=None)
+        self.threat, self.threat_time = first, motion.began + place
+        if first is not None:
+            self.threat_time += first.first_time
 
     def _checker_of(self, model: Model) -> CollisionModel:
         if self._checker is None or self._checker[0] is not model:

@@ -107,7 +107,7 @@ class CollisionModel(CollisionGeometry):
         travelled = np.concatenate(
             [np.zeros((1, displacements.shape[1])), np.cumsum(displacements, axis=0)]
         )
-        met = _Search(self, dense.q, travelled).samples_in_collision()
+        met = _CollisionSearch(self, dense.q, travelled).samples_in_collision()
         found = [self._collision(dense, k, samples) for k, samples in met.items()]
         return tuple(sorted(found, key=lambda one: -one.penetration))
 
@@ -128,7 +128,7 @@ class CollisionModel(CollisionGeometry):
         )
 
 
-class _Search:
+class _CollisionSearch:
     """The search for collisions along a motion, by halving the intervals that may have one."""
 
     def __init__(self, model: CollisionModel, q: FloatArray, travelled: FloatArray) -> None:

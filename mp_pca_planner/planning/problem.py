@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -243,7 +243,7 @@ class SingleProblem(PlanningProblem):
         ends = request.start, request.goal if request.pose is None else None
         self.parts = [Part(self._program, basis, ends)]
         if basis.is_detour:
-            self.setup = _with_tolerance(setup, setup.options.search.detour_tolerance)
+            self.setup = setup.with_tolerance(setup.options.search.detour_tolerance)
             self.keep_clear()
 
     def program(self) -> Program:
@@ -364,12 +364,6 @@ def collision_at_end(
         if request.pose is None and one.last_time >= duration:
             return "goal", one
     return None
-
-
-def _with_tolerance(setup: Setup, tolerance: float) -> Setup:
-    """The same with another tolerance of the solver."""
-    solver = replace(setup.options.solver, tolerance=tolerance)
-    return replace(setup, options=replace(setup.options, solver=solver))
 
 
 def passing_phases(durations: Sequence[float]) -> tuple[float, ...]:

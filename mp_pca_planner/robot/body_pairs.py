@@ -68,6 +68,11 @@ class BodyPairs:
         The two bodies of each pair.
     margins : array, shape (n_pairs,)
         Subtracted from each distance [m].
+
+    Attributes
+    ----------
+    levers : array, shape (n_pairs, n_joints)
+        See `CollisionGeometry`.
     """
 
     def __init__(
@@ -76,31 +81,24 @@ class BodyPairs:
         self._bodies, self._indices, self.margins = bodies, indices, margins
         self._model, self._data = bodies.model, bodies.model.createData()
         self._tree = tree
-        for geometry in (bodies.shapes, bodies.hulls):
-            set_pairs(geometry, indices.tolist())
-        self._shape_data, self._hull_data = bodies.shapes.createData(), bodies.hulls.createData()
-        for request in self._hull_data.distanceRequests:
-            request.gjk_tolerance = _PRECISION
-        for data in (self._shape_data, self._hull_data):
-            for request, margin in zip(data.collisionRequests, margins.tolist(), strict=True):
-                request.security_margin = margin
-        # Its boxes are enlarged by the margins in their first update.
-        self._broad_phase = pin.BroadPhaseManager_DynamicAABBTreeCollisionManager(
-            self._model, bodies.hulls, self._hull_data
+        self._shape_data, self._hull_data = (
+            _working_memory(geometry, indices, margins)
+            for geometry in (bodies.shapes, bodies.hulls)
+        )
+        self._collisions = _collision_arguments(
+            self._model, self._data, bodies.hulls, self._hull_data
         )
         first, second = indices.T
         self._are_convex = bodies.are_convex[first] & bodies.are_convex[second]
         # Of the joints that move one of both, 1 for the second body, −1 for the first.
         self._moved = bodies.moved[second] - bodies.moved[first]
-        # Bounds of the speeds at which joints close distances, see `CollisionGeometry.levers`.
-        self.levers = np.maximum(
-            np.where(self._moved > 0.0, bodies.levers[second], 0.0),
-            np.where(self._moved < 0.0, bodies.levers[first], 0.0),
-        )
+        # A joint that moves both does not count.
+        both = np.where(self._moved > 0.0, bodies.levers[second], bodies.levers[first])
+        self.levers = both * np.abs(self._moved)
 
     def collide(self, q: FloatArray) -> bool:
         """Whether any pair is in collision in a configuration, shape (n_joints,)."""
-        args = self._model, self._data, self._broad_phase, q
+        args = *self._collisions, q
         if not pin.computeCollisions(*args, True):
             return False
         if self._are_convex.all():
@@ -248,29 +246,58 @@ class BodyPairs:
         points: FloatArray,
     ) -> FloatArray:
         """Derivatives of distances by the joints, see `NearPairs`."""
-        away = (points[:, 1] - points[:, 0]) * np.sign(distances)[:, None]
-        place = points[:, 1]
-        lengths = np.linalg.norm(away, axis=1)
-        met = np.flatnonzero(~(lengths > CONTACT))
-        if met.size:
-            # In contact the two points coincide; then the centres define the direction, if they
-            # differ.
-            bodies, at = self._bodies, []
-            for body in self._indices[pairs[met]].T:
-                turned = poses.rotations[k[met], bodies.joints[body]]
-                local = (turned @ bodies.centres[body][:, :, None])[..., 0]
-                at.append(poses.positions[k[met], bodies.joints[body]] + local)
-            place[met], away[met] = at[1], at[1] - at[0]
-            lengths[met] = np.linalg.norm(away[met], axis=1)
-            away[met[lengths[met] <= CONTACT]] = 1.0
-            lengths = np.linalg.norm(away, axis=1)
-        away /= lengths[:, None]
+        first, second = self._indices[pairs].T
+        centres = [_centres(self._bodies, poses, k, body) for body in (first, second)]
+        away, place = _directions(distances, points, np.stack(centres, axis=1))
         tree = self._tree
         axes = (poses.rotations[k, 1:] @ tree.axes[1:, :, None])[..., 0]
         arms = place[:, None] - poses.positions[k, 1:]
         motions = np.where(tree.turns[1:, None], np.cross(axes, arms), axes)
         rows = np.einsum("eji,ei->ej", motions, away)
         return np.asarray(rows[:, tree.order] * self._moved[pairs])
+
+
+def _working_memory(geometry: Any, indices: Indices, margins: FloatArray) -> Any:
+    """Pinocchio's data of a geometry with these pairs."""
+    set_pairs(geometry, indices.tolist())
+    data = geometry.createData()
+    for request in data.distanceRequests:
+        request.gjk_tolerance = _PRECISION
+    for request, margin in zip(data.collisionRequests, margins.tolist(), strict=True):
+        request.security_margin = margin
+    return data
+
+
+def _collision_arguments(model: Any, data: Any, geometry: Any, geometry_data: Any) -> Any:
+    """First arguments of Pinocchio's check of a configuration."""
+    broad_phase = getattr(pin, "BroadPhaseManager_DynamicAABBTreeCollisionManager", None)
+    if broad_phase is None:  # before release 3
+        return model, data, geometry, geometry_data
+    # Its boxes are enlarged by the margins in their first update.
+    return model, data, broad_phase(model, geometry, geometry_data)
+
+
+def _centres(bodies: Bodies, poses: JointPoses, k: Indices, body: Indices) -> FloatArray:
+    """Centres of bodies in configurations, one of each per entry, shape (n, 3)."""
+    joints = bodies.joints[body]
+    local = (poses.rotations[k, joints] @ bodies.centres[body][:, :, None])[..., 0]
+    return np.asarray(poses.positions[k, joints] + local)
+
+
+def _directions(
+    distances: FloatArray, points: FloatArray, centres: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Directions in which pairs separate, and points of them on the second bodies, shape (n, 3).
+
+    In contact the two nearest points coincide; then the centres define the direction, if they
+    differ.
+    """
+    away = (points[:, 1] - points[:, 0]) * np.sign(distances)[:, None]
+    met = ~(np.linalg.norm(away, axis=1) > CONTACT)
+    away[met] = centres[met, 1] - centres[met, 0]
+    away[~(np.linalg.norm(away, axis=1) > CONTACT)] = 1.0
+    place = np.where(met[:, None], centres[:, 1], points[:, 1])
+    return away / np.linalg.norm(away, axis=1)[:, None], place
 
 
 def index_pairs(geometry: Any) -> list[tuple[int, int]]:

@@ -82,11 +82,12 @@ class Robot(Dynamics, Kinematics):
             raise RobotError(f"{source} is refused by Pinocchio: {error}") from None
         self.movable_joints = tuple(name for name in full.names if name in found.types)
         driven = [name for name in self.movable_joints if name not in found.mimics]
-        names = self._checked(driven if joint_names is None else joint_names)
+        names = driven if joint_names is None else joint_names
+        names = _movable(names, self.movable_joints, source)
         if both := sorted(set(locked or ()) & set(names)):
             raise RobotError(f"{quote_names(both)} can't be locked and move at the same time")
         if locked:
-            self._checked(tuple(locked))
+            _movable(tuple(locked), self.movable_joints, source)
         self._locked = LockedModel(full, names, locked or {})
         model, _ = self._locked.reduced([])
         self._inertia_flaws, unknown = inertia_flaws(model, found)
@@ -224,11 +225,10 @@ class Robot(Dynamics, Kinematics):
         found = self._locked.collision_geometry(self._description, package_dirs, self._source)
         return *found, self._order.from_pin
 
-    def _checked(self, joint_names: Sequence[str]) -> tuple[str, ...]:
-        names = unique_names(joint_names, f"joints of the {self._source}", RobotError)
-        for name in names:
-            if name not in self.movable_joints:
-                raise RobotError(
-                    f"{self._source}: {unknown_name('movable joint', name, self.movable_joints)}"
-                )
-        return names
+
+def _movable(names: Sequence[str], movable: Sequence[str], source: str) -> tuple[str, ...]:
+    """The names of joints, if they differ and can move."""
+    for name in unique_names(names, f"joints of the {source}", RobotError):
+        if name not in movable:
+            raise RobotError(f"{source}: {unknown_name('movable joint', name, movable)}")
+    return tuple(names)

@@ -14,6 +14,7 @@ from sensor_msgs.msg import JointState as JointStateMessage
 from trajectory_msgs.msg import JointTrajectory
 
 from ..execution.assembly import Model
+from ..execution.avoidance import ObstacleAvoidance
 from ..execution.goal_planner import UnexecutablePlanError
 from ..execution.goal_statistics import GoalStatistics
 from ..execution.motion_server import MakeGoal, MotionServer
@@ -76,6 +77,8 @@ class GoalTopics:
         Makes the planning context.
     server : MotionServer
         Plans and publishes motions.
+    avoidance : ObstacleAvoidance
+        Replaces motions that would hit an obstacle.
     statistics : GoalStatistics
         Counts goals.
     last_motion : LastMotion
@@ -88,10 +91,12 @@ class GoalTopics:
         node: GuardedNode,
         setup: PlanningSetup,
         server: MotionServer,
+        avoidance: ObstacleAvoidance,
         statistics: GoalStatistics,
         last_motion: LastMotion,
     ) -> None:
-        self._node, self._setup, self._server = node, setup, server
+        self._node, self._setup = node, setup
+        self._server, self._avoidance = server, avoidance
         self._statistics, self._last_motion = statistics, last_motion
         self._reports = node.create_publisher(DiagnosticStatus, "~/plan_report", EVERY)
         self._worker: PreemptiveWorker[_Request | _Avoidance] = PreemptiveWorker(
@@ -138,11 +143,11 @@ class GoalTopics:
         """Serve a goal, then avoid an obstacle that the running motion would hit."""
         if isinstance(request, _Request):
             self._serve_goal(request, is_cancelled)
-        if not self._server.is_threatened:
+        if not self._avoidance.is_needed:
             return
         logger = self._node.get_logger()
         try:
-            text, served = self._server.avoid(self._setup.ready(), is_cancelled)
+            text, served = self._avoidance.avoid(self._setup.ready(), is_cancelled)
         except CancelledError:
             raise
         except Exception as error:

@@ -19,6 +19,7 @@ from trajectory_msgs.msg import JointTrajectory
 from visualization_msgs.msg import MarkerArray
 
 from ..exceptions import quote_names
+from ..execution.avoidance import ObstacleAvoidance
 from ..execution.execution_monitor import ExecutionReport
 from ..execution.goal_statistics import GoalStatistics
 from ..execution.measured import MeasuredStates
@@ -84,11 +85,17 @@ class PlannerNode(GuardedNode):
         self._server = MotionServer(
             self._states, self._statistics, self._send, time.perf_counter, self._report_execution
         )
+        self._avoidance = ObstacleAvoidance(self._server, self._states)
         self._connect()
         self._goals = GoalTopics(
-            self, self._setup, self._server, self._statistics, self._last_motion
+            self,
+            self._setup,
+            self._server,
+            self._avoidance,
+            self._statistics,
+            self._last_motion,
         )
-        self._obstacles = ObstacleTopic(self, self._setup, self._server, self._goals.avoid)
+        self._obstacles = ObstacleTopic(self, self._setup, self._avoidance, self._goals.avoid)
         if not self._setup.problem:
             self._log_readiness()
 
@@ -132,8 +139,6 @@ class PlannerNode(GuardedNode):
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(1.0, self._publish_diagnostics, clock=steady)
         self.create_timer(0.05, self._watch, clock=steady)
-
-    # Callbacks
 
     def _on_trial_cost(self, message: Float64) -> None:
         try:
@@ -206,8 +211,6 @@ class PlannerNode(GuardedNode):
                 # At most the time since the last poll, because the wall clock may have been set.
                 self._states.measured.receive(message, min(max(age, 0.0), longest))
 
-    # Publishing
-
     def _send(self, trajectory: Trajectory, *, stamp: float | None, last_point_only: bool) -> None:
         # Stops have no efforts.
         with_efforts = self._setup.settings.publish_effort and trajectory.efforts is not None
@@ -225,13 +228,9 @@ class PlannerNode(GuardedNode):
 
     def _publish_diagnostics(self) -> None:
         name = f"{self.get_fully_qualified_name()}: planner"
-        values = {
-            "trial_cost": "none" if self._last_motion.cost is None else self._last_motion.cost,
-            "obstacles": len(self._server.world),
-            "obstacle_rejected": self._obstacles.problem or "none",
-        }
-        status = _status(name, self._setup, self._states.measured, self._statistics, values)
-        array = DiagnosticArray(status=[status])
+        values = self._last_motion.facts | self._obstacles.facts
+        measured, counts = self._states.measured, self._statistics
+        array = DiagnosticArray(status=[_status(name, self._setup, measured, counts, values)])
         array.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics.publish(array)
 

@@ -12,7 +12,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from visualization_msgs.msg import Marker, MarkerArray
 
 from ..exceptions import PlannerError, WorldError, unknown_name
-from ..execution.motion_server import MotionServer
+from ..execution.avoidance import ObstacleAvoidance
 from ..motion.collision import package_folders
 from ..robot.world import Obstacle, World
 from .guarded_node import LOG_PERIOD, GuardedNode
@@ -34,7 +34,7 @@ _N_SEEN = 400
 
 
 class ObstacleTopic:
-    """Keeps the world of a server as the markers of ``~/obstacles`` say.
+    """Keeps the obstacles as the markers of ``~/obstacles`` say.
 
     Parameters
     ----------
@@ -42,8 +42,8 @@ class ObstacleTopic:
         The node.
     setup : PlanningSetup
         Has the robot whose links markers may be attached to.
-    server : MotionServer
-        Plans among the obstacles.
+    avoidance : ObstacleAvoidance
+        Keeps the obstacles.
     on_threat : callable
         Called if the running motion would hit a new obstacle.
 
@@ -57,10 +57,10 @@ class ObstacleTopic:
         self,
         node: GuardedNode,
         setup: PlanningSetup,
-        server: MotionServer,
+        avoidance: ObstacleAvoidance,
         on_threat: Callable[[], None],
     ) -> None:
-        self._node, self._setup, self._server = node, setup, server
+        self._node, self._setup, self._avoidance = node, setup, avoidance
         self._on_threat, self.problem = on_threat, ""
         self._seen: deque[int] = deque(maxlen=_N_SEEN)
         # Source time of the last change of each obstacle, and of all of them [ns].
@@ -73,6 +73,14 @@ class ObstacleTopic:
             )
         # A separate thread, so that a running motion is checked while a goal is planned.
         self._executor = GroupExecutor(node, group)
+
+    @property
+    def facts(self) -> dict[str, str | int]:
+        """The number of obstacles, and the last problem, for the diagnostics."""
+        return {
+            "obstacles": len(self._avoidance.world),
+            "obstacle_rejected": self.problem or "none",
+        }
 
     def close(self) -> None:
         """End the thread, before the node is destroyed."""
@@ -94,7 +102,7 @@ class ObstacleTopic:
 
     def _apply(self, message: MarkerArray, stamp: int, *, is_late: bool) -> None:
         """Apply the markers of a message; one that can't be used changes nothing."""
-        obstacles = {one.name: one for one in self._server.world}
+        obstacles = {one.name: one for one in self._avoidance.world}
         problems: list[str] = []
         for marker in message.markers:
             name = marker_name(marker)
@@ -111,7 +119,7 @@ class ObstacleTopic:
                 self._cleared = stamp
         try:
             world = World(obstacles.values())
-            if self._server.replace_world(world, self._setup.context):
+            if self._avoidance.replace_world(world, self._setup.context):
                 self._on_threat()
         except PlannerError as error:
             problems.append(str(error))

@@ -1,0 +1,188 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Obstacles that come while a simulated robot moves, in virtual time."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from arm import JOINTS, arm_robot
+from test_motion_server import GOAL, START, Node, model
+from worlds import plain_distances
+
+from mp_pca_planner.exceptions import RobotError, WorldError
+from mp_pca_planner.execution.avoidance import ObstacleAvoidance
+from mp_pca_planner.execution.preemptive_worker import CancelledError
+from mp_pca_planner.robot.world import Obstacle, Sphere, World
+
+MARGIN, RADIUS = 0.01, 0.03
+MODEL = model(collision=True, obstacle_margin=MARGIN)
+
+
+@pytest.fixture
+def node():
+    node = Node(MODEL)
+    node.avoidance = ObstacleAvoidance(node.server, node.states)
+    return node
+
+
+def ball_at(positions):
+    """A ball where the hand is in a configuration."""
+    robot = arm_robot()
+    hand = robot.frame_positions(np.atleast_2d(positions), [robot.frame_names[-1]])[0, 0]
+    return World([Obstacle("ball", Sphere(RADIUS, hand))])
+
+
+def place_on_motion(node, share):
+    _, trajectory, *_ = node.sent[-1]
+    return trajectory.positions[int(share * trajectory.n_steps)]
+
+
+def clearance(node, world, since):
+    """Least distance of the commanded robot from a ball since a time."""
+    record = node.robot.record
+    return plain_distances(world, record.q[record.times >= since]).min()
+
+
+def not_cancelled():
+    return False
+
+
+def test_running_motion_leads_around_a_new_obstacle_without_a_jump(node):
+    node.ask(GOAL, duration=4.0)
+    node.run(0.8)
+    world, came = ball_at(place_on_motion(node, 0.6)), node.now
+    assert node.avoidance.replace_world(world, node._model)
+    message, served = node.avoidance.avoid(node._model, not_cancelled)
+    assert served is not None and not node.avoidance.is_needed
+    assert message.startswith("a new obstacle is on the path ('lower_arm' would hit 'ball')")
+    node.run(8.0)
+    node.assert_smooth()
+    node.assert_rests_at(GOAL)
+    assert clearance(node, world, came) >= MARGIN
+    assert node.outcomes == ["replaced", "arrived"]
+    first = node.execution_reports[0][1].message
+    assert first.startswith("replaced by another motion, for a new obstacle is on the path")
+
+
+def test_robot_stops_before_an_obstacle_that_covers_the_goal(node):
+    node.ask(GOAL, duration=4.0)
+    node.run(0.8)
+    world, came = ball_at(GOAL), node.now
+    assert node.avoidance.replace_world(world, node._model)
+    message, served = node.avoidance.avoid(node._model, not_cancelled)
+    assert served is None and "the goal is in collision" in message
+    node.run(5.0)
+    node.assert_smooth()
+    assert node.outcomes == ["stopped"]
+    assert "'lower_arm' would hit 'ball'" in node.execution_reports[0][1].message
+    assert clearance(node, world, came) >= MARGIN
+    assert not node.robot.record.v[-1].any()
+
+
+def test_robot_stops_at_once_where_there_is_no_time_to_plan(node):
+    node.ask(GOAL, duration=4.0)
+    node.run(1.8)
+    assert node.avoidance.replace_world(ball_at(place_on_motion(node, 0.52)), node._model)
+    message, served = node.avoidance.avoid(node._model, not_cancelled)
+    assert served is None and "there was no time to plan another motion" in message
+    node.run(5.0)
+    node.assert_smooth()
+    assert node.outcomes == ["stopped"]
+
+
+def test_obstacles_beside_or_behind_the_motion_change_nothing(node):
+    node.ask(GOAL, duration=4.0)
+    node.run(2.5)
+    for world in (ball_at(START), World([Obstacle("far", Sphere(0.1, (3.0, 0.0, 0.0)))]), World()):
+        assert not node.avoidance.replace_world(world, node._model)
+        assert node.avoidance.avoid(node._model, not_cancelled) == ("", None)
+    node.run(5.0)
+    assert node.outcomes == ["arrived"]
+    assert len(node.sent) == 1
+
+
+def test_rest_of_a_sequence_leaves_out_the_targets_that_were_passed(node):
+    early = START + 0.25 * (GOAL - START)
+    node.ask_sequence(early, GOAL, times=(2.0, 6.0))
+    first = node.server.served.plan.motions[0].duration
+    rest = node.server.served.rest_of_goal(0.5 * first)
+    np.testing.assert_array_equal([target.positions for target in rest.targets], [early, GOAL])
+    np.testing.assert_array_equal(
+        node.server.served.rest_of_goal(1.1 * first).state.positions, GOAL
+    )
+    node.run(1.1 * first)
+    world, came = ball_at(START + 0.65 * (GOAL - START)), node.now
+    assert node.avoidance.replace_world(world, node._model)
+    message, served = node.avoidance.avoid(node._model, not_cancelled)
+    assert served is not None, message
+    node.run(8.0)
+    node.assert_smooth()
+    node.assert_rests_at(GOAL)
+    assert clearance(node, world, came) >= MARGIN
+    assert node.outcomes == ["replaced", "arrived"]
+
+
+def test_joints_that_the_goal_leaves_out_end_where_they_were_to(node):
+    node.ask(GOAL[:2], JOINTS[:2], duration=4.0)
+    node.run(0.8)
+    rest = node.server.served.rest_of_goal(0.8)
+    np.testing.assert_array_equal(rest.state.positions, [*GOAL[:2], *START[2:]])
+    assert rest.duration is None
+
+
+def test_motion_that_was_planned_among_older_obstacles_is_planned_again(node):
+    node.ask(GOAL)
+    node.run(5.0)
+    through = place_on_motion(node, 0.5)
+    node.ask(START)
+    node.run(5.0)
+    world = ball_at(through)
+    node._planning_time = 0.2, 0.2
+    node.at(0.1, lambda: node.avoidance.replace_world(world, node._model))
+    came = node.now
+    node.ask(GOAL)
+    node.run(8.0)
+    node.assert_rests_at(GOAL)
+    assert clearance(node, world, came) >= MARGIN
+
+
+def test_newer_goal_takes_the_place_of_the_avoidance(node):
+    node.ask(GOAL, duration=4.0)
+    node.run(0.8)
+    assert node.avoidance.replace_world(ball_at(GOAL), node._model)
+    with pytest.raises(CancelledError):
+        node.avoidance.avoid(node._model, lambda: True)
+    assert node.avoidance.is_needed
+    node.ask(START)
+    assert not node.avoidance.is_needed
+    node.run(8.0)
+    node.assert_smooth()
+    node.assert_rests_at(START)
+    assert node.outcomes == ["replaced", "arrived"]
+
+
+def test_obstacles_that_do_not_fit_the_robot_are_refused(node):
+    kept = ball_at(START)
+    node.avoidance.replace_world(kept, node._model)
+    wrong = World([Obstacle("ball", Sphere(0.1), "moon")])
+    with pytest.raises(WorldError, match="no link is called 'moon'"):
+        node.avoidance.replace_world(wrong, node._model)
+    assert node.avoidance.world is kept
+
+
+def test_goals_are_refused_among_obstacles_that_can_not_be_avoided(monkeypatch):
+    import test_motion_server
+
+    bare = test_motion_server.URDF.replace("collision", "visual")
+    monkeypatch.setattr(test_motion_server, "URDF", bare)
+    node = Node(model(collision=True))
+    avoidance = ObstacleAvoidance(node.server, node.states)
+    with pytest.raises(RobotError, match="has no collision geometry"):
+        avoidance.replace_world(ball_at(START), node._model)
+    node.ask(GOAL)
+    assert node.statuses == ["refused"]
+    assert "obstacles can't be avoided" in node.plan_reports[0].message
+    avoidance.replace_world(World(), node._model)
+    node.ask(GOAL)
+    assert node.statuses[-1] == "served"
