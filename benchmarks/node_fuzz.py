@@ -267,8 +267,7 @@ class Fuzzer:
         for _ in range(3):
             future = client.call_async(request)
             deadline = time.monotonic() + _PATIENCE / 3.0
-            # spin_until_future_complete adds a callback to the future with each message, which takes
-            # seconds in the end.
+            # spin_until_future_complete adds a callback to the future with each message.
             while not future.done() and time.monotonic() < deadline:
                 self._executor.spin_once(0.1)
             if future.done():
