@@ -67,12 +67,17 @@ setup(
             "pytransform3d>=3.5",  # movement_primitives imports it, but doesn't ask for it
             "crocoddyl>=3.2",
             "ruckig>=0.14",
+            "toppra>=0.6.9",
             "example-robot-data>=4.3",
         ],
+        # Paths around obstacles, for detours; and as a peer. No wheels for Python 3.14 yet.
+        "ompl": ["ompl>=2.0; python_version < '3.14'"],
         # Has no wheels for many platforms: apart, so that it doesn't hold up the other peers.
         "drake": ["drake>=1.30"],
         # Another physics engine for the simulated robot.
         "sim": ["mujoco>=3.3"],
+        # Completion of commands and options in the shell.
+        "completion": ["argcomplete>=3.1"],
         # The documentation site.
         "doc": ["sphinx>=7.0", "myst-parser>=3.0", "furo", "matplotlib>=3.6"],
         # Libraries that several processes may change at once.
@@ -84,6 +89,7 @@ setup(
         # colcon runs pytest only if it is named here. Checkers whose verdict changes from one
         # release to the next are held.
         "test": [
+            "argcomplete>=3.1",
             "cmaes>=0.10",
             "distributed>=2024.1",
             "filelock>=3.12",

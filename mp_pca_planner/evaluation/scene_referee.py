@@ -13,7 +13,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import coal
 import numpy as np
 import pinocchio as pin
 import yaml
@@ -24,6 +23,11 @@ from ..exceptions import PlannerError
 from ..files import MAX_YAML_BYTES, read_text, reading
 from ..motion.trajectory import Trajectory
 from .check import RigidArm
+
+try:
+    import coal
+except ImportError:  # its name before release 3
+    import hppfcl as coal
 
 _LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 _PERIOD = 1e-3  # of the check for collisions [s]
@@ -84,7 +88,10 @@ class SceneReferee:
             _, links = pin.buildReducedModel(full, links, others, rest)
         self._geometry, n_links = links, links.ngeoms
         for name, shape, pose in _obstacles(scene):
-            self._geometry.addGeometryObject(pin.GeometryObject(name, 0, 0, pose, shape))
+            part = pin.GeometryObject(
+                name, parent_joint=0, placement=pose, collision_geometry=shape
+            )
+            self._geometry.addGeometryObject(part)
         self._add_pairs(n_links)
         if srdf is not None:
             pin.removeCollisionPairs(arm.model, self._geometry, str(srdf))
@@ -114,12 +121,10 @@ class SceneReferee:
 
     def _collision(self, times: FloatArray, q: FloatArray) -> str:
         model, data = self._arm.model, self._data
-        hulls = pin.BroadPhaseManager_DynamicAABBTreeCollisionManager(
-            model, self._hulls, self._hull_poses
-        )
         for time, angles in zip(times, q, strict=True):
             configuration = self._arm.configuration(angles)
-            if not pin.computeCollisions(model, data, hulls, configuration, True):
+            hulls = self._hulls, self._hull_poses
+            if not pin.computeCollisions(model, data, *hulls, configuration, True):
                 continue
             pin.updateGeometryPlacements(model, data, self._geometry, self._poses, configuration)
             for k, pair in enumerate(self._geometry.collisionPairs):

@@ -71,10 +71,14 @@ class OwnMethod:
         The model whose world is replaced from problem to problem.
     max_time : float
         Time limit [s].
+    name : str
+        Its name in tables and JSON.
     """
 
-    def __init__(self, scene: Scene, collision: CollisionModel, max_time: float) -> None:
-        self.name = OWN if max_time != QUICK else f"{OWN}_{1e3 * QUICK:.0f}ms"
+    def __init__(
+        self, scene: Scene, collision: CollisionModel, max_time: float, name: str = OWN
+    ) -> None:
+        self.name = name
         options = PrimitiveOptions("arm", _N_COMPONENTS)
         primitive = scene.primitive or build_primitive(scene.demonstrations, scene.name, options)
         self.about = (
@@ -143,7 +147,7 @@ SceneResults = Sequence[tuple[SceneProblem, Mapping[str, SceneResult]]]
 def scene_methods(
     scene: Scene, collision: CollisionModel, peers: Iterable[str], max_time: float
 ) -> tuple[list[SceneMethod], dict[str, str]]:
-    """Set up the planner, with `max_time` and with 100 ms, and the peers.
+    """Set up the planner, with `max_time` and with 100 ms if that is longer, and the peers.
 
     Returns
     -------
@@ -152,9 +156,9 @@ def scene_methods(
     absent : dict
         Reasons why the others are missing, by name.
     """
-    methods: list[SceneMethod] = [
-        OwnMethod(scene, collision, seconds) for seconds in dict.fromkeys([max_time, QUICK])
-    ]
+    methods: list[SceneMethod] = [OwnMethod(scene, collision, max_time)]
+    if max_time > QUICK:
+        methods.append(OwnMethod(scene, collision, QUICK, f"{OWN}_{1e3 * QUICK:.0f}ms"))
     absent = {}
     for name in peers:
         try:

@@ -176,7 +176,7 @@ def attempt(
         check = setup.check(trajectory)
         # If limits are violated, another motion will be checked for collisions.
         collisions = () if check.violations else setup.collisions(trajectory)
-        if check.violations and budget.is_over():
+        if (check.violations or collisions) and budget.is_over():
             break
         if check.violations and not problem.is_bounded:
             problem.bound(with_limits=True)

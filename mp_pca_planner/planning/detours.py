@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Detours: motions that start from collision-free paths, where descent finds no motion.
 
-A path is a straight line in joint space, two of them, or one of RRT-Connect. B-splines lead the
-primitive's motion along it. The program then lowers the cost within limits and clearances, as for
-any other motion.
+A path is a straight line in joint space, or else one of RRT-Connect; without the extra ``ompl``,
+two lines that meet at a random via. B-splines lead the primitive's motion along it. The program
+then lowers the cost within limits and clearances, as for any other motion.
 """
 
 from __future__ import annotations
@@ -24,6 +24,7 @@ from .attempt import Attempt, checked
 from .bases import MotionBasis
 from .budget import Budget
 from .constraints import LimitTables
+from .fallback import Paths
 from .motion import Motion
 from .plan import MotionSolution
 from .recoveries import Setting
@@ -42,7 +43,7 @@ class DetourOptions:
     Attributes
     ----------
     n_vias : int
-        Number of random vias that are tried before the search for a path.
+        Number of random vias that are tried where there is no search for paths.
     via_spread : float
         Standard deviation of vias from the middle of the motion [rad or m].
     n_paths : int
@@ -63,16 +64,16 @@ class DetourOptions:
         Least weight ρ of deviations from the path. Without it, the program takes too many passes.
     """
 
-    n_vias: int = 6
+    n_vias: int = 40
     via_spread: float = 0.6
     n_paths: int = 5
-    share_of_search: float = 0.6
+    share_of_search: float = 0.9
     step: float = 0.07
     fine_step: float = 0.03
     n_control_points: int = 6
     spread: float = 0.3
     n_phases: int = 80
-    min_naturalness: float = 0.05
+    min_naturalness: float = 0.02
 
 
 _OPTIONS = DetourOptions()
@@ -115,46 +116,54 @@ class DetourPlanner:
         self._setup, self._solve = setup, solve
         self._finder = DetourFinder(setup)
 
-    def applies(self, failed: Attempt, *, is_late: bool) -> bool:
-        """Whether a detour may help after a failed attempt, or one whose time ran out."""
-        request = failed.request
-        met = failed.collisions or failed.has_clearances or is_late
-        return (
-            bool(met)
-            and isinstance(request, Request)
-            and not (request.n_vias or failed.is_hopeless)
-        )
-
     @property
     def hint(self) -> str:
         """Which extra is missing for further paths; empty if none."""
         return self._finder.hint
 
-    def serve(self, request: Request, budget: Budget) -> tuple[Attempt | None, FloatArray | None]:
-        """The best motion along a detour, and a path; None if no path was found."""
-        best, path = None, None
+    def may_serve(self, request: Request) -> bool:
+        """Whether a request without a motion by descent is tried with detours."""
+        collision = self._setup.collision
+        return collision is not None and bool(collision.pairs) and not request.n_vias
+
+    def better(
+        self, failed: Attempt, request: Request, budget: Budget, paths: Paths
+    ) -> tuple[Attempt, bool]:
+        """The best motion along a detour, or the failed attempt if there is none.
+
+        If no motion keeps the limits, a path that was found is added to `paths`. Returns also
+        whether the search for paths was complete, so that more descent is of no use.
+        """
+        # Collisions of a motion outside the limits are not known yet.
+        met = failed.collisions or failed.has_clearances
+        if failed.is_hopeless or not (met or self._setup.collisions(failed.trajectory)):
+            return failed, False
+        best, path = failed, None
         for detour in self._finder.detours(request, budget):
             path = detour.path if path is None else path
             tried = self._attempt(request, detour, budget)
-            if best is None or tried.violation < best.violation:
+            if tried.violation < best.violation:
                 best = tried
             if best.is_valid or budget.is_over():
                 break
-        return best, None if path is None else self._finder.corners(path)
+        if path is not None and not best.is_valid:
+            paths[id(request.goal)] = self._finder.corners(path)
+        return best, not self.hint
 
     def _attempt(self, request: Request, detour: Detour, budget: Budget) -> Attempt:
-        """The motion of least cost near a path; the one along the path if time runs out."""
-        duration, naturalness = request.usual_duration, self._setup.options.naturalness
+        """The motion of least cost near a path, or else the one along it."""
+        duration = request.usual_duration
         if request.duration_is_free:
             duration = max(duration, detour.duration)
-        naturalness = max(naturalness, _OPTIONS.min_naturalness)
-        setting = Setting(detour.basis, duration, naturalness, is_first=True)
-        found, _ = self._solve(request, setting, budget)
-        if found.is_valid:
-            return found
         along = self._along(request, detour.basis, duration)
         if request.duration_is_free and along.check.violations:
-            along = self._along(request, detour.basis, duration * slowdown(along.check))
+            duration *= slowdown(along.check)
+            along = self._along(request, detour.basis, duration)
+        if budget.is_over():
+            return along
+        naturalness = max(self._setup.options.naturalness, _OPTIONS.min_naturalness)
+        setting = Setting(detour.basis, duration, naturalness, is_first=True)
+        found, _ = self._solve(request, setting, budget)
         return min(found, along, key=lambda one: one.violation)
 
     def _along(self, request: Request, basis: MotionBasis, duration: float) -> Attempt:
@@ -205,23 +214,18 @@ class DetourFinder:
         assert collision is not None
         bounds = limits.lower, limits.upper
         ends = request.start.positions, request.goal.positions
-        path = path_by_via(collision.collides, bounds, ends)
-        if path is not None:
-            yield path
+        if _is_free(collision.collides, *ends, _OPTIONS.step):
+            yield np.array(ends)
         for seed in range(1, _OPTIONS.n_paths + 1):
             search = budget.share(_OPTIONS.share_of_search)
+            options = SamplingOptions(seed, _OPTIONS.step)
             try:
-                path = sampled_path(
-                    collision.collides,
-                    bounds,
-                    ends,
-                    SamplingOptions(seed, _OPTIONS.step),
-                    search.is_over,
-                )
+                path = sampled_path(collision.collides, bounds, ends, options, search.is_over)
             except MissingDependencyError as error:
                 self.hint = str(error)
+                yield from paths_by_vias(collision.collides, bounds, ends, budget.is_over)
                 return
-            if path is None or budget.is_over():
+            if path is None:
                 return
             yield path
 
@@ -300,13 +304,15 @@ class PathFollower:
         return max(float(excess.max() ** (1.0 / d)) for d, excess in enumerate(excesses, 1))
 
 
-def path_by_via(
+def paths_by_vias(
     collides: Callable[[FloatArray], bool],
     bounds: tuple[FloatArray, FloatArray],
     ends: tuple[FloatArray, FloatArray],
-    options: DetourOptions = _OPTIONS,
-) -> FloatArray | None:
-    """The straight path in joint space, or one of two straight lines by a random via.
+    should_stop: Callable[[], bool] = lambda: False,
+) -> Iterator[FloatArray]:
+    """Collision-free paths of two straight lines in joint space that meet at a random via.
+
+    The same vias are drawn in every call.
 
     Parameters
     ----------
@@ -316,24 +322,22 @@ def path_by_via(
         Least and largest positions.
     ends : tuple of (array, shape (n_joints,))
         Start and goal.
-    options : DetourOptions
-        Number and spread of the vias. The same ones are drawn in every call.
+    should_stop : callable
+        Whether to end the search.
 
-    Returns
-    -------
-    path : array, shape (n_points, n_joints), or None
-        The corners of a path without collision; None if none was found.
+    Yields
+    ------
+    path : array, shape (3, n_joints)
+        Start, via and goal.
     """
-    start, goal = ends
-    if _is_free(collides, start, goal, options.step):
-        return np.array(ends)
-    rng, middle = np.random.default_rng(0), 0.5 * (start + goal)
-    for _ in range(options.n_vias):
-        off = options.via_spread * rng.standard_normal(start.size)
+    rng, middle = np.random.default_rng(0), 0.5 * (ends[0] + ends[1])
+    for _ in range(_OPTIONS.n_vias):
+        if should_stop():
+            return
+        off = _OPTIONS.via_spread * rng.standard_normal(middle.size)
         via = np.clip(middle + off, *bounds)
-        if all(_is_free(collides, end, via, options.step) for end in ends):
-            return np.array([start, via, goal])
-    return None
+        if all(_is_free(collides, end, via, _OPTIONS.step) for end in ends):
+            yield np.array([ends[0], via, ends[1]])
 
 
 def _is_free(

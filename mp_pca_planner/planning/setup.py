@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -58,3 +58,8 @@ class Setup:
     def collisions(self, trajectory: Trajectory) -> tuple[Collision, ...]:
         """Collisions of a trajectory, if they are checked."""
         return () if self.collision is None else self.collision.collisions(trajectory)
+
+    def with_tolerance(self, tolerance: float) -> Setup:
+        """The same with another tolerance of the solver."""
+        solver = replace(self.options.solver, tolerance=tolerance)
+        return replace(self, options=replace(self.options, solver=solver))

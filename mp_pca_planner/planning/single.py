@@ -195,20 +195,18 @@ class SinglePlanner:
             natural = MoreNatural(options.search.naturalness_steps)
             recoveries = [Slower(stretch * usual), natural, wider]
         best, setting, rest = None, wider.propose(), budget
-        if self._setup.collision is not None and not request.n_vias:  # no detours by vias
+        if self._detours.may_serve(request):
             budget = budget.share(options.search.share_of_descent)
         while setting is not None:
             tried, setting = self._attempt(request, setting, budget)
             if best is None or tried.violation < best.violation:
                 best = tried
-            may_turn = not best.is_valid and budget is not rest
-            if may_turn and self._detours.applies(tried, is_late=budget.is_over()):
+            met = tried.collisions or tried.has_clearances
+            if budget is not rest and not tried.is_valid and (met or budget.is_over()):
                 budget = rest
-                detoured, path = self._detours.serve(request, rest)
-                if path is not None:
-                    paths[id(request.goal)] = path
-                if detoured is not None and detoured.violation < best.violation:
-                    best = detoured
+                best, is_done = self._detours.better(best, request, rest, paths)
+                if is_done:
+                    break
             if best.is_valid or best.is_hopeless or budget.is_over():
                 break
             failure = Failure(tried, setting, self._setup)

@@ -1,0 +1,45 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Problems among obstacles in the files of MotionBenchMaker, made by the tests."""
+
+from pathlib import Path
+
+import yaml
+
+SCENES = Path("/work/shared/data/motion_bench_maker")
+"""Problems of MotionBenchMaker, where they are installed."""
+
+
+def write_scene(path, obstacles, robot="robot"):
+    """Write a planning scene of obstacles (name, type, dimensions, position)."""
+    content = {
+        "robot_model_name": robot,
+        "world": {
+            "collision_objects": [
+                {
+                    "id": name,
+                    "primitives": [{"type": kind, "dimensions": list(map(float, sizes))}],
+                    "primitive_poses": [
+                        {
+                            "position": list(map(float, position)),
+                            "orientation": [0.0, 0.0, 0.0, 1.0],
+                        }
+                    ],
+                }
+                for name, kind, sizes, position in obstacles
+            ]
+        },
+    }
+    path.write_text(yaml.safe_dump(content), encoding="utf-8")
+    return path
+
+
+def write_request(path, joints, start, goal):
+    """Write a request between two configurations."""
+    goals = [{"joint_name": j, "position": float(q)} for j, q in zip(joints, goal, strict=True)]
+    content = {
+        "start_state": {"joint_state": {"name": list(joints), "position": list(map(float, start))}},
+        "goal_constraints": [{"joint_constraints": goals}],
+    }
+    path.write_text(yaml.safe_dump(content), encoding="utf-8")
+    return path

@@ -1,0 +1,150 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Paths around obstacles, and the motions along them."""
+
+import math
+import sys
+
+import numpy as np
+import pytest
+from arm import JOINTS, arm_primitive, arm_robot
+from dense import assert_keeps, spline
+from obstacle_scenes import write_scene
+
+from mp_pca_planner.evaluation.check import RigidArm
+from mp_pca_planner.evaluation.scene_referee import SceneReferee
+from mp_pca_planner.exceptions import MissingDependencyError
+from mp_pca_planner.motion.collision import CollisionModel
+from mp_pca_planner.motion.goal import JointGoal, JointState
+from mp_pca_planner.planning.detours import paths_by_vias
+from mp_pca_planner.planning.plan import PlannerOptions
+from mp_pca_planner.planning.planner import Planner
+from mp_pca_planner.planning.sampling import SamplingOptions, sampled_path
+from mp_pca_planner.resources import config_file
+from mp_pca_planner.robot.world import World
+
+BOUNDS = np.array([-1.0, -1.0]), np.array([1.0, 1.0])
+ENDS = np.array([-0.8, 0.0]), np.array([0.8, 0.0])
+# A post in the middle of a motion of the primitive: descent ends at it.
+POST = ("post", "box", [0.04, 0.04, 1.2], [0.384, -0.399, 0.14])
+
+# A plate between the ends of the same motion.
+WALL = ("wall", "box", [0.5, 0.5, 0.04], [0.363, -0.331, -0.017])
+
+
+def in_wall(q: np.ndarray) -> bool:
+    """A wall between both ends, open above 0.2."""
+    return bool(abs(q[0]) < 0.1 and q[1] < 0.2)
+
+
+def in_maze(q: np.ndarray) -> bool:
+    """Two walls with gaps on different sides: no path has a single corner."""
+    first, second = abs(q[0] + 0.4) < 0.1 and q[1] < 0.6, abs(q[0] - 0.4) < 0.1 and q[1] > -0.6
+    return bool(first or second)
+
+
+def dense(path: np.ndarray, n: int = 2001) -> np.ndarray:
+    lengths = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1)))
+    along = np.linspace(0.0, lengths[-1], n)
+    return np.stack([np.interp(along, lengths, q) for q in path.T], axis=1)
+
+
+def test_vias_lead_around_a_wall():
+    paths = list(paths_by_vias(in_wall, BOUNDS, ENDS))
+    assert len(paths) > 1
+    for path in paths:
+        np.testing.assert_array_equal(path[[0, -1]], ENDS)
+        assert not any(map(in_wall, dense(path)))
+
+
+def test_no_via_leads_through_a_maze():
+    assert not list(paths_by_vias(in_maze, BOUNDS, ENDS))
+
+
+def test_search_finds_the_way_through_a_maze():
+    pytest.importorskip("ompl", reason="the extra ompl is not installed")
+    options = SamplingOptions(step=0.01)
+    path = sampled_path(in_maze, BOUNDS, ENDS, options)
+    np.testing.assert_allclose(path[[0, -1]], ENDS)
+    # Corners of walls are cut by less than the distance between the configurations checked.
+    assert sum(map(in_maze, dense(path))) < 20
+    np.testing.assert_array_equal(sampled_path(in_maze, BOUNDS, ENDS, options), path)
+    other = sampled_path(in_maze, BOUNDS, ENDS, SamplingOptions(seed=2, step=0.01))
+    assert other.shape != path.shape or not np.array_equal(other, path)
+
+
+def test_search_ends_on_request_or_after_enough_checks():
+    pytest.importorskip("ompl", reason="the extra ompl is not installed")
+    closed = lambda q: bool(abs(q[0]) < 0.1)  # noqa: E731
+    assert sampled_path(closed, BOUNDS, ENDS, SamplingOptions(max_checks=500)) is None
+    assert sampled_path(closed, BOUNDS, ENDS, SamplingOptions(), lambda: True) is None
+
+
+def test_without_the_extra_the_search_names_it(monkeypatch):
+    monkeypatch.setitem(sys.modules, "ompl.base", None)
+    with pytest.raises(MissingDependencyError, match=r"needs the Python module 'ompl'.*\[ompl\]"):
+        sampled_path(in_maze, BOUNDS, ENDS, SamplingOptions())
+
+
+@pytest.fixture
+def post(tmp_path):
+    """A scene with a post, a planner there, and a motion's ends on both sides of it."""
+    scene = write_scene(tmp_path / "scene0001.yaml", [POST])
+    robot, primitive = arm_robot(), arm_primitive()
+    options = PlannerOptions(max_solve_time=math.inf)
+    collision = CollisionModel(robot, world=World.from_file(scene))
+    planner = Planner(robot, [primitive], None, options, collision)
+    start, goal = primitive.boundary_states[0, [0, 3]]
+    return scene, planner, start, goal
+
+
+def test_detour_avoids_what_descent_does_not(post):
+    pytest.importorskip("ompl", reason="the extra ompl is not installed")
+    scene, planner, start, goal = post
+    plan = planner.plan(goal, start)
+    assert plan.status == "solved"
+    assert "near a collision-free path" in plan.message
+    assert "'post'" in plan.message
+    assert plan.correction > 0.0
+    urdf = config_file("human_arm.urdf")
+    found = SceneReferee(RigidArm(urdf, JOINTS), urdf, scene).judge(plan.trajectory)
+    assert found.collision == ""
+    assert_keeps(spline(plan.trajectory), planner.limits)
+    np.testing.assert_allclose(plan.trajectory.positions[[0, -1]], [start, goal], atol=1e-12)
+
+
+def test_without_the_extra_the_post_is_avoided_too(post, monkeypatch):
+    monkeypatch.setitem(sys.modules, "ompl.base", None)
+    scene, planner, start, goal = post
+    plan = planner.plan(goal, start)
+    assert plan.is_executable
+    urdf = config_file("human_arm.urdf")
+    found = SceneReferee(RigidArm(urdf, JOINTS), urdf, scene).judge(plan.trajectory)
+    assert found.collision == ""
+
+
+def test_refusal_names_bodies_place_and_the_missing_extra(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "ompl.base", None)
+    primitive = arm_primitive()
+    start, goal = primitive.boundary_states[0, [0, 3]]
+    scene = write_scene(tmp_path / "scene0001.yaml", [WALL])
+    options = PlannerOptions(max_solve_time=1.0)
+    collision = CollisionModel(arm_robot(), world=World.from_file(scene))
+    assert not (collision.collides(start) or collision.collides(goal))
+    plan = Planner(arm_robot(), [primitive], None, options, collision).plan(goal, start)
+    assert plan.status == "infeasible"
+    assert "'lower_arm' and 'wall' collide from" in plan.message
+    assert "needs the Python module 'ompl'" in plan.message
+
+
+def test_same_problem_gives_the_same_detour(post):
+    _, planner, start, goal = post
+    first, second = planner.plan(goal, start), planner.plan(goal, start)
+    np.testing.assert_array_equal(first.trajectory.positions, second.trajectory.positions)
+
+
+def test_detour_keeps_a_requested_duration(post):
+    _, planner, start, goal = post
+    plan = planner.plan(JointGoal(JointState(JOINTS, goal), 3.0), start)
+    assert plan.is_executable
+    assert plan.duration == pytest.approx(3.0)
