@@ -76,6 +76,8 @@ setup(
         "drake": ["drake>=1.30"],
         # Another physics engine for the simulated robot.
         "sim": ["mujoco>=3.3"],
+        # Completion of commands and options in the shell.
+        "completion": ["argcomplete>=3.1"],
         # The documentation site.
         "doc": ["sphinx>=7.0", "myst-parser>=3.0", "furo", "matplotlib>=3.6"],
         # Libraries that several processes may change at once.
@@ -87,6 +89,7 @@ setup(
         # colcon runs pytest only if it is named here. Checkers whose verdict changes from one
         # release to the next are held.
         "test": [
+            "argcomplete>=3.1",
             "cmaes>=0.10",
             "distributed>=2024.1",
             "filelock>=3.12",

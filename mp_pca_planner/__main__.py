@@ -13,8 +13,6 @@ def main() -> int:
         # Installed before all imports: a node that is stopped that early has nothing to clean up.
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, lambda *_: os._exit(0))
-    # One thread, because the matrices of planning are too small for several.
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     from .cli.main import main as run_command
 
     return run_command()

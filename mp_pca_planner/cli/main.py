@@ -12,6 +12,7 @@ from importlib import import_module
 
 from .. import __version__
 from ..exceptions import MissingDependencyError, PlannerError, unknown_name
+from .completion import complete_if_asked
 from .options import parse
 from .parser import ROS_ARGUMENTS
 from .terminal import DEBUG, DEBUG_HELP, OneLineParser, guard
@@ -59,6 +60,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         The exit status: the command's own, 1 if it failed or was interrupted, or 2 if there is no
         such command or it can't be loaded. Without a command, the help is printed.
     """
+    if argv is None:
+        complete_if_asked(COMMANDS)
     arguments, is_debugged = _without_debug(sys.argv[1:] if argv is None else argv)
     program = " ".join([PROGRAM, *(name for name in arguments[:1] if name in COMMANDS)])
     return guard(program, lambda: _run(arguments), debug=is_debugged)

@@ -9,7 +9,7 @@ belong to other rooms are repeated here; a test compares them.
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from .option_types import count, duration, jobs, name_list, number, seconds, seed, whole
@@ -316,5 +316,11 @@ _COMMANDS = (
 
 def parse(command: str, argv: Sequence[str]) -> argparse.Namespace:
     """Parse the arguments of a command; prints a message and exits if they are wrong."""
-    (add_options,) = (function for function in _COMMANDS if function.__name__ == command)
+    add_options = options_of(command)
+    assert add_options is not None
     return parse_command(command, add_options, argv)
+
+
+def options_of(command: str) -> Callable[[Options], None] | None:
+    """The function that declares the options of a command; None for the node."""
+    return next((function for function in _COMMANDS if function.__name__ == command), None)

@@ -25,6 +25,7 @@ from ..arrays import FloatArray
 from ..planning.compiler import MotionProgram
 from ..planning.constraints import LimitedProgram, LimitTables
 from ..planning.solver import Solution, solve
+from ..planning.threads import one_blas_thread
 from ..planning.unknowns import QuadratureTables, Unknowns
 from ..primitives.basis import BSplineBasis, PolynomialBasis, legendre_values
 from ..primitives.boundary import hermite_functions
@@ -167,7 +168,8 @@ def _least_effort(
     unlimited = JointLimits(robot.joint_names, {})
     limited = LimitedProgram(program, LimitTables(tables), unlimited, ends)
     set_up = time.perf_counter() - began
-    found = [solve(limited, unknowns.from_weights(start)) for start in starts]
+    with one_blas_thread():
+        found = [solve(limited, unknowns.from_weights(start)) for start in starts]
     seconds = (time.perf_counter() - began - set_up) / len(starts)
     return min(found, key=lambda solution: solution.cost), set_up + seconds
 

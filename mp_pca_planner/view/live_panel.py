@@ -16,6 +16,7 @@ import viser
 
 from ..arrays import FloatArray
 from ..exceptions import PlannerError
+from ..robot.limits import JointLimits
 from .drawing import DrawnPaths, DrawnRobot
 from .live import LiveLink, LiveView
 from .live_words import figures_html, node_html, reports_html, states_html
@@ -38,6 +39,8 @@ class LivePanel:
         The scene.
     link : LiveLink
         The connection to the node; used by the thread of this panel only.
+    limits : JointLimits
+        Limits of all joints that are shown.
 
     Attributes
     ----------
@@ -45,8 +48,9 @@ class LivePanel:
         What was received up to now.
     """
 
-    def __init__(self, stage: Stage, link: LiveLink) -> None:
+    def __init__(self, stage: Stage, link: LiveLink, limits: JointLimits) -> None:
         self._stage, self._link, self.view = stage, link, LiveView()
+        self._limits = limits
         self._goals: SimpleQueue[dict[str, float]] = SimpleQueue()
         self._drawn_motion: Any = None
         scene = stage.server.scene
@@ -57,14 +61,23 @@ class LivePanel:
         self._thread = threading.Thread(target=self._run, name="live", daemon=True)
 
     def add_stop(self) -> None:
-        """Add the stop button and its key."""
+        """Add the stop buttons and their key.
+
+        One is in a window of its own, which stays where the panels are scrolled; phones have no
+        windows, so the other one is on top of the main panel.
+        """
         gui = self._stage.server.gui
-        stop = gui.add_button("Stop the robot (S)", color="red", icon=viser.Icon.HAND_STOP)
+        window = gui.add_panel()
+        with window.add_tab("Robot"):
+            beside = gui.add_button("Stop (S)", color="red", icon=viser.Icon.HAND_STOP)
+        window.float(x=15, y=-15, width=200)
+        on_top = gui.add_button("Stop the robot", color="red", icon=viser.Icon.HAND_STOP)
+        self._answer = gui.add_html("")
         key = gui.add_command("Stop the robot", hotkey="S", icon=viser.Icon.HAND_STOP)
         # Without the lock of the page: nothing may delay a stop.
-        stop.on_click(lambda _: self._stopping.set())
+        for button in (beside, on_top):
+            button.on_click(lambda _: self._stopping.set())
         key.on_trigger(lambda _: self._stopping.set())
-        self._answer = gui.add_html("")
 
     def add_tab(self) -> None:
         """Add the content of the tab, and start."""
@@ -134,11 +147,19 @@ class LivePanel:
                     self._answer.content = lines_html([str(error)])
             except Exception:  # the stop button must outlive every error
                 traceback.print_exc()
-            with self._stage.lock, self._stage.server.atomic():
-                self._draw()
-                if steps % _TEXT_STEPS == 0:
-                    self._write()
+            # A page that is busy must not delay a stop.
+            if self._stage.lock.acquire(timeout=_PERIOD):
+                try:
+                    self._show(with_text=steps % _TEXT_STEPS == 0)
+                finally:
+                    self._stage.lock.release()
             steps += 1
+
+    def _show(self, *, with_text: bool) -> None:
+        with self._stage.server.atomic():
+            self._draw()
+            if with_text:
+                self._write()
 
     def _draw(self) -> None:
         q, motion = self.start, self.view.motion
@@ -163,5 +184,5 @@ class LivePanel:
             self._disarm()  # a node that comes back must not get goals unasked
         self._node.content = node_html(self.view, now)
         self._reports.content = reports_html(self.view, now)
-        self._states.content = states_html(self.view, self._stage.limits, now)
+        self._states.content = states_html(self.view, self._limits, now)
         self._figures.content = figures_html(self.view)

@@ -19,7 +19,7 @@ from .live_panel import LivePanel
 from .motion import ShownMotion
 from .plan_panel import NAME as PLAN
 from .plan_panel import PlanPanel
-from .planning import InteractivePlanner, PlanRequest
+from .planning import InteractivePlanner, ViewRequest
 from .player import Player
 from .robot_shapes import RobotShapes
 from .server import PageServer
@@ -78,9 +78,14 @@ class ViewPage:
         frame = content.frame or robot.frame_names[-1]
         self.server = PageServer(host, port)
         self.stage = Stage(self.server, robot, content.limits, shapes, frame)
-        self.live = None if link is None else LivePanel(self.stage, link)
-        with self.stage.lock:
-            self._add_panels()
+        every = Robot(content.urdf).limits()
+        self.live = None if link is None else LivePanel(self.stage, link, every)
+        try:
+            with self.stage.lock:
+                self._add_panels()
+        except BaseException:
+            self.server.stop()
+            raise
 
     def _add_panels(self) -> None:
         gui, content = self.server.gui, self._content
@@ -99,7 +104,7 @@ class ViewPage:
             planner = InteractivePlanner(
                 content.robot, content.primitives, content.limits, content.collision
             )
-            request = PlanRequest(start, goal, world=content.world)
+            request = ViewRequest(start, goal, world=content.world)
             self.plan = PlanPanel(self.stage, self.player, planner, request, self.live)
         with tabs.add_tab(COMPONENTS):
             ComponentsPanel(self.stage, self.player, content.primitives)

@@ -5,7 +5,6 @@
 from __future__ import annotations
 
 import traceback
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -15,12 +14,12 @@ import viser
 from ..arrays import FloatArray
 from ..execution.preemptive_worker import PreemptiveWorker
 from ..motion.goal import Pose
-from ..planning.plan import DEMONSTRATED, TIMINGS
-from .drawing import DrawnPaths, DrawnRobot
 from .export import add_export
 from .live_panel import LivePanel
 from .motion import ShownMotion
-from .planning import FIXED, InteractivePlanner, PlanAnswer, PlanRequest, PlanSettings
+from .plan_drawing import PlanDrawing
+from .plan_settings import add_settings
+from .planning import InteractivePlanner, PlanAnswer, ViewRequest
 from .player import Player
 from .stage import Stage
 from .vias import ViaHandles
@@ -28,11 +27,7 @@ from .words import answer_html, bars_html, limit_shares
 
 NAME = "Plan"
 
-_GOAL, _REFUSED = (0, 158, 115), (217, 53, 43)
-_PATH, _SPLINES = (0, 114, 178), (204, 121, 167)
-_NATURALNESS = ("0", "0.01", "0.1", "1", "10")
 _CONTINUE, _RESET = "At the goal", "Reset"
-_OBJECTIVES = ("effort", "energy", "jerk", "straightness")
 
 
 class PlanPanel:
@@ -46,7 +41,7 @@ class PlanPanel:
         Plays the plan.
     planner : InteractivePlanner
         Used by one thread of this panel only.
-    request : PlanRequest
+    request : ViewRequest
         The first request.
     live : LivePanel, optional
         The running node, from whose robot motions start, and that gets the goals.
@@ -64,7 +59,7 @@ class PlanPanel:
         stage: Stage,
         player: Player,
         planner: InteractivePlanner,
-        request: PlanRequest,
+        request: ViewRequest,
         live: LivePanel | None = None,
     ) -> None:
         self._stage, self._player, self._planner = stage, player, planner
@@ -72,27 +67,23 @@ class PlanPanel:
         self._home = request.start, request.goal
         self.answer: PlanAnswer | None = None
         self._request = request
-        scene, size = stage.server.scene, stage.size
-        self._ghost = DrawnRobot(scene, "/goal", stage.shapes, _GOAL)
-        self._path = DrawnPaths(scene, "/plan/path", _PATH, 5.0)
-        self._splines = DrawnPaths(scene, "/plan/splines", _SPLINES, 3.0)
-        self.handle = scene.add_transform_controls(
-            "/handle", scale=0.16 * size, disable_rotations=True, depth_test=False
+        self._drawing = PlanDrawing(stage, request.goal)
+        self.handle = stage.server.scene.add_transform_controls(
+            "/handle", scale=0.16 * stage.size, disable_rotations=True, depth_test=False
         )
         self.handle.on_update(self._on_handle)
         self._add_goal()
         self._vias = ViaHandles(stage, self._new_via, self._on_vias)
-        self._add_settings()
+        add_settings(stage, lambda settings: self.submit(settings=settings))
         gui = stage.server.gui
         with gui.add_folder("Limits used"):
             self._bars = gui.add_html("")
         add_export(stage, lambda: None if self.answer is None else self.answer.plan)
-        self._worker = PreemptiveWorker[PlanRequest](
+        self._worker = PreemptiveWorker[ViewRequest](
             lambda request, _: self._serve(request), lambda _: None, lambda: None
         )
-        player.when_shown(NAME, self._on_shown)
+        player.when_shown(NAME, self._drawing.set_visible)
         self._place_handle()
-        self._ghost.show(request.goal)
         self.submit()
 
     def submit(self, **changes: Any) -> None:
@@ -140,35 +131,8 @@ class PlanPanel:
             ends, lambda: self._on_swap() if ends.value == _CONTINUE else self._on_reset()
         )
 
-    def _add_settings(self) -> None:
-        stage, gui = self._stage, self._stage.server.gui
-        with gui.add_folder("How", expand_by_default=False):
-            self._naturalness = gui.add_dropdown(
-                "Naturalness ρ", _NATURALNESS, initial_value="1", hint="0: least cost alone"
-            )
-            self._objective = gui.add_dropdown("Least", _OBJECTIVES)
-            self._timing = gui.add_dropdown(
-                "Duration", (*TIMINGS, FIXED), initial_value=DEMONSTRATED
-            )
-            self._duration = gui.add_number(
-                "Seconds", 1.0, min=0.1, max=60.0, step=0.1, visible=False
-            )
-            self._compares = gui.add_checkbox("Compare with B-splines", False)
-        for widget in (
-            self._naturalness,
-            self._objective,
-            self._timing,
-            self._duration,
-            self._compares,
-        ):
-            stage.on_change(widget, self._on_settings)
-
-    def _on_shown(self, is_shown: bool) -> None:
-        self._ghost.visible = is_shown
-        if self.answer is not None:
-            self._show_paths(self.answer)
-
-    def _on_handle(self, event: viser.TransformControlsEvent) -> None:
+    async def _on_handle(self, event: viser.TransformControlsEvent) -> None:
+        # Viser keeps the order of the events for coroutines only; the release must be the last.
         with self._stage.lock:
             self.submit(pose=self._pose(), is_final=event.phase == "end")
 
@@ -184,19 +148,19 @@ class PlanPanel:
 
     def _on_joints(self) -> None:
         goal = np.array([slider.value for slider in self._sliders])
-        self._ghost.show(goal)
+        self._drawing.show_goal(goal)
         self._place_handle(goal)
         self.submit(goal=goal, pose=None)
 
     def _on_swap(self) -> None:
-        self._player.playback.seek(0.0)
+        self._player.seek(0.0)
         self.submit(start=self._request.goal)
 
     def _on_reset(self) -> None:
         start, goal = self._home
         self._vias.clear()
         self._place_handle(goal)
-        self._player.playback.seek(0.0)
+        self._player.seek(0.0)
         self.submit(start=start, goal=goal, pose=None, vias=())
 
     def _new_via(self) -> FloatArray:
@@ -208,17 +172,6 @@ class PlanPanel:
     def _on_vias(self, vias: tuple[Pose, ...]) -> None:
         self.submit(vias=vias)
 
-    def _on_settings(self) -> None:
-        self._duration.visible = self._timing.value == FIXED
-        settings = PlanSettings(
-            naturalness=float(self._naturalness.value),
-            objective=self._objective.value,
-            timing=self._timing.value,
-            duration=float(self._duration.value),
-            compares=self._compares.value,
-        )
-        self.submit(settings=settings)
-
     def _place_handle(self, q: FloatArray | None = None) -> None:
         """Put the handle onto the end effector in a configuration, by default at the goal."""
         goal = self._request.goal if q is None else q
@@ -226,7 +179,7 @@ class PlanPanel:
             goal, self._stage.frame
         )
 
-    def _serve(self, request: PlanRequest) -> None:
+    def _serve(self, request: ViewRequest) -> None:
         # In the planning thread: only what is under the lock changes the page.
         request = self._with_newest_goal(request)
         try:
@@ -238,7 +191,7 @@ class PlanPanel:
         with self._stage.lock, self._stage.server.atomic():
             self._show(answer)
 
-    def _with_newest_goal(self, request: PlanRequest) -> PlanRequest:
+    def _with_newest_goal(self, request: ViewRequest) -> ViewRequest:
         """Begin the search for a pose where the last answer ended."""
         if request.pose is None or self.answer is None:
             return request
@@ -252,9 +205,7 @@ class PlanPanel:
                 slider.value = float(np.clip(q, slider.min, slider.max))
         self._player.take(NAME)
         self._verdict.content = answer_html(answer)
-        self._ghost.show(answer.goal)
-        self._ghost.paint(_REFUSED if answer.problem else _GOAL)
-        self._show_paths(answer)
+        self._drawing.show(answer)
         if self._live is not None and answer.request.is_final:
             self._live.send(self.goal)
         if plan is not None:
@@ -262,15 +213,3 @@ class PlanPanel:
             self._bars.content = bars_html(plan.trajectory.joint_names, shares)
             if not answer.problem:
                 self._player.offer(NAME, ShownMotion.of(NAME, plan.trajectory))
-
-    def _show_paths(self, answer: PlanAnswer) -> None:
-        plan, other = answer.plan, answer.comparison
-        if not self._ghost.visible:
-            self._path.show()
-            self._splines.show()
-            return
-        colour = _REFUSED if answer.problem else _PATH
-        place: Callable[[Any], Any] = self._stage.path
-        drawn = [] if plan is None else [place(plan.trajectory.positions)]
-        self._path.show(*drawn, colour=colour)
-        self._splines.show(*([] if other is None else [place(other.trajectory.positions)]))

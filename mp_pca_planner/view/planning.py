@@ -53,7 +53,7 @@ class PlanSettings:
 
 
 @dataclass(frozen=True, eq=False)
-class PlanRequest:
+class ViewRequest:
     """A goal, and how to reach it.
 
     Attributes
@@ -89,7 +89,7 @@ class PlanAnswer:
 
     Attributes
     ----------
-    request : PlanRequest
+    request : ViewRequest
         The request.
     goal : array, shape (n_joints,)
         The goal configuration; of a goal that can't be reached, the nearest one found.
@@ -103,7 +103,7 @@ class PlanAnswer:
         Time that the answer took [s].
     """
 
-    request: PlanRequest
+    request: ViewRequest
     goal: FloatArray
     plan: Plan | None
     problem: str
@@ -142,7 +142,7 @@ class InteractivePlanner:
         self.collision, self._max_solve_time = collision, max_solve_time
         self._planners: dict[PlannerOptions, Planner] = {}
 
-    def answer(self, request: PlanRequest) -> PlanAnswer:
+    def answer(self, request: ViewRequest) -> PlanAnswer:
         """Plan the motion of a request; a goal that can't be served is an answer, too."""
         began = time.perf_counter()
         settings, start = request.settings, JointState(self.robot.joint_names, request.start)
@@ -176,7 +176,7 @@ class InteractivePlanner:
         elif self.collision.world is not world:
             self.collision.set_world(world)
 
-    def _goal(self, request: PlanRequest, configuration: FloatArray) -> Goal:
+    def _goal(self, request: ViewRequest, configuration: FloatArray) -> Goal:
         settings = request.settings
         duration = settings.duration if settings.timing == FIXED else None
         vias = tuple(Via(pose) for pose in request.vias)

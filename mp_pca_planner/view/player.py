@@ -49,7 +49,7 @@ class Player:
         self._ghosts: list[DrawnRobot] = []
         stage.on_change(self._source, self._on_source)
         stage.on_click(self._button, lambda: self.play(not self.playback.is_playing))
-        stage.on_change(self._slider, self._on_slider)
+        stage.on_change(self._slider, lambda: self.seek(0.01 * self._slider.value))
         stage.on_change(self._speed, self._on_speed)
         stage.on_change(self._with_ghosts, self._draw_ghosts)
         self._closed = threading.Event()
@@ -103,6 +103,13 @@ class Player:
         self._button.label = "Pause" if is_playing else "Play"
         self._button.icon = viser.Icon.PLAYER_PAUSE if is_playing else viser.Icon.PLAYER_PLAY
 
+    def seek(self, share: float) -> None:
+        """Pause at a share of the motion, 0 to 1."""
+        self.play(False)
+        self.playback.seek(share)
+        self._slider.value = round(100 * share)
+        self._draw()
+
     def close(self) -> None:
         """End the thread."""
         self._closed.set()
@@ -117,11 +124,6 @@ class Player:
         self.playback.show(self._offers[self._source.value])
         self._draw()
         self._draw_ghosts()
-
-    def _on_slider(self) -> None:
-        self.play(False)
-        self.playback.seek(0.01 * self._slider.value)
-        self._draw()
 
     def _on_speed(self) -> None:
         self.playback.speed = float(self._speed.value)

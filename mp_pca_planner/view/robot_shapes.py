@@ -24,6 +24,8 @@ from ..robot.urdf import parse_xml
 Colour = tuple[float, float, float, float]
 """Red, green, blue and opacity, 0 to 1."""
 
+# A ghost around the robot itself must not flicker with its surface.
+_GROWTH = 1.02
 _PLAIN: Colour = (0.76, 0.79, 0.83, 1.0)
 
 
@@ -47,11 +49,13 @@ class RobotShape:
 
     @property
     def hull(self) -> Any:
-        """The convex hull of the mesh, or the mesh itself where there is none."""
+        """The convex hull of the mesh, a little larger than that, as the surface of a ghost."""
         try:
-            return self.mesh.convex_hull
+            hull = self.mesh.convex_hull
         except Exception:  # a flat mesh; the library has no error type of its own for that
-            return self.mesh
+            hull = self.mesh.copy()
+        hull.vertices = hull.centroid + _GROWTH * (hull.vertices - hull.centroid)
+        return hull
 
 
 class RobotShapes:

@@ -3,19 +3,25 @@
 """The README and the pages of ``doc/``: their programs, commands, links and the reference."""
 
 import ast
+import json
 import re
 import runpy
 import shlex
 import subprocess
 import sys
+from argparse import ArgumentParser
 from pathlib import Path
+from typing import Any
 
 import pytest
 import yaml
 from patience import HANG
 
+import mp_pca_planner
 from mp_pca_planner.cli.main import COMMANDS
-from mp_pca_planner.cli.options import parse
+from mp_pca_planner.cli.options import options_of, parse
+from mp_pca_planner.cli.parser import Options
+from mp_pca_planner.execution.parameters import DECLARATIONS
 
 ROOT = Path(__file__).parents[2]
 SCRIPT = ROOT / "scripts/run_documentation.py"
@@ -168,3 +174,44 @@ def test_citation_is_complete() -> None:
 
 def test_readme_is_short() -> None:
     assert len(text_of(ROOT / "README.md").splitlines()) <= 150
+
+
+@pytest.fixture(scope="module")
+def reference() -> dict[str, Any]:
+    """The functions that write the pages of the reference."""
+    return runpy.run_path(str(ROOT / "doc/reference.py"))
+
+
+def test_reference_has_every_command_with_every_option(
+    reference: dict[str, Any],
+) -> None:
+    page = reference["commands_page"]()
+    sections = dict(re.findall(r"^## (\w+)\n\n```text\n(.*?)^```$", page, re.MULTILINE | re.DOTALL))
+    assert set(sections) == set(COMMANDS)
+    for command, text in sections.items():
+        add_options = options_of(command)
+        if add_options is None:
+            continue
+        parser = ArgumentParser()
+        add_options(Options(parser))
+        names = {name for action in parser._actions for name in action.option_strings}
+        assert [name for name in names if not re.search(rf"{name}\b", text)] == []
+
+
+def test_reference_has_every_parameter_and_every_public_name(reference: dict[str, Any]) -> None:
+    parameters, python = reference["parameters_page"](), reference["python_page"]()
+    assert [d.name for d in DECLARATIONS if f"`{d.name}`" not in parameters] == []
+    assert [name for name in mp_pca_planner.__all__ if f"\n## {name}\n" not in python] == []
+
+
+def test_recorded_results_state_their_origin_and_become_tables(reference: dict[str, Any]) -> None:
+    page = reference["results_page"]()
+    records = sorted((ROOT / "doc/results").glob("*.json"))
+    assert records
+    for file in records:
+        record = json.loads(text_of(file))
+        for fact in ("command", "date", "commit", "machine"):
+            assert record[fact] in page
+        for title, table in record["tables"].items():
+            assert f"### {title}" in page
+            assert all(len(row) == len(table["header"]) for row in table["rows"])

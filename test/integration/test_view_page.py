@@ -173,7 +173,7 @@ def test_a_plan_is_shown_from_python():
 
 def test_a_drag_of_the_handle_changes_the_plan_and_the_robot(browser, page):
     tab = opened(browser, page)
-    page.player.playback.seek(1.0)
+    page.player.seek(1.0)
     until(page.server.get_clients)
     before = page.plan.answer
     drag(tab, page, np.array([0.0, 0.06, 0.0]))

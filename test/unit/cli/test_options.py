@@ -5,8 +5,10 @@
 from __future__ import annotations
 
 import argparse
+import os
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -129,3 +131,30 @@ def test_arguments_for_ros_are_passed_on_as_they_are() -> None:
     assert (options.seed, options.ros_arguments) == (2, ros)
     with pytest.raises(SystemExit):
         parse("inspect", ["BAG", *ros])
+
+
+@pytest.mark.parametrize(
+    ("line", "expected"),
+    [
+        ("mp-pca pl", {"plan", "planner_node"}),
+        ("mp-pca plan --ba", {"--basis"}),
+        ("mp-pca plan --basis b", {"bspline"}),
+        ("mp-pca benchmark --rob", {"--robot"}),
+    ],
+)
+def test_the_shell_completes_commands_options_and_choices(
+    line: str, expected: set[str], tmp_path: Path
+) -> None:
+    pytest.importorskip("argcomplete", reason="argcomplete (extra 'completion') is not installed")
+    output = tmp_path / "completions"
+    asked = {
+        "_ARGCOMPLETE": "1",
+        "_ARGCOMPLETE_IFS": "\n",
+        "_ARGCOMPLETE_STDOUT_FILENAME": str(output),
+        "COMP_LINE": line,
+        "COMP_POINT": str(len(line)),
+    }
+    command = [sys.executable, "-m", "mp_pca_planner"]
+    done = subprocess.run(command, env=os.environ | asked, capture_output=True, check=False)
+    assert (done.returncode, done.stderr) == (0, b"")
+    assert set(output.read_text(encoding="utf-8").split()) == expected

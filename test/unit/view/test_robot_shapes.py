@@ -105,3 +105,10 @@ def test_places_agree_with_the_kinematics_of_the_robot():
 def test_all_shapes_lie_between_the_corners():
     found = shapes(part('<box size="1 2 3"/>'), part('<box size="1 1 1"/>'))
     np.testing.assert_allclose(found.corners(np.zeros(1)), [[-0.5, -1, -1.5], [0.5, 1, 1.5]])
+
+
+def test_a_ghost_surrounds_its_shape():
+    (box,) = shapes(part('<box size="1 2 3"/>')).shapes
+    low, high = box.hull.bounds
+    assert np.all(low < box.mesh.bounds[0]) and np.all(high > box.mesh.bounds[1])
+    np.testing.assert_allclose(box.hull.extents, box.mesh.extents, rtol=0.05)

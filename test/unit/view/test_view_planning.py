@@ -12,7 +12,7 @@ from mp_pca_planner.motion.goal import Pose
 from mp_pca_planner.planning.plan import SOLVED
 from mp_pca_planner.robot.world import Obstacle, Sphere, World
 from mp_pca_planner.view.content import first_ends
-from mp_pca_planner.view.planning import FIXED, InteractivePlanner, PlanRequest, PlanSettings
+from mp_pca_planner.view.planning import FIXED, InteractivePlanner, PlanSettings, ViewRequest
 
 FRAME = "wrist"
 START, GOAL = first_ends(arm_primitive(), arm_robot().limits())
@@ -29,7 +29,7 @@ def wrist(q: np.ndarray) -> np.ndarray:
 
 
 def test_a_configuration_is_reached_exactly():
-    answer = planner().answer(PlanRequest(START, GOAL))
+    answer = planner().answer(ViewRequest(START, GOAL))
     assert answer.plan.status == SOLVED and answer.problem == ""
     np.testing.assert_allclose(answer.plan.trajectory.positions[[0, -1]], [START, GOAL])
     np.testing.assert_array_equal(answer.goal, answer.plan.trajectory.positions[-1])
@@ -40,7 +40,7 @@ def test_a_dragged_position_is_reached_and_the_configuration_follows_without_jum
     place, reached, steps = wrist(GOAL), GOAL, []
     for _ in range(15):
         place = np.add(place, [0.0, 0.005, -0.005])
-        answer = subject.answer(PlanRequest(START, reached, Pose(FRAME, place)))
+        answer = subject.answer(ViewRequest(START, reached, Pose(FRAME, place)))
         assert answer.problem == ""
         np.testing.assert_allclose(wrist(answer.goal), place, atol=1e-6)
         steps.append(np.abs(answer.goal - reached).max())
@@ -50,7 +50,7 @@ def test_a_dragged_position_is_reached_and_the_configuration_follows_without_jum
 
 def test_a_position_out_of_reach_is_refused_and_the_nearest_configuration_shown():
     far = np.add(wrist(GOAL), [0.0, 0.0, 5.0])
-    answer = planner().answer(PlanRequest(START, GOAL, Pose(FRAME, far)))
+    answer = planner().answer(ViewRequest(START, GOAL, Pose(FRAME, far)))
     assert answer.plan is None
     assert "no configuration within the joint limits" in answer.problem
     before, after = (np.linalg.norm(wrist(q) - far) for q in (GOAL, answer.goal))
@@ -60,20 +60,20 @@ def test_a_position_out_of_reach_is_refused_and_the_nearest_configuration_shown(
 def test_a_goal_in_an_obstacle_is_refused_by_its_name_and_served_again_without_it():
     ball = Obstacle("ball", Sphere(0.08, wrist(GOAL)))
     subject = planner(with_collision=True)
-    refused = subject.answer(PlanRequest(START, GOAL, world=World([ball])))
+    refused = subject.answer(ViewRequest(START, GOAL, world=World([ball])))
     assert "ball" in refused.problem
-    assert subject.answer(PlanRequest(START, GOAL)).problem == ""
+    assert subject.answer(ViewRequest(START, GOAL)).problem == ""
 
 
 def test_obstacles_that_cannot_be_avoided_are_an_answer():
     ball = Obstacle("ball", Sphere(0.08, [9.0, 9.0, 9.0]))
-    answer = planner().answer(PlanRequest(START, GOAL, world=World([ball])))
+    answer = planner().answer(ViewRequest(START, GOAL, world=World([ball])))
     assert answer.plan is None and "obstacles can't be avoided" in answer.problem
 
 
 def test_vias_are_passed():
     via = np.add(wrist(0.5 * (START + GOAL)), [0.02, 0.0, 0.0])
-    answer = planner().answer(PlanRequest(START, GOAL, vias=(Pose(FRAME, via),)))
+    answer = planner().answer(ViewRequest(START, GOAL, vias=(Pose(FRAME, via),)))
     path = arm_robot().frame_positions(answer.plan.trajectory.positions, [FRAME])[:, 0]
     assert answer.problem == ""
     assert np.linalg.norm(path - via, axis=1).min() < 0.02  # between two samples
@@ -81,19 +81,19 @@ def test_vias_are_passed():
 
 @pytest.mark.parametrize("timing", ["demonstrated", "shortest", "free"])
 def test_every_timing_is_served(timing):
-    answer = planner().answer(PlanRequest(START, GOAL, settings=PlanSettings(timing=timing)))
+    answer = planner().answer(ViewRequest(START, GOAL, settings=PlanSettings(timing=timing)))
     assert answer.problem == ""
 
 
 def test_a_fixed_duration_is_kept():
     settings = PlanSettings(timing=FIXED, duration=2.5)
-    assert planner().answer(PlanRequest(START, GOAL, settings=settings)).plan.duration == 2.5
+    assert planner().answer(ViewRequest(START, GOAL, settings=settings)).plan.duration == 2.5
 
 
 def test_splines_are_compared_only_on_request():
     subject = planner()
-    assert subject.answer(PlanRequest(START, GOAL)).comparison is None
-    other = subject.answer(PlanRequest(START, GOAL, settings=PlanSettings(compares=True)))
+    assert subject.answer(ViewRequest(START, GOAL)).comparison is None
+    other = subject.answer(ViewRequest(START, GOAL, settings=PlanSettings(compares=True)))
     assert other.comparison.n_components_used == 0
     np.testing.assert_allclose(other.comparison.trajectory.positions[-1], GOAL)
 
@@ -101,7 +101,7 @@ def test_splines_are_compared_only_on_request():
 def test_less_naturalness_needs_less_effort():
     subject = planner()
     natural, free = (
-        subject.answer(PlanRequest(START, GOAL, settings=PlanSettings(naturalness=rho)))
+        subject.answer(ViewRequest(START, GOAL, settings=PlanSettings(naturalness=rho)))
         for rho in (10.0, 0.01)
     )
     assert free.plan.effort_cost < natural.plan.effort_cost

@@ -12,7 +12,7 @@ from mp_pca_planner.motion.trajectory import Trajectory
 from mp_pca_planner.planning.planner import Planner
 from mp_pca_planner.robot.limits import JointLimits
 from mp_pca_planner.view.content import first_ends
-from mp_pca_planner.view.planning import PlanAnswer, PlanRequest
+from mp_pca_planner.view.planning import PlanAnswer, ViewRequest
 from mp_pca_planner.view.words import BAD, GOOD, answer_html, bar_html, in_span_words, limit_shares
 
 START, GOAL = first_ends(arm_primitive(), arm_robot().limits())
@@ -20,7 +20,7 @@ START, GOAL = first_ends(arm_primitive(), arm_robot().limits())
 
 def answer(**changes) -> PlanAnswer:
     plan = Planner(arm_robot(), [arm_primitive()]).plan(GOAL, JointState(JOINTS, START))
-    whole = PlanAnswer(PlanRequest(START, GOAL), GOAL, plan, "", None, 0.01)
+    whole = PlanAnswer(ViewRequest(START, GOAL), GOAL, plan, "", None, 0.01)
     return replace(whole, **changes)
 
 
