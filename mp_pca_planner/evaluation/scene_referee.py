@@ -88,7 +88,10 @@ class SceneReferee:
             _, links = pin.buildReducedModel(full, links, others, rest)
         self._geometry, n_links = links, links.ngeoms
         for name, shape, pose in _obstacles(scene):
-            self._geometry.addGeometryObject(pin.GeometryObject(name, 0, 0, pose, shape))
+            part = pin.GeometryObject(
+                name, parent_joint=0, placement=pose, collision_geometry=shape
+            )
+            self._geometry.addGeometryObject(part)
         self._add_pairs(n_links)
         if srdf is not None:
             pin.removeCollisionPairs(arm.model, self._geometry, str(srdf))

@@ -77,7 +77,6 @@ class ObstacleAvoidance:
             If a newer goal preempts it.
         """
         server, surroundings = self._server, self._server.surroundings
-        surroundings.look_ahead(model, server.served)
         served, reason = server.served, surroundings.reason
         if served is None or not reason:
             return "", None
@@ -90,7 +89,14 @@ class ObstacleAvoidance:
         try:
             if is_over():
                 raise CancelledError
-            found = server.serve(type(goal), lambda _: goal, model, is_over, served.name)
+            found = server.serve(
+                type(goal),
+                lambda _: goal,
+                model,
+                is_over,
+                served.name,
+                lookahead=self._options.avoidance_lookahead,
+            )
         except Exception as error:  # whatever the reason, the robot must not hit the obstacle
             if is_cancelled():
                 raise CancelledError from None

@@ -104,6 +104,8 @@ class MotionServer:
         model: Model,
         is_cancelled: IsCancelled,
         name: Any = None,
+        *,
+        lookahead: float = 0.0,
     ) -> Served:
         """Plan and publish a motion.
 
@@ -119,6 +121,8 @@ class MotionServer:
             Whether the goal was preempted.
         name :
             Identifies the goal in the report of its execution.
+        lookahead :
+            Least time that is planned ahead [s].
 
         Raises
         ------
@@ -130,7 +134,7 @@ class MotionServer:
         serve_once = partial(self._serve_once, kind, make_goal, model, is_cancelled, name)
         options, latency = self._options, self._statistics.expected_latency(kind)
         if kind is JointGoal:
-            latency = min(latency, options.max_lookahead)
+            latency = max(min(latency, options.max_lookahead), lookahead)
         deadline = self._clock() + options.confirmation_timeout
         attempt = 1
         while True:

@@ -171,6 +171,8 @@ class ServingOptions:
     start_delay, left_start : float
         Time at rest at the start after which a motion never started [s], and the distance at
         which a joint has left the start.
+    avoidance_lookahead : float
+        Least time that a motion around a new obstacle is planned ahead [s].
     avoidance_reserve : float
         Time before a collision with a new obstacle at which the search for another motion ends, and
         the robot is stopped [s].
@@ -192,5 +194,6 @@ class ServingOptions:
     away_time: float = 0.2
     start_delay: float = 1.0
     left_start: float = 0.006
+    avoidance_lookahead: float = 0.15
     avoidance_reserve: float = 0.5
     max_hold: float = 10.0

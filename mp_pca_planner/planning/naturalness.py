@@ -11,7 +11,41 @@ from ..primitives.conditional_model import ConditionalDistribution
 from .bases import MotionBasis
 from .compiler import MotionProgram
 from .search_options import SearchOptions
-from .unknowns import END_SCALES, LOG_DURATION_SCALE
+from .unknowns import END_SCALES, GOAL_POSITION, LOG_DURATION_SCALE
+
+
+def goal_precision(
+    program: MotionProgram, basis: MotionBasis, goals: FloatArray, search: SearchOptions
+) -> FloatArray:
+    """Precision of the unknowns of a motion to a single goal, in units of its objective.
+
+    Parameters
+    ----------
+    program : MotionProgram
+        The motion.
+    basis : MotionBasis
+        Its basis, with a prediction.
+    goals : array, shape (n_demonstrations, n_joints)
+        Goals of the demonstrations. A free goal is natural near the configuration of the search
+        that is most like them; their spread is the unit of its changes.
+    search : SearchOptions
+        Options.
+
+    Returns
+    -------
+    precision : array, shape (n_unknowns, n_unknowns)
+        At ρ = 1.
+    """
+    assert basis.precision is not None
+    n, size = program.unknowns.n_weights, program.scales.size
+    own = basis.precision * np.outer(program.scales[:n], program.scales[:n])
+    precision = np.zeros((size, size))
+    precision[:n, :n] = own
+    free = range(n, program.unknowns.n_linear)
+    if free:
+        spread = np.maximum(goals.std(axis=0), search.min_spread)
+        precision[free, free] = (END_SCALES[GOAL_POSITION] / spread) ** 2
+    return precision * unit_of_naturalness(program, own, program.expected, search.effort_weight)
 
 
 def segment_precision(

@@ -27,7 +27,7 @@ from .clearance import Clearances, ClearProgram
 from .compiler import MotionProgram
 from .constraints import LimitedProgram
 from .motion import Motion
-from .naturalness import segment_precision, unit_of_naturalness
+from .naturalness import goal_precision, segment_precision
 from .pose_search import nearest_configuration
 from .program import Program
 from .request import Request
@@ -36,7 +36,7 @@ from .selection import effort_of
 from .sequence_request import SequenceRequest
 from .setup import Setup
 from .starts import StartPoint
-from .unknowns import END_SCALES, GOAL_POSITION, Unknowns
+from .unknowns import GOAL_POSITION, Unknowns
 
 
 @dataclass(eq=False)
@@ -383,16 +383,7 @@ def _starts(
     candidates = np.array([program.unknowns.from_weights(s.unknowns) for s in basis.starts])
     order: Sequence[int] = range(len(candidates))
     if basis.precision is not None and naturalness > 0.0:
-        n = program.unknowns.n_weights
-        precision = basis.precision * np.outer(program.scales[:n], program.scales[:n])
-        unit = unit_of_naturalness(program, precision, candidates[0], search.effort_weight)
-        program.precision[:n, :n] = naturalness * unit * precision
-        free = range(n, program.unknowns.n_linear)
-        if free:
-            spread = np.maximum(goals.std(axis=0), search.min_spread)
-            program.precision[free, free] = (
-                naturalness * unit * (END_SCALES[GOAL_POSITION] / spread) ** 2
-            )
+        program.precision = naturalness * goal_precision(program, basis, goals, search)
         if naturalness >= search.near_expected:
             order = order[:1]
     if len(order) > 1:

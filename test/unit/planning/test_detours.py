@@ -73,7 +73,7 @@ def test_search_finds_the_way_through_a_maze():
     assert other.shape != path.shape or not np.array_equal(other, path)
 
 
-def test_search_ends_when_it_is_told_to_or_has_checked_enough():
+def test_search_ends_on_request_or_after_enough_checks():
     pytest.importorskip("ompl", reason="the extra ompl is not installed")
     closed = lambda q: bool(abs(q[0]) < 0.1)  # noqa: E731
     assert sampled_path(closed, BOUNDS, ENDS, SamplingOptions(max_checks=500)) is None
@@ -99,6 +99,7 @@ def post(tmp_path):
 
 
 def test_detour_avoids_what_descent_does_not(post):
+    pytest.importorskip("ompl", reason="the extra ompl is not installed")
     scene, planner, start, goal = post
     plan = planner.plan(goal, start)
     assert plan.status == "solved"
@@ -112,7 +113,7 @@ def test_detour_avoids_what_descent_does_not(post):
     np.testing.assert_allclose(plan.trajectory.positions[[0, -1]], [start, goal], atol=1e-12)
 
 
-def test_without_the_extra_random_vias_lead_around(post, monkeypatch):
+def test_without_the_extra_the_post_is_avoided_too(post, monkeypatch):
     monkeypatch.setitem(sys.modules, "ompl.base", None)
     scene, planner, start, goal = post
     plan = planner.plan(goal, start)
