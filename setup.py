@@ -59,7 +59,7 @@ setup(
         ],
         # Pictures, and the pages that hold them.
         "plot": ["matplotlib>=3.6", "jinja2>=3.0"],
-        # The page in the browser, with meshes in COLLADA; the running node in the terminal.
+        # The page in the browser, with meshes in COLLADA.
         "view": ["viser>=1.1", "websockets>=15.0", "trimesh>=4.6", "pycollada>=0.8", "rich>=13.0"],
         # Other ways to motions, to compare with: ProMP and DMP, optimal control, time-optimal.
         "peers": [
