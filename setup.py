@@ -59,8 +59,8 @@ setup(
         ],
         # Pictures, and the pages that hold them.
         "plot": ["matplotlib>=3.6", "jinja2>=3.0"],
-        # The page in the browser, with meshes in COLLADA; the running node in the terminal.
-        "view": ["viser>=1.1", "websockets>=15.0", "trimesh>=4.5", "pycollada>=0.8", "rich>=13.0"],
+        # The page in the browser, with meshes in COLLADA.
+        "view": ["viser>=1.1", "websockets>=15.0", "trimesh>=4.6", "pycollada>=0.8", "rich>=13.0"],
         # Other ways to motions, to compare with: ProMP and DMP, optimal control, time-optimal.
         "peers": [
             "movement_primitives>=0.9",
@@ -102,7 +102,7 @@ setup(
             "rich>=13.0",
             "ruff==0.17.*",
             "setuptools>=70.1",
-            "trimesh>=4.5",
+            "trimesh>=4.6",
             "types-PyYAML",
             "types-tqdm",
             "viser>=1.1",

@@ -51,6 +51,10 @@ def on_screen(page: ViewPage, point: np.ndarray) -> tuple[float, float]:
     return float(width / 2 + focal * x / z), float(height / 2 + focal * y / z)
 
 
-def grip_of(page: ViewPage) -> np.ndarray:
-    """A point on the y arrow of the goal's handle, shape (3,) [m]."""
-    return np.add(page.plan.handle.position, [0.0, 0.1 * page.stage.size, 0.0])
+def arrow_of(page: ViewPage) -> tuple[np.ndarray, np.ndarray]:
+    """A point on the y arrow of the goal's handle, and its direction, each of shape (3,) [m]."""
+    import viser
+
+    handle = page.plan.handle
+    direction = viser.transforms.SO3(np.array(handle.wxyz)).as_matrix()[:, 1]
+    return np.array(handle.position) + 0.1 * page.stage.size * direction, direction

@@ -16,7 +16,7 @@ import time
 from dataclasses import replace
 
 import numpy as np
-from view_browser import SIZE, chromium, grip_of, on_screen
+from view_browser import SIZE, arrow_of, chromium, on_screen
 
 from mp_pca_planner.evaluation.problems import robot_file
 from mp_pca_planner.plotting.text import table
@@ -93,8 +93,8 @@ def measured(content: PageContent, n_moves: int) -> tuple[list[float], list[floa
         tab.goto(page.url)
         tab.wait_for_selector("text=Planned in")
         time.sleep(5.0)
-        grip = grip_of(page)
-        start, end = (np.array(on_screen(page, np.add(grip, [0.0, y, 0.0]))) for y in (0.0, 0.08))
+        grip, direction = arrow_of(page)
+        start, end = (np.array(on_screen(page, grip + x * direction)) for x in (0.0, 0.08))
         tab.mouse.move(*start)
         time.sleep(1.0)
         tab.mouse.down()

@@ -270,16 +270,6 @@ def case_study(add: Options) -> None:
 # Running with ROS
 
 
-def watch(add: Options) -> None:
-    """Show the running planner node in the terminal.
-
-    It shows the present joint states within their limits, the last goal and its report, and
-    diagnostics. Ctrl-C ends it.
-    """
-    add_node_options(add)
-    add("--for S", "end after this time [s]", seconds, dest="duration")
-
-
 def view(add: Options) -> None:
     """Show the robot, its primitives and plans on a page in the browser.
 
@@ -310,7 +300,7 @@ def view(add: Options) -> None:
 
 _COMMANDS = (
     *(build_primitives, inspect, plan, sequence, refine, benchmark, library, verify, case_study),
-    *(demo, send_goal, stop, save_motion, reload, simulate, watch, view),
+    *(demo, send_goal, stop, save_motion, reload, simulate, view),
 )
 
 

@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Monitor of the topics of a planner node, for the live view."""
+"""Monitor of the topics of a planner node, for the demo and the page."""
 
 from __future__ import annotations
 

@@ -23,7 +23,7 @@ from mp_pca_planner.cli.main import COMMANDS, main
 
 ROOT = Path(__file__).parents[2]
 PACKAGE = "mp_pca_planner"
-ROS_COMMANDS = ["cli.call_service", "cli.demo", "cli.send_goal", "cli.simulate", "cli.watch"]
+ROS_COMMANDS = ["cli.call_service", "cli.demo", "cli.send_goal", "cli.simulate"]
 SOURCES = sorted((ROOT / PACKAGE).rglob("*.py"))
 
 LAYERS = [

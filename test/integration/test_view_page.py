@@ -25,7 +25,7 @@ pytest.importorskip("playwright", reason="playwright is not installed")
 pytest.importorskip("viser", reason="the extra 'view' is not installed")
 
 from playwright.sync_api import expect
-from view_browser import SIZE, chromium, chromium_path, grip_of, on_screen
+from view_browser import SIZE, arrow_of, chromium, chromium_path, on_screen
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
@@ -80,14 +80,14 @@ def keep(tab: Any, name: str) -> None:
         tab.screenshot(path=str(Path(PICTURES) / f"{name}.png"))
 
 
-def drag(tab: Any, page: ViewPage, moved: np.ndarray) -> None:
+def drag(tab: Any, page: ViewPage, distance: float) -> None:
     """Drag the handle of the goal until it has moved; the scene may still be loading at first."""
-    handle, grip = page.plan.handle, grip_of(page)
+    handle, (grip, direction) = page.plan.handle, arrow_of(page)
     before = np.array(handle.position)
     deadline = time.monotonic() + PATIENCE
     while np.array_equal(handle.position, before):
         assert time.monotonic() < deadline
-        (x, y), (to_x, to_y) = (on_screen(page, grip + step) for step in (0.0, moved))
+        (x, y), (to_x, to_y) = (on_screen(page, grip + x * direction) for x in (0.0, distance))
         tab.mouse.move(x - 3.0, y)
         tab.mouse.move(x, y)
         tab.wait_for_timeout(500)
@@ -176,7 +176,7 @@ def test_a_drag_of_the_handle_changes_the_plan_and_the_robot(browser, page):
     page.player.seek(1.0)
     until(page.server.get_clients)
     before = page.plan.answer
-    drag(tab, page, np.array([0.0, 0.06, 0.0]))
+    drag(tab, page, 0.06)
     until(lambda: np.allclose(wrist(page), page.plan.handle.position, rtol=0.0, atol=1e-6))
     after = page.plan.answer
     assert after.problem == ""
