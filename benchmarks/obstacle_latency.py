@@ -51,10 +51,10 @@ def main() -> None:
     print_times("goal to trajectory", found)
     with user_among(arguments.obstacles, ends[0], "-p", f"duration:={DURATION}") as user:
         reactions = [one for one in map(user.interrupt, ends[1:]) if one is not None]
-    n_around = sum(leads_around for _, leads_around in reactions)
-    n_stops = len(reactions) - n_around
-    print(f"{len(reactions)} obstacles on running motions: {n_around} detours, {n_stops} stops")
-    print_times("obstacle to trajectory", [latency for latency, _ in reactions])
+    print(f"{len(reactions)} obstacles on the path of running motions")
+    for name, kind in (("detour", True), ("stop", False)):
+        own = [latency for latency, leads_around in reactions if leads_around == kind]
+        print_times(f"obstacle to {name} ({len(own)})", own)
 
 
 @contextmanager
