@@ -49,8 +49,7 @@ class DetourOptions:
     n_paths : int
         Number of searches for paths, with different seeds.
     n_checks : int
-        Number of configurations that the first search checks; each further one checks twice as
-        many.
+        Number of configurations that the first search checks; each further one checks as many more.
     share_of_search : float
         Share of the remaining time for a path, 0 to 1.
     step : float
@@ -70,7 +69,7 @@ class DetourOptions:
     n_vias: int = 40
     via_spread: float = 0.6
     n_paths: int = 4
-    n_checks: int = 8000
+    n_checks: int = 12_000
     share_of_search: float = 0.9
     step: float = 0.07
     fine_step: float = 0.03
@@ -223,7 +222,7 @@ class DetourFinder:
         for seed in range(1, _OPTIONS.n_paths + 1):
             search = budget.share(_OPTIONS.share_of_search)
             # Few searches take far longer than most: another seed is often faster.
-            n_checks = _OPTIONS.n_checks * 2 ** (seed - 1)
+            n_checks = _OPTIONS.n_checks * seed
             options = SamplingOptions(seed, _OPTIONS.step, max_checks=n_checks)
             try:
                 path = sampled_path(collision.collides, bounds, ends, options, search.is_over)
