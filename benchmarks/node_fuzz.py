@@ -173,6 +173,7 @@ class Fuzzer:
                 self._set({name: value})
                 self.call_services()
                 self.check(f"{name} = {value!r:.80}")
+            print(f"{self.n_steps} steps after odd values of {name}", file=sys.stderr, flush=True)
 
     def call_services(self) -> None:
         """Call each service; its answer depends on the input before."""
@@ -265,7 +266,10 @@ class Fuzzer:
         # lost.
         for _ in range(3):
             future = client.call_async(request)
-            self._executor.spin_until_future_complete(future, _PATIENCE / 3.0)
+            deadline = time.monotonic() + _PATIENCE / 3.0
+            # spin_until_future_complete adds a callback to the future with each message.
+            while not future.done() and time.monotonic() < deadline:
+                self._executor.spin_once(0.1)
             if future.done():
                 return future.result()
         raise AssertionError(f"{name} did not answer to {request!s:.200}")

@@ -34,8 +34,8 @@ _COLUMNS = (
     ("solved_in_100_ms_share", ".0f", 100.0),
     ("n_collisions", "g"),
     ("limits_kept_share", ".0f", 100.0),
-    ("all_times", ".0f", 1e3),
-    ("solve_time", ".0f", 1e3),
+    ("time_of_all_s", ".0f", 1e3),
+    ("solve_time_s", ".0f", 1e3),
     ("duration", ".2f"),
     ("effort_cost", ".4g"),
     ("path_length", ".2f"),
@@ -55,6 +55,8 @@ _HEADER = (
 
 def run_scenes(arguments: argparse.Namespace, primitive: MovementPrimitive | None) -> int:
     """Run the comparison; returns the exit status."""
+    if arguments.plot is not None or arguments.random_ends:
+        raise PlannerError("--plot and --random-ends are not for --scenes: leave them out")
     peers = _peers(arguments.peers)
     max_time = _LIMIT_S if arguments.time_limit is None else arguments.time_limit
     problems = scene_problems(arguments.scenes, arguments.problems)

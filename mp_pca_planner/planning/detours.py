@@ -47,7 +47,10 @@ class DetourOptions:
     via_spread : float
         Standard deviation of vias from the middle of the motion [rad or m].
     n_paths : int
-        Number of paths of the search, with different seeds.
+        Number of searches for paths, with different seeds.
+    n_checks : int
+        Number of configurations that the first search checks; each further one checks twice as
+        many.
     share_of_search : float
         Share of the remaining time for a path, 0 to 1.
     step : float
@@ -66,7 +69,8 @@ class DetourOptions:
 
     n_vias: int = 40
     via_spread: float = 0.6
-    n_paths: int = 5
+    n_paths: int = 4
+    n_checks: int = 8000
     share_of_search: float = 0.9
     step: float = 0.07
     fine_step: float = 0.03
@@ -218,16 +222,19 @@ class DetourFinder:
             yield np.array(ends)
         for seed in range(1, _OPTIONS.n_paths + 1):
             search = budget.share(_OPTIONS.share_of_search)
-            options = SamplingOptions(seed, _OPTIONS.step)
+            # Few searches take far longer than most: another seed is often faster.
+            n_checks = _OPTIONS.n_checks * 2 ** (seed - 1)
+            options = SamplingOptions(seed, _OPTIONS.step, max_checks=n_checks)
             try:
                 path = sampled_path(collision.collides, bounds, ends, options, search.is_over)
             except MissingDependencyError as error:
                 self.hint = str(error)
                 yield from paths_by_vias(collision.collides, bounds, ends, budget.is_over)
                 return
-            if path is None:
+            if path is not None:
+                yield path
+            elif search.is_over():
                 return
-            yield path
 
     def corners(self, path: FloatArray) -> FloatArray:
         """The points of a path between which straight lines are free of collisions."""

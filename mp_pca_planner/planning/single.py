@@ -179,10 +179,7 @@ class SinglePlanner:
         return WarmStarts(np.array(ends), np.array(weights), memories)
 
     def _attempts(self, request: Request, budget: Budget, paths: Paths) -> Attempt:
-        """The best motion for a request, with recoveries until one succeeds or none applies.
-
-        A collision-free path that was found is added to `paths`.
-        """
+        """The best motion for a request, with recoveries; adds a collision-free path to `paths`."""
         options, usual = self._setup.options, request.expected.duration
         stretch = options.search.max_stretch if request.duration_is_free else 1.0
         bases, duration = self._chooser.bases(request), usual

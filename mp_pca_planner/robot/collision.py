@@ -185,11 +185,9 @@ def _pairs_with_world(bodies: Bodies, n_links: int, world: World) -> Iterator[tu
     for i, obstacle in enumerate(obstacles):
         b = n_links + i
         excepted = {obstacle.name, obstacle.frame, *obstacle.touch_links}
-        for a in range(b):
+        for a in np.flatnonzero(bodies.joints[:b] != bodies.joints[b]).tolist():
             other = obstacles[a - n_links].touch_links if a >= n_links else ()
-            if bodies.joints[a] == bodies.joints[b] or bodies.names[a] in excepted:
-                continue
-            if obstacle.name not in other:
+            if bodies.names[a] not in excepted and obstacle.name not in other:
                 yield a, b
 
 

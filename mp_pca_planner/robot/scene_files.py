@@ -102,11 +102,10 @@ class _TextScene:
 
     def _line(self) -> str:
         """The rest of the line; the next one if that is empty."""
-        rest = self._text[self._at :].lstrip("\n") if self._at else self._text
-        start = len(self._text) - len(rest)
-        end = self._text.find("\n", start)
-        self._at = len(self._text) if end < 0 else end + 1
-        return self._text[start : self._at]
+        found = re.compile(r"\n*([^\n]*)" if self._at else r"([^\n]*)").match(self._text, self._at)
+        assert found is not None  # even the empty text matches
+        self._at = found.end()
+        return found[1]
 
     def _word(self) -> str:
         found = re.compile(r"\s*(\S+)").match(self._text, self._at)

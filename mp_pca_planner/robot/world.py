@@ -16,8 +16,8 @@ from numpy.typing import ArrayLike, NDArray
 from ..arrays import FloatArray, frozen_array, set_frozen, unique_names
 from ..exceptions import WorldError, quote_names, unknown_name
 
-MAX_SHAPES = 2000
-"""Largest number of shapes of a world."""
+MAX_SHAPES = 1000
+"""Largest number of shapes of a world: the time to use it grows with the square."""
 MAX_TRIANGLES = 200_000
 """Largest number of triangles of a world."""
 MAX_LENGTH = 1e3

@@ -151,7 +151,8 @@ class GoalTopics:
         except CancelledError:
             raise
         except Exception as error:
-            logger.error(f"the robot was not stopped: {self._node.explain(error)}")
+            text = f"the robot was not stopped: {self._node.explain(error)}"
+            logger.error(text, throttle_duration_sec=LOG_PERIOD)
         else:
             if served is not None:
                 self._last_motion.replace(served)

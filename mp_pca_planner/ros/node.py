@@ -192,6 +192,8 @@ class PlannerNode(GuardedNode):
         self._poll_states()
         if self._setup.context is not None:
             self._server.watch(self._setup.context)
+        if self._avoidance.is_needed:
+            self._goals.avoid()
         measured = self._states.measured
         if not (self._clocks_are_known or measured.clocks_agree):
             self._clocks_are_known = True

@@ -69,6 +69,11 @@ def test_unknown_peer_is_refused(capsys, scenes):
     assert "no peer is called 'drake'" in capsys.readouterr().err
 
 
+def test_options_of_other_problems_are_refused(capsys, scenes):
+    assert main(["benchmark", "--scenes", str(scenes), "--random-ends"]) == 2
+    assert "--random-ends are not for --scenes" in capsys.readouterr().err
+
+
 @pytest.mark.skipif(not SCENES.is_dir(), reason=f"no problems in {SCENES}")
 @pytest.mark.parametrize("group", ["table_pick_panda", "bookshelf_small_panda"])
 def test_problems_of_motion_bench_maker_are_solved(capsys, group):

@@ -37,7 +37,7 @@ TURNED = (0.0, 0.0, np.sqrt(0.5), np.sqrt(0.5))
         (lambda: mp.World([mp.Obstacle("a", mp.Sphere(1.0))] * 2), "'a' given more than once"),
         (
             lambda: mp.World([mp.Obstacle("a", [mp.Sphere(1.0)] * (MAX_SHAPES + 1))]),
-            "2001 shapes is too large: at most 2000",
+            "1001 shapes is too large: at most 1000",
         ),
     ],
 )
