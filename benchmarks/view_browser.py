@@ -46,7 +46,7 @@ def on_screen(page: ViewPage, point: np.ndarray) -> tuple[float, float]:
     camera = client.camera
     turn = viser.transforms.SO3(camera.wxyz).as_matrix()
     x, y, z = turn.T @ (point - camera.position)
-    width, height = SIZE
+    width, height = camera.image_width, camera.image_height
     focal = 0.5 * height / np.tan(0.5 * camera.fov)
     return float(width / 2 + focal * x / z), float(height / 2 + focal * y / z)
 

@@ -6,7 +6,7 @@ The handle of the goal is dragged in a browser without a GPU. The time is measur
 the event of the mouse to the change of the figures of the plan in the document. The time of
 planning alone is that of the answer. All limits are kept; with obstacles, collisions are avoided.
 
-    python benchmarks/view_latency.py [--moves 60] [--robot human_arm]
+    python benchmarks/view_latency.py [--moves 60] [--robot human_arm] [--window 1280 800]
 """
 
 from __future__ import annotations
@@ -43,13 +43,16 @@ def main() -> None:
     """Print a row without and with obstacles."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--moves", type=int, default=60, help="movements of the mouse")
+    parser.add_argument("--window", type=int, nargs=2, default=SIZE, help="its size [pixels]")
     parser.add_argument("--robot", default="human_arm", help="human_arm, panda, ur5 or kinova")
     arguments = parser.parse_args()
     content = content_of(arguments.robot)
     rows = []
     for n_obstacles in (0, 10):
         world = obstacles(content, n_obstacles)
-        shown, planned = measured(replace(content, world=world), arguments.moves)
+        shown, planned = measured(
+            replace(content, world=world), arguments.moves, tuple(arguments.window)
+        )
         numbers = [f"{1e3 * value:.0f}" for value in (*quantiles(shown), *quantiles(planned))]
         rows.append([str(n_obstacles), str(len(shown)), *numbers])
     header = [
@@ -84,12 +87,14 @@ def obstacles(content: PageContent, n: int) -> World:
     return World(Obstacle(f"ball {i}", Sphere(0.05, place)) for i, place in enumerate(places))
 
 
-def measured(content: PageContent, n_moves: int) -> tuple[list[float], list[float]]:
+def measured(
+    content: PageContent, n_moves: int, window: tuple[int, int]
+) -> tuple[list[float], list[float]]:
     """Times to the page and of planning alone for movements to and fro [s]."""
     planned: list[float] = []
     with ViewPage(content, port=0) as page, chromium() as browser:
         page.player.play(False)
-        tab = browser.new_page(viewport={"width": SIZE[0], "height": SIZE[1]})
+        tab = browser.new_page(viewport={"width": window[0], "height": window[1]})
         tab.goto(page.url)
         tab.wait_for_selector("text=Planned in")
         time.sleep(5.0)

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 from arm import arm_demonstrations, arm_primitive, arm_robot
+from patience import HANG
 
 from mp_pca_planner.exceptions import PlannerError, RobotError
 from mp_pca_planner.planning.planner import Planner
@@ -35,7 +36,7 @@ if chromium_path() is None:
     pytest.skip("chromium is not installed (apt-get install chromium)", allow_module_level=True)
 
 WIDE, PHONE = SIZE, (390, 780)
-PATIENCE = 60.0  # longest wait for what is certain to come [s]
+
 PICTURES = os.environ.get("VIEW_PICTURES")  # folder for screenshots
 FOUND, REFUSED = "text=Motion found", "text=No motion"
 
@@ -61,7 +62,7 @@ def page() -> Iterator[ViewPage]:
 def opened(browser: Any, page: ViewPage, size: tuple[int, int] = WIDE, text: str = FOUND) -> Any:
     """A tab of the browser with the page, once it shows an answer."""
     tab = browser.new_page(viewport={"width": size[0], "height": size[1]})
-    tab.set_default_timeout(1e3 * PATIENCE)
+    tab.set_default_timeout(1e3 * HANG)
     tab.goto(page.url)
     tab.wait_for_selector(text)
     return tab
@@ -69,7 +70,7 @@ def opened(browser: Any, page: ViewPage, size: tuple[int, int] = WIDE, text: str
 
 def until(holds: Callable[[], Any]) -> None:
     """Wait until a condition holds."""
-    deadline = time.monotonic() + PATIENCE
+    deadline = time.monotonic() + HANG
     while not holds():
         assert time.monotonic() < deadline
         time.sleep(0.02)
@@ -84,7 +85,7 @@ def drag(tab: Any, page: ViewPage, distance: float) -> None:
     """Drag the handle of the goal until it has moved; the scene may still be loading at first."""
     handle, (grip, direction) = page.plan.handle, arrow_of(page)
     before = np.array(handle.position)
-    deadline = time.monotonic() + PATIENCE
+    deadline = time.monotonic() + HANG
     while np.array_equal(handle.position, before):
         assert time.monotonic() < deadline
         (x, y), (to_x, to_y) = (on_screen(page, grip + x * direction) for x in (0.0, distance))
@@ -111,7 +112,7 @@ def wrist(page: ViewPage) -> np.ndarray:
 @pytest.mark.parametrize("size", [WIDE, PHONE])
 def test_the_page_loads_without_errors_and_without_the_internet(browser, page, size):
     tab = browser.new_page(viewport={"width": size[0], "height": size[1]})
-    tab.set_default_timeout(1e3 * PATIENCE)
+    tab.set_default_timeout(1e3 * HANG)
     errors, requests = [], []
     tab.on("console", lambda message: message.type == "error" and errors.append(message.text))
     tab.on("pageerror", lambda error: errors.append(str(error)))
@@ -266,10 +267,10 @@ def test_two_browsers_share_the_page_and_a_reload_keeps_it(browser, page):
     first, second = opened(browser, page), opened(browser, page, PHONE)
     boxes = [tab.get_by_role("checkbox", name="Orientation too") for tab in (first, second)]
     boxes[0].check()
-    expect(boxes[1]).to_be_checked(timeout=1e3 * PATIENCE)
+    expect(boxes[1]).to_be_checked(timeout=1e3 * HANG)
     until(lambda: page.plan.answer.request.pose is not None)
     first.reload()
-    expect(boxes[0]).to_be_checked(timeout=1e3 * PATIENCE)
+    expect(boxes[0]).to_be_checked(timeout=1e3 * HANG)
     first.wait_for_selector(FOUND)
     second.close()
     first.close()
