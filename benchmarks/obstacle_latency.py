@@ -115,6 +115,8 @@ class User:
         one.scale.x = one.scale.y = one.scale.z = 2.0 * RADIUS
         place = one.pose.position
         place.x, place.y, place.z = map(float, hand[int(0.6 * len(hand))])
+        # A robot that has hardly moved does not show yet whether it follows the motion.
+        time.sleep(0.25 * DURATION)
         n, sent = len(self._client.trajectories), time.monotonic()
         self._obstacles.publish(MarkerArray(markers=[one]))
         self._client.wait(lambda: len(self._client.trajectories) > n, TIMEOUT, "no trajectory")

@@ -135,8 +135,7 @@ class MotionServer:
         options, latency = self._options, self._statistics.expected_latency(kind)
         if kind is JointGoal:
             latency = max(min(latency, options.max_lookahead), lookahead)
-        deadline = self._clock() + options.confirmation_timeout
-        attempt = 1
+        deadline, attempt = self._clock() + options.confirmation_timeout, 1
         while True:
             began = self._states.motion_time
             try:
