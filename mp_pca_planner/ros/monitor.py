@@ -68,7 +68,7 @@ class Monitor(NodeInOwnContext):
     """
 
     def __init__(self, namespace: str = "", planner: str = NODE_NAME) -> None:
-        super().__init__("watch", namespace, planner)
+        super().__init__("monitor", namespace, planner)
         self.seen = NodeView()
         parent = self.node.get_namespace().rstrip("/")
         self._status_name = f"{parent}/{planner}: planner"
