@@ -130,6 +130,8 @@ FORMATS = {
             ["refine", "{seeds}/a.npz", *MOTION, "--trials", "{out}/trials.json", "--cost", "2"],
         ),
     ),
+    "scene": Format("scene.yaml", spoil_yaml, ([*PLAN, "--obstacles", "{file}"],)),
+    "scene_text": Format("a.scene", spoil_text, ([*PLAN, "--obstacles", "{file}"],)),
 }
 
 

@@ -51,6 +51,59 @@ ODD_VALUES = (
 ODD_NUMBERS = (np.nan, np.inf, -np.inf, 1e308, -1e308, 1e-308, 0.0, -1.0, 1e6)
 NUMBER_OR_WORD = re.compile(r"-?\d+\.?\d*(?:[eE][-+]?\d+)?|[A-Za-z_]\w*")
 
+SCENE = """\
+robot_model_name: human_arm
+allowed_collision_matrix:
+  entry_names: [chest, table]
+  entry_values: [[false, true], [true, false]]
+fixed_frame_transforms:
+  - {child_frame_id: world, transform: {translation: [0, 0, 0], rotation: [0, 0, 0, 1]}}
+world:
+  collision_objects:
+    - id: table
+      header: {frame_id: world}
+      pose: {position: [0, 0, -0.1], orientation: [0, 0, 0, 1]}
+      primitives: [{type: box, dimensions: [1.0, 1.0, 0.05]}, {type: sphere, dimensions: [0.1]}]
+      primitive_poses:
+        - {position: [0.8, 0.0, -0.5], orientation: [0, 0, 0, 1]}
+        - {position: [0.9, 0.0, -0.4], orientation: [0, 0, 0.6, 0.8]}
+    - id: plate
+      meshes: [{vertices: [[1, 0, 0], [1, 1, 0], [1, 0, 1]], triangles: [[0, 1, 2]]}]
+      mesh_poses: [{position: [0.5, 0, 0], orientation: [0, 0, 0, 1]}]
+robot_state:
+  attached_collision_objects:
+    - link_name: wrist
+      touch_links: [lower_arm]
+      object:
+        id: cup
+        primitives: [{type: cylinder, dimensions: [0.1, 0.03]}]
+        primitive_poses: [{position: [0, 0, -0.1], orientation: [0, 0, 0, 1]}]
+"""
+SCENE_TEXT = """\
+scene
+* table
+0.8 0 -0.5
+0 0 0 1
+1
+box
+1.0 1.0 0.05
+0 0 0
+0 0 0 1
+0 0 0 0
+0
+* can
+0.7 0.2 -0.4
+0 0 0 1
+1
+cylinder
+0.05 0.2
+0 0 0
+0 0 0 1
+0 0 0 0
+0
+.
+"""
+
 
 def make_seeds(folder: Path) -> None:
     """Small valid files of every format."""
@@ -76,6 +129,8 @@ def make_seeds(folder: Path) -> None:
             for joint in JOINT_NAMES
         )
     )
+    (folder / "scene.yaml").write_text(SCENE)
+    (folder / "a.scene").write_text(SCENE_TEXT)
     shutil.copy(config_file("human_arm_markers.yaml"), folder / "markers.yaml")
     _run("build_primitives", bag, "--output", primitive, "--write-segments", folder / "a.csv")
     _run("library", "add", folder / "library", primitive)

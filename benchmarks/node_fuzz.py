@@ -22,7 +22,7 @@ from pathlib import Path
 from subprocess import Popen
 from typing import Any
 
-from geometry_msgs.msg import PoseStamped
+from geometry_msgs.msg import PoseStamped, Vector3
 from node_setup import URDF, primitive_file, silent_node
 from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.msg import ParameterType, ParameterValue
@@ -43,6 +43,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, String
 from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+from visualization_msgs.msg import Marker, MarkerArray
 
 from mp_pca_planner.recordings.synthetic import JOINT_NAMES, generate_motions
 from mp_pca_planner.ros.client import GoalClient, is_served, start_node, this_machine_only
@@ -53,6 +54,8 @@ _MOTION = generate_motions(1, seed=2)[0]
 _START, _END = _MOTION.positions[0], _MOTION.positions[-1]
 _STATE = JointState(name=JOINT_NAMES, position=_START.tolist(), velocity=[0.0] * len(_START))
 _POINT = JointTrajectoryPoint(positions=_END.tolist())
+_MARKER = Marker(type=Marker.CUBE, scale=Vector3(x=0.1, y=0.1, z=0.1))
+_MARKER.pose.position.x, _MARKER.pose.orientation.w = 5.0, 1.0
 TOPICS: dict[str, Any] = {
     "joint_states": _STATE,
     "robot_description": String(data=URDF.read_text(encoding="utf-8")),
@@ -60,6 +63,7 @@ TOPICS: dict[str, Any] = {
     "mp_pca_planner/goal_pose": PoseStamped(),
     "mp_pca_planner/goal_sequence": JointTrajectory(joint_names=JOINT_NAMES, points=[_POINT] * 3),
     "mp_pca_planner/trial_cost": Float64(data=1.0),
+    "mp_pca_planner/obstacles": MarkerArray(markers=[_MARKER] * 2),
 }
 """Every subscription by name, with a valid message."""
 
@@ -152,6 +156,9 @@ class Fuzzer:
         """Send damaged and random serialised messages to each topic in turn."""
         for topic, message in TOPICS.items():
             self._flood(topic, type(message), garbage(message, n_messages, self._random))
+            if isinstance(message, MarkerArray):  # valid ones by chance may be in the way
+                none = serialize_message(MarkerArray(markers=[Marker(action=Marker.DELETEALL)]))
+                self._flood(topic, MarkerArray, [none] * 5)
             self.check(topic)
         self._set({"use_sim_time": True})
         self._flood("/clock", Clock, garbage(Clock(), n_messages, self._random))
