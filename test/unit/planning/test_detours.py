@@ -128,10 +128,15 @@ def test_refusal_names_bodies_place_and_the_missing_extra(tmp_path, monkeypatch)
     primitive = arm_primitive()
     start, goal = primitive.boundary_states[0, [0, 3]]
     scene = write_scene(tmp_path / "scene0001.yaml", [WALL])
-    options = PlannerOptions(max_solve_time=1.0)
+    options = PlannerOptions(max_solve_time=math.inf)
     collision = CollisionModel(arm_robot(), world=World.from_file(scene))
     assert not (collision.collides(start) or collision.collides(goal))
-    plan = Planner(arm_robot(), [primitive], None, options, collision).plan(goal, start)
+    # Within these limits there is no way around the wall.
+    low, high = np.minimum(start, goal) - 0.05, np.maximum(start, goal) + 0.05
+    ranges = zip(low.tolist(), high.tolist(), strict=True)
+    bounds = [{"min_position": least, "max_position": most} for least, most in ranges]
+    limits = arm_robot().limits(dict(zip(JOINTS, bounds, strict=True)))
+    plan = Planner(arm_robot(), [primitive], limits, options, collision).plan(goal, start)
     assert plan.status == "infeasible"
     assert "'lower_arm' and 'wall' collide from" in plan.message
     assert "needs the Python module 'ompl'" in plan.message
