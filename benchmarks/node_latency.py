@@ -24,6 +24,8 @@ from mp_pca_planner.ros.client import Answer, GoalClient, this_machine_only
 
 RATES = (20.0, 1000.0)
 _N_ROUNDS = 4
+# This robot never moves. For a moment after a motion, the node waits for it to start.
+_PAUSE = 0.6
 
 
 def main() -> None:
@@ -62,7 +64,8 @@ def idle_share(node: Popen[str], duration: float) -> float:
 
 
 def plan(client: GoalClient, motion: SyntheticMotion) -> Answer:
-    """A goal at the end of a motion."""
+    """A goal at the end of a motion, some time after the last one."""
+    time.sleep(_PAUSE)
     return client.send(JointState(name=JOINT_NAMES, position=motion.positions[-1]))
 
 
