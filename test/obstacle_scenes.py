@@ -6,7 +6,7 @@ from pathlib import Path
 
 import yaml
 
-SCENES = Path("/work/shared/data/motion_bench_maker")
+SCENES = Path(__file__).resolve().parents[2] / "shared/data/motion_bench_maker"
 """Problems of MotionBenchMaker, where they are installed."""
 
 

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from mp_pca_planner.exceptions import WorldError
 from mp_pca_planner.robot.world import Box, Cylinder, Mesh, Obstacle, Shape, Sphere, World
 
-BENCHMARK = Path("/work/shared/data/motion_bench_maker/problems")
+BENCHMARK = Path(__file__).resolve().parents[4] / "shared/data/motion_bench_maker/problems"
 # As MoveIt 2 exports it: each object has a pose, each shape one in it, a colour, and no subframes.
 SCENE = """(noname)+
 * the table
