@@ -20,6 +20,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
+from virtual_node import MAX_ACCELERATION
 
 from mp_pca_planner.evaluation.check import RigidArm
 from mp_pca_planner.evaluation.problems import (
@@ -36,7 +37,6 @@ from mp_pca_planner.plotting.text import table
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
 from mp_pca_planner.robot.limits import JointLimits
 
-MAX_ACCELERATION = {"panda": (3.75, 1.875, 2.5, 3.125, 3.75, 5.0, 5.0), "ur5": (3.0,) * 6}
 JERK_PER_ACCELERATION = 20.0
 FLOOR_CALLS = 160
 """Calls in ten passes of 16 nodes."""

@@ -20,7 +20,7 @@ from ..evaluation.problems import (
     robot_file,
 )
 from ..evaluation.run import PEERS, compare, ratios, set_up, summarise, unsolved
-from ..exceptions import PlannerError, quote_names, unknown_name
+from ..exceptions import PlannerError, quote_names
 from ..plotting.comparison import comparison_figure
 from ..plotting.drawing import picture
 from ..plotting.page import Table
@@ -28,7 +28,7 @@ from ..plotting.text import table
 from ..primitives.primitive import MovementPrimitive
 from ..primitives.primitive_library import load_primitives
 from ..robot.model import Robot
-from .common import check_output, limits_of, print_json, progress_bar
+from .common import check_output, limits_of, named_peers, print_json, progress_bar
 from .scenes import run_scenes
 from .terminal import DONE, say, written_lines
 
@@ -57,7 +57,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.seed == _DEMONSTRATIONS_SEED:
         raise PlannerError(f"--seed must not be {arguments.seed}, which chooses the demonstrations")
     check_output(arguments.plot, ".png", force=arguments.force)
-    peers = _peers(arguments.peers)
+    peers = named_peers(arguments.peers, list(PEERS))
     scene = _scene(arguments)
     draw = random_problems if arguments.random_ends else held_out_problems
     problems = draw(scene, arguments.problems, arguments.seed)
@@ -81,16 +81,6 @@ def run(arguments: argparse.Namespace) -> int:
     else:
         say(*_text(facts), *written_lines([arguments.plot]))
     return DONE
-
-
-def _peers(text: str) -> list[str]:
-    if text in ("all", "none"):
-        return list(PEERS) if text == "all" else []
-    names = [name.strip() for name in text.split(",")]
-    for name in names:
-        if name not in PEERS:
-            raise PlannerError(unknown_name("peer", name, [*PEERS, "all", "none"]))
-    return list(dict.fromkeys(names))
 
 
 def _scene(arguments: argparse.Namespace) -> Scene:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from tqdm import tqdm
 
-from ..exceptions import PlannerError
+from ..exceptions import PlannerError, unknown_name
 from ..files import check_writable, write_whole
 from ..motion.trajectory_files import check_format
 from ..robot.limits import JointLimits, read_limits_file
@@ -167,3 +167,20 @@ def report_lines(values: Mapping[str, str], *, is_verbose: bool) -> list[str]:
     if is_verbose:
         return [f"  {name:<18} {value}" for name, value in known(values).items()]
     return [f"  {name:<18} {short(value)}" for name, value in known(values, REPORTED).items()]
+
+
+def named_peers(text: str, known: Sequence[str]) -> list[str]:
+    """The methods that an option names: several, "all" or "none".
+
+    Raises
+    ------
+    PlannerError
+        If there is no such method.
+    """
+    if text in ("all", "none"):
+        return list(known) if text == "all" else []
+    names = [name.strip() for name in text.split(",")]
+    for name in names:
+        if name not in known:
+            raise PlannerError(unknown_name("peer", name, [*known, "all", "none"]))
+    return list(dict.fromkeys(names))

@@ -18,13 +18,13 @@ from ..evaluation.scene_run import (
     scene_methods,
     summarise_scenes,
 )
-from ..exceptions import PlannerError, unknown_name
+from ..exceptions import PlannerError
 from ..motion.collision import CollisionModel, package_folders
 from ..plotting.text import table
 from ..primitives.primitive import MovementPrimitive
 from ..resources import config_file
 from ..robot.model import Robot
-from .common import limits_of, print_json, progress_bar
+from .common import limits_of, named_peers, print_json, progress_bar
 from .terminal import DONE, say
 
 _LIMIT_S = 1.0
@@ -57,7 +57,7 @@ def run_scenes(arguments: argparse.Namespace, primitive: MovementPrimitive | Non
     """Run the comparison; returns the exit status."""
     if arguments.plot is not None or arguments.random_ends:
         raise PlannerError("--plot and --random-ends are not for --scenes: leave them out")
-    peers = _peers(arguments.peers)
+    peers = named_peers(arguments.peers, list(PEERS))
     max_time = _LIMIT_S if arguments.time_limit is None else arguments.time_limit
     problems = scene_problems(arguments.scenes, arguments.problems)
     scene = _scene(arguments, problems[0], primitive)
@@ -86,16 +86,6 @@ def run_scenes(arguments: argparse.Namespace, primitive: MovementPrimitive | Non
     else:
         say(*_text(facts))
     return DONE
-
-
-def _peers(text: str) -> list[str]:
-    if text in ("all", "none"):
-        return list(PEERS) if text == "all" else []
-    names = [name.strip() for name in text.split(",")]
-    for name in names:
-        if name not in PEERS:
-            raise PlannerError(unknown_name("peer", name, [*PEERS, "all", "none"]))
-    return list(dict.fromkeys(names))
 
 
 def _scene(

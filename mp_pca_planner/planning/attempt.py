@@ -148,7 +148,6 @@ def attempt(
     budget: Budget,
     *,
     n_starts: int = 1,
-    max_iterations: int | None = None,
 ) -> Attempt:
     """Solve a problem, and refine its constraints until the validator finds no violation.
 
@@ -160,14 +159,12 @@ def attempt(
         The time for it.
     n_starts : int
         Largest number of starts.
-    max_iterations : int, optional
-        Largest number of iterations; that of the solver's options unless given.
     """
     setup, passes, touched = problem.setup, 0, False
     problem.bound(with_limits=not problem.is_near_expected)
     first = starts = problem.starts[:n_starts]
     for _ in range(setup.options.search.max_refinements):
-        solutions = _solutions(problem, starts, max_iterations, budget)
+        solutions = _solutions(problem, starts, budget)
         solved_at = time.perf_counter()
         passes += sum(one.iterations for one in solutions)
         best = min(solutions, key=lambda one: (one.infeasibility > FEASIBLE, one.cost))
@@ -211,7 +208,6 @@ def attempt(
 def _solutions(
     problem: PlanningProblem,
     starts: Sequence[StartPoint],
-    max_iterations: int | None,
     budget: Budget,
 ) -> list[Solution]:
     """The solutions from each start in turn, until the time runs out.
@@ -220,8 +216,6 @@ def _solutions(
     """
     program, found = problem.program(), list[Solution]()
     options = replace(problem.setup.options.solver, should_stop=budget.is_over)
-    if max_iterations is not None:
-        options = replace(options, max_iterations=max_iterations)
     for start in starts:
         is_clear = problem.has_clearances and found and found[-1].infeasibility <= FEASIBLE
         if is_clear or (found and budget.is_over()):

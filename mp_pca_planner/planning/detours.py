@@ -32,7 +32,7 @@ from .request import Request
 from .sampling import SamplingOptions, sampled_path
 from .setup import Setup
 from .starts import StartPoint
-from .time_scaling import slowdown
+from .time_scaling import kinematic_stretch, slowdown
 from .unknowns import QuadratureTables
 
 
@@ -300,14 +300,11 @@ class PathFollower:
 
     def _least_duration(self, boundary: FloatArray, weights: FloatArray) -> float:
         """Shortest duration within the limits of velocity, acceleration and jerk [s]."""
-        s, limits = np.append(0.0, np.append(self._phases, 1.0)), self._limits
+        s = np.append(0.0, np.append(self._phases, 1.0))
         shapes = self._basis.shapes(weights, s, 3)
-        bounds = limits.velocity, limits.acceleration, limits.jerk
-        rates: list[FloatArray] = [
-            np.abs(hermite_functions(s, d) @ boundary + shapes[d]) for d in (1, 2, 3)
-        ]
-        excesses = [rate / bound for rate, bound in zip(rates, bounds, strict=True)]
-        return max(float(excess.max() ** (1.0 / d)) for d, excess in enumerate(excesses, 1))
+        # By phase, which is by time in a duration of 1 s.
+        rates = [hermite_functions(s, d) @ boundary + shapes[d] for d in (1, 2, 3)]
+        return kinematic_stretch(self._limits, np.array(rates))
 
 
 def paths_by_vias(

@@ -183,7 +183,7 @@ class SinglePlanner:
         options, usual = self._setup.options, request.expected.duration
         stretch = options.search.max_stretch if request.duration_is_free else 1.0
         bases, duration = self._chooser.bases(request), usual
-        if request.duration_is_free:
+        if request.duration_is_free and not self._searches(request):
             first_basis = next(bases)
             bases, duration = chain([first_basis], bases), self._scaled(request, first_basis)
         wider = WiderBasis(bases, duration, options.naturalness)

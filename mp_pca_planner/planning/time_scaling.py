@@ -48,17 +48,30 @@ def least_stretch(robot: Robot, limits: JointLimits, states: FloatArray) -> floa
     factor : float
         Infinite if gravity alone exceeds the limits of effort.
     """
-    bounds = (limits.velocity, limits.acceleration, limits.jerk)
-    factors = [
-        float(np.max(np.abs(values) / bound) ** (1.0 / order))
-        for order, (values, bound) in enumerate(zip(states[1:], bounds, strict=True), start=1)
-    ]
+    factors = [kinematic_stretch(limits, states[1:])]
     if np.isfinite(limits.effort).any():
         gravity, moving = _effort_parts(robot, *states[:3])
         if not np.all(np.abs(gravity) < limits.effort):
             return float("inf")
         factors.append(_stretch_of_efforts(limits, gravity, moving))
     return max(factors)
+
+
+def kinematic_stretch(limits: JointLimits, rates: FloatArray) -> float:
+    """Factor of the duration at which a motion just keeps its limits but those of effort.
+
+    Parameters
+    ----------
+    limits : JointLimits
+        Limits of the joints; those of position are not considered.
+    rates : array, shape (3, n_steps, n_joints)
+        Velocities, accelerations and jerks of the motion.
+    """
+    bounds = (limits.velocity, limits.acceleration, limits.jerk)
+    return max(
+        float(np.max(np.abs(values) / bound) ** (1.0 / order))
+        for order, (values, bound) in enumerate(zip(rates, bounds, strict=True), start=1)
+    )
 
 
 def _effort_parts(

@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""The web server of the page, which serves this machine only unless told otherwise."""
+"""The web server of the page, which serves this machine only unless the host says otherwise."""
 
 from __future__ import annotations
 
