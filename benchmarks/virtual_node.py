@@ -20,8 +20,7 @@ from mp_pca_planner.evaluation.problems import Scene, robot_file, scene_of
 from mp_pca_planner.exceptions import PlannerError
 from mp_pca_planner.execution.assembly import Model, assemble_model
 from mp_pca_planner.execution.execution_monitor import ExecutionReport
-from mp_pca_planner.execution.goal_statistics import GoalStatistics
-from mp_pca_planner.execution.motion_server import MotionServer
+from mp_pca_planner.execution.motion_server import GoalStatistics, MotionServer
 from mp_pca_planner.execution.parameters import Settings
 from mp_pca_planner.execution.preemptive_worker import CancelledError
 from mp_pca_planner.execution.start_state import StartStates

@@ -22,13 +22,12 @@ from .following import (
     Following,
     FollowingState,
     Publication,
+    ServoModel,
 )
 from .measured import Clock, MeasuredSamples, MeasuredStates, StateReader
 from .options import FollowingOptions
 from .parameters import Settings
-from .published_motion import Joined, PublishedMotion
-from .servo import ServoModel
-from .tracking import Progress, TrackedMotion, locate
+from .published_motion import Joined, Progress, PublishedMotion, TrackedMotion, locate
 
 
 class MotionFollower:

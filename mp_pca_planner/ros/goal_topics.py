@@ -16,8 +16,7 @@ from trajectory_msgs.msg import JointTrajectory
 from ..execution.assembly import Model
 from ..execution.avoidance import ObstacleAvoidance
 from ..execution.goal_planner import UnexecutablePlanError
-from ..execution.goal_statistics import GoalStatistics
-from ..execution.motion_server import MakeGoal, MotionServer
+from ..execution.motion_server import GoalStatistics, MakeGoal, MotionServer
 from ..execution.preemptive_worker import CancelledError, IsCancelled, PreemptiveWorker
 from ..execution.served_goal import Served
 from ..motion.goal import Goal, JointGoal, JointState, SequenceGoal

@@ -13,9 +13,9 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from ..exceptions import GoalError
 from ..execution.execution_monitor import NEVER_STARTED, REPLACED
-from ..execution.kept_motion import keep_motion
 from ..execution.parameters import ParameterError
 from ..execution.served_goal import Served
+from ..execution.trial_store import keep_motion
 from .preview import to_preview
 
 

@@ -21,9 +21,8 @@ from visualization_msgs.msg import MarkerArray
 from ..exceptions import quote_names
 from ..execution.avoidance import ObstacleAvoidance
 from ..execution.execution_monitor import ExecutionReport
-from ..execution.goal_statistics import GoalStatistics
 from ..execution.measured import MeasuredStates
-from ..execution.motion_server import MotionServer
+from ..execution.motion_server import GoalStatistics, MotionServer
 from ..execution.parameters import ParameterError
 from ..execution.start_state import StartStates
 from ..motion.trajectory import Trajectory
