@@ -7,6 +7,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Mapping
+from functools import partial
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rcl_interfaces.msg import SetParametersResult
@@ -29,12 +30,11 @@ from ..motion.trajectory import Trajectory
 from .goal_topics import GoalTopics
 from .guarded_node import LOG_PERIOD, GuardedNode
 from .last_motion import LastMotion
-from .messages import to_execution_report, to_status, to_text
+from .messages import read_states, to_execution_report, to_seconds, to_state, to_status, to_text
 from .node_parameters import NodeParameters
 from .obstacle_topic import ObstacleTopic
 from .planning_setup import PlanningSetup
 from .qos import EVERY, LATCHED, NEWEST, STATES
-from .state_reader import SerializedStateReader
 from .subscriptions import PolledSubscription
 from .trajectory_bytes import serialize_trajectory
 
@@ -68,9 +68,7 @@ class PlannerNode(GuardedNode):
         self._statistics = GoalStatistics()
         self._polling, self._polled = threading.Lock(), time.monotonic()
         self._clocks_are_known = False
-        self._states = StartStates(
-            SerializedStateReader(), time.monotonic, self._seconds, self._poll_states
-        )
+        self._states = StartStates(MeasuredStates(time.monotonic, self._seconds, self._poll_states))
         self._declared = NodeParameters(self)
         topic = self.resolve_topic_name("robot_description")
         self._setup = PlanningSetup(self._declared, self.explain, self._states.expect, topic)
@@ -207,10 +205,14 @@ class PlannerNode(GuardedNode):
         with self._polling:
             now, wall_clock = time.monotonic(), time.time_ns()
             longest, self._polled = now - self._polled, now
-            for message, facts in self._joint_states.poll():
+            measured = self._states.measured
+            for content, facts in self._joint_states.poll():
                 age = (wall_clock - facts["received_timestamp"]) * 1e-9
+                message = read_states(content)
+                read = partial(to_state, message, measured.joint_names)
                 # At most the time since the last poll, because the wall clock may have been set.
-                self._states.measured.receive(message, min(max(age, 0.0), longest))
+                age = min(max(age, 0.0), longest)
+                measured.receive(message.name, read, to_seconds(message.header.stamp), age)
 
     def _send(self, trajectory: Trajectory, *, stamp: float | None, last_point_only: bool) -> None:
         # Stops have no efforts.
