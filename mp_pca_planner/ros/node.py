@@ -12,6 +12,7 @@ from functools import partial
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock, ClockType
+from rclpy.lifecycle import LifecycleNodeMixin, LifecycleState, TransitionCallbackReturn
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, String
@@ -31,11 +32,9 @@ from .goal_topics import GoalTopics
 from .guarded_node import LOG_PERIOD, GuardedNode
 from .last_motion import LastMotion
 from .messages import read_states, to_execution_report, to_seconds, to_state, to_status, to_text
-from .node_parameters import NodeParameters
 from .obstacle_topic import ObstacleTopic
-from .planning_setup import PlanningSetup
-from .qos import EVERY, LATCHED, NEWEST, STATES
-from .subscriptions import PolledSubscription
+from .planning_setup import NodeParameters, PlanningSetup
+from .subscriptions import EVERY, LATCHED, NEWEST, STATES, PolledSubscription
 from .trajectory_bytes import serialize_trajectory
 
 NODE_NAME = "mp_pca_planner"
@@ -272,3 +271,42 @@ def _status(
     }
     level = DiagnosticStatus.WARN if problem else DiagnosticStatus.OK
     return to_status(name, level, problem or "ready for goals", values)
+
+
+_INACTIVE = "the node is not active: configure and activate it with ~/change_state"
+
+
+class LifecyclePlannerNode(LifecycleNodeMixin, PlannerNode):
+    """A `PlannerNode` that loads primitives when configured and publishes motions when active.
+
+    Its topics exist in every state: goals that arrive while it is not active are rejected in
+    ``~/plan_report``.
+    """
+
+    def __init__(self) -> None:
+        PlannerNode.__init__(self, hold=_INACTIVE)
+        LifecycleNodeMixin.__init__(self)
+
+    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Load the primitives; it fails if they can't be used."""
+        return super().on_configure(state) if self.load() else TransitionCallbackReturn.FAILURE
+
+    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Serve goals from now on."""
+        self.accept_goals()
+        return super().on_activate(state)
+
+    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Cancel goals and reject further ones; a running motion continues."""
+        self.reject_goals(_INACTIVE)
+        return super().on_deactivate(state)
+
+    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Drop the primitives."""
+        self._setup.unload()
+        return super().on_cleanup(state)
+
+    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Reject goals permanently."""
+        self.reject_goals(_INACTIVE)
+        return super().on_shutdown(state)

@@ -20,7 +20,7 @@ from ..simulation.controller import NANOSECONDS, TrajectoryMessage, TrajectoryPo
 from ..simulation.robot import SimulatedRobot
 from .process import spin_until
 from .process import start_ros as start_ros
-from .qos import LATCHED
+from .subscriptions import LATCHED
 
 NODE_NAME = "simulated_robot"
 

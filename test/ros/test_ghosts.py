@@ -18,8 +18,7 @@ from visualization_msgs.msg import Marker
 
 from mp_pca_planner.motion.trajectory import Trajectory
 from mp_pca_planner.resources import config_file
-from mp_pca_planner.ros.ghosts import ghost_markers, visual_shapes
-from mp_pca_planner.ros.preview import to_preview
+from mp_pca_planner.ros.last_motion import ghost_markers, to_preview, visual_shapes
 
 URDF = config_file("human_arm.urdf").read_text(encoding="utf-8")
 MESHES = """
