@@ -154,6 +154,9 @@ class ServingOptions:
     max_lookahead : float
         Longest time that a joint goal is planned ahead [s]; by then, a displaced motion is
         published.
+    latency_margin, initial_latency : float
+        Expected time from choosing a start to publishing, as a multiple of the 90th percentile of
+        the latest ones, and before the first one [s].
     publishing_time : float
         Part of the time for planning that is left for the checks before publishing [s].
     confirmation_timeout, confirmation_period : float
@@ -183,6 +186,8 @@ class ServingOptions:
 
     max_attempts: int = 3
     max_lookahead: float = 0.25
+    latency_margin: float = 1.5
+    initial_latency: float = 0.1
     publishing_time: float = 0.02
     confirmation_timeout: float = 1.5
     confirmation_period: float = 0.01

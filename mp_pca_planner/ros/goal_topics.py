@@ -228,7 +228,7 @@ class GoalTopics:
     def _report(self, served: Served, request: _Request) -> None:
         plan, stamp = served.plan, request.stamp
         if served.under_way:
-            self._statistics.under_way()
+            self._statistics.count("under_way")
             self._reports.publish(messages.to_under_way_report(plan, served.under_way, stamp))
             return
         # A cost may follow the report at once.
@@ -241,7 +241,7 @@ class GoalTopics:
         self._node.get_logger().info(messages.to_text(f"goal served: {plan.message} ({times})"))
 
     def _reject(self, report: DiagnosticStatus) -> None:
-        self._statistics.refused()
+        self._statistics.count("refused")
         self._node.get_logger().warning(
             f"goal refused: {report.message}", throttle_duration_sec=LOG_PERIOD
         )
@@ -256,7 +256,7 @@ class GoalTopics:
         except Exception as error:
             self._reject(messages.to_refusal(self._node.explain(error), request.stamp))
         else:
-            self._statistics.overtaken()
+            self._statistics.count("overtaken")
             self._reports.publish(messages.to_overtaken_report(request.stamp))
 
 

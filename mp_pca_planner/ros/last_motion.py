@@ -7,8 +7,8 @@ from __future__ import annotations
 import math
 import threading
 import xml.etree.ElementTree as ET
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -120,19 +120,6 @@ class LastMotion:
         return keep_motion(self._served, Path(folder), {"kept_by": kept_by, **cost})
 
 
-def link_pairs(urdf: str) -> tuple[str, list[tuple[str, str]]]:
-    """Return the base link of a robot description, and parent and child link of each joint."""
-    root = ET.fromstring(urdf)
-    pairs = []
-    for joint in root.findall("joint"):
-        parent, child = joint.find("parent"), joint.find("child")
-        if parent is not None and child is not None:
-            pairs.append((parent.get("link", ""), child.get("link", "")))
-    children = {child for _, child in pairs}
-    links = (link.get("name", "") for link in root.findall("link"))
-    return next(name for name in links if name not in children), pairs
-
-
 def to_preview(trajectory: Trajectory, robot: Robot, end_effector: str, urdf: str) -> MarkerArray:
     """Draw a motion in the frame of the robot's base link.
 
@@ -147,33 +134,118 @@ def to_preview(trajectory: Trajectory, robot: Robot, end_effector: str, urdf: st
     urdf : str
         The description of the robot; lines join its links, and its visual shapes are drawn.
     """
-    base, pairs = link_pairs(urdf)
+    path = Marker(ns="path", type=Marker.LINE_STRIP, color=ColorRGBA(r=0.1, g=0.5, b=1.0, a=1.0))
     points = robot.frame_positions(_spread(trajectory, 60), [end_effector])
-    blue = ColorRGBA(r=0.1, g=0.5, b=1.0, a=1.0)
-    path = Marker(ns="path", type=Marker.LINE_STRIP, color=blue)
     path.scale.x, path.points = 0.005, _points(points[:, 0])
-    markers = [path]
-    known = set(robot.frame_names)
-    ends = [link for pair in pairs if known.issuperset(pair) for link in pair]
-    shown = _spread(trajectory, 6)
+    path.pose.orientation.w = 1.0
+    shown, description = _spread(trajectory, 6), ET.fromstring(urdf)
     # From orange to green.
     colours = [
         ColorRGBA(r=r, g=g, b=b, a=0.6)
         for r, g, b in np.linspace([1.0, 0.6, 0.1], [0.1, 0.8, 0.3], len(shown)).tolist()
     ]
-    for k, (pose, colour) in enumerate(
-        zip(robot.frame_positions(shown, ends), colours, strict=True)
-    ):
-        ghost = Marker(ns="ghosts", id=k, type=Marker.LINE_LIST, color=colour)
-        ghost.scale.x, ghost.points = 0.01, _points(pose)
-        markers.append(ghost)
-    for marker in markers:
-        marker.pose.orientation.w = 1.0
-    markers += ghost_markers(robot, visual_shapes(urdf), shown, colours)
+    markers = [
+        path,
+        *skeleton_markers(robot, description, shown, colours),
+        *shape_markers(robot, description, shown, colours),
+    ]
     for marker in markers:
         # Without a stamp it is drawn where the frame is now.
-        marker.header.frame_id = base
+        marker.header.frame_id = robot.frame_names[0]
     return MarkerArray(markers=markers)
+
+
+def skeleton_markers(
+    robot: Robot, description: ET.Element, q: FloatArray, colours: list[ColorRGBA]
+) -> list[Marker]:
+    """Lines between the links of a robot in configurations, see :func:`shape_markers`."""
+    # Parent and child of each joint.
+    ends = [end.get("link", "") for end in description.findall("joint/*[@link]")]
+    markers = []
+    for k, (points, colour) in enumerate(zip(robot.frame_positions(q, ends), colours, strict=True)):
+        marker = Marker(ns="ghosts", id=k, type=Marker.LINE_LIST, color=colour)
+        marker.scale.x, marker.points = 0.01, _points(points)
+        marker.pose.orientation.w = 1.0
+        markers.append(marker)
+    return markers
+
+
+def shape_markers(
+    robot: Robot, description: ET.Element, q: FloatArray, colours: list[ColorRGBA]
+) -> list[Marker]:
+    """Markers of the visual shapes of a robot in configurations, without a frame.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot.
+    description : Element
+        Its description; shapes that are malformed, or on links it does not have, are left out.
+    q : array, shape (n_poses, n_joints)
+        The configurations [rad or m].
+    colours : list of ColorRGBA
+        A colour for each of them.
+    """
+    drawn = []
+    for link in description.findall("link"):
+        name = link.get("name", "")
+        for visual in link.findall("visual") if name in robot.frame_names else ():
+            with suppress(ValueError):
+                drawn += [(name, _origin(visual), *shape) for shape in _shapes(visual)]
+    origins = np.reshape([origin for _, origin, *_ in drawn], (-1, 6))
+    poses = robot.attached_poses(q, [name for name, *_ in drawn], origins)
+    markers: list[Marker] = []
+    for row, colour in zip(poses.tolist(), colours, strict=True):
+        for (_, _, kind, scale, mesh), (x, y, z, *turn) in zip(drawn, row, strict=True):
+            marker = Marker(ns="ghost_shapes", id=len(markers), type=kind, color=colour)
+            marker.scale = Vector3(x=scale[0], y=scale[1], z=scale[2])
+            marker.mesh_resource = mesh
+            orientation = Quaternion(x=turn[0], y=turn[1], z=turn[2], w=turn[3])
+            marker.pose = Pose(position=Point(x=x, y=y, z=z), orientation=orientation)
+            markers.append(marker)
+    return markers
+
+
+def _shapes(visual: ET.Element) -> list[tuple[int, FloatArray, str]]:
+    """Kind of marker, scale [m] and mesh of a visual element, none if a marker can't show it.
+
+    Raises
+    ------
+    ValueError
+        If it is malformed.
+    """
+    shape = visual.find("geometry/*")
+    if shape is None:
+        return []
+    if shape.tag == "box":
+        return [(Marker.CUBE, _numbers(shape, "size", 3), "")]
+    if shape.tag in ("sphere", "cylinder"):
+        diameter = 2.0 * _numbers(shape, "radius", 1)[0]
+        if shape.tag == "sphere":
+            return [(Marker.SPHERE, np.full(3, diameter), "")]
+        length = _numbers(shape, "length", 1)[0]
+        return [(Marker.CYLINDER, np.array([diameter, diameter, length]), "")]
+    name = shape.get("filename", "")
+    if shape.tag != "mesh" or not name:
+        return []
+    address = f"file://{name}" if name.startswith("/") else name
+    return [(Marker.MESH_RESOURCE, _numbers(shape, "scale", 3, "1 1 1"), address)]
+
+
+def _origin(visual: ET.Element) -> FloatArray:
+    """Place on the link: x, y, z [m], roll, pitch, yaw [rad]; `ValueError` if malformed."""
+    origin = visual.find("origin")
+    if origin is None:
+        return np.zeros(6)
+    return np.concatenate([_numbers(origin, name, 3, "0 0 0") for name in ("xyz", "rpy")])
+
+
+def _numbers(element: ET.Element, name: str, count: int, default: str = "") -> FloatArray:
+    text = element.get(name, default)
+    values = np.array([float(word) for word in text.split()])
+    if len(values) != count or not np.isfinite(values).all():
+        raise ValueError(f"{name} is '{text}'")
+    return values
 
 
 def _spread(trajectory: Trajectory, n: int) -> FloatArray:
@@ -184,109 +256,3 @@ def _spread(trajectory: Trajectory, n: int) -> FloatArray:
 
 def _points(positions: FloatArray) -> list[Point]:
     return [Point(x=x, y=y, z=z) for x, y, z in positions.tolist()]
-
-
-@dataclass(frozen=True, eq=False)
-class VisualShape:
-    """A visual shape of a link.
-
-    Attributes
-    ----------
-    link : str
-        The link.
-    origin : tuple of float
-        Its place on the link: x, y, z [m], roll, pitch, yaw [rad].
-    kind : int
-        Type of its marker.
-    scale : tuple of float
-        Scale of its marker [m], or that of its mesh.
-    mesh : str
-        URI of its mesh; empty for other shapes.
-    """
-
-    link: str
-    origin: tuple[float, ...]
-    kind: int
-    scale: tuple[float, ...]
-    mesh: str = ""
-
-
-def visual_shapes(urdf: str) -> list[VisualShape]:
-    """The visual shapes in a robot description; those that are malformed are left out."""
-    shapes: list[VisualShape] = []
-    for link in ET.fromstring(urdf).findall("link"):
-        for visual in link.findall("visual"):
-            try:
-                shapes += _shapes_of(link.get("name", ""), visual)
-            except ValueError:
-                continue
-    return shapes
-
-
-def ghost_markers(
-    robot: Robot, shapes: list[VisualShape], q: FloatArray, colours: list[ColorRGBA]
-) -> list[Marker]:
-    """Markers of the shapes in configurations, without a frame.
-
-    Parameters
-    ----------
-    robot : Robot
-        The robot.
-    shapes : list of VisualShape
-        Shapes of its links; those of other links are left out.
-    q : array, shape (n_poses, n_joints)
-        The configurations [rad or m].
-    colours : list of ColorRGBA
-        A colour for each of them.
-    """
-    known = set(robot.frame_names)
-    drawn = [shape for shape in shapes if shape.link in known]
-    origins = np.reshape([shape.origin for shape in drawn], (-1, 6))
-    poses = robot.attached_poses(q, [shape.link for shape in drawn], origins).tolist()
-    markers: list[Marker] = []
-    for row, colour in zip(poses, colours, strict=True):
-        for shape, (x, y, z, *turn) in zip(drawn, row, strict=True):
-            marker = Marker(ns="ghost_shapes", id=len(markers), type=shape.kind, color=colour)
-            marker.scale = Vector3(x=shape.scale[0], y=shape.scale[1], z=shape.scale[2])
-            marker.mesh_resource = shape.mesh
-            orientation = Quaternion(x=turn[0], y=turn[1], z=turn[2], w=turn[3])
-            marker.pose = Pose(position=Point(x=x, y=y, z=z), orientation=orientation)
-            markers.append(marker)
-    return markers
-
-
-def _shapes_of(link: str, visual: ET.Element) -> Iterator[VisualShape]:
-    """The shape of a visual element, if its kind is known; `ValueError` if it is malformed."""
-    origin, geometry = visual.find("origin"), visual.find("geometry")
-    place = (*_numbers(origin, "xyz", "0 0 0"), *_numbers(origin, "rpy", "0 0 0"))
-    for shape in [] if geometry is None else geometry:
-        if shape.tag == "box":
-            yield VisualShape(link, place, Marker.CUBE, _numbers(shape, "size"))
-        elif shape.tag == "sphere":
-            yield VisualShape(link, place, Marker.SPHERE, (_diameter(shape),) * 3)
-        elif shape.tag == "cylinder":
-            size = (_diameter(shape), _diameter(shape), _number(shape, "length"))
-            yield VisualShape(link, place, Marker.CYLINDER, size)
-        elif shape.tag == "mesh" and shape.get("filename"):
-            name, scale = shape.get("filename", ""), _numbers(shape, "scale", "1 1 1")
-            address = f"file://{name}" if name.startswith("/") else name
-            yield VisualShape(link, place, Marker.MESH_RESOURCE, scale, address)
-
-
-def _diameter(shape: ET.Element) -> float:
-    return 2.0 * _number(shape, "radius")
-
-
-def _number(element: ET.Element, name: str) -> float:
-    value = float(element.get(name, ""))
-    if not math.isfinite(value):
-        raise ValueError(f"{name} is {value}")
-    return value
-
-
-def _numbers(element: ET.Element | None, name: str, default: str = "") -> tuple[float, ...]:
-    text = default if element is None else element.get(name, default)
-    values = tuple(map(float, text.split()))
-    if len(values) != 3 or not all(map(math.isfinite, values)):
-        raise ValueError(f"{name} is '{text}'")
-    return values

@@ -231,8 +231,8 @@ class PlannerNode(GuardedNode):
     def _publish_diagnostics(self) -> None:
         name = f"{self.get_fully_qualified_name()}: planner"
         values = self._last_motion.facts | self._obstacles.facts
-        measured, counts = self._states.measured, self._statistics
-        array = DiagnosticArray(status=[_status(name, self._setup, measured, counts, values)])
+        status = _status(name, self._setup, self._states.measured, self._statistics, values)
+        array = DiagnosticArray(status=[status])
         array.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics.publish(array)
 
@@ -247,7 +247,7 @@ def _status(
     name: str,
     setup: PlanningSetup,
     measured: MeasuredStates,
-    counts: GoalStatistics,
+    statistics: GoalStatistics,
     more: Mapping[str, str | float | int],
 ) -> DiagnosticStatus:
     """Diagnostics on the node's inputs and on the goals that it served."""
@@ -259,12 +259,9 @@ def _status(
     values = {
         "model": quote_names(context.robot.joint_names) if context else "none",
         "library": setup.library,
-        "goals_served": counts.n_served,
-        "goals_refused": counts.n_refused,
-        "goals_under_way": counts.n_under_way,
-        "goals_overtaken": counts.n_overtaken,
+        **{f"goals_{outcome}": n for outcome, n in statistics.counts.items()},
         **more,
-        **counts.solve_time_percentiles(),
+        **statistics.solve_time_percentiles(),
         "joint_states_age_s": "none" if age is None else round(age, 3),
         "joint_states_incomplete": measured.n_incomplete,
         "joint_states_unusable": measured.n_unusable,
