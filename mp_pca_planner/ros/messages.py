@@ -11,7 +11,7 @@ from contextlib import suppress
 from builtin_interfaces.msg import Duration, Time
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from geometry_msgs.msg import PoseStamped
-from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState as JointStateMessage
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
@@ -363,9 +363,5 @@ def to_descriptor(declaration: Declaration) -> ParameterDescriptor:
     if isinstance(declaration.default, float):
         descriptor.floating_point_range = [
             FloatingPointRange(from_value=declaration.low, to_value=declaration.high)
-        ]
-    elif isinstance(declaration.default, int) and not isinstance(declaration.default, bool):
-        descriptor.integer_range = [
-            IntegerRange(from_value=int(declaration.low), to_value=int(declaration.high))
         ]
     return descriptor
