@@ -38,6 +38,8 @@ class FollowingOptions:
         rate [1/s], and the change of that change [1/s²].
     max_rate : float
         Largest rate of a robot, > 1.
+    n_newest : int
+        Samples that the error of an estimated place is averaged over, ≥ 1.
     good_error : float
         Error above which the newer half of the window is fitted alone: the rate may have changed
         too fast for one fit.
@@ -111,6 +113,7 @@ class FollowingOptions:
     position_noise: float = 0.002
     prior: tuple[float, float, float, float] = (1.0, 0.3, 2.0, 40.0)
     max_rate: float = 1.2
+    n_newest: int = 5
     good_error: float = 3e-5
     servo_memory: float = 0.35
     servo_time: float = 0.2

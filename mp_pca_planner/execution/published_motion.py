@@ -16,28 +16,16 @@ import numpy as np
 
 from ..arrays import FloatArray
 from ..motion.goal import JointState
-from ..motion.interpolation import hermite_functions, segment_ends
+from ..motion.interpolation import interpolate_at, segment_ends
 from ..motion.trajectory import Trajectory
 from .measured import MeasuredSamples
 from .options import FollowingOptions
-
-# Messages state times in nanoseconds. Between points closer than this [s], that rounding is a
-# noticeable jerk.
-_MIN_STEP = 5e-3
-# Two motions closer than this [s] are joined without points in between.
-_MIN_LEAD = 1e-4
-
 
 TRANSPORT = 0.02
 """Longest time that a message takes to the controller [s]."""
 
 USUAL_TRANSPORT = 0.001
 """Usual time of a message to the next cycle of a controller on the same machine [s]."""
-
-
-def states_of(trajectory: Trajectory) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Positions, velocities and accelerations of a trajectory."""
-    return trajectory.positions, trajectory.velocities, trajectory.accelerations
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,18 +73,10 @@ class PublishedMotion:
         """
         points = self.trajectory
         if points.n_steps == 1:
-            q, v, a = (np.repeat(x, len(places), axis=0) for x in states_of(points))
+            q, v, a = (np.repeat(x, len(places), axis=0) for x in points.states)
             return q, v, a
         places = np.clip(places, 0.0, points.duration)
-        segment = np.searchsorted(points.times, places, "right") - 1
-        segment = np.clip(segment, 0, points.n_steps - 2)
-        steps = np.diff(points.times)[segment]
-        phases, ends = (places - points.times[segment]) / steps, self._ends[segment]
-        q, v, a = (
-            np.einsum("ki,kij->kj", hermite_functions(phases, d), ends) / steps[:, None] ** d
-            for d in range(3)
-        )
-        return q, v, a
+        return interpolate_at(places, points.times, self._ends)
 
     def rest(self, place: float) -> Trajectory:
         """The motion from a place before its end [s]; times count from there."""
@@ -115,13 +95,16 @@ class PublishedMotion:
             Places [s], the switch not before here.
         """
         lead = round(switch - here, 6)
-        if lead < _MIN_LEAD:
+        if lead < 1e-4:
             return rest
+        # Messages state times in nanoseconds; between nearer points, the rounding would be a
+        # noticeable jerk.
+        least = 5e-3
         old, begin = self.trajectory, switch - lead
-        inside = (old.times > begin + _MIN_STEP) & (old.times < switch - _MIN_STEP)
+        inside = (old.times > begin + least) & (old.times < switch - least)
         times = np.concatenate([[0.0], old.times[inside] - begin, rest.times + lead])
         first = self.sample(np.array([begin]))
-        columns = zip(first, states_of(old), states_of(rest), strict=True)
+        columns = zip(first, old.states, rest.states, strict=True)
         q, v, a = (np.vstack([x, y[inside], z]) for x, y, z in columns)
         efforts = None
         if old.efforts is not None and rest.efforts is not None:
@@ -131,7 +114,7 @@ class PublishedMotion:
 
     @cached_property
     def _ends(self) -> FloatArray:
-        return segment_ends(self.trajectory.times, *states_of(self.trajectory))
+        return segment_ends(self.trajectory.times, *self.trajectory.states)
 
 
 @dataclass(frozen=True, eq=False)
@@ -185,7 +168,7 @@ class Joined:
         an error of each millisecond would be a jump where another motion continues this one.
         """
         times = np.concatenate([[0.0], trajectory.times + TRANSPORT])
-        q, v, a = (np.vstack([x[:1], x]) for x in states_of(trajectory))
+        q, v, a = (np.vstack([x[:1], x]) for x in trajectory.states)
         efforts = trajectory.efforts
         if efforts is not None:
             efforts = np.vstack([efforts[:1], efforts])
@@ -197,10 +180,6 @@ def hold(joint_names: Sequence[str], positions: FloatArray) -> Trajectory:
     """A trajectory of one point at rest."""
     zero = np.zeros((1, len(positions)))
     return Trajectory(joint_names, [0.0], [positions], zero, zero)
-
-
-# Samples that the error of an estimated place is averaged over.
-_N_NEWEST = 5
 
 
 @dataclass(frozen=True)
@@ -283,7 +262,7 @@ def locate(
         start = Progress(now, nearest, known.rate)
         other_cost, other = _fit(motion, samples, known, start, options)
         found = other if other_cost < cost else found
-    if found.error <= options.good_error or n < 4 * _N_NEWEST:
+    if found.error <= options.good_error or n < 4 * options.n_newest:
         return found
     newer = MeasuredSamples(samples.times[-(n // 2) :], samples.positions[-(n // 2) :])
     _, other = _fit(motion, newer, known, found, options)
@@ -310,7 +289,7 @@ def _fit(
         error = away / noise
         cost = float(np.square(error).sum() + precision @ (x - known) ** 2)
         if cost < best[0]:
-            distance = float(np.abs(away[-_N_NEWEST:].mean(axis=0)).max())
+            distance = float(np.abs(away[-options.n_newest :].mean(axis=0)).max())
             place, rate, change = (float(value) for value in x[:3])
             best = cost, Progress(prior.time, place, rate, change, distance)
         slopes = (powers[:, :, None] * v).reshape(len(x), -1) / noise

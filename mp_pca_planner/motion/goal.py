@@ -57,6 +57,11 @@ class JointState:
         ):
             set_frozen(self, **{field: frozen_array(values, zero.shape, field, GoalError)})
 
+    @property
+    def values(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Positions, velocities and accelerations."""
+        return self.positions, self.velocities, self.accelerations
+
 
 @dataclass(frozen=True, eq=False)
 class Pose:

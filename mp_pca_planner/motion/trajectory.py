@@ -96,6 +96,11 @@ class Trajectory:
         """Time from the first to the last point [s]."""
         return float(self.times[-1])
 
+    @property
+    def states(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Positions, velocities and accelerations."""
+        return self.positions, self.velocities, self.accelerations
+
     def columns(self) -> dict[str, FloatArray]:
         """Times and values of all points, by the names of the public interface."""
         names = ("times", "positions", "velocities", "accelerations", "efforts")
