@@ -36,16 +36,16 @@ def _coefficients(derivative: int) -> FloatArray:
     return np.asarray(polynomial.polyder(np.array(values), derivative, axis=1).T)
 
 
-@cache
-def to_bezier_points(derivative: int) -> FloatArray:
-    """Matrix from the values at both ends of a quintic to Bézier points of a derivative by phase.
-
-    The values are those of :func:`hermite_functions`. The curve lies between the lowest and the
-    highest of its points. The shape is (6 - derivative, 6).
-    """
+def _to_bezier_points(derivative: int) -> FloatArray:
     degree = 5 - derivative
     powers = [[comb(i, k) / comb(degree, k) for k in range(degree + 1)] for i in range(degree + 1)]
     return np.asarray(powers @ _coefficients(derivative))
+
+
+BEZIER_POINTS = tuple(_to_bezier_points(d) for d in range(4))
+"""Take the values at both ends of a quintic, as :func:`hermite_functions` does, to the Bézier
+points of it and of its first three derivatives by phase, shape (6 - derivative, 6). The curve lies
+between the lowest and the highest Bézier point."""
 
 
 def hermite_functions(phases: FloatArray, derivative: int = 0) -> FloatArray:

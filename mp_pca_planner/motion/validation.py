@@ -10,7 +10,6 @@ it is sampled.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cache
 
 import numpy as np
 from numpy.polynomial import chebyshev
@@ -21,7 +20,7 @@ from ..exceptions import TrajectoryError
 from ..robot.limits import JointLimits
 from ..robot.model import Robot
 from .goal import JointState
-from .interpolation import hermite_functions, segment_ends, to_bezier_points
+from .interpolation import BEZIER_POINTS, hermite_functions, segment_ends
 from .trajectory import Trajectory
 
 GRID_PERIOD = 1e-3
@@ -32,6 +31,21 @@ LIMIT_TOLERANCE = 1e-6
 
 LIMIT_NEAR = 1e-4
 """Relative distance from a limit within which the grid may miss a violation."""
+
+_START_TOLERANCE = 1e-9
+# Least number of steps between two points. At its ends, a quintic from rest to rest has no speed
+# and little effort for any duration; at a quarter of the duration, its acceleration is near the
+# peak.
+_MIN_PARTS = 4
+# Five points on each segment, from −1 to 1; the matrix from efforts at them to Chebyshev
+# coefficients; and the one from these to efforts at points about as dense as the grid.
+_CHEBYSHEV = -np.cos(np.linspace(0.0, np.pi, 5))
+# The last point of a segment is the first point of the next.
+_AT_CHEBYSHEV = np.array([hermite_functions(0.5 * (_CHEBYSHEV[:-1] + 1.0), d) for d in range(3)])
+_TO_CHEBYSHEV = np.linalg.inv(chebyshev.chebvander(_CHEBYSHEV, 4))
+_FROM_CHEBYSHEV = chebyshev.chebvander(np.linspace(-1.0, 1.0, 11), 4)
+# Largest error of that polynomial, as a share of the limit, at which it represents the efforts.
+_SMOOTH = 1e-3
 
 
 @dataclass(frozen=True)
@@ -128,17 +142,27 @@ def interpolate(
     steps = np.diff(trajectory.times)
     if steps.size == 0:
         zero = np.zeros_like(trajectory.positions)
-        return DenseSamples(trajectory.times, *trajectory.states, zero)
-    # At its ends, a quintic from rest to rest has no speed and little effort for any duration; at a
-    # quarter of the duration, its acceleration is near the peak.
-    n_parts = max(int(np.ceil(steps.max() / period - 1e-6)), 4)
+        return DenseSamples(
+            trajectory.times,
+            trajectory.positions,
+            trajectory.velocities,
+            trajectory.accelerations,
+            zero,
+        )
+    n_parts = max(int(np.ceil(steps.max() / period - 1e-6)), _MIN_PARTS)
     fractions = np.linspace(0.0, 1.0, n_parts + 1)
     tables = np.array([hermite_functions(fractions, d) for d in range(4)])
-    ends, began = segment_ends(trajectory.times, *trajectory.states), trajectory.times[:-1]
+    ends, began = _segment_ends(trajectory), trajectory.times[:-1]
     if segments is not None:
         ends, steps, began = ends[segments], steps[segments], began[segments]
     q, v, a, jerk = _derivatives(ends, steps, tables)
     return DenseSamples((began[:, None] + steps[:, None] * fractions).ravel(), q, v, a, jerk)
+
+
+def _segment_ends(trajectory: Trajectory) -> FloatArray:
+    return segment_ends(
+        trajectory.times, trajectory.positions, trajectory.velocities, trajectory.accelerations
+    )
 
 
 def _derivatives(ends: FloatArray, steps: FloatArray, tables: FloatArray) -> FloatArray:
@@ -184,7 +208,7 @@ def check_limits(trajectory: Trajectory, robot: Robot, limits: JointLimits) -> L
         If efforts are limited, and a moving link of the robot has no valid inertia.
     """
     require_effort_limits(robot, limits)
-    steps, ends = np.diff(trajectory.times), segment_ends(trajectory.times, *trajectory.states)
+    steps, ends = np.diff(trajectory.times), _segment_ends(trajectory)
     # Only segments that come near a limit are sampled, and a single point.
     near, near_efforts = np.ones(1, dtype=bool), np.isfinite(limits.effort)
     if steps.size:
@@ -244,7 +268,7 @@ def _near_limits(ends: FloatArray, steps: FloatArray, limits: JointLimits) -> ND
     columns = ends.transpose(1, 0, 2).reshape(6, -1)
 
     def bezier_points(order: int) -> FloatArray:
-        return (to_bezier_points(order) @ columns).reshape(-1, *ends[:, 0].shape)
+        return (BEZIER_POINTS[order] @ columns).reshape(-1, *ends[:, 0].shape)
 
     room = LIMIT_NEAR * _span(limits)
     q = bezier_points(0)
@@ -267,31 +291,17 @@ def _near_effort_limits(
     """
     if not np.isfinite(limits.effort).any():
         return np.zeros(steps.size, dtype=bool)
-    at_points, to_coefficients, to_dense = _chebyshev_tables()
-    states = zip(_derivatives(ends, steps, at_points), trajectory.states, strict=True)
-    tau = robot.inverse_dynamics(*(np.concatenate([x, last[-1:]]) for x, last in states))
-    nodes = np.arange(len(steps))[:, None] * 4 + np.arange(5)
-    coefficients = to_coefficients @ tau[nodes]
+    degree = len(_CHEBYSHEV) - 1
+    states = _derivatives(ends, steps, _AT_CHEBYSHEV)
+    last = (trajectory.positions, trajectory.velocities, trajectory.accelerations)
+    q, v, a = (np.concatenate([x, end[-1:]]) for x, end in zip(states, last, strict=True))
+    tau = robot.inverse_dynamics(q, v, a)
+    nodes = np.arange(len(steps))[:, None] * degree + np.arange(degree + 1)
+    coefficients = _TO_CHEBYSHEV @ tau[nodes]
     beyond = np.abs(coefficients[:, -1]) + 0.1 * np.abs(coefficients[:, -2])
-    within = np.abs(to_dense @ coefficients).max(axis=1) + beyond
-    # The polynomial represents the efforts if its error is small beside the limit.
-    clear = (beyond <= 1e-3 * limits.effort) & (within < (1.0 - LIMIT_NEAR) * limits.effort)
+    within = np.abs(_FROM_CHEBYSHEV @ coefficients).max(axis=1) + beyond
+    clear = (beyond <= _SMOOTH * limits.effort) & (within < (1.0 - LIMIT_NEAR) * limits.effort)
     return np.asarray(~clear.all(axis=1))
-
-
-@cache
-def _chebyshev_tables() -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Hermite functions at Chebyshev points, and matrices from values there and to a dense grid.
-
-    There are five points on each segment, the last of which is the first one of the next. The
-    second matrix gives Chebyshev coefficients, the third one values at points about as dense as the
-    grid.
-    """
-    points = -np.cos(np.linspace(0.0, np.pi, 5))
-    at_points = np.array([hermite_functions(0.5 * (points[:-1] + 1.0), d) for d in range(3)])
-    to_coefficients: FloatArray = np.linalg.inv(chebyshev.chebvander(points, 4))
-    to_dense: FloatArray = chebyshev.chebvander(np.linspace(-1.0, 1.0, 11), 4)
-    return at_points, to_coefficients, to_dense
 
 
 def _span(limits: JointLimits) -> FloatArray:
@@ -334,7 +344,7 @@ def check_executable(
         )
     jump = np.abs(trajectory.positions[0] - start.positions)
     worst = int(jump.argmax())
-    if not jump[worst] <= 1e-9:  # rounding
+    if not jump[worst] <= _START_TOLERANCE:
         raise TrajectoryError(
             f"the trajectory starts {jump[worst]:.3g} rad (or m) from the present position of "
             f"joint '{trajectory.joint_names[worst]}'"
