@@ -53,7 +53,7 @@ class AdaptedPlan:
     @property
     def effort_cost(self) -> float:
         """J = ½∫‖τ‖²dt [N²·m²·s]."""
-        return effort_cost(self.trajectory)
+        return self.trajectory.effort_cost
 
     def summary(self) -> dict[str, str | float | int]:
         """Scalar facts, by the names of the package's public interface."""
@@ -70,13 +70,6 @@ class AdaptedPlan:
             "start_error": 0.0,
             "goal_error": 0.0,
         }
-
-
-def effort_cost(trajectory: Trajectory) -> float:
-    """J = ½∫‖τ‖²dt of a trajectory with efforts [N²·m²·s], by the trapezoidal rule."""
-    assert trajectory.efforts is not None
-    power = np.square(trajectory.efforts).sum(axis=1)
-    return float(0.25 * np.diff(trajectory.times) @ (power[1:] + power[:-1]))
 
 
 def displaced(

@@ -13,7 +13,7 @@ import numpy as np
 from ..exceptions import TrajectoryError
 from ..motion.goal import Goal, JointGoal, JointState, PoseGoal, SequenceGoal
 from ..planning.plan import Plan
-from .adaptation import AdaptedPlan, displaced, effort_cost
+from .adaptation import AdaptedPlan, displaced
 from .assembly import Model
 from .measured import Clock
 from .options import ServingOptions
@@ -134,7 +134,7 @@ class GoalPlanner:
         planned = self._plan_in_time(goal, adapted, request)
         if planned is None or not planned.is_executable:
             return adapted
-        if not goal.duration and effort_cost(planned.trajectory) > adapted.effort_cost:
+        if not goal.duration and planned.trajectory.effort_cost > adapted.effort_cost:
             return adapted
         return planned
 

@@ -59,11 +59,6 @@ class LastMotion:
             if outcome != NEVER_STARTED:
                 self.erase_preview()
 
-    @property
-    def facts(self) -> dict[str, str | float]:
-        """The measured cost, for the diagnostics."""
-        return {"trial_cost": "none" if self.cost is None else self.cost}
-
     def report_cost(self, cost: float) -> None:
         """Record the measured cost, and learn from it if the motion is a trial.
 
