@@ -31,8 +31,8 @@ from ..motion.goal import JointGoal, JointState
 from ..planning.plan import Plan
 from ..primitives.file import save_primitive
 from ..robot.model import Robot
-from .adaptation import AdaptedPlan
 from .assembly import Model
+from .goal_planner import AdaptedPlan
 from .served_goal import Served
 
 

@@ -21,7 +21,6 @@ from ..exceptions import GoalError
 from ..execution.execution_monitor import NEVER_STARTED, REPLACED
 from ..execution.parameters import ParameterError
 from ..execution.served_goal import Served
-from ..execution.trial_store import keep_motion
 from ..motion.trajectory import Trajectory
 from ..robot.model import Robot
 
@@ -111,6 +110,9 @@ class LastMotion:
             )
         if self._served is None:
             raise GoalError("there is no motion to save: none was published")
+        # Imported late for a fast start of the node.
+        from ..execution.trial_store import keep_motion
+
         cost = {} if self.cost is None else {"trial_cost": self.cost}
         return keep_motion(self._served, Path(folder), {"kept_by": kept_by, **cost})
 

@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import simpson
 
-from mp_pca_planner.execution.adaptation import AdaptedPlan, displaced
+from mp_pca_planner.execution.goal_planner import AdaptedPlan, displaced
 from mp_pca_planner.execution.published_motion import PublishedMotion
 from mp_pca_planner.motion.goal import JointState
 
@@ -93,5 +93,5 @@ def test_efforts_are_those_of_the_motion_and_their_cost_is_its_integral():
     assert trajectory.effort_cost == pytest.approx(0.5 * integral, rel=1e-4)
     plan = AdaptedPlan(trajectory, check, "reach", 0.5, 0.01)
     summary = plan.summary()
-    assert summary["effort_cost"] == plan.effort_cost == trajectory.effort_cost
+    assert summary["effort_cost"] == trajectory.effort_cost
     assert (summary["status"], summary["limit_violation"]) == ("solved", 0.0)
