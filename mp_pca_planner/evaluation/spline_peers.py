@@ -79,8 +79,8 @@ def slsqp_method(scene: Scene, max_time: float, *, differences: bool) -> Method:
 
     kind = "finite differences" if differences else "analytic gradients"
     about = (
-        f"SciPy's SLSQP on B-splines, {_OPTIONS.n_control_points} control points per joint, {kind}, "
-        f"limits at {_OPTIONS.n_phases} phases"
+        f"SciPy's SLSQP on B-splines, {_OPTIONS.n_control_points} control points per joint, "
+        f"{kind}, limits at {_OPTIONS.n_phases} phases"
     )
     name = "slsqp_differences" if differences else "slsqp_gradients"
     return Method(name, about, solve, slow=True)
