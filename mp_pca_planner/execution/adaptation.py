@@ -23,12 +23,6 @@ from ..robot.limits import JointLimits
 from ..robot.model import Robot
 from .published_motion import PublishedMotion
 
-# Duration of the shortest displacement [s], so that small ones are smooth, too.
-_MIN_DURATION = 0.25
-# Peaks of velocity, acceleration and jerk of the minimum-jerk polynomial from 0 to 1 in unit time,
-# and the power of the duration by which they are divided.
-_PEAKS = ((1.875, 1), (5.7735, 2), (60.0, 3))
-
 
 @dataclass(frozen=True, eq=False)
 class AdaptedPlan:
@@ -116,19 +110,21 @@ def displaced(
     """
     change = np.abs(goal.positions - motion.end)
     bounds = (limits.velocity, limits.acceleration, limits.jerk)
+    # Of the minimum-jerk polynomial from 0 to 1 in unit time.
+    peaks = (1.875, 5.7735, 60.0)
     needed = [
         float(np.max(peak * change / bound)) ** (1.0 / order)
-        for (peak, order), bound in zip(_PEAKS, bounds, strict=True)
+        for order, (peak, bound) in enumerate(zip(peaks, bounds, strict=True), start=1)
     ]
-    duration = max(motion.duration - place, _MIN_DURATION, *needed)
+    # Small displacements are smooth, too, if they take a quarter of a second.
+    duration = max(motion.duration - place, 0.25, *needed)
     # Durations up to four times as long are tried, because the sum with the motion must keep the
     # limits.
     for _ in range(7):
         trajectory = _displaced_in(duration, motion, place, goal, period)
         check = check_limits(trajectory, robot, limits)
         if not check.violations:
-            q, v, a = trajectory.positions, trajectory.velocities, trajectory.accelerations
-            return replace(trajectory, efforts=robot.inverse_dynamics(q, v, a)), check
+            return replace(trajectory, efforts=robot.inverse_dynamics(*trajectory.states)), check
         duration *= 1.25
     return None
 
@@ -139,13 +135,13 @@ def _displaced_in(
     """The motion from a place on, plus the polynomial to the change of its end."""
     times = np.linspace(0.0, duration, max(int(np.ceil(duration / period)), 5) + 1)
     last = motion.state(motion.duration)
-    old, new = ((end.positions, end.velocities, end.accelerations) for end in (last, goal))
-    change = [(y - x) * duration**d for d, (x, y) in enumerate(zip(old, new, strict=True))]
+    ends = zip(last.values, goal.values, strict=True)
+    change = [(new - old) * duration**d for d, (old, new) in enumerate(ends)]
     boundary = np.vstack([np.zeros((3, len(goal.positions))), change])
     columns = [
         x + hermite_functions(times / duration, d) @ boundary / duration**d
         for d, x in enumerate(motion.sample(place + times))
     ]
-    for x, end in zip(columns, new, strict=True):
+    for x, end in zip(columns, goal.values, strict=True):
         x[-1] = end
     return Trajectory(motion.trajectory.joint_names, times, *columns)

@@ -188,7 +188,7 @@ class GoalPlanner:
 def _executable_plan(goal: Goal, request: PlanRequest) -> Plan:
     """A plan that may be executed."""
     model = request.model
-    plan = model.planner.plan(goal, request.start.state, model.settings.sequence_mode)
+    plan = model.planner.plan(goal, request.start.state)
     if request.is_cancelled():
         raise CancelledError
     if not plan.is_executable:

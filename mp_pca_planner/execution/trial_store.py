@@ -11,8 +11,10 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 import threading
 from collections import OrderedDict
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from itertools import count
 from pathlib import Path
@@ -22,13 +24,17 @@ import numpy as np
 
 from ..arrays import FloatArray
 from ..exceptions import GoalError, LearningError, PlannerError, TrajectoryError
+from ..learning.primitive_around import primitive_around
 from ..learning.refined_motion import RefinedMotion
 from ..learning.refinement import ExecutableMotions, RefinementCost, RefinementOptions, refine
 from ..learning.trials import TrialLearner, read_request
 from ..motion.goal import JointGoal, JointState
 from ..planning.plan import Plan
+from ..primitives.file import save_primitive
 from ..robot.model import Robot
+from .adaptation import AdaptedPlan
 from .assembly import Model
+from .served_goal import Served
 
 # Goals whose learners are kept in memory; the trials of others are in their files.
 _MAX_OPEN = 16
@@ -268,3 +274,47 @@ def _start_in(file: Path, joint_names: tuple[str, ...]) -> JointState:
 
 def _is_near(one: JointState, other: JointState) -> bool:
     return bool(np.abs(one.positions - other.positions).max() <= _NEAR)
+
+
+def keep_motion(served: Served, folder: Path, provenance: Mapping[str, Any]) -> Path:
+    """Write a primitive of the motions around a published one to a new file.
+
+    If the goal is learned by trials, the best trial is kept, and its trials end.
+
+    Parameters
+    ----------
+    served : Served
+        The published motion.
+    folder : Path
+        Folder of the file, which is named after the primitive with the first free number.
+    provenance : mapping
+        Origin of the motion, of JSON types.
+
+    Raises
+    ------
+    PlannerError
+        If the motion is a sequence, no trial was better than the planned motion, or the file
+        can't be written.
+    """
+    plan, trial = served.plan, served.trial
+    if isinstance(plan, Plan) and plan.mode:
+        reason = "it is a sequence, and a primitive is made of the motion to a single goal"
+        raise GoalError(f"the last motion can't be kept: {reason}")
+    if isinstance(plan, AdaptedPlan):
+        reason = "it continues a running motion; send the goal again when the robot is at rest"
+        raise GoalError(f"the last motion can't be kept: {reason}")
+    known = {primitive.name: primitive for primitive in served.model.planner.primitives}
+    primitive = known[plan.primitive]
+    # Names may contain any characters, a path for example.
+    stem = re.sub(r"[^A-Za-z0-9_-]+", "_", primitive.name)[:100]
+    names = ((f"{primitive.name}_{k}", folder / f"{stem}_{k}.npz") for k in count(1))
+    name, file = next((n, f) for n, f in names if n not in known and not f.exists())
+    parameters = None
+    if trial is not None:
+        parameters, facts = trial.to_keep()
+        provenance = {**provenance, **facts}
+    motion = RefinedMotion([plan.motion], parameters)
+    save_primitive(primitive_around(primitive, motion, name, provenance), file)
+    if trial is not None:
+        trial.close()
+    return file

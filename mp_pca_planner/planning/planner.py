@@ -10,8 +10,15 @@ from dataclasses import replace
 
 from ..exceptions import GoalError, PrimitiveError, quote_names
 from ..motion.collision import CollisionModel, package_folders
-from ..motion.goal import JointGoal, JointState, SequenceGoal
-from ..motion.targets import GoalLike, StateLike, as_goal, as_state
+from ..motion.goal import (
+    GoalLike,
+    JointGoal,
+    JointState,
+    SequenceGoal,
+    StateLike,
+    as_goal,
+    as_state,
+)
 from ..motion.validation import require_effort_limits
 from ..primitives.primitive import MovementPrimitive
 from ..robot.limits import JointLimits

@@ -20,9 +20,8 @@ from ..exceptions import PlannerError
 from ..robot.limits import JointLimits
 from ..robot.model import Robot
 from .node import NODE_NAME
-from .own_context import NodeInOwnContext
-from .qos import LATCHED, STATES
-from .subscriptions import PolledSubscription
+from .process import NodeInOwnContext
+from .subscriptions import LATCHED, STATES, PolledSubscription
 
 
 @dataclass

@@ -107,8 +107,7 @@ def _run(
 
     start_ros(arguments)
     try:
-        from .lifecycle_node import LifecyclePlannerNode
-        from .node import PlannerNode
+        from .node import LifecyclePlannerNode, PlannerNode
 
         node = LifecyclePlannerNode() if is_managed else PlannerNode()
         # Meanwhile, the nodes of the robot discover this one.

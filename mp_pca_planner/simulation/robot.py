@@ -7,7 +7,9 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,13 +18,137 @@ from ..arrays import FloatArray, frozen_array
 from ..exceptions import SimulationError, unknown_name
 from ..motion.trajectory import Trajectory
 from ..robot.model import Robot
-from .controller import TrajectoryController
-from .faults import Faults
-from .message import NANOSECONDS, TrajectoryMessage, to_message
-from .mujoco_plant import MujocoPlant
-from .plant import PERIOD, PinocchioPlant
-from .record import Record
-from .rejection import ControllerOptions
+from .controller import (
+    NANOSECONDS,
+    ControllerOptions,
+    TrajectoryController,
+    TrajectoryMessage,
+    to_message,
+)
+from .plant import PERIOD, MujocoPlant, PinocchioPlant
+
+# Ranges of the numbers.
+RANGES = {
+    "speed_scaling": (0.0, 1.0),
+    "delay": (0.0, 1.0),
+    "jitter": (0.0, 1.0),
+    "drop": (0.0, 1.0),
+    "payload": (0.0, 1000.0),
+    "noise": (0.0, 0.1),
+}
+
+
+@dataclass
+class Faults:
+    """Faults of a simulated robot; every attribute may be set at any time.
+
+    Attributes
+    ----------
+    speed_scaling : float
+        Speed of the trajectory's clock, 0 to 1. The robot follows a change smoothly, in about
+        0.4 s, as real robots do.
+    held : bool
+        Whether the robot is held: a speed scaling of 0 until it is released.
+    silent : bool
+        Whether no joint states are published.
+    delay, jitter : float
+        Transport time of a message, and its largest random addition [s].
+    active : bool
+        Whether the controller is active; it rejects messages unless it is.
+    drop : float
+        Probability that a message is lost.
+    payload : float
+        Mass at the end effector that gravity compensation does not include [kg].
+    noise : float
+        Standard deviation of measured positions [rad or m]; that of velocities is 100/s times it.
+
+    Raises
+    ------
+    SimulationError
+        If a name is unknown or a value out of range.
+    """
+
+    speed_scaling: float = 1.0
+    held: bool = False
+    silent: bool = False
+    delay: float = 0.0
+    jitter: float = 0.0
+    active: bool = True
+    drop: float = 0.0
+    payload: float = 0.0
+    noise: float = 0.0
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        if name not in self.__dataclass_fields__:
+            raise SimulationError(unknown_name("fault", name, self.__dataclass_fields__))
+        if name in RANGES:
+            low, high = RANGES[name]
+            if isinstance(value, str) or not low <= value <= high:
+                raise SimulationError(
+                    f"{name} is {value}, expected a number from {low:g} to {high:g}"
+                )
+        elif not isinstance(value, bool):
+            raise SimulationError(f"{name} is {value!r}, expected true or false")
+        object.__setattr__(self, name, value)
+
+
+class Record:
+    """One row per cycle of the controller.
+
+    Attributes
+    ----------
+    times, clock, scaling : array, shape (n_cycles,)
+        Time of each cycle [s], time for which commands have advanced along trajectories [s],
+        and speed scaling.
+    q, v, a : array, shape (n_cycles, n_joints)
+        Commanded positions [rad or m], and the trajectory's velocities and accelerations there,
+        by its own clock [/s, /s²].
+    measured : array, shape (n_cycles, n_joints)
+        Positions before the command, without noise [rad or m].
+    cuts : list of int
+        Cycles whose commands may jump: the controller was restarted,
+        deactivated, or held the measured position.
+    """
+
+    def __init__(self, n_joints: int) -> None:
+        self._n = n_joints
+        self._size = 0
+        self._rows = np.empty((4096, 3 + 4 * n_joints))
+        self._columns: dict[str, int | slice] = {"times": 0, "clock": 1, "scaling": 2}
+        for k, name in enumerate(("q", "v", "a", "measured")):
+            self._columns[name] = slice(3 + k * n_joints, 3 + (k + 1) * n_joints)
+        self.cuts: list[int] = []
+
+    def __len__(self) -> int:
+        return self._size
+
+    def __getattr__(self, name: str) -> FloatArray:
+        if name.startswith("_") or name not in self._columns:
+            raise AttributeError(name)
+        return self._rows[: self._size, self._columns[name]]
+
+    def append(
+        self, stamps: tuple[float, float, float], command: FloatArray, measured: FloatArray
+    ) -> None:
+        """Add a cycle: its time, clock and scaling; q, v and a in a row; measured positions."""
+        if self._size == len(self._rows):
+            self._rows = np.concatenate([self._rows, np.empty_like(self._rows)])
+        row = self._rows[self._size]
+        row[:3] = stamps
+        row[3 : -self._n] = command
+        row[-self._n :] = measured
+        self._size += 1
+
+    def clear(self) -> None:
+        """Discard all cycles."""
+        self._size = 0
+        self.cuts.clear()
+
+    def arrays(self) -> dict[str, FloatArray]:
+        """Every array by name, for :func:`numpy.savez`."""
+        arrays = {name: getattr(self, name) for name in self._columns}
+        return arrays | {"cuts": np.array(self.cuts)}
+
 
 _CYCLE = round(PERIOD * NANOSECONDS)
 _START = 1000 * NANOSECONDS  # start of the virtual clock; a stamp of 0 means "on arrival"
