@@ -12,9 +12,9 @@ import numpy as np
 
 from ..arrays import FloatArray
 from ..exceptions import RecordingError, quote_names
+from ..input_limits import INPUT_LIMITS
 from ..recordings.bags import NS_PER_S
 from ..recordings.joint_states import JointLayout, RawJointStates
-from ..recordings.repair.clock import MAX_RATE
 from ..recordings.reports import MarkerResidual
 from ..robot.model import Robot
 from .inverse_kinematics import marker_problem, solve
@@ -282,7 +282,7 @@ def _period(recorded: MarkerTrajectories) -> float:
     steps = steps[steps > 0]
     if not steps.size:
         raise RecordingError("all frames of markers have the same stamp: there is no usable time")
-    return max(float(np.median(steps)) / NS_PER_S, 1.0 / MAX_RATE)
+    return max(float(np.median(steps)) / NS_PER_S, 1.0 / INPUT_LIMITS.state_rate)
 
 
 def _summary(distances: FloatArray) -> MarkerResidual:

@@ -13,7 +13,7 @@ import numpy as np
 
 from ..arrays import FloatArray, frozen_array
 from ..exceptions import RecordingError, unknown_name
-from ..files import MAX_YAML_BYTES, load_yaml, read_text, reading
+from ..files import load_yaml, read_text, reading
 
 BaseMotion = Literal["moving", "fixed", "identity"]
 BASE_MOTIONS: tuple[BaseMotion, ...] = get_args(BaseMotion)
@@ -110,7 +110,7 @@ def read_marker_map(path: str | Path) -> MarkerMap:
     """
     where = f"marker map '{path}'"
     with reading(f"the {where}", RecordingError):
-        content = load_yaml(read_text(path, MAX_YAML_BYTES))
+        content = load_yaml(read_text(path))
         if not isinstance(content, dict) or not isinstance(content.get("markers"), dict):
             raise RecordingError(
                 f"the {where} must hold a mapping 'markers' from names to links and positions"

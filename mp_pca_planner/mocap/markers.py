@@ -18,10 +18,10 @@ from numpy.typing import NDArray
 
 from ..arrays import FloatArray
 from ..exceptions import RecordingError, quote_names, unknown_name
+from ..input_limits import INPUT_LIMITS
 from ..recordings.bags import Bag, IntArray, open_bag
 from ..recordings.byte_layout import NS_PER_S
 from ..recordings.inspection import MarkerFinding
-from ..recordings.repair.samples import MAX_POSITION
 from .frame_tree import clock_of, has_rotation, usual_period
 from .marker_map import MarkerPlacement
 from .marker_messages import BodySamples, read_samples, samples_on
@@ -130,7 +130,7 @@ def _finding(topic: str, name: str, samples: BodySamples) -> MarkerFinding:
 
 def _has_position(poses: FloatArray) -> NDArray[np.bool_]:
     # NaN compares false, too.
-    return np.asarray((np.abs(poses[:, :3]) < MAX_POSITION).all(axis=1))
+    return np.asarray((np.abs(poses[:, :3]) < INPUT_LIMITS.position).all(axis=1))
 
 
 def _chosen(samples: Mapping[str, BodySamples], marker: MarkerPlacement, path: Path) -> BodySamples:

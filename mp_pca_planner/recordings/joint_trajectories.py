@@ -21,6 +21,7 @@ from numpy.typing import ArrayLike
 
 from ..arrays import FloatArray
 from ..exceptions import RecordingError
+from ..input_limits import INPUT_LIMITS
 from ..motion.interpolation import interpolate_at
 from .bags import NS_PER_S, Bag, Stored, Topic
 from .joint_states import listed_names
@@ -35,10 +36,6 @@ from .repair.recording import (
     motion_notes,
     refuse_stillness,
 )
-from .repair.samples import MAX_POSITION
-
-MAX_DURATION = 1000.0
-"""Largest duration of a commanded motion [s], which bounds the number of samples."""
 
 SAMPLE_RATE = 200.0
 """Rate at which commanded motions are sampled [Hz]; smoothing keeps no higher rate."""
@@ -228,8 +225,8 @@ def _pieces(
 def _is_finite(motion: CommandedMotion) -> bool:
     """Whether all numbers are finite, and the duration and positions plausible."""
     return bool(
-        motion.times[-1] - motion.times[0] < MAX_DURATION
-        and (np.abs(motion.positions) < MAX_POSITION).all()
+        motion.times[-1] - motion.times[0] < INPUT_LIMITS.commanded_duration
+        and (np.abs(motion.positions) < INPUT_LIMITS.position).all()
         and not np.isinf(motion.velocities).any()
         and not np.isinf(motion.accelerations).any()
     )

@@ -11,8 +11,8 @@ from contextlib import closing, contextmanager
 from pathlib import Path
 from urllib.parse import quote
 
+from ...input_limits import INPUT_LIMITS
 from .storage import Channel, DamageError, Key, StoredMessage, ros2_type, total
-from .unpacking import MAX_UNPACKED
 
 
 class Sqlite3File:
@@ -65,7 +65,7 @@ def _opened(path: Path, *, cut_off: bool = False) -> Iterator[sqlite3.Connection
     where = f"file:{quote(str(path.resolve()))}?immutable=1"
     with closing(sqlite3.connect(where, uri=True)) as database:
         # A computed column may have any size.
-        database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, MAX_UNPACKED)
+        database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, INPUT_LIMITS.unpacked_bytes)
         if cut_off:
             # Otherwise sqlite3 rejects files with fewer pages than their header states.
             database.execute("PRAGMA writable_schema=ON")

@@ -13,20 +13,12 @@ from typing import Any
 
 from lz4.frame import LZ4FrameDecompressor  # type: ignore[import-untyped]
 
+from ...input_limits import INPUT_LIMITS
+
 if sys.version_info >= (3, 14):
     from compression import zstd
 else:
     from backports import zstd
-
-MAX_UNPACKED = 256 << 20
-"""Largest size of an unpacked chunk or message [bytes]."""
-
-MAX_RATIO = 200
-"""A file unpacks to at most this many times its size, or to :data:`MAX_UNPACKED` if that is more.
-Joint states of a robot at rest reach a ratio of 100."""
-
-MAX_DISK_SHARE = 0.5
-"""Largest share of the free disk space that an unpacked file takes."""
 
 ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
 
@@ -57,15 +49,16 @@ def unpacked(kind: str, data: bytes, declared: int | None = None) -> bytes:
     ------
     UnpackingError
         If the compression is unknown, the content is cut off, or it is larger than declared or
-        than :data:`MAX_UNPACKED`.
+        than is accepted.
     """
     if kind in ("", "none"):
         return data
     if kind not in _DECOMPRESSORS:
         raise UnpackingError(f"compression '{kind}' is not known")
-    limit = MAX_UNPACKED if declared is None else declared
-    if limit > MAX_UNPACKED:
-        raise UnpackingError(f"{limit:,} bytes are declared; accepted are {MAX_UNPACKED:,}")
+    accepted = INPUT_LIMITS.unpacked_bytes
+    limit = accepted if declared is None else declared
+    if limit > accepted:
+        raise UnpackingError(f"{limit:,} bytes are declared; accepted are {accepted:,}")
     parts, size = [], 0
     while data:
         decompressor = _DECOMPRESSORS[kind]()
@@ -104,10 +97,10 @@ def copy_unpacked(source: Path, target: Path) -> None:
     Raises
     ------
     UnpackingError
-        If the content is too large for :data:`MAX_RATIO` or for the disk.
+        If the content is too large for its file, or for the disk.
     """
     stored = source.stat().st_size
-    room = int(MAX_DISK_SHARE * shutil.disk_usage(target.parent).free)
+    room = int(INPUT_LIMITS.disk_share * shutil.disk_usage(target.parent).free)
     size = 0
     with zstd.open(source, "rb") as packed, target.open("wb") as file:
         while block := packed.read(1 << 16):
@@ -121,7 +114,7 @@ def copy_unpacked(source: Path, target: Path) -> None:
 
 
 def _check_size(size: int, stored: int) -> None:
-    limit = max(MAX_UNPACKED, MAX_RATIO * stored)
+    limit = max(INPUT_LIMITS.unpacked_bytes, INPUT_LIMITS.unpacked_ratio * stored)
     if size > limit:
         raise UnpackingError(
             f"its {stored:,} bytes unpack to {size:,} or more; accepted are {limit:,}"

@@ -10,12 +10,10 @@ from dataclasses import replace
 import numpy as np
 
 from ...exceptions import RecordingError
+from ...input_limits import INPUT_LIMITS
 from ..byte_layout import NS_PER_S
 from ..joint_states import IntArray, RawJointStates
 from .samples import RepairOptions, Samples, count
-
-MAX_RATE = 5000.0
-"""Largest plausible rate of recorded joint states [Hz]."""
 
 YEAR_NS = 365 * 24 * 3600 * NS_PER_S
 
@@ -57,7 +55,9 @@ def choose_clock(raw: RawJointStates, messages: IntArray) -> tuple[IntArray, tup
 
 def _plausible(stamps: IntArray) -> bool:
     """Whether joint states can have been recorded at these times."""
-    return bool(stamps.size < 2 or stamps.size <= np.ptp(stamps) / NS_PER_S * MAX_RATE)
+    return bool(
+        stamps.size < 2 or stamps.size <= np.ptp(stamps) / NS_PER_S * INPUT_LIMITS.state_rate
+    )
 
 
 def order_by_time(samples: Samples, options: RepairOptions, repairs: Counter[str]) -> Samples:

@@ -11,10 +11,8 @@ import numpy as np
 
 from ...arrays import FloatArray, unique_names
 from ...exceptions import RecordingError, quote_names, unknown_name
+from ...input_limits import INPUT_LIMITS
 from ..joint_states import IntArray, RawJointStates, listed_names
-
-MAX_JOINTS = 500
-"""Largest number of joints of a robot."""
 
 
 def choose_joints(
@@ -35,14 +33,14 @@ def choose_joints(
     ------
     RecordingError
         If there is no message, a name is unknown, no joint is in every message, or the joints
-        are more than `MAX_JOINTS`.
+        are more than are accepted.
     """
     if not listed:
         raise RecordingError(f"there is no well-formed message on '{topic}'")
     names = _common_joints(listed, topic) if joints is None else _known_joints(listed, joints)
-    if len(names) > MAX_JOINTS:
+    if len(names) > INPUT_LIMITS.joints:
         raise RecordingError(
-            f"{len(names)} joints of '{topic}' are more than the {MAX_JOINTS} accepted: choose "
+            f"{len(names)} joints of '{topic}' are more than the {INPUT_LIMITS.joints} accepted: choose "
             "some of them (--joints)"
         )
     return names

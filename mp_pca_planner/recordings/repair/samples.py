@@ -13,12 +13,10 @@ from numpy.typing import NDArray
 
 from ...arrays import FloatArray
 from ...exceptions import RecordingError
+from ...input_limits import INPUT_LIMITS
 from ..byte_layout import NS_PER_S
 from ..joint_states import IntArray
 from .recording import MIN_SAMPLES
-
-MAX_POSITION = 1e6
-"""Largest plausible position [rad or m]; drivers mark unknown positions by huge numbers."""
 
 
 @dataclass(frozen=True)
@@ -146,7 +144,7 @@ def taken(rows: IntArray, values: NDArray[Any]) -> NDArray[Any]:
 def drop_unusable(samples: Samples, options: RepairOptions, repairs: Counter[str]) -> Samples:
     """Drop samples without a stamp or with an unusable position."""
     # NaN compares false, too.
-    finite = np.all(np.abs(samples.positions) < MAX_POSITION, axis=1)
+    finite = np.all(np.abs(samples.positions) < INPUT_LIMITS.position, axis=1)
     stamped = samples.times > 0
     repairs["non_finite"] += count(~finite)
     repairs["unstamped"] += count(finite & ~stamped)

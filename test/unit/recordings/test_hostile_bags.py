@@ -21,10 +21,10 @@ from lz4.frame import compress as compress_lz4
 from test_salvage import compressed_bag
 
 from mp_pca_planner.exceptions import PlannerError, RecordingError
+from mp_pca_planner.input_limits import INPUT_LIMITS, InputLimits
 from mp_pca_planner.recordings.bags import files, read_joint_states, unpacking, write_joint_states
 from mp_pca_planner.recordings.inspection import inspect_recording
 from mp_pca_planner.recordings.load import load_recordings
-from mp_pca_planner.recordings.repair.joints import MAX_JOINTS
 
 MB = 1 << 20
 ZEROS = bytes(400 * MB)
@@ -123,7 +123,7 @@ def test_file_that_is_compressed_as_a_whole_does_not_fill_the_disk(
 ) -> None:
     (tmp_path / "bomb").mkdir()
     (tmp_path / "bomb" / "bomb_0.mcap.zstd").write_bytes(unpacking.zstd.compress(ZEROS))
-    monkeypatch.setattr(unpacking, "MAX_UNPACKED", MB)
+    monkeypatch.setattr(unpacking, "INPUT_LIMITS", InputLimits(unpacked_bytes=MB))
     sizes: list[int] = []
 
     def watched(source: Path, target: Path) -> None:
@@ -196,7 +196,7 @@ def test_more_joints_than_any_robot_has_are_refused_unless_some_are_chosen(tmp_p
     stamps = EPOCH + np.arange(len(motion)) * S // 5
     write_joint_states(tmp_path / "x", "mcap", names, stamps, motion * np.linspace(-1, 1, n))
     reason = refusal(tmp_path / "x")
-    assert f"{n} joints of '/joint_states' are more than the {MAX_JOINTS}" in reason
+    assert f"{n} joints of '/joint_states' are more than the {INPUT_LIMITS.joints}" in reason
     (chosen,) = load_recordings([tmp_path / "x"], joints=["joint_29999"]).demonstrations
     assert chosen.positions.shape[1] == 1
     (refused,) = load_recordings([tmp_path / "x"], joints=["jont_5"]).refused
