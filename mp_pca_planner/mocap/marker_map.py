@@ -15,10 +15,10 @@ from ..arrays import FloatArray, frozen_array
 from ..exceptions import RecordingError, unknown_name
 from ..files import load_yaml, read_text, reading
 
-BaseMotion = Literal["moving", "fixed", "identity"]
+BaseMotion = Literal["moving", "identity"]
 BASE_MOTIONS: tuple[BaseMotion, ...] = get_args(BaseMotion)
 """Motion of the root link in the frame that markers are recorded in: its pose is fitted to the
-markers on it frame by frame, once for the recording, or it is that frame."""
+markers on it frame by frame, or it is that frame."""
 
 OriginFit = Literal["position", "length"]
 ORIGIN_FITS: tuple[OriginFit, ...] = get_args(OriginFit)

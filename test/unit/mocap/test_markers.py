@@ -22,7 +22,6 @@ from scipy.spatial.transform import Rotation
 from mp_pca_planner.exceptions import RecordingError
 from mp_pca_planner.mocap.marker_map import MarkerPlacement
 from mp_pca_planner.mocap.markers import read_markers
-from mp_pca_planner.recordings.bags import write_markers
 
 STEP = S // 100
 N = 20
@@ -43,22 +42,6 @@ def test_marker_arrays_are_read_by_namespace(tmp_path: Path, bag_format: str) ->
     expected = EPOCH + STEP * np.arange(N)
     np.testing.assert_array_equal(found.header_stamps, expected)
     np.testing.assert_array_equal(found.receive_stamps, expected)
-
-
-def test_written_markers_are_read_back(tmp_path: Path) -> None:
-    written = PATHS[:2].transpose(1, 0, 2).copy()
-    written[3, 1, 0] = np.nan
-    stamps = EPOCH + STEP * np.arange(N)
-    write_markers(tmp_path / "bag", ("elbow", "wrist"), stamps, written)
-    found = read_markers(tmp_path / "bag", "/markers", placed("elbow", "wrist"))
-    written[3, 1] = np.nan
-    np.testing.assert_array_equal(found.positions, written)
-    np.testing.assert_array_equal(found.header_stamps, stamps)
-
-
-def test_markers_to_write_must_have_places(tmp_path: Path) -> None:
-    with pytest.raises(RecordingError, match=r"shape \(20, 1, 3\), got \(20, 2, 3\)"):
-        write_markers(tmp_path / "bag", ["elbow"], np.arange(N), PATHS[:2].transpose(1, 0, 2))
 
 
 def test_markers_of_one_namespace_are_told_apart_by_id(tmp_path: Path) -> None:
