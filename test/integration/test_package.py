@@ -27,7 +27,7 @@ ROS_COMMANDS = ["cli.call_service", "cli.demo", "cli.send_goal", "cli.simulate"]
 SOURCES = sorted((ROOT / PACKAGE).rglob("*.py"))
 
 LAYERS = [
-    {"exceptions", "arrays", "files", "json_content", "resources"},
+    {"exceptions", "arrays", "files", "input_limits", "json_content", "resources"},
     {"robot"},
     {"motion"},
     {"recordings", "mocap", "primitives"},
