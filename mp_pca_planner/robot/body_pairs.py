@@ -269,7 +269,7 @@ class _CollisionCheck:
         # Sweep and prune: the fastest broad phase of Coal from 10 to 400 bodies.
         sweep = getattr(pin, "BroadPhaseManager_SSaPCollisionManager", None)
         if sweep is None:  # before release 3
-            self._arguments = self._kept
+            self._arguments: tuple[Any, ...] = self._kept
         else:
             # Its boxes are enlarged by the margins in their first update.
             self._arguments = *self._kept[:2], sweep(bodies.model, geometry, geometry_data)
