@@ -55,7 +55,7 @@ def recording_figure(
     below.plot(overview.times, unit.factor * overview.speed, color=BLACK, linewidth=1.4)
     for threshold in (report.thresholds.rest, report.thresholds.moving):
         below.axhline(unit.factor * threshold, color=GREY, linestyle="--", linewidth=1.0)
-    rests = _runs(overview.speed <= report.thresholds.rest)
+    rests = runs(overview.speed <= report.thresholds.rest)
     for axes in (above, below):
         for first, last in rests:
             axes.axvspan(*overview.times[[first, last]], color=_REST["color"], linewidth=0)
@@ -70,7 +70,7 @@ def recording_figure(
     below.set_ylim(bottom=0.0)
 
 
-def _runs(mask: NDArray[np.bool_]) -> list[tuple[int, int]]:
+def runs(mask: NDArray[np.bool_]) -> list[tuple[int, int]]:
     """First and last index of each run of true values."""
     edges = np.flatnonzero(np.diff(np.concatenate(([False], mask, [False]))))
     return [(int(first), int(end) - 1) for first, end in edges.reshape(-1, 2)]
