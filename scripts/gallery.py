@@ -17,7 +17,8 @@ import numpy as np
 
 import mp_pca_planner as mp
 from mp_pca_planner.plotting.arm import arm_figure
-from mp_pca_planner.plotting.drawing import draw_motion, picture
+from mp_pca_planner.plotting.drawing import picture
+from mp_pca_planner.plotting.plan import plan_figure
 from mp_pca_planner.plotting.primitive import PHASES, primitive_figure
 from mp_pca_planner.plotting.recording import recording_figure
 from mp_pca_planner.recordings.reports import RecordingSet
@@ -65,13 +66,8 @@ def write_figures(folder: Path) -> None:
         shown = np.array([motion.time_normalised(PHASES.size) for motion in found.recordings])
         primitive_figure(figure, primitive, shown, "Demonstrations, mean shape and components")
     plan = found.plan()
-    draw_motion(
-        folder / "motion.png",
-        plan.trajectory,
-        title="A planned motion within its limits",
-        limits=robot.limits(),
-        force=True,
-    )
+    with picture(folder / "motion.png", force=True) as figure:
+        plan_figure(figure, plan, [primitive], robot.limits())
     plans = {
         "like the demonstrations, ρ = 1": plan,
         "components, least effort, ρ = 0": found.plan(naturalness=0.0),

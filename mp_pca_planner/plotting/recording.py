@@ -45,10 +45,8 @@ def recording_figure(
     if overview is None:
         raise PlannerError(f"recording '{report.name}' can't be drawn: its report has no overview")
     joints = [palette_line(name, i, 1.4) for i, name in enumerate(report.joint_names)]
-    # The legend of more than 14 joints would be larger than the panels.
-    entries = [*(joints if len(joints) <= 14 else []), _MOTION, _REST]
     unit = unit_of(report.joint_names, prismatic)
-    add_header(figure, "", entries, 8.0, 3.6)
+    add_header(figure, "", [*joints, _MOTION, _REST], 8.0, 3.6)
     above, below = figure.subplots(2, 1, sharex=True, height_ratios=[3, 2])
     for values, style in zip(overview.positions.T, joints, strict=True):
         above.plot(overview.times, unit.factor * values, **style)
