@@ -254,11 +254,11 @@ class Plan:
         cells = "".join(f"<tr><th>{name}</th><td>{escape(f'{v}')}</td></tr>" for name, v in rows)
         return f"<table>{cells}</table>"
 
-    def plot(self, axes: Any = None) -> Any:
+    def plot(self, axes: Any = None, **options: Any) -> Any:
         """Plot the trajectory, see :func:`.figures.plot_plan`; returns the Axes."""
         from ..plotting.figures import plot_plan
 
-        return plot_plan(self, axes)
+        return plot_plan(self, axes, **options)
 
     def show(self, *, port: int = 8080) -> Any:
         """Show the robot, its primitives and this motion in the browser; returns the page.
