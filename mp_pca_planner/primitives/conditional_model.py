@@ -162,7 +162,9 @@ class ConditionalModel:
         labels : sequence of str
             Activity of each.
         """
-        kept = slice(None, None, -(-len(requests) // _FIT.max_demonstrations))
+        # Thinned in the order of the requests, whatever the order of the demonstrations.
+        step = -(-len(requests) // _FIT.max_demonstrations)
+        kept = np.lexsort(requests.T[::-1])[::step] if step > 1 else slice(None)
         used, activities = requests[kept], np.asarray(labels)[kept]
         partitions: list[Groups] = [[np.arange(len(used))[:, None]]]
         if np.any(activities != activities[0]):

@@ -17,7 +17,7 @@ from ..files import read_text, reading
 
 COLUMNS = ("recording", "start_time_s", "end_time_s")
 MAX_SEGMENTS = 10_000
-"""Most rows of a file: learning takes minutes from so many motions."""
+"""Most rows of a file."""
 MAX_TIME = 1e9
 """Latest time in a recording [s], 30 years."""
 
