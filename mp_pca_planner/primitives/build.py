@@ -159,17 +159,12 @@ def _facts(statistics: MotionStatistics, options: PrimitiveOptions) -> dict[str,
 
 def _fit_model(statistics: MotionStatistics, directions: FloatArray) -> ConditionalModel:
     """Regress the weights, time scalings and durations on the requests."""
-    shapes, states = statistics.shapes, statistics.boundary_states
-    # The functions of the shapes are alternately even and odd.
-    reversed_shapes = shapes * (-1.0) ** np.arange(shapes.shape[2])
-    return ConditionalModel.fit(
-        np.column_stack([states[:, 0], states[:, 3], np.log(statistics.durations)]),
-        _project(shapes, directions),
-        _project(reversed_shapes, directions),
-        -_project(shapes.mean(axis=0), directions),
-        statistics.paces,
-        [motion.label for motion in statistics.motions],
-    )
+    requests, *shapes = statistics.requests_and_shapes()
+    rows = directions.reshape(len(directions), -1)
+    there, back = (x @ rows.T for x in shapes)
+    straight = -rows @ shapes[0].mean(axis=0)
+    labels = [motion.label for motion in statistics.motions]
+    return ConditionalModel.fit(requests, there, back, straight, statistics.paces, labels)
 
 
 def _project(shapes: FloatArray, directions: FloatArray) -> FloatArray:

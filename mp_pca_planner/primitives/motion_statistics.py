@@ -158,6 +158,14 @@ class MotionStatistics:
         }
         return cls(ordered[0].joint_names, motions, **arrays)
 
+    def requests_and_shapes(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Requests (q0, qT, log T), shapes, and shapes of the reversed motions, as rows."""
+        ends = self.boundary_states[:, 0], self.boundary_states[:, 3]
+        # The functions of the shapes are alternately even and odd.
+        reversed_shapes = self.shapes * (-1.0) ** np.arange(self.shapes.shape[2])
+        there, back = (x.reshape(len(self.motions), -1) for x in (self.shapes, reversed_shapes))
+        return np.column_stack([*ends, np.log(self.durations)]), there, back
+
     def chosen(self, which: Sequence[int] | NDArray[np.intp]) -> MotionStatistics:
         """The statistics of some of the demonstrations, by index."""
         arrays = {name: getattr(self, name)[which] for name in _ARRAYS}
