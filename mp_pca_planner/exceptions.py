@@ -16,6 +16,7 @@ import sysconfig
 from collections.abc import Iterable, Mapping
 from difflib import get_close_matches
 from pathlib import Path
+from typing import Any
 
 _PACKAGE = "mp_pca_planner"
 
@@ -44,27 +45,18 @@ class DamagedRecordingError(RecordingError):
 
 
 class UnusableRecordingError(RecordingError):
-    """Joint states that can't be used, with the facts found until then.
+    """A recording that could be read, but not used.
 
-    The facts are the counts of repairs, the topic, its number of messages, their joints, and notes
-    on the reading.
+    Attributes
+    ----------
+    findings : dict
+        Repairs until then, and facts on the messages, see
+        :class:`.repair.recording.CleanRecording`.
     """
 
-    def __init__(
-        self,
-        reason: str,
-        repairs: Mapping[str, int],
-        topic: str,
-        n_messages: int,
-        listed_joints: Iterable[str],
-        notes: Iterable[str],
-    ) -> None:
+    def __init__(self, reason: str, findings: Mapping[str, Any]) -> None:
         super().__init__(reason)
-        self.repairs = dict(repairs)
-        self.topic = topic
-        self.n_messages = n_messages
-        self.listed_joints = tuple(listed_joints)
-        self.notes = tuple(notes)
+        self.findings = dict(findings)
 
 
 class PrimitiveError(PlannerError):

@@ -9,7 +9,8 @@ from collections.abc import Mapping
 from typing import Any
 
 from ..planning.plan import Plan
-from ..plotting.drawing import draw_motion
+from ..plotting.drawing import picture
+from ..plotting.plan import plan_figure
 from .common import check_motion_file, check_output, print_json, write_motion
 from .requests import (
     PlannedRequest,
@@ -53,16 +54,10 @@ def _facts(request: PlannedRequest) -> dict[str, Any]:
 
 
 def _draw(arguments: argparse.Namespace, request: PlannedRequest) -> None:
-    plan = request.plan
-    drawn = f"{len(plan.motions)} segments" if plan.mode else f"'{plan.primitive}'"
-    draw_motion(
-        arguments.plot,
-        plan.trajectory,
-        title=f"{drawn}: {plan.message}",
-        limits=request.planner.limits,
-        prismatic=request.planner.robot.prismatic_joints,
-        force=arguments.force,
-    )
+    planner = request.planner
+    with picture(arguments.plot, force=arguments.force) as figure:
+        prismatic = planner.robot.prismatic_joints
+        plan_figure(figure, request.plan, planner.primitives, planner.limits, prismatic)
 
 
 def _text(request: PlannedRequest, facts: Mapping[str, Any]) -> list[str]:

@@ -84,6 +84,7 @@ def primitive_around(
         # The triangle inequality: the old residual, and the displacement of the mean.
         fit_residual=primitive.fit_residual + distance,
         model=model,
+        statistics=None,
     )
 
 

@@ -12,9 +12,9 @@ import numpy as np
 
 from ..arrays import FloatArray
 from ..exceptions import RecordingError, quote_names
+from ..input_limits import INPUT_LIMITS
 from ..recordings.bags import NS_PER_S
 from ..recordings.joint_states import JointLayout, RawJointStates
-from ..recordings.repair.clock import MAX_RATE
 from ..recordings.reports import MarkerResidual
 from ..robot.model import Robot
 from .inverse_kinematics import marker_problem, solve
@@ -147,27 +147,6 @@ def solve_trajectories(
     return joint_states, found
 
 
-def place_markers(q: FloatArray, source: MarkerSource) -> tuple[tuple[str, ...], FloatArray]:
-    """Positions of the markers in a motion: the inverse of :func:`solve_trajectories`.
-
-    Parameters
-    ----------
-    q : array, shape (n_frames, n_joints)
-        Positions of the joints of the source [rad or m].
-    source :
-        The model.
-
-    Returns
-    -------
-    names : tuple of str
-        Names of the markers in recordings, first those on the base.
-    positions : array, shape (n_frames, n_markers, 3)
-        Their positions in the base frame [m].
-    """
-    markers = (*source.on_base, *source.moved)
-    return tuple(m.body for m in markers), _placed(markers, q, source)
-
-
 def _placed(markers: Sequence[MarkerPlacement], q: FloatArray, source: MarkerSource) -> FloatArray:
     """Positions of markers in the base frame, shape (n_frames, n_markers, 3)."""
     attached = Robot(source.urdf, source.joint_names).attach_points(
@@ -244,14 +223,10 @@ def _points_on_base(source: MarkerSource) -> FloatArray:
 def _base_poses(
     measured: FloatArray, points: FloatArray, source: MarkerSource
 ) -> tuple[FloatArray, FloatArray]:
-    """Poses of the base in the recording's frame, one for each frame or one for all."""
+    """Poses of the base in the recording's frame, one for each frame."""
     seen = np.asarray(np.isfinite(measured).all(axis=2))
     weights = seen * np.array([m.weight for m in source.on_base])
     finite = np.where(seen[..., None], measured, 0.0)
-    if source.marker_map.base == "fixed":
-        # The markers of all frames are merged into one frame.
-        finite, weights = finite.reshape(1, -1, 3), weights.reshape(1, -1)
-        points = np.tile(points, (len(measured), 1))
     return fit_poses(points, finite, weights)
 
 
@@ -282,7 +257,7 @@ def _period(recorded: MarkerTrajectories) -> float:
     steps = steps[steps > 0]
     if not steps.size:
         raise RecordingError("all frames of markers have the same stamp: there is no usable time")
-    return max(float(np.median(steps)) / NS_PER_S, 1.0 / MAX_RATE)
+    return max(float(np.median(steps)) / NS_PER_S, 1.0 / INPUT_LIMITS.state_rate)
 
 
 def _summary(distances: FloatArray) -> MarkerResidual:

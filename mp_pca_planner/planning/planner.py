@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 
 from ..exceptions import GoalError, PrimitiveError, quote_names
 from ..motion.collision import CollisionModel, package_folders
@@ -197,7 +198,7 @@ class Planner:
             planned, attempts = self._single.serve(requests, began, budget)
         solved_at = max(attempts[-1].solved_at, planned.attempt.solved_at)
         reason = selection_reason(goal, planned.attempt, attempts)
-        return self._assembly.plan(planned, reason, solved_at - began)
+        return replace(self._assembly.plan(planned, reason, solved_at - began), planner=self)
 
     @one_blas_thread()
     def precompute(self, max_time: float = float("inf")) -> None:

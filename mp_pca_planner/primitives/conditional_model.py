@@ -162,7 +162,7 @@ class ConditionalModel:
         labels : sequence of str
             Activity of each.
         """
-        kept = slice(None, None, -(-len(requests) // _FIT.max_demonstrations))
+        kept = _thinned(requests)
         used, activities = requests[kept], np.asarray(labels)[kept]
         partitions: list[Groups] = [[np.arange(len(used))[:, None]]]
         if np.any(activities != activities[0]):
@@ -226,6 +226,36 @@ class ConditionalModel:
         reach = _MAX_DEVIATIONS * self.requests[:, -1].std()
         deviation = np.clip(np.log(distance) / 2.0 + residual, -reach, reach)
         return float(np.exp(self.mean[-1] + deviation))
+
+
+def left_out_squares(
+    requests: FloatArray, shapes: FloatArray, reversed_shapes: FloatArray
+) -> FloatArray:
+    """Squared errors of shapes that are left out and predicted from the others.
+
+    Parameters
+    ----------
+    requests : array, shape (n_demonstrations, 2 n_joints + 1)
+        q0, qT [rad or m] and log T; the time grows with the cube of their number.
+    shapes, reversed_shapes : array, shape (n_demonstrations, n_functions)
+        Coefficients of the shapes, and of the same motions in reversed time.
+
+    Returns
+    -------
+    squares : array, shape (n_demonstrations,)
+        Sums of squares over the coefficients.
+    """
+    similar, distances = zip(*map(_Features(requests), requests), strict=True)
+    roots = np.sqrt(distances)[:, None]
+    partition: Groups = [np.arange(len(requests))[:, None]]
+    _, residuals = _fit(similar, shapes / roots, reversed_shapes / roots, [partition])
+    return np.asarray(np.sum((residuals * roots) ** 2, axis=1))
+
+
+def _thinned(requests: FloatArray) -> slice | NDArray[np.intp]:
+    """The demonstrations to fit, whatever the order of all."""
+    step = -(-len(requests) // _FIT.max_demonstrations)
+    return np.lexsort(requests.T[::-1])[::step] if step > 1 else slice(None)
 
 
 class _Features:

@@ -398,7 +398,7 @@ def urdf(*types: str) -> str:
     ("types", "unit", "factor"),
     [
         (("revolute", "continuous"), "deg", np.rad2deg(1.0)),
-        (("prismatic", "prismatic"), "mm", 1e3),
+        (("prismatic", "prismatic"), "m", 1.0),
         (("prismatic", "revolute"), "rad or m", 1.0),
     ],
 )

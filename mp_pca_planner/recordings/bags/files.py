@@ -14,11 +14,17 @@ from pathlib import Path, PurePath
 from ...exceptions import DamagedRecordingError, RecordingError, quote_names
 from ...files import load_yaml, read_bytes
 from .discovery import METADATA, PACKED_SUFFIXES, BagFormat, bag_files, translated_os_errors
-from .mcap import McapFile
-from .rosbag1 import Rosbag1File
-from .sqlite import Sqlite3File
-from .storage import Channel, DamageError, Key, StorageFile, StoredMessage
-from .unpacking import ZSTD_MAGIC, copy_unpacked, unpacked
+from .formats import McapFile, Rosbag1File, Sqlite3File
+from .storage import (
+    ZSTD_MAGIC,
+    Channel,
+    DamageError,
+    Key,
+    StorageFile,
+    StoredMessage,
+    copy_unpacked,
+    unpacked,
+)
 
 METADATA_VERSION = 9
 """Newest supported version of metadata.yaml."""
