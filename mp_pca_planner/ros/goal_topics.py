@@ -233,10 +233,7 @@ class GoalTopics:
             return
         # A cost may follow the report at once.
         self._last_motion.replace(served)
-        trial = served.trial.facts if served.trial else None
-        primitives = served.model.planner.primitives
-        ignored = request.ignored_joints
-        self._reports.publish(messages.to_plan_report(plan, stamp, trial, primitives, ignored))
+        self._reports.publish(messages.to_plan_report(plan, stamp, request.ignored_joints))
         times = f"{served.motion.duration:.3g} s long, planned in {1e3 * plan.solve_time:.3g} ms"
         self._node.get_logger().info(messages.to_text(f"goal served: {plan.message} ({times})"))
 

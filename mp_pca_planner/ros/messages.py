@@ -16,17 +16,16 @@ from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState as JointStateMessage
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from ..control.statement import control_statement
 from ..exceptions import GoalError, printable, quote_names
 from ..execution.execution_monitor import ExecutionReport
 from ..execution.goal_planner import AdaptedPlan
 from ..execution.parameters import Declaration
 from ..files import reading
+from ..input_limits import INPUT_LIMITS
 from ..motion.goal import JointGoal, JointState, Pose, PoseGoal, SequenceGoal
 from ..motion.trajectory import Trajectory
 from ..planning.plan import Plan
 from ..planning.remarks import remarks
-from ..primitives.primitive import MovementPrimitive
 
 UNDER_WAY = "under_way"
 """Status in the report of a goal that is under way, or reached, already."""
@@ -36,12 +35,6 @@ OVERTAKEN = "overtaken"
 
 NANOSECONDS = 10**9
 """Nanoseconds in a second."""
-
-MAX_ITEMS = 1000
-"""Most joints, and most points, that a goal may have."""
-
-MAX_STATE_BYTES = 2**18
-"""Largest message of joint states that is read: a thousand joints have a quarter of that."""
 
 
 def to_goal(message: JointStateMessage, duration: float) -> JointGoal:
@@ -172,7 +165,7 @@ def to_pose_message(pose: Pose) -> PoseStamped:
 
 def read_states(content: bytes) -> JointStateMessage:
     """Deserialise joint states; a message that is malformed or far too large has no joints."""
-    if len(content) <= MAX_STATE_BYTES:
+    if len(content) <= INPUT_LIMITS.state_bytes:
         with suppress(GoalError), reading("a state", GoalError):
             return deserialize_message(content, JointStateMessage)
     return JointStateMessage()
@@ -227,8 +220,9 @@ def _check_finite(text: str, values: Iterable[tuple[str, float]]) -> None:
 
 
 def _check_count(verb: str, n: int, things: str) -> None:
-    if n > MAX_ITEMS:
-        raise GoalError(f"the goal {verb} {n} {things}, at most {MAX_ITEMS} are accepted")
+    most = INPUT_LIMITS.goal_items
+    if n > most:
+        raise GoalError(f"the goal {verb} {n} {things}, at most {most} are accepted")
 
 
 def to_trajectory(message: JointTrajectory) -> Trajectory:
@@ -256,11 +250,7 @@ def to_seconds(time: Duration | Time) -> float:
 
 
 def to_plan_report(
-    plan: Plan | AdaptedPlan,
-    goal_stamp: Time,
-    more: Mapping[str, str | float | int] | None = None,
-    primitives: Sequence[MovementPrimitive] = (),
-    ignored_joints: Sequence[str] = (),
+    plan: Plan | AdaptedPlan, goal_stamp: Time, ignored_joints: Sequence[str] = ()
 ) -> DiagnosticStatus:
     """Report a motion that was published: OK, or WARN with what is unusual about it.
 
@@ -270,10 +260,6 @@ def to_plan_report(
         The plan.
     goal_stamp :
         Stamp of the goal.
-    more : mapping, optional
-        Further values.
-    primitives : sequence of MovementPrimitive
-        Those of the planner: of the ones used, the control laws are reported.
     ignored_joints : sequence of str
         Joints of the goal that the primitives don't move.
     """
@@ -284,10 +270,7 @@ def to_plan_report(
             "them"
         )
     level = DiagnosticStatus.WARN if found else DiagnosticStatus.OK
-    used = plan.primitives if isinstance(plan, Plan) else (plan.primitive,)
-    laws = {f"control_law.{p.name}": control_statement(p) for p in primitives if p.name in used}
-    values = {**plan.summary(), **laws, **(more or {})}
-    return _report(level, "; ".join(found) or plan.message, goal_stamp, values)
+    return _report(level, "; ".join(found) or plan.message, goal_stamp, plan.summary())
 
 
 def to_under_way_report(
@@ -300,14 +283,9 @@ def to_under_way_report(
 
 def to_execution_report(report: ExecutionReport) -> DiagnosticStatus:
     """Report the execution of a published motion; the stamp of its goal identifies it."""
-    values: dict[str, str | float | int] = {
-        "outcome": report.outcome,
-        "progress": report.progress,
-        "error": report.error,
-        "largest_deviation": report.largest_deviation,
-        "deviation_time": report.deviation_time,
-        "goal_stamp": to_stamp_text(report.goal),
-    }
+    names = ("outcome", "progress", "error", "largest_deviation", "deviation_time")
+    values = {name: getattr(report, name) for name in names}
+    values["goal_stamp"] = to_stamp_text(report.goal)
     level = DiagnosticStatus.OK if report.is_good else DiagnosticStatus.ERROR
     return to_status("mp_pca_planner: execution", level, report.message, values)
 

@@ -148,9 +148,9 @@ class Record:
         return arrays | {"cuts": np.array(self.cuts)}
 
 
-_CYCLE = round(PERIOD * NANOSECONDS)
-_START = 1000 * NANOSECONDS  # start of the virtual clock; a stamp of 0 means "on arrival"
-_SCALING_TIME = 0.05  # time constant of each of the three filters of the speed scaling [s]
+CYCLE_NS = round(PERIOD * NANOSECONDS)
+"""Time of one step of the robot [ns]."""
+
 _PLANTS = {"pinocchio": PinocchioPlant, "mujoco": MujocoPlant}
 
 
@@ -170,7 +170,7 @@ class SimulatedRobot:
     plant : str
         The physics engine, ``pinocchio`` or ``mujoco``.
     time_ns : int
-        First time of the virtual clock [ns].
+        First time of the virtual clock [ns], over 0: a stamp of 0 means "on arrival".
     state_rate : float
         Rate of joint states [Hz], up to 1000.
 
@@ -207,7 +207,7 @@ class SimulatedRobot:
         *,
         seed: int = 0,
         plant: str = "pinocchio",
-        time_ns: int = _START,
+        time_ns: int = 10**12,
         state_rate: float = 500.0,
     ) -> None:
         if plant not in _PLANTS:
@@ -268,7 +268,7 @@ class SimulatedRobot:
 
     def step(self) -> None:
         """Advance by 1 ms."""
-        self.time_ns += _CYCLE
+        self.time_ns += CYCLE_NS
         controller, faults = self._controller, self.faults
         if faults.active != controller.is_active:
             self._activate(faults.active)
@@ -283,7 +283,7 @@ class SimulatedRobot:
             self._filters = _smoothed(self._filters, target)
         controller.speed_scaling = self._filters[-1]
         n_holds = controller.n_holds
-        command = controller.update(self.time_ns, _CYCLE, self._measured)
+        command = controller.update(self.time_ns, CYCLE_NS, self._measured)
         if controller.n_holds != n_holds:
             # The command is repeated in this cycle, and replaced by what is measured in the next.
             self.record.cuts += [len(self.record), len(self.record) + 1]
@@ -330,12 +330,12 @@ class SimulatedRobot:
 
 
 def _smoothed(filters: list[float], target: float) -> list[float]:
-    """The next values of three first-order filters, which reach the target in about 0.4 s.
+    """The next values of three filters with time constants of 50 ms, for about 0.4 s in all.
 
     The first two derivatives of the last one are bounded. A step of the speed scaling would be a
     step of the velocity, which no planner can prevent.
     """
-    share, before, result = PERIOD / _SCALING_TIME, target, []
+    share, before, result = PERIOD / 0.05, target, []
     for value in filters:
         before = value + share * (before - value)
         result.append(before)
