@@ -129,10 +129,6 @@ class PlanningProblem(ABC):
         """The program with its present constraints."""
 
     @abstractmethod
-    def local_unknowns(self, x: FloatArray) -> Sequence[FloatArray]:
-        """The unknowns of each segment."""
-
-    @abstractmethod
     def motions(self, x: FloatArray) -> tuple[Motion, ...]:
         """The segments that unknowns stand for."""
 
@@ -164,15 +160,6 @@ class PlanningProblem(ABC):
             if own:
                 part.limited = part.limited.tightened(own)
             began += motion.duration
-
-    @property
-    def starts_in_collision(self) -> bool:
-        """Whether the motion of the first start is in collision at a quadrature node."""
-        collision = self.setup.collision
-        if collision is None or not collision.pairs:
-            return False
-        local = zip(self.parts, self.local_unknowns(self.starts[0].unknowns), strict=True)
-        return any(collision.collides(q) for part, x in local for q in part.program.states(x)[0])
 
     def keep_clear(self) -> None:
         """Add clearance constraints before any collision."""
@@ -259,13 +246,16 @@ class SingleProblem(PlanningProblem):
             self.setup = setup.with_tolerance(setup.options.search.detour_tolerance)
             self.keep_clear()
 
+    @property
+    def starts_in_collision(self) -> bool:
+        """Whether the first motion is in collision at a quadrature node."""
+        collision, start = self.setup.collision, self.starts[0].unknowns
+        positions = self._program.states(start)[0]
+        return collision is not None and any(map(collision.collides, positions))
+
     def program(self) -> Program:
         """The one segment."""
         return self.parts[0].whole(self.setup.collision)
-
-    def local_unknowns(self, x: FloatArray) -> Sequence[FloatArray]:
-        """The unknowns of the one segment."""
-        return [x]
 
     def motions(self, x: FloatArray) -> tuple[Motion, ...]:
         """The motion, with its end corrected to reach the goal pose exactly."""
@@ -349,10 +339,6 @@ class ChainProblem(PlanningProblem):
         """The segments, joined."""
         return self._joined_parts([part.whole(self.setup.collision) for part in self.parts])
 
-    def local_unknowns(self, x: FloatArray) -> Sequence[FloatArray]:
-        """The unknowns of each segment."""
-        return self._chain.locals(x)
-
     def motions(self, x: FloatArray) -> tuple[Motion, ...]:
         """The segments."""
         return self._chain.motions(x)
@@ -371,7 +357,7 @@ class ChainProblem(PlanningProblem):
 
     def naturalness_cost(self, x: FloatArray) -> float:
         """The sum of the naturalness terms of the segments."""
-        local = zip(self.parts, self.local_unknowns(x), strict=True)
+        local = zip(self.parts, self._chain.locals(x), strict=True)
         return sum(part.program.naturalness(own) for part, own in local)
 
 

@@ -256,6 +256,8 @@ class SinglePlanner:
             setting.naturalness,
             duration_is_free=duration_is_free,
         )
+        if self._detours.may_serve(request) and problem.starts_in_collision:
+            problem.keep_clear()
         return attempt(problem, budget, n_starts=self._setup.options.n_starts)
 
     def _shortest(self, request: Request, basis: MotionBasis, budget: Budget) -> Attempt:

@@ -21,7 +21,6 @@ from ..exceptions import GoalError
 from ..execution.execution_monitor import NEVER_STARTED, REPLACED
 from ..execution.parameters import ParameterError
 from ..execution.served_goal import Served
-from ..execution.trial_store import keep_motion
 from ..motion.trajectory import Trajectory
 from ..robot.model import Robot
 
@@ -114,6 +113,9 @@ class LastMotion:
             raise ParameterError(
                 "motions can't be saved: set the parameter 'save_folder' to a folder"
             )
+        # Imported late, because SciPy's optimisers are slow to import.
+        from ..execution.trial_store import keep_motion
+
         if self._served is None:
             raise GoalError("there is no motion to save: none was published")
         cost = {} if self.cost is None else {"trial_cost": self.cost}
