@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass
 from html import escape
 from pathlib import Path
@@ -92,6 +93,14 @@ class Trajectory:
     def duration(self) -> float:
         """Time from the first to the last point [s]."""
         return float(self.times[-1])
+
+    def with_efforts(self, efforts: FloatArray | None) -> Trajectory:
+        """The same points with efforts [N·m or N], shape (n_steps, n_joints), or without any."""
+        other, shape = copy(self), self.positions.shape
+        if efforts is not None:
+            efforts = frozen_array(efforts, shape, "efforts", TrajectoryError)
+        set_frozen(other, efforts=efforts)
+        return other
 
     def save(self, path: str | Path, *, overwrite: bool = False) -> None:
         """Write the trajectory to a .csv, .json or .npz file, or to a bag.
