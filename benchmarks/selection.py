@@ -12,18 +12,17 @@ planner's objective.
 
 from __future__ import annotations
 
-import argparse
 import time
 from collections.abc import Callable
 from functools import partial
 
 import numpy as np
+from tables import benchmark_parser, show
 
 from mp_pca_planner.motion.goal import JointGoal, JointState
 from mp_pca_planner.planning.plan import Plan
 from mp_pca_planner.planning.planner import Planner
 from mp_pca_planner.planning.selection import Selector, is_near
-from mp_pca_planner.plotting.text import table
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
 from mp_pca_planner.recordings.synthetic import JOINT_NAMES, generate_motions
 from mp_pca_planner.resources import config_file
@@ -32,7 +31,7 @@ from mp_pca_planner.robot.model import Robot
 
 def main() -> None:
     """Print a row per size of the library, then the quality of the choices."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = benchmark_parser(__doc__)
     parser.add_argument("--goals", type=int, default=200)
     parser.add_argument("--primitives", type=int, default=100)
     arguments = parser.parse_args()
@@ -54,7 +53,7 @@ def main() -> None:
             planner = Planner(robot, library, robot.limits())
             planning = f"{times(partial(plan, planner), requests):.1f}"
         rows.append([str(size), f"{choosing:.2f}", planning])
-    print(table(rows, header=["primitives", "choice [ms]", "whole plan [ms]"]), end="\n\n")
+    tables = {"Time of the choice": (["primitives", "choice [ms]", "whole plan [ms]"], rows)}
 
     planner = Planner(robot, primitives, robot.limits())
     single = [Planner(robot, [p], robot.limits()) for p in primitives]
@@ -68,13 +67,16 @@ def main() -> None:
         ratios.append(winner.solution.cost / np.array([costs[in_span].min(), costs.min()]))
         counts.append([winner.considered, np.count_nonzero(in_span)])
     considered, in_span = np.mean(counts, axis=0)
-    print(f"in span {in_span:.1f} of {len(primitives)} in the mean, compiled {considered:.1f}")
+    title = (
+        f"Choice: in span {in_span:.1f} of {len(primitives)} in the mean, compiled {considered:.1f}"
+    )
     rows = [
         [what, f"{100 * np.mean(r <= 1.01):.1f}", f"{np.median(r):.4f}", f"{np.max(r):.4f}"]
         for what, r in zip(("those in span", "all"), np.transpose(ratios), strict=True)
     ]
     header = ["cheapest of", f"within 1 % [% of {len(requests)} goals]", "median ratio", "largest"]
-    print(table(rows, header=header))
+    tables[title] = (header, rows)
+    show(tables, as_json=arguments.json)
 
 
 def plan(planner: Planner, start: np.ndarray, goal: np.ndarray) -> Plan:
