@@ -88,7 +88,7 @@ class VirtualNode:
         seed: int = 0,
         planning_time: tuple[float, float] = (0.005, 0.05),
     ) -> None:
-        self.robot = SimulatedRobot(model.robot, model.robot.joint_names, start, seed=seed)
+        self.robot = SimulatedRobot(model.robot, start, seed=seed)
         self.plan_reports: list[PlanReport] = []
         self.execution_reports: list[tuple[float, ExecutionReport]] = []
         self.stops: list[float] = []

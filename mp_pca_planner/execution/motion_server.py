@@ -24,12 +24,12 @@ from ..motion.validation import check_executable, check_limits
 from .assembly import Model
 from .execution_monitor import ExecutionMonitor, ExecutionReport
 from .following import UnconfirmedError
-from .goal_planner import GoalPlanner, PlanRequest
+from .goal_planner import AnyPlan, GoalPlanner, PlanRequest
 from .measured import Clock
 from .options import ServingOptions
 from .preemptive_worker import CancelledError, IsCancelled
 from .published_motion import Joined, PublishedMotion
-from .served_goal import AnyPlan, Served
+from .served_goal import Served
 from .start_state import StartStates, TooLateError
 from .stopping import StopPlanner
 from .surroundings import Surroundings

@@ -234,7 +234,12 @@ def locate(
     now: float,
     options: FollowingOptions,
 ) -> Progress:
-    """Estimate where on a motion a robot is.
+    """Estimate where on a motion a robot is, from the measured positions of a short window.
+
+    A robot under speed scaling, or one that is held, lags along its path. Then its commanded state
+    follows from its place on the path, not from the clock. Place and rate are estimated together by
+    regularised least squares. Where the motion is slow, positions carry little information and the
+    prior dominates.
 
     Parameters
     ----------

@@ -13,7 +13,6 @@ import hashlib
 import json
 import re
 import threading
-from collections import OrderedDict
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from itertools import count
@@ -32,14 +31,9 @@ from ..motion.goal import JointGoal, JointState
 from ..planning.plan import Plan
 from ..primitives.file import save_primitive
 from ..robot.model import Robot
-from .adaptation import AdaptedPlan
 from .assembly import Model
+from .goal_planner import AdaptedPlan
 from .served_goal import Served
-
-# Goals whose learners are kept in memory; the trials of others are in their files.
-_MAX_OPEN = 16
-# Trials of the same goal start within this distance of each other [rad or m].
-_NEAR = 0.02
 
 
 @dataclass(eq=False)
@@ -140,7 +134,7 @@ class TrialStore:
     """The trials of all goals, in the parameter ``save_folder``; for the planning thread alone."""
 
     def __init__(self) -> None:
-        self._open: OrderedDict[Path, _LearnedGoal] = OrderedDict()
+        self._open: dict[Path, _LearnedGoal] = {}
 
     def vary(self, goal: JointGoal, plan: Plan, model: Model) -> tuple[Plan, ServedTrial]:
         """Replace a planned motion by the next trial of its goal.
@@ -209,7 +203,6 @@ class TrialStore:
             learned = self._open.get(file)
             if learned is not None and learned.model is model and not learned.is_over:
                 if _is_near(learned.start, start):
-                    self._open.move_to_end(file)
                     return learned
             elif file.exists():
                 former = _start_in(file, start.joint_names)
@@ -235,8 +228,9 @@ class TrialStore:
         best = refine(*motion).motion.parameters
         learner = TrialLearner(*motion, start=best, state=file, request=stored)
         self._open[file] = _LearnedGoal(learner, robot, model, start, file)
-        while len(self._open) > _MAX_OPEN:
-            self._open.popitem(last=False)
+        if len(self._open) > 16:
+            # Its trials are in its file.
+            del self._open[next(iter(self._open))]
         return self._open[file]
 
 
@@ -273,7 +267,8 @@ def _start_in(file: Path, joint_names: tuple[str, ...]) -> JointState:
 
 
 def _is_near(one: JointState, other: JointState) -> bool:
-    return bool(np.abs(one.positions - other.positions).max() <= _NEAR)
+    """Whether two starts are near enough for trials of the same goal."""
+    return bool(np.abs(one.positions - other.positions).max() <= 0.02)
 
 
 def keep_motion(served: Served, folder: Path, provenance: Mapping[str, Any]) -> Path:

@@ -102,6 +102,14 @@ class Trajectory:
         """Positions, velocities and accelerations."""
         return self.positions, self.velocities, self.accelerations
 
+    @property
+    def effort_cost(self) -> float:
+        """J = ½∫‖τ‖²dt [N²·m²·s], by the trapezoidal rule; NaN without efforts."""
+        if self.efforts is None:
+            return float("nan")
+        power = np.square(self.efforts).sum(axis=1)
+        return float(0.25 * np.diff(self.times) @ (power[1:] + power[:-1]))
+
     def columns(self) -> dict[str, FloatArray]:
         """Times and values of all points, by the names of the public interface."""
         names = ("times", "positions", "velocities", "accelerations", "efforts")

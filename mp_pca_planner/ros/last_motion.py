@@ -58,11 +58,6 @@ class LastMotion:
             if outcome != NEVER_STARTED:
                 self.erase_preview()
 
-    @property
-    def facts(self) -> dict[str, str | float]:
-        """The measured cost, for the diagnostics."""
-        return {"trial_cost": "none" if self.cost is None else self.cost}
-
     def report_cost(self, cost: float) -> None:
         """Record the measured cost, and learn from it if the motion is a trial.
 
@@ -118,6 +113,9 @@ class LastMotion:
 
         if self._served is None:
             raise GoalError("there is no motion to save: none was published")
+        # Imported late for a fast start of the node.
+        from ..execution.trial_store import keep_motion
+
         cost = {} if self.cost is None else {"trial_cost": self.cost}
         return keep_motion(self._served, Path(folder), {"kept_by": kept_by, **cost})
 

@@ -18,8 +18,8 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from ..control.statement import control_statement
 from ..exceptions import GoalError, printable, quote_names
-from ..execution.adaptation import AdaptedPlan
 from ..execution.execution_monitor import ExecutionReport
+from ..execution.goal_planner import AdaptedPlan
 from ..execution.parameters import Declaration
 from ..files import reading
 from ..motion.goal import JointGoal, JointState, Pose, PoseGoal, SequenceGoal

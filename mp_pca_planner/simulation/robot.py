@@ -6,9 +6,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -161,10 +159,8 @@ class SimulatedRobot:
 
     Parameters
     ----------
-    urdf : str, Path or Robot
-        The robot description: its text, its file, or the model.
-    joint_names : sequence of str
-        Joints of the controller, n_joints of them.
+    robot : Robot
+        The arm.
     start : array, shape (n_joints,)
         Positions at the start, at rest [rad or m].
     options : ControllerOptions
@@ -182,6 +178,8 @@ class SimulatedRobot:
     ----------
     joint_names : tuple of str
         Joints of the controller.
+    time_ns, state_time_ns : int
+        The present time, and the stamp of the newest joint state [ns].
     faults : Faults
         Present faults; set its attributes at any time.
     record : Record
@@ -198,15 +196,12 @@ class SimulatedRobot:
     Raises
     ------
     SimulationError
-        If there is no such physics engine, or the rate is not over 0.
-    RobotError
-        If the description or the start can't be used.
+        If there is no such physics engine, the rate is not over 0, or the start can't be used.
     """
 
     def __init__(
         self,
-        urdf: str | Path | Robot,
-        joint_names: Sequence[str],
+        robot: Robot,
         start: ArrayLike,
         options: ControllerOptions | None = None,
         *,
@@ -215,9 +210,6 @@ class SimulatedRobot:
         time_ns: int = _START,
         state_rate: float = 500.0,
     ) -> None:
-        if isinstance(urdf, Path):
-            urdf = Robot.from_file(urdf, joint_names)
-        robot = urdf if isinstance(urdf, Robot) else Robot(urdf, joint_names)
         if plant not in _PLANTS:
             raise SimulationError(unknown_name("physics engine", plant, _PLANTS))
         if not 0.0 < state_rate <= 1000.0:
@@ -231,7 +223,7 @@ class SimulatedRobot:
         self.taken: list[tuple[int, int]] = []
         self._plant = _PLANTS[plant](robot, q)
         self._controller = TrajectoryController(self.joint_names, q, options, robot.continuous)
-        self._now = self._state_time = time_ns
+        self.time_ns = self.state_time_ns = time_ns
         self.state_period_ns = round(NANOSECONDS / state_rate)
         self._filters = [1.0, 1.0, 1.0]
         self._payload = 0.0
@@ -243,12 +235,7 @@ class SimulatedRobot:
     @property
     def time(self) -> float:
         """The present time [s]."""
-        return self._now / NANOSECONDS
-
-    @property
-    def time_ns(self) -> int:
-        """The present time [ns]."""
-        return self._now
+        return self.time_ns / NANOSECONDS
 
     def send(
         self, trajectory: Trajectory, stamp: float | None = None, *, last_point_only: bool = False
@@ -273,7 +260,7 @@ class SimulatedRobot:
             self.rejections.append((self.time, "the message was lost"))
             return
         delay = self.faults.delay + late * self.faults.jitter
-        due = self._now + round(delay * NANOSECONDS)
+        due = self.time_ns + round(delay * NANOSECONDS)
         # Messages of one publisher keep their order.
         if self._under_way:
             due = max(due, self._under_way[-1][0])
@@ -281,14 +268,14 @@ class SimulatedRobot:
 
     def step(self) -> None:
         """Advance by 1 ms."""
-        self._now += _CYCLE
+        self.time_ns += _CYCLE
         controller, faults = self._controller, self.faults
         if faults.active != controller.is_active:
             self._activate(faults.active)
         if faults.payload != self._payload:
             self._payload = faults.payload
             self._plant.set_payload(self._payload)
-        while self._under_way and self._under_way[0][0] <= self._now:
+        while self._under_way and self._under_way[0][0] <= self.time_ns:
             self._deliver(self._under_way.popleft()[1])
         self._measured = self._measure()
         target = 0.0 if faults.held else faults.speed_scaling
@@ -296,14 +283,14 @@ class SimulatedRobot:
             self._filters = _smoothed(self._filters, target)
         controller.speed_scaling = self._filters[-1]
         n_holds = controller.n_holds
-        command = controller.update(self._now, _CYCLE, self._measured)
+        command = controller.update(self.time_ns, _CYCLE, self._measured)
         if controller.n_holds != n_holds:
             # The command is repeated in this cycle, and replaced by what is measured in the next.
             self.record.cuts += [len(self.record), len(self.record) + 1]
         clock = controller.clock_ns / NANOSECONDS
         self.record.append((self.time, clock, controller.speed_scaling), command, self._plant.q)
-        if not faults.silent and self._now - self._state_time >= self.state_period_ns:
-            self._state, self._state_time = self._measured, self._now
+        if not faults.silent and self.time_ns - self.state_time_ns >= self.state_period_ns:
+            self._state, self.state_time_ns = self._measured, self.time_ns
         positions = command[: len(self.joint_names)]
         # Drives ignore NaN.
         if math.isfinite(positions.sum()):
@@ -311,12 +298,7 @@ class SimulatedRobot:
 
     def newest_state(self) -> tuple[float, FloatArray, FloatArray]:
         """The newest joint state that was published: its stamp [s], positions, velocities."""
-        return self._state_time / NANOSECONDS, *self._state
-
-    @property
-    def state_time_ns(self) -> int:
-        """Stamp of the newest joint state [ns]."""
-        return self._state_time
+        return self.state_time_ns / NANOSECONDS, *self._state
 
     def measured_state(self) -> tuple[FloatArray, FloatArray]:
         """Positions and velocities measured in the last cycle, each of shape (n_joints,)."""
@@ -332,7 +314,7 @@ class SimulatedRobot:
 
     def _deliver(self, message: TrajectoryMessage) -> None:
         self.n_received += 1
-        reason = self._controller.receive(message, self._now)
+        reason = self._controller.receive(message, self.time_ns)
         if reason is not None:
             self.rejections.append((self.time, reason))
         else:
