@@ -14,7 +14,7 @@ from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescri
 from sensor_msgs.msg import JointState as JointStateMessage
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from ..control.statement import control_statement
+from ..control.law import control_statement
 from ..exceptions import GoalError, printable, quote_names
 from ..execution.adaptation import AdaptedPlan
 from ..execution.execution_monitor import ExecutionReport
