@@ -11,8 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from ..exceptions import GoalError
-from ..learning.primitive_around import primitive_around
-from ..learning.refined_motion import RefinedMotion
+from ..learning.refined_motion import RefinedMotion, primitive_around
 from ..planning.plan import Plan
 from ..primitives.file import save_primitive
 from .adaptation import AdaptedPlan
