@@ -23,8 +23,7 @@ import numpy as np
 
 from ..arrays import FloatArray
 from ..exceptions import GoalError, LearningError, PlannerError, TrajectoryError
-from ..learning.primitive_around import primitive_around
-from ..learning.refined_motion import RefinedMotion
+from ..learning.refined_motion import RefinedMotion, primitive_around
 from ..learning.refinement import ExecutableMotions, RefinementCost, RefinementOptions, refine
 from ..learning.trials import TrialLearner, read_request
 from ..motion.goal import JointGoal, JointState

@@ -16,7 +16,7 @@ from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState as JointStateMessage
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from ..control.statement import control_statement
+from ..control.law import control_statement
 from ..exceptions import GoalError, printable, quote_names
 from ..execution.execution_monitor import ExecutionReport
 from ..execution.goal_planner import AdaptedPlan

@@ -22,7 +22,7 @@ from sensor_msgs.msg import JointState as JointStateMessage
 from std_msgs.msg import Header
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from mp_pca_planner.control.statement import control_statement
+from mp_pca_planner.control.law import control_statement
 from mp_pca_planner.exceptions import GoalError, TrajectoryError
 from mp_pca_planner.execution.parameters import DECLARATIONS
 from mp_pca_planner.motion.goal import JointGoal, JointState, Pose, SequenceGoal
