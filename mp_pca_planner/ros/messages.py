@@ -26,7 +26,7 @@ from ..motion.goal import JointGoal, JointState, Pose, PoseGoal, SequenceGoal
 from ..motion.trajectory import Trajectory
 from ..planning.plan import Plan
 from ..planning.remarks import remarks
-from ..primitives.primitive import MovementPrimitive
+from ..primitives.primitive_library import PrimitiveLibrary
 
 UNDER_WAY = "under_way"
 """Status in the report of a goal that is under way, or reached, already."""
@@ -259,7 +259,7 @@ def to_plan_report(
     plan: Plan | AdaptedPlan,
     goal_stamp: Time,
     more: Mapping[str, str | float | int] | None = None,
-    primitives: Sequence[MovementPrimitive] = (),
+    primitives: PrimitiveLibrary | None = None,
     ignored_joints: Sequence[str] = (),
 ) -> DiagnosticStatus:
     """Report a motion that was published: OK, or WARN with what is unusual about it.
@@ -272,7 +272,7 @@ def to_plan_report(
         Stamp of the goal.
     more : mapping, optional
         Further values.
-    primitives : sequence of MovementPrimitive
+    primitives : PrimitiveLibrary, optional
         Those of the planner: of the ones used, the control laws are reported.
     ignored_joints : sequence of str
         Joints of the goal that the primitives don't move.
@@ -285,7 +285,9 @@ def to_plan_report(
         )
     level = DiagnosticStatus.WARN if found else DiagnosticStatus.OK
     used = plan.primitives if isinstance(plan, Plan) else (plan.primitive,)
-    laws = {f"control_law.{p.name}": control_statement(p) for p in primitives if p.name in used}
+    laws = {}
+    if primitives is not None:
+        laws = {f"control_law.{name}": control_statement(primitives.named(name)) for name in used}
     values = {**plan.summary(), **laws, **(more or {})}
     return _report(level, "; ".join(found) or plan.message, goal_stamp, values)
 
