@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ..control.statement import control_statement
+from ..control.law import control_statement
 from ..exceptions import MAX_NAMES, PlannerError
 from ..plotting.text import table
 from ..plotting.units import prismatic_joints, unit_of

@@ -12,8 +12,7 @@ from typing import Any
 from ..exceptions import LearningError
 from ..files import check_writable
 from ..learning.executions import measure_execution
-from ..learning.primitive_around import primitive_around
-from ..learning.refined_motion import RefinedMotion
+from ..learning.refined_motion import RefinedMotion, primitive_around
 from ..learning.refinement import AcceptedMotion, Refinement, RefinementOptions, refine
 from ..learning.trials import TrialLearner
 from ..motion.collision import NOT_CHECKED

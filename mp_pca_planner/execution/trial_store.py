@@ -23,8 +23,7 @@ import numpy as np
 
 from ..arrays import FloatArray
 from ..exceptions import GoalError, LearningError, PlannerError, TrajectoryError
-from ..learning.primitive_around import primitive_around
-from ..learning.refined_motion import RefinedMotion
+from ..learning.refined_motion import RefinedMotion, primitive_around
 from ..learning.refinement import ExecutableMotions, RefinementCost, RefinementOptions, refine
 from ..learning.trials import TrialLearner, read_request
 from ..motion.goal import JointGoal, JointState
@@ -288,12 +287,12 @@ def keep_motion(served: Served, folder: Path, provenance: Mapping[str, Any]) -> 
     if isinstance(plan, AdaptedPlan):
         reason = "it continues a running motion; send the goal again when the robot is at rest"
         raise GoalError(f"the last motion can't be kept: {reason}")
-    known = {primitive.name: primitive for primitive in served.model.planner.primitives}
-    primitive = known[plan.primitive]
+    library = served.model.planner.primitives
+    primitive = library.named(plan.primitive)
     # Names may contain any characters, a path for example.
     stem = re.sub(r"[^A-Za-z0-9_-]+", "_", primitive.name)[:100]
     names = ((f"{primitive.name}_{k}", folder / f"{stem}_{k}.npz") for k in count(1))
-    name, file = next((n, f) for n, f in names if n not in known and not f.exists())
+    name, file = next((n, f) for n, f in names if n not in library.names and not f.exists())
     parameters = None
     if trial is not None:
         parameters, facts = trial.to_keep()

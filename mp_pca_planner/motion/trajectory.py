@@ -7,6 +7,7 @@ from __future__ import annotations
 import io
 import json
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass
 from html import escape
 from pathlib import Path
@@ -114,6 +115,14 @@ class Trajectory:
         names = ("times", "positions", "velocities", "accelerations", "efforts")
         columns = {name: getattr(self, name) for name in names}
         return {name: values for name, values in columns.items() if values is not None}
+
+    def with_efforts(self, efforts: FloatArray | None) -> Trajectory:
+        """The same points with efforts [N·m or N], shape (n_steps, n_joints), or without any."""
+        other, shape = copy(self), self.positions.shape
+        if efforts is not None:
+            efforts = frozen_array(efforts, shape, "efforts", TrajectoryError)
+        set_frozen(other, efforts=efforts)
+        return other
 
     def save(self, path: str | Path, *, overwrite: bool = False) -> None:
         """Write the trajectory to a .csv, .json or .npz file, or to a bag.

@@ -162,8 +162,6 @@ def attempt(
     """
     setup, passes, touched = problem.setup, 0, False
     problem.bound(with_limits=not problem.is_near_expected)
-    if not problem.has_clearances and problem.starts_in_collision:
-        problem.keep_clear()
     first = starts = problem.starts[:n_starts]
     for _ in range(setup.options.search.max_refinements):
         solutions = _solutions(problem, starts, budget)

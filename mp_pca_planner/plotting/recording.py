@@ -46,7 +46,7 @@ def recording_figure(
         raise PlannerError(f"recording '{report.name}' can't be drawn: its report has no overview")
     joints = [palette_line(name, i, 1.4) for i, name in enumerate(report.joint_names)]
     unit = unit_of(report.joint_names, prismatic)
-    add_header(figure, "", [*joints, _MOTION, _REST], 8.0, 3.6)
+    add_header(figure, "", [*joints, _MOTION, _REST], 12.0, 3.6)
     above, below = figure.subplots(2, 1, sharex=True, height_ratios=[3, 2])
     for values, style in zip(overview.positions.T, joints, strict=True):
         above.plot(overview.times, unit.factor * values, **style)

@@ -35,6 +35,10 @@ class Unit(NamedTuple):
         """A value [rad or m] as text in this unit."""
         return f"{self.factor * value:.{self.decimals}f}"
 
+    def text(self, value: float) -> str:
+        """A value [rad or m] as a round number in this unit."""
+        return f"{self.factor * value:.{self.decimals - 2}f}"
+
 
 DEGREES = Unit("deg", "deg/s", "N·m", float(np.rad2deg(1.0)))
 METRES = Unit("m", "m/s", "N", 1.0, 4)

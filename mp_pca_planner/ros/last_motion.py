@@ -108,10 +108,12 @@ class LastMotion:
             raise ParameterError(
                 "motions can't be saved: set the parameter 'save_folder' to a folder"
             )
+        # Imported late, because SciPy's optimisers are slow to import.
+        from ..execution.trial_store import keep_motion
+
         if self._served is None:
             raise GoalError("there is no motion to save: none was published")
         # Imported late for a fast start of the node.
-        from ..execution.trial_store import keep_motion
 
         cost = {} if self.cost is None else {"trial_cost": self.cost}
         return keep_motion(self._served, Path(folder), {"kept_by": kept_by, **cost})

@@ -22,8 +22,7 @@ from ..execution.parameters import (
     check_limit_names,
     limit_declarations,
 )
-from ..primitives.primitive import MovementPrimitive
-from ..primitives.primitive_library import load_primitives
+from ..primitives.primitive_library import PrimitiveLibrary, load_primitives
 from ..robot.model import Robot
 from .messages import to_descriptor
 
@@ -161,7 +160,7 @@ class PlanningSetup:
         self.settings: Settings = parameters.settings()
         self.context: Model | None = None
         self.problem, self.hold = "", ""
-        self._primitives: tuple[MovementPrimitive, ...] = ()
+        self._primitives: PrimitiveLibrary | None = None
         self._description = ""
         self._context_problem = ""
         _check_description(self.settings)
@@ -169,7 +168,7 @@ class PlanningSetup:
     @property
     def library(self) -> str:
         """The names of the primitives, for messages."""
-        return quote_names(primitive.name for primitive in self._primitives)
+        return quote_names(self._primitives.names if self._primitives else ())
 
     @property
     def missing(self) -> str:
@@ -216,7 +215,7 @@ class PlanningSetup:
 
     def unload(self) -> None:
         """Drop the primitives."""
-        self._adopt(())
+        self._adopt(None)
 
     def use_description(self, urdf: str) -> bool:
         """Use a robot description of the topic; returns whether it makes a difference.
@@ -251,12 +250,12 @@ class PlanningSetup:
             _check_description(new)
         primitives = self._primitives
         if new.primitives != old.primitives:
-            primitives = load_primitives(new.primitive_paths) if new.primitive_paths else ()
+            primitives = load_primitives(new.primitive_paths) if new.primitive_paths else None
         if new != old:
             self._adopt(primitives, changes)
 
     def _adopt(
-        self, primitives: tuple[MovementPrimitive, ...], changes: Sequence[Parameter] = ()
+        self, primitives: PrimitiveLibrary | None, changes: Sequence[Parameter] = ()
     ) -> None:
         """Use these primitives and changed parameters.
 
@@ -293,5 +292,5 @@ def _check_description(settings: Settings) -> None:
         Robot(settings.robot_description, source="parameter 'robot_description'")
 
 
-def _joint_names(primitives: Sequence[MovementPrimitive]) -> tuple[str, ...]:
-    return primitives[0].joint_names if primitives else ()
+def _joint_names(primitives: PrimitiveLibrary | None) -> tuple[str, ...]:
+    return primitives.joint_names if primitives else ()
