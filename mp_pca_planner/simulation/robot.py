@@ -25,16 +25,6 @@ from .controller import (
 )
 from .plant import PERIOD, MujocoPlant, PinocchioPlant
 
-# Ranges of the numbers.
-RANGES = {
-    "speed_scaling": (0.0, 1.0),
-    "delay": (0.0, 1.0),
-    "jitter": (0.0, 1.0),
-    "drop": (0.0, 1.0),
-    "payload": (0.0, 1000.0),
-    "noise": (0.0, 0.1),
-}
-
 
 @dataclass
 class Faults:
@@ -79,14 +69,13 @@ class Faults:
     def __setattr__(self, name: str, value: Any) -> None:
         if name not in self.__dataclass_fields__:
             raise SimulationError(unknown_name("fault", name, self.__dataclass_fields__))
-        if name in RANGES:
-            low, high = RANGES[name]
-            if isinstance(value, str) or not low <= value <= high:
-                raise SimulationError(
-                    f"{name} is {value}, expected a number from {low:g} to {high:g}"
-                )
-        elif not isinstance(value, bool):
-            raise SimulationError(f"{name} is {value!r}, expected true or false")
+        if name in ("held", "silent", "active"):
+            if not isinstance(value, bool):
+                raise SimulationError(f"{name} is {value!r}, expected true or false")
+        else:
+            high = {"payload": 1000.0, "noise": 0.1}.get(name, 1.0)
+            if isinstance(value, str) or not 0.0 <= value <= high:
+                raise SimulationError(f"{name} is {value}, expected a number from 0 to {high:g}")
         object.__setattr__(self, name, value)
 
 
