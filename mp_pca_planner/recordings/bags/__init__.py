@@ -8,9 +8,7 @@ from .bag import Bag as Bag
 from .bag import Stored as Stored
 from .bag import Topic as Topic
 from .bag import choose_topic as choose_topic
-from .bag import list_topics as list_topics
 from .bag import open_bag as open_bag
-from .bag import read_joint_states as read_joint_states
 from .discovery import FORMAT_OF_SUFFIX as FORMAT_OF_SUFFIX
 from .discovery import BagFormat as BagFormat
 from .discovery import checksum as checksum

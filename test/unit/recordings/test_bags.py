@@ -12,7 +12,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from conftest import EPOCH, FORMATS, Message, S, reaching, stamped, write_bag
+from conftest import (
+    EPOCH,
+    FORMATS,
+    Message,
+    S,
+    list_topics,
+    reaching,
+    read_joint_states,
+    stamped,
+    write_bag,
+)
 from embedded_bags import write_embedded_bag
 from rosbags.highlevel import AnyReader
 
@@ -22,8 +32,6 @@ from mp_pca_planner.recordings.bags import (
     checksum,
     choose_topic,
     find_recordings,
-    list_topics,
-    read_joint_states,
     recording_names,
     write_joint_states,
     write_joint_trajectory,
