@@ -22,7 +22,7 @@ from mp_pca_planner.plotting.arm import arm_figure
 from mp_pca_planner.plotting.drawing import draw_motion, picture
 from mp_pca_planner.plotting.primitive import PHASES, primitive_figure
 from mp_pca_planner.plotting.recording import recording_figure
-from mp_pca_planner.recordings.reports import RecordingSet
+from mp_pca_planner.recordings.demonstration import RecordingSet
 
 ROOT = Path(__file__).resolve().parents[1]
 ARM = ("upper_arm", "lower_arm", "wrist")

@@ -19,5 +19,5 @@ from .discovery import stored_size as stored_size
 from .serialisation import JOINT_STATE as JOINT_STATE
 from .serialisation import JOINT_TRAJECTORY as JOINT_TRAJECTORY
 from .serialisation import MARKER_ARRAY as MARKER_ARRAY
-from .writing import write_joint_states as write_joint_states
-from .writing import write_joint_trajectory as write_joint_trajectory
+from .serialisation import write_joint_states as write_joint_states
+from .serialisation import write_joint_trajectory as write_joint_trajectory

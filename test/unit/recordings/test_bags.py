@@ -355,11 +355,11 @@ def test_trajectory_comes_back_as_one_message(tmp_path: Path, name: str) -> None
     values = np.random.default_rng(2).normal(size=(4, 16, 2))
     trajectory = Trajectory(("a", "b"), times, *values)
     path = tmp_path / name
-    write_joint_trajectory(path, trajectory, "/plan")
+    write_joint_trajectory(path, trajectory)
     with AnyReader([path]) as reader:
         ((connection, _, data),) = reader.messages()
         message = reader.deserialize(data, connection.msgtype)
-    assert connection.topic == "/plan"
+    assert connection.topic == "/joint_trajectory"
     assert message.joint_names == ["a", "b"]
     assert message.header.stamp.sec == message.header.stamp.nanosec == 0
     for field, expected in zip(
