@@ -98,7 +98,7 @@ def _scene(arguments: argparse.Namespace) -> Scene:
 def _only_primitive(path: Path) -> MovementPrimitive:
     primitives = load_primitives([path])
     if len(primitives) != 1:
-        found = quote_names(p.name for p in primitives)
+        found = quote_names(primitives.names)
         raise PlannerError(f"--primitives must be one primitive, but there are {found}")
     return primitives[0]
 

@@ -156,12 +156,16 @@ def verify(add: Options) -> None:
 
 def build_primitives(add: Options) -> None:
     """Learn a movement primitive from recorded bags and write it to a file."""
-    add("bags BAG", "ROS 1 .bag, rosbag2 folder, .db3, .mcap; globs and folders of bags", nargs="+")
+    add("bags BAG", "ROS 1 .bag, rosbag2 folder, .db3, .mcap; globs and folders of bags", nargs="*")
     _add_input(add.group("input"))
     _add_segmentation(add.group("cutting recordings into motions"))
     _add_primitive(add.group("primitive"))
     output = add.group("output")
-    output("--output FILE", "file to write", Path, required=True)
+    text = "primitive to add the recordings to; its options stay unless others are given"
+    output("--update FILE", text, Path)
+    text = "recordings to take out of --update, by name or checksum"
+    output("--remove a,b,c", text, name_list, ())
+    output("--output FILE", "file to write (default: that of --update)", Path)
     output("--report FILE.html", "page that shows what was found", Path)
     output("--write-segments FILE.csv", "motions as a table to edit, for --segments", Path)
     add_report_options(output, "the outputs")

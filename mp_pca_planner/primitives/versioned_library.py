@@ -17,7 +17,7 @@ from __future__ import annotations
 import getpass
 import json
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
@@ -134,9 +134,60 @@ class VersionedLibrary:
         name = primitive.name
         check_name(name)
         with self._locked():
-            self._check_joints(primitive)
+            self._check_joints(primitive, [name])
             self._adopt(name)
             return self._add(primitive, note)
+
+    def change(
+        self,
+        primitives: Sequence[MovementPrimitive],
+        retired: Collection[str],
+        kept: Mapping[str, bytes | None],
+        note: str = "",
+    ) -> tuple[Change, ...]:
+        """Put primitives into use and take others out of use, all together or none.
+
+        Parameters
+        ----------
+        primitives :
+            The primitives; one that is in use as it is does not change.
+        retired :
+            Names of primitives in use.
+        kept :
+            Content of files to keep beside the versions, by name; None: the file is deleted.
+        note : str
+            Reason of the changes.
+
+        Raises
+        ------
+        PrimitiveError
+            If a name is no file name, or a primitive moves other joints than those that stay.
+        """
+        with self._locked():
+            replaced = {*retired, *(primitive.name for primitive in primitives)}
+            for primitive in primitives:
+                check_name(primitive.name)
+                self._check_joints(primitive, replaced)
+                self._adopt(primitive.name)
+            used = self.in_use()
+            changes: list[Change] = []
+            files: dict[Path, bytes | None] = {}
+            for primitive in primitives:
+                content = primitive_bytes(primitive)
+                version = used.get(primitive.name)
+                if version is None or content != self._content(primitive.name, version):
+                    change, new = self._addition(primitive, note)
+                    changes.append(change)
+                    files |= new
+            for name in retired:
+                changes.append(_change_now(RETIRE, name, None, {}, note))
+                files[self._file_in_use(name)] = None
+            files |= {self._versions / name: content for name, content in kept.items()}
+            return self._make(changes, files)
+
+    def kept(self, name: str) -> Path:
+        """Path of a file that is kept beside the versions, see :meth:`change`."""
+        return self._versions / name
 
     def retire(self, name: str, note: str = "") -> Change:
         """Take a primitive out of use; its versions are kept.
@@ -151,7 +202,7 @@ class VersionedLibrary:
             if name not in self.in_use():
                 raise PrimitiveError(unknown_name("primitive in use", name, self.in_use()))
             change = _change_now(RETIRE, name, None, {}, note)
-            return self._make(change, {self._file_in_use(name): None})
+            return self._make([change], {self._file_in_use(name): None})[0]
 
     def roll_back(self, name: str, version: int | None = None, note: str = "") -> Change:
         """Put an earlier version of a primitive into use again.
@@ -186,7 +237,8 @@ class VersionedLibrary:
                 raise PrimitiveError(f"'{name}' has no version {version}; it has {valid}")
             primitive = load_primitive(self._file_of(name, version))
             change = _change_now(ROLLBACK, name, version, _provenance(primitive), note)
-            return self._make(change, {self._file_in_use(name): self._content(name, version)})
+            files = {self._file_in_use(name): self._content(name, version)}
+            return self._make([change], files)[0]
 
     def _file_of(self, name: str, version: int) -> Path:
         return self._versions / name / f"{version:04}.npz"
@@ -199,10 +251,11 @@ class VersionedLibrary:
         with reading(f"version {version} of '{name}' of the library", PrimitiveError):
             return read_bytes(file, MAX_BYTES)
 
-    def _check_joints(self, primitive: MovementPrimitive) -> None:
-        for name, version in self.in_use().items():
-            other = load_primitive(self._file_of(name, version))
-            if name != primitive.name and other.joint_names != primitive.joint_names:
+    def _check_joints(self, primitive: MovementPrimitive, replaced: Collection[str]) -> None:
+        """Reject a primitive of other joints than those in use that are not replaced."""
+        for name in self.in_use().keys() - set(replaced):
+            other = load_primitive(self._file_of(name, self.in_use()[name]))
+            if other.joint_names != primitive.joint_names:
                 raise PrimitiveError(
                     f"'{primitive.name}' moves {primitive.joint_names}, but '{name}' of the "
                     f"library moves {other.joint_names}: use another library"
@@ -215,30 +268,41 @@ class VersionedLibrary:
             self._add(load_primitive(file), "was in the folder already", name)
 
     def _add(self, primitive: MovementPrimitive, note: str, name: str = "") -> Change:
+        change, files = self._addition(primitive, note, name)
+        return self._make([change], files)[0]
+
+    def _addition(
+        self, primitive: MovementPrimitive, note: str, name: str = ""
+    ) -> tuple[Change, dict[Path, bytes | None]]:
+        """The change that adds a primitive, and its files."""
         name, content = name or primitive.name, primitive_bytes(primitive)
         known = [c.version or 0 for c in self.history() if c.name == name]
         # A version that the journal does not name was left by a process that was killed.
         free = (v for v in count(max(known, default=0) + 1) if not self._file_of(name, v).exists())
         version = next(free)
         change = _change_now(ADD, name, version, _provenance(primitive), note)
-        files = {self._file_of(name, version): content, self._file_in_use(name): content}
-        return self._make(change, files)
+        return change, {self._file_of(name, version): content, self._file_in_use(name): content}
 
-    def _make(self, change: Change, files: Mapping[Path, bytes | None]) -> Change:
-        """Make a change atomically: its files, then its line of the journal."""
+    def _make(
+        self, changes: Sequence[Change], files: Mapping[Path, bytes | None]
+    ) -> tuple[Change, ...]:
+        """Make changes atomically: their files, then their lines of the journal."""
         before = self._journal.read_bytes() if self._journal.exists() else b""
-        journal = before + json.dumps(asdict(change), sort_keys=True).encode() + b"\n"
+        lines = (json.dumps(asdict(change), sort_keys=True).encode() + b"\n" for change in changes)
+        journal = before + b"".join(lines)
         if len(journal) > MAX_JOURNAL_BYTES:
             raise PrimitiveError(f"the journal '{self._journal}' is full: use another library")
-        folder = self._versions / change.name
-        folder.mkdir(parents=True, exist_ok=True)
+        folders = [self._versions / change.name for change in changes]
+        for folder in folders:
+            folder.mkdir(parents=True, exist_ok=True)
         try:
             write_together({**self._restored(), **files, self._journal: journal}, overwrite=True)
         except PlannerError:
-            with suppress(OSError):
-                folder.rmdir()  # only if this change created it
+            for folder in folders:
+                with suppress(OSError):
+                    folder.rmdir()  # only if this change created it
             raise
-        return change
+        return tuple(changes)
 
     def _restored(self) -> dict[Path, bytes | None]:
         """Files in use that differ from those of the journal, with the content of the latter."""

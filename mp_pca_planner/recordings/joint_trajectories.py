@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike
 from ..arrays import FloatArray
 from ..exceptions import RecordingError
 from ..input_limits import INPUT_LIMITS
-from ..motion.interpolation import interpolate_at
+from ..motion.interpolation import interpolate_at, segment_ends
 from .bags import NS_PER_S, Bag, Stored, Topic
 from .joint_states import listed_names
 from .repair.messages import SIMULATION_TIME, choose_joints, is_simulation_time
@@ -259,11 +259,8 @@ def _sampled(
         return None
     columns = [motion.joint_names.index(name) for name in names]
     times = np.linspace(first, end, n_samples)
-    positions = interpolate_at(
-        np.clip(times - start, motion.times[0], motion.times[-1]),
-        motion.times,
-        motion.positions[:, columns],
-        motion.velocities[:, columns],
-        motion.accelerations[:, columns],
-    )
+    points = (motion.positions, motion.velocities, motion.accelerations)
+    ends = segment_ends(motion.times, *(values[:, columns] for values in points))
+    instants = np.clip(times - start, motion.times[0], motion.times[-1])
+    positions, _, _ = interpolate_at(instants, motion.times, ends)
     return Piece(times, positions)

@@ -40,7 +40,12 @@ LAYERS = [
 ]
 
 # Values have methods that pass them on to a later room, which is imported in the method.
-HANDED_ON = {("motion", "recordings"), ("motion", "ros"), ("planning", "plotting")}
+HANDED_ON = {
+    ("motion", "recordings"),
+    ("motion", "ros"),
+    ("planning", "plotting"),
+    ("planning", "view"),
+}
 
 # Where rosdep calls a dependency otherwise than Python does.
 ROSDEP_NAMES = {
