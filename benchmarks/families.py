@@ -17,11 +17,11 @@ demonstrations at a higher effort.
 
 from __future__ import annotations
 
-import argparse
 from collections import Counter
 from dataclasses import dataclass
 
 import numpy as np
+from tables import benchmark_parser, show
 
 from mp_pca_planner.evaluation.problems import (
     Problem,
@@ -34,7 +34,6 @@ from mp_pca_planner.evaluation.problems import (
 from mp_pca_planner.motion.goal import JointGoal, JointState
 from mp_pca_planner.planning.plan import Plan, PlannerOptions
 from mp_pca_planner.planning.planner import Planner
-from mp_pca_planner.plotting.text import table
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
 from mp_pca_planner.primitives.primitive import MovementPrimitive
 from mp_pca_planner.robot.limits import JointLimits
@@ -52,7 +51,7 @@ NATURALNESS = (1e-4, 1e-3, 1e-2, 1e-1, 1.0)
 
 def main() -> None:
     """Print both tables."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = benchmark_parser(__doc__)
     parser.add_argument("--problems", type=int, default=50, help="of each kind and robot")
     parser.add_argument("--robots", nargs="+", default=ROBOTS)
     arguments = parser.parse_args()
@@ -66,10 +65,11 @@ def main() -> None:
                     outcomes = [both_ways(scene, primitive, *one, naturalness) for one in problems]
                     families.append([name, coupling, kind, f"{naturalness:g}", *shares(outcomes)])
         trade_off += traded_off(scene, held_out_problems(scene, arguments.problems, 2))
-    header = ["robot", "coupling", "problems", "ρ", "components", "both", "splines", "refused"]
-    print(table(families, header=[*header, "B-splines solve", "refused of these", "ms", "worst"]))
+    columns = ["robot", "coupling", "problems", "ρ", "components", "both", "splines", "refused"]
+    columns += ["B-splines solve", "refused of these", "ms", "worst"]
     header = ["robot", "components", "ρ", "solved", "effort", "from the demonstration [deg]", "ms"]
-    print(f"\n{table(trade_off, header=header)}")
+    tables = {"What solves": (columns, families), "Components and ρ": (header, trade_off)}
+    show(tables, as_json=arguments.json)
 
 
 @dataclass(frozen=True)

@@ -279,7 +279,7 @@ def case_study(add: Options) -> None:
     It shows components of the motions, an arm-raising motion planned with them and with
     B-splines, and the distance of planned motions from human ones.
     """
-    add("--recordings BAG", "recordings of markers (default: generated ones)", nargs="+")
+    add("--recordings BAG", "recordings of markers (default: generated motions)", nargs="+")
     add("--markers TOPIC", "their topic", default="/markers")
     add("--joint-states TOPIC", "topic of joint states, if the recordings hold those")
     add("--robot URDF", "model (default: human_arm.urdf)", Path)

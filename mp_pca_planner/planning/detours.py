@@ -262,6 +262,7 @@ class PathFollower:
 
     def __init__(self, primitive: MovementPrimitive, setup: Setup) -> None:
         self._primitive, self._limits = primitive, setup.limits
+        self._margin = setup.options.search.scaling_margin
         splines = BSplineBasis(primitive.n_joints, _OPTIONS.n_control_points)
         self._basis = SumBasis(primitive.basis, splines, _OPTIONS.spread)
         self._tables = QuadratureTables(self._basis, setup.options.n_nodes)
@@ -304,7 +305,7 @@ class PathFollower:
         shapes = self._basis.shapes(weights, s, 3)
         # By phase, which is by time in a duration of 1 s.
         rates = [hermite_functions(s, d) @ boundary + shapes[d] for d in (1, 2, 3)]
-        return kinematic_stretch(self._limits, np.array(rates))
+        return self._margin * kinematic_stretch(self._limits, np.array(rates))
 
 
 def paths_by_vias(

@@ -160,7 +160,8 @@ def _facts(statistics: MotionStatistics, options: PrimitiveOptions) -> dict[str,
 def _fit_model(statistics: MotionStatistics, directions: FloatArray) -> ConditionalModel:
     """Regress the weights, time scalings and durations on the requests."""
     requests, *shapes = statistics.requests_and_shapes()
-    rows = directions.reshape(len(directions), shapes[0].shape[1])
+    n_components, n_joints, n_functions = directions.shape
+    rows = directions.reshape(n_components, n_joints * n_functions)  # there may be no component
     there, back = (x @ rows.T for x in shapes)
     straight = -rows @ shapes[0].mean(axis=0)
     labels = [motion.label for motion in statistics.motions]

@@ -169,7 +169,8 @@ class VersionedLibrary:
                 check_name(primitive.name)
                 self._check_joints(primitive, replaced)
                 self._adopt(primitive.name)
-            used, changes = self.in_use(), []
+            used = self.in_use()
+            changes: list[Change] = []
             files: dict[Path, bytes | None] = {}
             for primitive in primitives:
                 content = primitive_bytes(primitive)

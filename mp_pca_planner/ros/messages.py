@@ -6,24 +6,27 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 
 from builtin_interfaces.msg import Duration, Time
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from geometry_msgs.msg import PoseStamped
-from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor
+from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState as JointStateMessage
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from ..control.statement import control_statement
+from ..control.law import control_statement
 from ..exceptions import GoalError, printable, quote_names
-from ..execution.adaptation import AdaptedPlan
 from ..execution.execution_monitor import ExecutionReport
+from ..execution.goal_planner import AdaptedPlan
 from ..execution.parameters import Declaration
+from ..files import reading
 from ..motion.goal import JointGoal, JointState, Pose, PoseGoal, SequenceGoal
 from ..motion.trajectory import Trajectory
 from ..planning.plan import Plan
 from ..planning.remarks import remarks
-from ..primitives.primitive import MovementPrimitive
+from ..primitives.primitive_library import PrimitiveLibrary
 
 UNDER_WAY = "under_way"
 """Status in the report of a goal that is under way, or reached, already."""
@@ -36,6 +39,9 @@ NANOSECONDS = 10**9
 
 MAX_ITEMS = 1000
 """Most joints, and most points, that a goal may have."""
+
+MAX_STATE_BYTES = 2**18
+"""Largest message of joint states that is read: a thousand joints have a quarter of that."""
 
 
 def to_goal(message: JointStateMessage, duration: float) -> JointGoal:
@@ -102,7 +108,7 @@ def to_sequence_goal(message: JointTrajectory) -> SequenceGoal:
     for k, point in enumerate(message.points, start=1):
         _check_point(k, point, message.joint_names)
         targets.append(JointState(message.joint_names, point.positions))
-    times = tuple(_seconds(point.time_from_start) or None for point in message.points)
+    times = tuple(to_seconds(point.time_from_start) or None for point in message.points)
     stops = tuple(bool(point.velocities) for point in message.points)
     return SequenceGoal(tuple(targets), times, message.header.frame_id or None, stops)
 
@@ -162,6 +168,14 @@ def to_pose_message(pose: Pose) -> PoseStamped:
     if pose.orientation is not None:
         turned.x, turned.y, turned.z, turned.w = pose.orientation.tolist()
     return message
+
+
+def read_states(content: bytes) -> JointStateMessage:
+    """Deserialise joint states; a message that is malformed or far too large has no joints."""
+    if len(content) <= MAX_STATE_BYTES:
+        with suppress(GoalError), reading("a state", GoalError):
+            return deserialize_message(content, JointStateMessage)
+    return JointStateMessage()
 
 
 def to_state(message: JointStateMessage, joint_names: Sequence[str]) -> JointState:
@@ -228,7 +242,7 @@ def to_trajectory(message: JointTrajectory) -> Trajectory:
     points = message.points
     return Trajectory(
         message.joint_names,
-        [_seconds(p.time_from_start) for p in points],
+        [to_seconds(p.time_from_start) for p in points],
         [p.positions for p in points],
         [p.velocities for p in points],
         [p.accelerations for p in points],
@@ -236,15 +250,16 @@ def to_trajectory(message: JointTrajectory) -> Trajectory:
     )
 
 
-def _seconds(duration: Duration) -> float:
-    return float(duration.sec + duration.nanosec / NANOSECONDS)
+def to_seconds(time: Duration | Time) -> float:
+    """Convert a duration or a time of ROS [s]."""
+    return float(time.sec + time.nanosec / NANOSECONDS)
 
 
 def to_plan_report(
     plan: Plan | AdaptedPlan,
     goal_stamp: Time,
     more: Mapping[str, str | float | int] | None = None,
-    primitives: Sequence[MovementPrimitive] = (),
+    primitives: PrimitiveLibrary | None = None,
     ignored_joints: Sequence[str] = (),
 ) -> DiagnosticStatus:
     """Report a motion that was published: OK, or WARN with what is unusual about it.
@@ -257,7 +272,7 @@ def to_plan_report(
         Stamp of the goal.
     more : mapping, optional
         Further values.
-    primitives : sequence of MovementPrimitive
+    primitives : PrimitiveLibrary, optional
         Those of the planner: of the ones used, the control laws are reported.
     ignored_joints : sequence of str
         Joints of the goal that the primitives don't move.
@@ -270,7 +285,9 @@ def to_plan_report(
         )
     level = DiagnosticStatus.WARN if found else DiagnosticStatus.OK
     used = plan.primitives if isinstance(plan, Plan) else (plan.primitive,)
-    laws = {f"control_law.{p.name}": control_statement(p) for p in primitives if p.name in used}
+    laws = {}
+    if primitives is not None:
+        laws = {f"control_law.{name}": control_statement(primitives.named(name)) for name in used}
     values = {**plan.summary(), **laws, **(more or {})}
     return _report(level, "; ".join(found) or plan.message, goal_stamp, values)
 
@@ -348,9 +365,5 @@ def to_descriptor(declaration: Declaration) -> ParameterDescriptor:
     if isinstance(declaration.default, float):
         descriptor.floating_point_range = [
             FloatingPointRange(from_value=declaration.low, to_value=declaration.high)
-        ]
-    elif isinstance(declaration.default, int) and not isinstance(declaration.default, bool):
-        descriptor.integer_range = [
-            IntegerRange(from_value=int(declaration.low), to_value=int(declaration.high))
         ]
     return descriptor

@@ -16,11 +16,11 @@ from std_msgs.msg import String
 from trajectory_msgs.msg import JointTrajectory
 
 from ..exceptions import SimulationError
-from ..simulation.message import NANOSECONDS, TrajectoryMessage, TrajectoryPoint
+from ..simulation.controller import NANOSECONDS, TrajectoryMessage, TrajectoryPoint
 from ..simulation.robot import SimulatedRobot
 from .process import spin_until
 from .process import start_ros as start_ros
-from .qos import LATCHED
+from .subscriptions import LATCHED
 
 NODE_NAME = "simulated_robot"
 

@@ -23,4 +23,3 @@ from .serialisation import JOINT_TRAJECTORY as JOINT_TRAJECTORY
 from .serialisation import MARKER_ARRAY as MARKER_ARRAY
 from .writing import write_joint_states as write_joint_states
 from .writing import write_joint_trajectory as write_joint_trajectory
-from .writing import write_markers as write_markers

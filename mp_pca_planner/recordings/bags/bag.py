@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from ...exceptions import DamagedRecordingError, RecordingError, quote_names
-from ..joint_states import RawJointStates, joined, slice_in_parts
+from ..joint_states import RawJointStates, slice_joint_states
 from .discovery import BagFormat, recording_format
 from .files import RecordingFiles, damage_reported
 from .serialisation import JOINT_STATE, JOINT_TRAJECTORY, BagTypes
@@ -179,13 +179,14 @@ class Bag:
         def gathered(stored: Iterator[Stored]) -> RawJointStates:
             if extract:
                 stored = ((source, t, extract[source](data)) for source, t, data in stored)
-            parts: list[RawJointStates] = []
             with self._damage_reported():
-                for part in slice_in_parts(topic, stored, ros1=self.format == "rosbag1"):
-                    parts.append(part)
-                    if progress is not None:
-                        progress(sum(part.n_messages for part in parts) / n_all)
-            return replace(joined(parts), notes=self.notes)
+                raw = slice_joint_states(
+                    topic,
+                    stored,
+                    ros1=self.format == "rosbag1",
+                    progress=lambda n_done: progress and progress(n_done / n_all),
+                )
+            return replace(raw, notes=self.notes)
 
         return self.read(chosen, gathered)
 
@@ -211,7 +212,7 @@ class Bag:
                 f"'{self.path}' is damaged: its index says {indexed} messages on the topic, "
                 f"{count} can be read"
             )
-        self.notes = self._files.notes(keys, indexed)
+        self.notes = self._files.notes
 
     def _before_damage(self, topics: Collection[Topic]) -> Iterator[Stored]:
         """Messages before the damage; the damage may also be within a message."""

@@ -18,6 +18,7 @@ from rosbags.rosbag2 import Writer as Writer2
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from ...exceptions import RecordingError, unknown_name
+from ...input_limits import INPUT_LIMITS
 from ..byte_layout import ENCAPSULATION, MAX_PADDING, NS_PER_S, most_spare_bytes
 from .discovery import FORMAT_OF_SUFFIX, BagFormat
 from .storage import Key
@@ -25,10 +26,6 @@ from .storage import Key
 JOINT_STATE = "sensor_msgs/msg/JointState"
 JOINT_TRAJECTORY = "trajectory_msgs/msg/JointTrajectory"
 MARKER_ARRAY = "visualization_msgs/msg/MarkerArray"
-
-MAX_DEFINITION = 1 << 17
-"""Largest size of a definition of messages [characters]; large definitions of ROS have a third of
-that."""
 
 Types = Any
 """The typestore of rosbags, whose class is not public."""
@@ -52,12 +49,12 @@ def _defined_types(definition: str, name: str) -> Types:
     Raises
     ------
     RecordingError
-        If the definition is longer than :data:`MAX_DEFINITION`.
+        If the definition is longer than is accepted.
     """
-    if len(definition) > MAX_DEFINITION:
+    limit = INPUT_LIMITS.definition_characters
+    if len(definition) > limit:
         raise RecordingError(
-            f"the definition of {name} has {len(definition):,} characters; accepted are "
-            f"{MAX_DEFINITION:,}"
+            f"the definition of {name} has {len(definition):,} characters; accepted are {limit:,}"
         )
     types = get_typestore(Stores.EMPTY)
     types.register(get_types_from_msg(definition, name))

@@ -1,19 +1,17 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Bags of joint states, of a trajectory or of markers."""
+"""Bags of joint states or of a trajectory."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Mapping, Sequence
-from functools import partial
+from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...arrays import FloatArray, frozen_array, unique_names
+from ...arrays import frozen_array, unique_names
 from ...exceptions import RecordingError
 from ...files import exists_already, replace_path, take_free_name, workspace_beside
 from ...motion.trajectory import Trajectory
@@ -22,14 +20,10 @@ from .discovery import FORMAT_OF_SUFFIX, BagFormat, recordings_in
 from .serialisation import (
     JOINT_STATE,
     JOINT_TRAJECTORY,
-    MARKER_ARRAY,
     header,
     known_types,
     write_messages,
 )
-
-# Of visualization_msgs/Marker.
-_SPHERE, _ADD = 2, 0
 
 
 def write_joint_states(
@@ -135,82 +129,6 @@ def write_joint_trajectory(
     ]
     message = types[JOINT_TRAJECTORY](header(bag_format, 0), list(trajectory.joint_names), points)
     _write(target, bag_format, topic, JOINT_TRAJECTORY, [(0, message)], overwrite)
-
-
-def write_markers(
-    path: str | Path,
-    names: Sequence[str],
-    stamps_ns: ArrayLike,
-    positions: ArrayLike,
-    topic: str = "/markers",
-) -> None:
-    """Write positions of markers as a rosbag2 folder (mcap) of MarkerArray, atomically.
-
-    Parameters
-    ----------
-    path :
-        Where to write.
-    names :
-        Namespaces of the markers.
-    stamps_ns : array of int, shape (n_frames,)
-        Header stamps [ns].
-    positions : array, shape (n_frames, n_markers, 3)
-        Positions in the frame "world" [m]; a marker of which one is NaN is left out of that frame.
-    topic :
-        Name of the topic.
-
-    Raises
-    ------
-    RecordingError
-        If the shapes disagree.
-    PlannerError
-        If there is something at the path already, or it can't be written.
-    """
-    stamps, places = np.asarray(stamps_ns, dtype=np.int64), np.asarray(positions, dtype=np.float64)
-    if stamps.ndim != 1 or places.shape != (stamps.size, len(names), 3):
-        raise RecordingError(
-            f"positions of markers to write must have the shape ({stamps.size}, {len(names)}, 3), "
-            f"got {places.shape}"
-        )
-    types = known_types("mcap").types
-    marker = partial(types["visualization_msgs/msg/Marker"], **_marker_fields(types))
-    point, pose = types["geometry_msgs/msg/Point"], types["geometry_msgs/msg/Pose"]
-    upright = types["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.0, 1.0)
-
-    def frame(stamp: int, seen: FloatArray) -> object:
-        of_frame = header("mcap", stamp, "world")
-        return types[MARKER_ARRAY](
-            [
-                marker(header=of_frame, ns=name, id=number, pose=pose(point(*place), upright))
-                for number, (name, place) in enumerate(zip(names, seen.tolist(), strict=True))
-                if np.isfinite(place).all()
-            ]
-        )
-
-    messages = ((int(t), frame(int(t), seen)) for t, seen in zip(stamps, places, strict=True))
-    _write(Path(path), "mcap", topic, MARKER_ARRAY, messages, overwrite=False)
-
-
-def _marker_fields(types: Mapping[str, Any]) -> dict[str, Any]:
-    """Fields that are the same in all markers."""
-    nothing = np.empty(0, dtype=np.uint8)
-    return {
-        "type": _SPHERE,
-        "action": _ADD,
-        "scale": types["geometry_msgs/msg/Vector3"](0.02, 0.02, 0.02),
-        "color": types["std_msgs/msg/ColorRGBA"](1.0, 1.0, 1.0, 1.0),
-        "lifetime": types["builtin_interfaces/msg/Duration"](0, 0),
-        "frame_locked": False,
-        "points": [],
-        "colors": [],
-        "texture_resource": "",
-        "texture": types["sensor_msgs/msg/CompressedImage"](header("mcap", 0), "", nothing),
-        "uv_coordinates": [],
-        "text": "",
-        "mesh_resource": "",
-        "mesh_file": types["visualization_msgs/msg/MeshFile"]("", nothing),
-        "mesh_use_embedded_materials": False,
-    }
 
 
 def _write(

@@ -391,7 +391,7 @@ def test_repairs_counted_before_a_refusal_are_kept(bag: Bag) -> None:
     messages[7].positions = [np.nan, 0.3]
     with pytest.raises(UnusableRecordingError, match="nothing moves") as caught:
         bag.repaired(messages)
-    assert caught.value.repairs == {"malformed": 1, "non_finite": 1}
+    assert caught.value.findings["repairs"] == {"malformed": 1, "non_finite": 1}
 
 
 def test_messages_without_stamp_among_stamped_ones_are_counted_and_dropped(bag: Bag) -> None:
