@@ -45,6 +45,7 @@ def run(arguments: argparse.Namespace) -> int:
     check_output(arguments.report, ".html", force=arguments.force)
     folders = libraries_of(arguments.output)
     _check(arguments, folders)
+    n_before = {folder: len(VersionedLibrary(folder).history()) for folder in folders.values()}
     old = [known_motions(VersionedLibrary(folder)) for folder in folders.values()]
     known = [x for kinds, outliers in old for x in (*kinds.values(), outliers) if x is not None]
     options = primitive_options(arguments)
@@ -70,7 +71,7 @@ def run(arguments: argparse.Namespace) -> int:
     places = _places(arguments.output, contents, folders)
     page = library_page(places, recordings.refused) if arguments.report else ""
     for folder, content in places.items():
-        write_library(VersionedLibrary(folder), content, "build_library")
+        write_library(VersionedLibrary(folder), content, n_before.get(folder, 0), "build_library")
     if arguments.report is not None:
         write_whole(arguments.report, page.encode(), overwrite=arguments.force)
     _print(arguments, recordings, places)

@@ -19,10 +19,11 @@ from .conditional_model import left_out_squares
 from .file import load_primitive, primitive_bytes
 from .kind_names import kind_names
 from .kinds import OUTLIER, Indices, KindOptions, Kinds, find_kinds
+from .library_journal import Change
 from .motion_statistics import MotionStatistics
 from .options import PrimitiveOptions
 from .primitive import MovementPrimitive
-from .versioned_library import Change, VersionedLibrary
+from .versioned_library import VersionedLibrary
 
 OUTLIERS = "outliers.npz"
 """File beside the versions with the statistics of the motions that belong to no kind."""
@@ -143,15 +144,34 @@ def library_content(
     )
 
 
-def write_library(library: VersionedLibrary, content: LibraryContent, note: str) -> list[Change]:
+def write_library(
+    library: VersionedLibrary, content: LibraryContent, n_before: int, note: str
+) -> tuple[Change, ...]:
     """Put the primitives of all kinds into use, and retire those of earlier kinds.
 
     Primitives without statistics, such as refined ones, stay.
+
+    Parameters
+    ----------
+    library : VersionedLibrary
+        The library.
+    content : LibraryContent
+        The kinds.
+    n_before : int
+        Number of changes in its history that the kinds are based on.
+    note : str
+        Reason of the changes.
+
+    Raises
+    ------
+    PrimitiveError
+        If another process has changed the library meanwhile.
     """
     names = {primitive.name for primitive in content.primitives}
     retired = sorted(known_motions(library)[0].keys() - names)
     outliers = None if content.outliers is None else primitive_bytes(content.outliers)
-    return list(library.change(content.primitives, retired, {OUTLIERS: outliers}, note))
+    files = {OUTLIERS: outliers}
+    return library.change(content.primitives, retired, files, n_before=n_before, note=note)
 
 
 def known_motions(
