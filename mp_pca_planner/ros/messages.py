@@ -16,6 +16,7 @@ from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState as JointStateMessage
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
+from ..control.law import control_statement
 from ..exceptions import GoalError, printable, quote_names
 from ..execution.execution_monitor import ExecutionReport
 from ..execution.goal_planner import AdaptedPlan
@@ -26,6 +27,7 @@ from ..motion.goal import JointGoal, JointState, Pose, PoseGoal, SequenceGoal
 from ..motion.trajectory import Trajectory
 from ..planning.plan import Plan
 from ..planning.remarks import remarks
+from ..primitives.primitive import MovementPrimitive
 
 UNDER_WAY = "under_way"
 """Status in the report of a goal that is under way, or reached, already."""
@@ -250,7 +252,10 @@ def to_seconds(time: Duration | Time) -> float:
 
 
 def to_plan_report(
-    plan: Plan | AdaptedPlan, goal_stamp: Time, ignored_joints: Sequence[str] = ()
+    plan: Plan | AdaptedPlan,
+    goal_stamp: Time,
+    primitives: Sequence[MovementPrimitive] = (),
+    ignored_joints: Sequence[str] = (),
 ) -> DiagnosticStatus:
     """Report a motion that was published: OK, or WARN with what is unusual about it.
 
@@ -260,6 +265,8 @@ def to_plan_report(
         The plan.
     goal_stamp :
         Stamp of the goal.
+    primitives : sequence of MovementPrimitive
+        Those that were used; what is known of their control laws is reported.
     ignored_joints : sequence of str
         Joints of the goal that the primitives don't move.
     """
@@ -270,7 +277,8 @@ def to_plan_report(
             "them"
         )
     level = DiagnosticStatus.WARN if found else DiagnosticStatus.OK
-    return _report(level, "; ".join(found) or plan.message, goal_stamp, plan.summary())
+    laws = {f"control_law.{p.name}": control_statement(p) for p in primitives}
+    return _report(level, "; ".join(found) or plan.message, goal_stamp, {**plan.summary(), **laws})
 
 
 def to_under_way_report(
