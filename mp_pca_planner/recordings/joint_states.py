@@ -98,8 +98,8 @@ class ByteLayout:
 def most_spare_bytes(n_empty: int) -> int:
     """Largest number of bytes behind a message in CDR.
 
-    It is padded to words of four bytes, and `rclpy.serialization` keeps room to align what each of `n_empty`
-    empty sequences of numbers does not hold.
+    It is padded to words of four bytes, and `rclpy.serialization` keeps room to align what each of
+    `n_empty` empty sequences of numbers does not hold.
     """
     return 3 + 8 * n_empty
 
