@@ -254,6 +254,13 @@ class SingleProblem(PlanningProblem):
             self.setup = setup.with_tolerance(setup.options.search.detour_tolerance)
             self.keep_clear()
 
+    @property
+    def starts_in_collision(self) -> bool:
+        """Whether the first motion is in collision at a quadrature node."""
+        collision, start = self.setup.collision, self.starts[0].unknowns
+        positions = self._program.states(start)[0]
+        return collision is not None and any(map(collision.collides, positions))
+
     def program(self) -> Program:
         """The one segment."""
         return self.parts[0].whole(self.setup.collision)

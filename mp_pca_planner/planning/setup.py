@@ -54,9 +54,13 @@ class Setup:
         """Comparison of a trajectory with the limits."""
         return check_limits(trajectory, self.robot, self.limits)
 
-    def collisions(self, trajectory: Trajectory) -> tuple[Collision, ...]:
+    def collisions(
+        self, trajectory: Trajectory, *, precisely: bool = False
+    ) -> tuple[Collision, ...]:
         """Collisions of a trajectory, if they are checked."""
-        return () if self.collision is None else self.collision.collisions(trajectory)
+        if self.collision is None:
+            return ()
+        return self.collision.collisions(trajectory, precisely=precisely)
 
     def with_tolerance(self, tolerance: float) -> Setup:
         """The same with another tolerance of the solver."""

@@ -55,7 +55,9 @@ def fit_paces(
     shares = np.linspace(0.0, 1.0, 101)
     integral = partial(cumulative_trapezoid, x=shares, axis=1, initial=0)
     is_even = np.all(warps == np.linspace(0.0, 1.0, warps.shape[1]), axis=1)
-    targets = np.array([aligned_phases(warp, shares) for warp in warps])
+    # In parts that fit into the cache of the processor.
+    parts = np.array_split(warps, len(warps) // 100 + 1)
+    targets = np.concatenate([aligned_phases(part, shares) for part in parts])
     functions = legendre.legvander(2.0 * shares - 1.0, PACE_DEGREE)[:, 1:]
     paces = np.zeros((len(warps), PACE_DEGREE))
     ridge = price * len(shares) * np.eye(PACE_DEGREE)
