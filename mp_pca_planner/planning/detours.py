@@ -27,7 +27,7 @@ from .clearance import least_distances
 from .constraints import LimitTables
 from .fallback import Paths
 from .motion import Motion
-from .plan import MotionSolution
+from .plan import FREE, MotionSolution
 from .recoveries import Setting
 from .request import Request
 from .sampling import SamplingOptions, sampled_path
@@ -158,7 +158,8 @@ class DetourPlanner:
         """The motion of least cost near a path, or else the one along it."""
         duration = request.usual_duration
         if request.duration_is_free:
-            duration = max(duration, detour.duration)
+            at_least = 0.0 if self._setup.options.timing == FREE else duration
+            duration = max(at_least, detour.duration)
         along = self._along(request, detour.basis, duration)
         if request.duration_is_free and along.check.violations:
             duration *= slowdown(along.check)

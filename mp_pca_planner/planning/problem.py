@@ -243,7 +243,8 @@ class SingleProblem(PlanningProblem):
         ends = request.start, request.goal if request.pose is None else None
         self.parts = [Part(self._program, basis, ends)]
         if basis.is_detour:
-            self.setup = setup.with_tolerance(setup.options.search.detour_tolerance)
+            search = setup.options.search
+            self.setup = setup.with_solver(search.detour_tolerance, search.detour_radius)
             self.keep_clear()
 
     @property

@@ -63,7 +63,7 @@ class Setup:
             return ()
         return self.collision.collisions(trajectory, precisely=precisely)
 
-    def with_tolerance(self, tolerance: float) -> Setup:
-        """The same with another tolerance of the solver."""
-        solver = replace(self.options.solver, tolerance=tolerance)
+    def with_solver(self, tolerance: float, first_radius: float) -> Setup:
+        """The same with another tolerance and first radius of the solver."""
+        solver = replace(self.options.solver, tolerance=tolerance, first_radius=first_radius)
         return replace(self, options=replace(self.options, solver=solver))
