@@ -53,6 +53,10 @@ class DetourOptions:
         Number of configurations that the first search checks; each further one checks as many more.
     share_of_search : float
         Share of the remaining time for a path, 0 to 1.
+    share_of_comparison : float
+        Share of the remaining time in which paths are compared, 0 to 1; the shortest is tried first.
+    max_detour : float
+        Length of a path, relative to the straight line, up to which it is not compared.
     step : float
         Distance between the configurations of a line that are checked [rad or m].
     fine_step : float
@@ -72,6 +76,8 @@ class DetourOptions:
     n_paths: int = 4
     n_checks: int = 12_000
     share_of_search: float = 0.9
+    share_of_comparison: float = 0.2
+    max_detour: float = 1.5
     step: float = 0.07
     fine_step: float = 0.03
     n_control_points: int = 6
@@ -233,6 +239,9 @@ class DetourFinder:
         if _is_free(collision.collides, *ends, _OPTIONS.step):
             yield np.array(ends)
         collides = collision.check(least_distances(np.array(ends), collision))
+        longest = _OPTIONS.max_detour * _length(np.array(ends))
+        found: list[FloatArray] = []
+        early = budget.share(_OPTIONS.share_of_comparison)
         for seed in range(1, _OPTIONS.n_paths + 1):
             search = budget.share(_OPTIONS.share_of_search)
             # Few searches take far longer than most: another seed is often faster.
@@ -245,8 +254,12 @@ class DetourFinder:
                 yield from paths_by_vias(collides, bounds, ends, budget.is_over)
                 return
             if path is not None:
-                yield path
-            elif search.is_over():
+                found.append(path)
+            is_last = seed == _OPTIONS.n_paths or early.is_over() or search.is_over()
+            if found and (is_last or _length(found[-1]) <= longest):
+                yield from sorted(found, key=_length)
+                found = []
+            if search.is_over():
                 return
 
     def corners(self, path: FloatArray) -> FloatArray:
@@ -320,6 +333,10 @@ class PathFollower:
         # By phase, which is by time in a duration of 1 s.
         rates = [hermite_functions(s, d) @ boundary + shapes[d] for d in (1, 2, 3)]
         return self._margin * kinematic_stretch(self._limits, np.array(rates))
+
+
+def _length(path: FloatArray) -> float:
+    return float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())
 
 
 def paths_by_vias(
