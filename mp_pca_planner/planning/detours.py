@@ -54,7 +54,7 @@ class DetourOptions:
     share_of_search : float
         Share of the remaining time for a path, 0 to 1.
     share_of_comparison : float
-        Share of the remaining time in which paths are compared, 0 to 1; the shortest is tried first.
+        Share of the remaining time for comparing paths, 0 to 1; the shortest is tried first.
     max_detour : float
         Length of a path, relative to the straight line, up to which it is not compared.
     step : float

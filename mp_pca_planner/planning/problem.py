@@ -243,8 +243,7 @@ class SingleProblem(PlanningProblem):
         ends = request.start, request.goal if request.pose is None else None
         self.parts = [Part(self._program, basis, ends)]
         if basis.is_detour:
-            search = setup.options.search
-            self.setup = setup.with_solver(search.detour_tolerance, search.detour_radius)
+            self.setup = setup.for_detours()
             self.keep_clear()
 
     @property

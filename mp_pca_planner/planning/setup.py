@@ -63,7 +63,8 @@ class Setup:
             return ()
         return self.collision.collisions(trajectory, precisely=precisely)
 
-    def with_solver(self, tolerance: float, first_radius: float) -> Setup:
-        """The same with another tolerance and first radius of the solver."""
-        solver = replace(self.options.solver, tolerance=tolerance, first_radius=first_radius)
+    def for_detours(self) -> Setup:
+        """The same with the tolerance and the first radius of the solver on detours."""
+        tolerance, radius = self.options.search.detour_tolerance, self.options.search.detour_radius
+        solver = replace(self.options.solver, tolerance=tolerance, first_radius=radius)
         return replace(self, options=replace(self.options, solver=solver))

@@ -240,7 +240,6 @@ class SinglePlanner:
         if request.duration_is_free and options.timing == FREE and setting.is_first:
             timed = self._attempt_in(request, setting, budget, duration_is_free=True)
             setting = replace(setting, duration=timed.duration)
-            # Another duration does not free a motion from obstacles.
             if timed.is_valid or timed.has_clearances or budget.is_over():
                 return timed, setting
         return self._attempt_in(request, setting, budget), setting
