@@ -16,7 +16,7 @@ from mp_pca_planner.evaluation.scene_referee import SceneReferee
 from mp_pca_planner.exceptions import MissingDependencyError
 from mp_pca_planner.motion.collision import CollisionModel
 from mp_pca_planner.motion.goal import JointGoal, JointState
-from mp_pca_planner.planning.detours import paths_by_vias
+from mp_pca_planner.planning.paths import paths_by_vias
 from mp_pca_planner.planning.plan import PlannerOptions
 from mp_pca_planner.planning.planner import Planner
 from mp_pca_planner.planning.sampling import SamplingOptions, sampled_path
