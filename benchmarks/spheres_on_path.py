@@ -73,9 +73,7 @@ class Course:
         folders = package_folders([], self._scene.urdf)
         robot, limits = self._scene.robot, self._scene.limits
         self._collision = CollisionModel(robot, package_dirs=folders)
-        primitive = build_primitive(
-            self._scene.demonstrations, "panda", PrimitiveOptions("arm", 8)
-        )
+        primitive = build_primitive(self._scene.demonstrations, "panda", PrimitiveOptions("arm", 8))
         options = PlannerOptions(naturalness=naturalness, max_solve_time=MAX_TIME)
         self._planner = Planner(robot, [primitive], limits, options, self._collision)
         self._arm = RigidArm(self._scene.urdf, robot.joint_names)

@@ -146,7 +146,7 @@ class SinglePlanner:
         failed = not (best.is_valid or best.is_hopeless or budget.is_cancelled())
         ran_out, fallback = failed and first.is_over(), Fallback()
         if failed:
-            fallback = self._fallback.serve(requests, best, paths)
+            fallback = self._fallback.serve(requests, best, paths, budget)
             best = fallback.attempt or best
         stated = self._stated_duration(best, fallback, budget)
         hint = self._detours.hint if failed else ""
