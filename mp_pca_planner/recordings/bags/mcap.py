@@ -34,12 +34,12 @@ MAX_STAMP = 1 << 63
 """Times of reception are stored in 64 bits; from this value on they are invalid [ns]."""
 
 # Codes of records.
-_FOOTER, _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK = 0x02, 0x03, 0x04, 0x05, 0x06
-_STATISTICS, _DATA_END = 0x0B, 0x0F
+HEADER, FOOTER, SCHEMA, CHANNEL, MESSAGE, _CHUNK = 0x01, 0x02, 0x03, 0x04, 0x05, 0x06
+_STATISTICS, DATA_END = 0x0B, 0x0F
 
-_HEAD = struct.Struct("<BQ")
-_MESSAGE_HEAD = struct.Struct("<HIQQ")
-_FOOTER_BYTES = _HEAD.size + 20 + len(MAGIC)
+RECORD_HEAD = struct.Struct("<BQ")
+MESSAGE_HEAD = struct.Struct("<HIQQ")
+_FOOTER_BYTES = RECORD_HEAD.size + 20 + len(MAGIC)
 
 
 class McapFile:
@@ -54,11 +54,11 @@ class McapFile:
         """Count messages by the statistics at the end, or one by one where there are none."""
         counts: dict[int, int] | None = None
         with mapped(self._path) as content:
-            for kind, start, end in _records(content, *_summary(content)):
-                if kind == _CHANNEL:
+            for kind, start, end in records(content, *_summary(content)):
+                if kind == CHANNEL:
                     number, channel = self._channel(content, start)
                     self._channels[number] = channel
-                elif kind == _SCHEMA:
+                elif kind == SCHEMA:
                     self._add_schema(content, start)
                 elif kind == _STATISTICS:
                     counts = dict(struct.iter_unpack("<HQ", content[start + 46 : end]))
@@ -77,26 +77,26 @@ class McapFile:
             yield from self._messages(content, len(MAGIC), state)
 
     def _messages(self, content: Buffer, position: int, state: Pass) -> Iterator[StoredMessage]:
-        for kind, start, end in _records(content, position, len(content)):
-            if kind == _MESSAGE:
-                number, _, stamp, _ = _MESSAGE_HEAD.unpack_from(content, start)
+        for kind, start, end in records(content, position, len(content)):
+            if kind == MESSAGE:
+                number, _, stamp, _ = MESSAGE_HEAD.unpack_from(content, start)
                 channel = state.channels.get(number)
                 if channel is not None:
                     if stamp >= MAX_STAMP:
                         raise DamageError(f"a message was received at {stamp} ns")
-                    yield channel, stamp, content[start + _MESSAGE_HEAD.size : end]
-            elif kind == _SCHEMA:
+                    yield channel, stamp, content[start + MESSAGE_HEAD.size : end]
+            elif kind == SCHEMA:
                 self._add_schema(content, start)
-            elif kind == _CHANNEL:
+            elif kind == CHANNEL:
                 state.add(*self._channel(content, start))
             elif kind == _CHUNK:
                 yield from self._chunk(content, start, state)
-            elif kind == _DATA_END:
+            elif kind == DATA_END:
                 return
 
     def _chunk(self, content: Buffer, start: int, state: Pass) -> Iterator[StoredMessage]:
         size, checksum = struct.unpack_from("<QI", content, start + 16)
-        compression, place = _text(content, start + 28)
+        compression, place = text_at(content, start + 28)
         (stored,) = struct.unpack_from("<Q", content, place)
         records = state.unpack(compression, content[place + 8 : place + 8 + stored], size)
         yield from by_reception(self._messages(records, 0, state))
@@ -105,14 +105,14 @@ class McapFile:
 
     def _add_schema(self, content: Buffer, start: int) -> None:
         (number,) = struct.unpack_from("<H", content, start)
-        name, place = _text(content, start + 2)
-        encoding, place = _text(content, place)
-        definition = _text(content, place)[0] if encoding == "ros2msg" else ""
+        name, place = text_at(content, start + 2)
+        encoding, place = text_at(content, place)
+        definition = text_at(content, place)[0] if encoding == "ros2msg" else ""
         self._schemas[number] = (ros2_type(name), definition)
 
     def _channel(self, content: Buffer, start: int) -> tuple[int, Channel]:
         number, schema = struct.unpack_from("<HH", content, start)
-        return number, Channel(_text(content, start + 4)[0], *self._schemas[schema])
+        return number, Channel(text_at(content, start + 4)[0], *self._schemas[schema])
 
 
 def _summary(content: Buffer) -> tuple[int, int]:
@@ -121,19 +121,19 @@ def _summary(content: Buffer) -> tuple[int, int]:
     if footer < len(MAGIC) or content[: len(MAGIC)] != MAGIC or content[-len(MAGIC) :] != MAGIC:
         raise DamageError("it does not begin and end as mcap")
     kind, _, start = struct.unpack_from("<BQQ", content, footer)
-    if kind != _FOOTER or start > footer:
+    if kind != FOOTER or start > footer:
         raise DamageError("its footer is damaged")
     return start or footer, footer
 
 
-def _records(content: Buffer, position: int, end: int) -> Iterator[tuple[int, int, int]]:
+def records(content: Buffer, position: int, end: int) -> Iterator[tuple[int, int, int]]:
     """Code of each record, start and end of its content.
 
     A truncated chunk is yielded before the error, because an uncompressed part can be read.
     """
     while position < end:
-        kind, size = _HEAD.unpack_from(content, position)
-        start = position + _HEAD.size
+        kind, size = RECORD_HEAD.unpack_from(content, position)
+        start = position + RECORD_HEAD.size
         is_cut_off = start + size > end
         if not is_cut_off or kind == _CHUNK:
             yield kind, start, start + size
@@ -142,7 +142,7 @@ def _records(content: Buffer, position: int, end: int) -> Iterator[tuple[int, in
         position = start + size
 
 
-def _text(content: Buffer, position: int) -> tuple[str, int]:
+def text_at(content: Buffer, position: int) -> tuple[str, int]:
     """The text after its length, and the position of its end."""
     (size,) = struct.unpack_from("<I", content, position)
     end = position + 4 + size

@@ -172,6 +172,12 @@ def _field_of_states(types: Types, name: str) -> str:
     return "" if name == JOINT_STATE else paths.get(JOINT_STATE, "")
 
 
+def message_definition(name: str) -> str:
+    """Definition of a common type of ROS 2 and of those within it, as .msg text."""
+    text: str = known_types("mcap").generate_msgdef(name, ros_version=2)[0]
+    return text
+
+
 def header(bag_format: BagFormat, stamp_ns: int, frame_id: str = "") -> Any:
     """Make the header of a message."""
     types = known_types(bag_format).types
