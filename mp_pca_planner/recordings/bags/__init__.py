@@ -22,6 +22,7 @@ from .growing import GrowingBag as GrowingBag
 from .serialisation import JOINT_STATE as JOINT_STATE
 from .serialisation import JOINT_TRAJECTORY as JOINT_TRAJECTORY
 from .serialisation import MARKER_ARRAY as MARKER_ARRAY
+from .serialisation import to_cdr as to_cdr
 from .writing import write_joint_states as write_joint_states
 from .writing import write_joint_trajectory as write_joint_trajectory
 from .writing import write_markers as write_markers
