@@ -21,7 +21,7 @@ from ..recordings.bags import GrowingBag, read_joint_states
 from ..recordings.demonstration import Demonstration
 from ..recordings.joint_states import joined, slice_joint_states
 from ..recordings.repair import CleanRecording
-from ..recordings.segmentation import SegmentationOptions
+from ..recordings.segmentation import SegmentationOptions, joint_speed
 from ..recordings.segments_file import read_segments, segments_table
 
 _NOTHING = re.compile(r"(?!)")  # never matches
@@ -152,13 +152,14 @@ class TeachingSession:
         if not is_over and not _is_at_rest(cuts, clean):
             return SessionUpdate()
         self.present = clean.pieces[-1].positions[-1]
-        every = [cut.demonstration(clean.joint_names, self._name, "") for cut in cuts]
+        whole = [cut for cut in cuts if not _is_cut_off(cut)]
+        every = [cut.demonstration(clean.joint_names, self._name, "") for cut in whole]
         before = self.motions
         self.motions = tuple(one for one in every if not _is_among(one, self._discarded))
         return SessionUpdate(
             tuple(one for one in self.motions if not _is_among(one, before)),
             sum(not _is_among(one, self.motions) for one in before),
-            self._new_notes(_left_out(clean)),
+            self._new_notes(_left_out(clean, len(cuts) - len(whole))),
         )
 
     def discard_last(self) -> Demonstration | None:
@@ -215,11 +216,22 @@ def _is_at_rest(cuts: Sequence[cutting.Cut], clean: CleanRecording) -> bool:
     return float(clean.pieces[-1].times[-1] - last.piece.times[last.last]) > _LAW.min_rest
 
 
-def _left_out(clean: CleanRecording) -> list[str]:
+def _is_cut_off(cut: cutting.Cut) -> bool:
+    """Whether the recording begins or ends within the motion."""
+    speed = joint_speed(cut.piece.velocities)
+    moving = _LAW.moving_ratio * speed[cut.first : cut.last + 1].max()
+    ends = {0, speed.size - 1} & {cut.first, cut.last}
+    return any(speed[step] > moving for step in ends)
+
+
+def _left_out(clean: CleanRecording, n_cut_off: int) -> list[str]:
     """What was cut, and is no motion."""
     n_rest = clean.repairs.get("rest", 0)
-    rest = f"{n_rest} movements within the extent of noise and sway are left out"
-    return [*([rest] if n_rest else []), *(note for note in clean.notes if "left out" in note)]
+    rest = f"{n_rest} movement(s) within the extent of noise and sway"
+    cut_off = f"{n_cut_off} motion(s) of which the recording lacks the start or the end"
+    counted = [(n_rest, rest), (n_cut_off, cut_off)]
+    notes = [note for note in clean.notes if "left out" in note]
+    return [*(text for n, text in counted if n), *notes]
 
 
 def _is_among(motion: Demonstration, others: Sequence[Demonstration | _Span]) -> bool:
