@@ -25,8 +25,7 @@ class Keys:
         self._settings: list[Any] | None = None
 
     def __enter__(self) -> Keys:
-        # A job in the background may not change the terminal.
-        if os.isatty(self._input) and os.tcgetpgrp(self._input) == os.getpgrp():
+        if os.isatty(self._input):
             self._settings = termios.tcgetattr(self._input)
             tty.setcbreak(self._input)
         return self

@@ -108,7 +108,7 @@ class Learned:
             low=ends[:, 1].min(axis=0),
             high=ends[:, 1].max(axis=0),
             covered=float(is_covered.mean()) if len(shown) else 0.0,
-            suggested=suggested.reshape(len(suggested), 2, -1),
+            suggested=suggested.reshape(-1, *ends.shape[1:]),
         )
 
 

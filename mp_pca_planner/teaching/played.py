@@ -11,7 +11,7 @@ from ..exceptions import RecordingError
 from ..recordings.bags import JOINT_STATE, choose_topic, open_bag, to_cdr
 from ..recordings.bags.files import damage_reported
 
-_N_PARTS = 100
+_N_PARTS = 50
 
 
 class PlayedBag:
