@@ -71,11 +71,9 @@ def hold_dialogue(
             continue
         pause = max(source.pause, _IDLE_RATIO * (time.monotonic() - started))
         key = keys.pressed(pause if is_fed else None)
-        if key is None and is_fed:
-            time.sleep(pause)
-        elif key is None or key == "q":
+        if key is None or key == "q":
             return False
-        elif key == "b":
+        if key == "b":
             say(*words.update_lines(session.update(is_over=True), session.motions))
             if session.motions:
                 return True

@@ -61,14 +61,15 @@ class SessionWords:
             f"{unit.number(learned.straight_error)}); {learned.covered:.0%} of the motions between "
             "shown starts and goals are covered"
         )
-        ranges = zip(names, learned.low, learned.high, strict=True)
+        ranges = zip(names, *(np.round([learned.low, learned.high], 2) + 0.0), strict=True)
         yield "  goals shown: " + ", ".join(f"{n} {a:.2f} to {b:.2f}" for n, a, b in ranges)
         for start, goal in learned.suggested:
             yield f"  least known: from {self.place(names, start)} to {self.place(names, goal)}"
 
     def place(self, joint_names: Sequence[str], q: FloatArray) -> str:
         """Positions of joints, shape (n_joints,), and the place of the end effector."""
-        joints = ",".join(f"{name}={x:.2f}" for name, x in zip(joint_names, q, strict=True))
+        rounded = np.round(q, 2) + 0.0  # no minus before zero
+        joints = ",".join(f"{name}={x:.2f}" for name, x in zip(joint_names, rounded, strict=True))
         if self._robot is None:
             return joints
         place = self._robot.frame_positions(q[None], [self._frame])[0, 0]
