@@ -14,7 +14,6 @@ time of one process depends less on such load.
 
 from __future__ import annotations
 
-import argparse
 import json
 import subprocess
 import sys
@@ -24,8 +23,8 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
+from tables import benchmark_parser, show
 
-from mp_pca_planner.plotting.text import table
 from mp_pca_planner.primitives.build import build_from_statistics
 from mp_pca_planner.primitives.motion_statistics import MotionStatistics
 from mp_pca_planner.primitives.options import PrimitiveOptions
@@ -41,7 +40,7 @@ PEAK = """
 import json, sys
 from pathlib import Path
 import numpy as np
-from benchmarks.many_recordings import OPTIONS, learn, load_recordings
+from many_recordings import OPTIONS, learn, load_recordings
 from mp_pca_planner.primitives.build import build_primitive
 def peak():
     # The peak that `resource` tells is the parent's if that was larger.
@@ -60,7 +59,7 @@ print(json.dumps(peak() - before))
 
 def main() -> None:
     """Print a row per number of recordings."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = benchmark_parser(__doc__)
     parser.add_argument("--counts", default="100,500,2000")
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--repeat", type=int, default=2)
@@ -101,7 +100,7 @@ def main() -> None:
     one_job = ["1 job [s]", "each [ms]", "processor [ms]"]
     jobs_columns = [f"{arguments.jobs} jobs [s]", "each [ms]", "ratio"]
     header = ["recordings", *one_job, *jobs_columns, "peak [MB]", "all samples [MB]"]
-    print(table(rows, header=header))
+    show({"Many recordings": (header, rows)}, as_json=arguments.json)
 
 
 def learn(paths: list[Path], jobs: int) -> MotionStatistics:
@@ -137,7 +136,7 @@ def _peak(folder: str, count: int, kept: str) -> float:
         check=True,
         capture_output=True,
         text=True,
-        cwd=Path(__file__).parents[1],
+        cwd=Path(__file__).parent,
     )
     return float(json.loads(done.stdout))
 

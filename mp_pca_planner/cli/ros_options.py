@@ -94,10 +94,10 @@ def teach(add: Options) -> None:
     """Teach a primitive to the running robot: record, cut, learn and try.
 
     All joint states are recorded while the arm is moved by hand. A motion is shown when the arm has
-    rested for 0.6 s, with what the motions up to then teach. Keys: d discards the last motion, b
-    builds the primitive and has the node reload it, q (or the end of the input) quits. The first
-    goal is sent to the node after an explicit yes. Beside FILE.npz there are FILE.mcap, the recording, and tables of
-    the motions; a session that was quit or killed is continued by the same command.
+    rested for 0.6 s, with what the motions up to then teach. Keys: d discards the last motion; b
+    builds the primitive and has the node reload it; q, or the end of the input, quits. The first
+    goal is sent to the node after an explicit yes. The recording FILE.mcap and tables of the
+    motions are beside FILE.npz; the same command continues a session that was quit or killed.
     """
     add("--output FILE.npz", "primitive to write; the recording is beside it", Path, required=True)
     add("--joints a,b,c", "joints, in this order (default: the robot's, or all)", name_list)

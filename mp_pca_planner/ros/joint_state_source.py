@@ -14,7 +14,7 @@ from sensor_msgs.msg import JointState
 
 from ..exceptions import GoalError
 from .client import check_node_name
-from .own_context import NodeInOwnContext
+from .process import NodeInOwnContext
 from .subscriptions import PolledSubscription
 
 _NAME = "teach"

@@ -17,7 +17,7 @@ from ..arrays import FloatArray
 from ..exceptions import RecordingError
 from ..files import reading, write_whole
 from ..recordings import cutting
-from ..recordings.bags import GrowingBag, read_joint_states
+from ..recordings.bags import GrowingBag, open_bag
 from ..recordings.demonstration import Demonstration
 from ..recordings.joint_states import joined, slice_joint_states
 from ..recordings.repair import CleanRecording
@@ -116,7 +116,8 @@ class TeachingSession:
         self._waiting: list[tuple[int, bytes]] = []
         self._bag = GrowingBag(files.bag, topic)
         try:
-            self._raw = read_joint_states(files.bag, topic)
+            with open_bag(files.bag) as bag:
+                self._raw = bag.joint_states(topic)
             self._discarded = self._read_discarded()
         except BaseException:
             self._bag.close()
@@ -187,10 +188,10 @@ class TeachingSession:
         with self._lock:
             new, self._waiting = self._waiting, []
         if new:
-            stamps, messages = zip(*new, strict=True)
+            messages = ((None, stamp, data) for stamp, data in new)
             with reading("the joint states", RecordingError):
-                part = slice_joint_states(self._bag.topic, stamps, messages, ros1=False)
-            self._raw = joined([self._raw, part])
+                part = slice_joint_states(self._bag.topic, messages, ros1=False)
+            self._raw = joined(self._raw, part)
 
     def _read_discarded(self) -> list[_Span]:
         if not self.files.discarded.exists():

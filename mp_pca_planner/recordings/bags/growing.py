@@ -11,19 +11,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from ...exceptions import RecordingError
-from .mcap import (
-    CHANNEL,
-    DATA_END,
-    FOOTER,
-    HEADER,
-    MAGIC,
-    MESSAGE,
-    MESSAGE_HEAD,
-    RECORD_HEAD,
-    SCHEMA,
-    records,
-    text_at,
-)
+from .formats import MCAP_HEAD, MCAP_MESSAGE_HEAD, McapFile, mcap_records, mcap_text
 from .serialisation import JOINT_STATE, message_definition
 from .storage import Buffer, DamageError, mapped
 
@@ -38,11 +26,11 @@ def _text(content: str) -> bytes:
 
 def _record(kind: int, *content: bytes) -> bytes:
     data = b"".join(content)
-    return RECORD_HEAD.pack(kind, len(data)) + data
+    return MCAP_HEAD.pack(kind, len(data)) + data
 
 
-_START = MAGIC + _record(HEADER, _text("ros2"), _text("mp_pca_planner teach"))
-_END = _record(DATA_END, bytes(4)) + _record(FOOTER, bytes(20)) + MAGIC
+_START = McapFile.MAGIC + _record(McapFile.HEADER, _text("ros2"), _text("mp_pca_planner teach"))
+_END = _record(McapFile.DATA_END, bytes(4)) + _record(McapFile.FOOTER, bytes(20)) + McapFile.MAGIC
 
 
 class GrowingBag:
@@ -88,7 +76,7 @@ class GrowingBag:
         """
         self._write(
             b"".join(
-                _record(MESSAGE, MESSAGE_HEAD.pack(1, 0, stamp, stamp), data)
+                _record(McapFile.MESSAGE, MCAP_MESSAGE_HEAD.pack(1, 0, stamp, stamp), data)
                 for stamp, data in messages
             )
         )
@@ -108,11 +96,11 @@ class GrowingBag:
             os.ftruncate(self._file, self._end)
             self._write(b"")
             return
-        definition = message_definition(JOINT_STATE)
+        schema = (JOINT_STATE, "ros2msg", message_definition(JOINT_STATE))
         self._write(
             _START
-            + _record(SCHEMA, _ONE, _text(JOINT_STATE), _text("ros2msg"), _text(definition))
-            + _record(CHANNEL, _ONE, _ONE, _text(self.topic), _text("cdr"), _text(""))
+            + _record(McapFile.SCHEMA, _ONE, *map(_text, schema))
+            + _record(McapFile.CHANNEL, _ONE, _ONE, _text(self.topic), _text("cdr"), _text(""))
         )
 
     def _end_of_messages(self) -> int:
@@ -144,13 +132,13 @@ class GrowingBag:
 
 def _scan(content: Buffer) -> tuple[str | None, int]:
     """The topic, None before its record; and the position behind the last whole record."""
-    topic, position = None, len(MAGIC)
+    topic, position = None, len(McapFile.MAGIC)
     try:
-        for kind, start, end in records(content, position, len(content)):
-            if kind == DATA_END:
+        for kind, start, end in mcap_records(content, position, len(content)):
+            if kind == McapFile.DATA_END:
                 break
-            if kind == CHANNEL:
-                topic, _ = text_at(content, start + 4)
+            if kind == McapFile.CHANNEL:
+                topic, _ = mcap_text(content, start + 4)
             position = end
     except (DamageError, struct.error):
         pass  # the last record is cut off

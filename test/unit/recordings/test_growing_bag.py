@@ -17,7 +17,7 @@ from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 
 from mp_pca_planner.exceptions import RecordingError
-from mp_pca_planner.recordings.bags import GrowingBag, read_joint_states
+from mp_pca_planner.recordings.bags import GrowingBag, open_bag
 
 TOPIC = "/joint_states"
 STORE = get_typestore(Stores.ROS2_JAZZY)
@@ -46,7 +46,8 @@ def write(path: Path, *batches: Sequence[tuple[int, bytes]]) -> None:
 
 def numbers(path: Path) -> list[float]:
     """Numbers of the stored joint states, by this package's reader."""
-    layouts = read_joint_states(path, TOPIC).layouts
+    with open_bag(path) as bag:
+        layouts = bag.joint_states(TOPIC).layouts
     return layouts[0].positions[:, 0].tolist() if layouts else []
 
 
