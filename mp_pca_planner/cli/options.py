@@ -14,7 +14,7 @@ from pathlib import Path
 
 from .option_types import count, duration, jobs, name_list, number, seconds, seed, whole
 from .parser import Options, parse_command
-from .ros_options import demo, reload, save_motion, send_goal, simulate, stop
+from .ros_options import demo, reload, save_motion, send_goal, simulate, stop, teach
 from .shared_options import add_node_options, add_report_options, add_via
 
 VALUES = "name=value,… or values in the robot description's joint order [rad or m]"
@@ -326,7 +326,7 @@ def view(add: Options) -> None:
 _COMMANDS = (
     *(build_primitives, build_library, inspect, plan, sequence, refine, benchmark, library),
     *(verify, case_study),
-    *(demo, send_goal, stop, save_motion, reload, simulate, view),
+    *(demo, send_goal, stop, save_motion, reload, simulate, view, teach),
 )
 
 

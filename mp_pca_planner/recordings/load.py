@@ -31,14 +31,12 @@ from .reading import read_clean
 from .repair import CleanRecording, RepairOptions, repair
 from .segmentation import (
     SegmentationOptions,
-    SpeedThresholds,
     extent,
     joint_speed,
     least_extent_of_set,
-    speed_thresholds,
 )
 from .segments_file import SegmentRow, read_segments
-from .smoothing import SmoothingOptions, SmoothPiece, smooth
+from .smoothing import SmoothingOptions, SmoothPiece
 
 __all__ = ["LoadOptions", "RecordingReport", "RecordingSet", "load_recordings"]
 
@@ -300,10 +298,8 @@ def _load(task: _LoadTask, progress: Callable[[float], None] | None = None) -> R
         if task.segments == ():
             raise RecordingError("the table of segments names no motion in it")
         clean, residuals = _clean(task.path, options, progress)
-        pieces = [smooth(piece, clean.sample_rate, options.smoothing) for piece in clean.pieces]
-        speed = np.concatenate([joint_speed(piece.velocities) for piece in pieces])
-        thresholds = speed_thresholds(speed, options.segmentation)
-        cuts, clean = _cut(task, clean, pieces, thresholds)
+        smoothed = cutting.SmoothRecording.of(clean, options.smoothing, options.segmentation)
+        cuts, clean = _cut(task, smoothed)
         motions = cutting.demonstrations(cuts, clean, task.name, bags.checksum(task.path))
     except RecordingError as error:
         return RecordingSet(refused=(Refusal(task.name, str(error)),))
@@ -320,9 +316,9 @@ def _load(task: _LoadTask, progress: Callable[[float], None] | None = None) -> R
         checksum=motions[0].checksum,
         repairs=clean.repairs,
         motions=tuple(segments),
-        thresholds=thresholds,
+        thresholds=smoothed.thresholds,
         notes=clean.notes,
-        overview=_overview(pieces) if options.overviews else None,
+        overview=_overview(smoothed.pieces) if options.overviews else None,
         marker_residuals=residuals,
     )
     summaries = () if options.summarise is None else (options.summarise(motions),)
@@ -350,24 +346,15 @@ def _clean(
 
 
 def _cut(
-    task: _LoadTask,
-    clean: CleanRecording,
-    pieces: Sequence[SmoothPiece],
-    thresholds: SpeedThresholds,
+    task: _LoadTask, recording: cutting.SmoothRecording
 ) -> tuple[list[cutting.Cut], CleanRecording]:
     """Cut a recording into its motions; return them with additional notes and repairs."""
-    options = task.options.segmentation
-    notes: tuple[str, ...] = ()
     if task.segments is not None:
-        return cutting.cut_by_hand(pieces, task.segments), clean
-    if clean.pieces_are_motions or task.options.segment == "none":
-        cuts = cutting.cut_whole_pieces(pieces, thresholds)
-    else:
-        cuts, notes = cutting.cut_at_rests_and_valleys(pieces, thresholds, options)
-    kept = cutting.without_rest(cuts, clean.pieces, task.least_extent, options)
-    n_rest = len(cuts) - len(kept)
-    repairs = {**clean.repairs, "rest": n_rest} if n_rest else clean.repairs
-    return kept, replace(clean, repairs=repairs, notes=clean.notes + notes)
+        return cutting.cut_by_hand(recording.pieces, task.segments), recording.clean
+    is_whole = recording.clean.pieces_are_motions or task.options.segment == "none"
+    return cutting.cut_motions(
+        recording, task.options.segmentation, task.least_extent, is_whole=is_whole
+    )
 
 
 def _overview(pieces: Sequence[SmoothPiece]) -> Overview:

@@ -16,8 +16,10 @@ from .discovery import find_recordings as find_recordings
 from .discovery import recording_format as recording_format
 from .discovery import recording_names as recording_names
 from .discovery import stored_size as stored_size
+from .growing import GrowingBag as GrowingBag
 from .serialisation import JOINT_STATE as JOINT_STATE
 from .serialisation import JOINT_TRAJECTORY as JOINT_TRAJECTORY
 from .serialisation import MARKER_ARRAY as MARKER_ARRAY
+from .serialisation import to_cdr as to_cdr
 from .serialisation import write_joint_states as write_joint_states
 from .serialisation import write_joint_trajectory as write_joint_trajectory
