@@ -19,7 +19,7 @@ import numpy as np
 from tables import benchmark_parser, show
 
 from mp_pca_planner.arrays import FloatArray
-from mp_pca_planner.learning.primitive_around import primitive_around
+from mp_pca_planner.learning.refined_motion import primitive_around
 from mp_pca_planner.learning.refinement import RefinementCost, RefinementOptions, refine
 from mp_pca_planner.learning.trials import TrialLearner
 from mp_pca_planner.motion.goal import JointGoal, JointState

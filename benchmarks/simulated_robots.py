@@ -49,7 +49,7 @@ def measure(robot: Robot, arguments: argparse.Namespace) -> list[str]:
     rng, limits = np.random.default_rng(1), robot.limits()
     low, high = np.clip(limits.lower, -2.0, None), np.clip(limits.upper, None, 2.0)
     q = 0.5 * (low + high)
-    simulated = SimulatedRobot(robot, robot.joint_names, q, plant=arguments.plant)
+    simulated = SimulatedRobot(robot, q, plant=arguments.plant)
     record, lags, exceeded, jumps, spent = simulated.record, [], 0, [0.0], 0.0
     for k in range(arguments.motions):
         goal = q + rng.uniform(-0.3, 0.3) * (high - low)

@@ -8,7 +8,6 @@ import argparse
 from collections.abc import Mapping
 from typing import Any
 
-from ..motion.trajectory_files import trajectory_columns
 from ..planning.plan import Plan
 from ..plotting.drawing import picture
 from ..plotting.plan import plan_figure
@@ -50,7 +49,7 @@ def _facts(request: PlannedRequest) -> dict[str, Any]:
     own: dict[str, Any] = {"weights": plan.solution.weights, "via_phases": list(plan.via_phases)}
     if plan.mode:
         own = {"durations": [motion.duration for motion in plan.motions]}
-    columns = trajectory_columns(plan.trajectory)
+    columns = plan.trajectory.columns()
     return plan.summary() | request.facts(plan.trajectory) | own | columns
 
 

@@ -33,11 +33,6 @@ from .refinement import AcceptedMotion, ExecutableMotions, RefinementOptions
 _FORMAT = "mp_pca_planner/trials"
 _VERSION = 1
 _FORM = {"motion": str, "trials": [{"parameters": [float], "cost": float}]}
-# A proposal that violates limits is moved half-way to the best motion at most this often; then the
-# best motion itself is proposed.
-_MAX_HALVINGS = 8
-# Relative tolerance of stored parameters beyond their bounds.
-_ROUNDING = 1e-6
 
 
 @dataclass(frozen=True)
@@ -217,7 +212,7 @@ class TrialLearner:
         parameters = self._centre.copy()
         parameters[self._free] = proposed
         best = self._best_parameters()
-        for _ in range(_MAX_HALVINGS):
+        for _ in range(self._judge.options.max_halvings):
             motion = RefinedMotion(self._segments, parameters)
             if self._keeps_duration:
                 motion = motion.lasting(self._duration)
@@ -292,7 +287,7 @@ def _read(path: Path, identity: str, bounds: FloatArray) -> list[Trial]:
         values = frozen_array(trial.parameters, largest.shape, what, LearningError)
         frozen_array(trial.cost, (), f"a cost of the trials in '{path}'", LearningError)
         excess = np.abs(values) / largest
-        if excess.max() > 1.0 + _ROUNDING:
+        if excess.max() > 1.0 + 1e-6:  # of rounding
             worst = int(excess.argmax())
             raise LearningError(
                 f"{what} must be within ±{largest[worst]:g} at index {worst}, got "

@@ -5,7 +5,7 @@
 The distances of pairs of bodies are followed along the motion that the controller executes. A pair
 can't touch between two moments if the joints between its bodies move by less than the sum of its
 distances there (conservative advancement: Mirtich, PhD thesis, Berkeley, 1996). Other intervals
-are halved, down to a millisecond.
+are halved, down to a sixteenth of a millisecond. Bodies that may touch even then are in collision.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ __all__ = ["NOT_CHECKED", "Collision", "CollisionModel", "package_folders"]
 NOT_CHECKED = "; self-collisions were not checked: the robot has no collision geometry"
 """End of messages on robots without collision geometry."""
 
-# Samples of 1 ms between the moments that are checked first.
-_STRIDE = 32
+# Moments between two samples of 1 ms. Over that time, positions are linear to some 1e-6 rad.
+_PARTS = 16
 
 
 @dataclass(frozen=True)
@@ -90,13 +90,18 @@ class Collision:
 class CollisionModel(CollisionGeometry):
     """Collisions of a robot's motions."""
 
-    def collisions(self, trajectory: Trajectory) -> tuple[Collision, ...]:
+    def collisions(
+        self, trajectory: Trajectory, *, precisely: bool = True
+    ) -> tuple[Collision, ...]:
         """The collisions of a motion, one of each pair that has any, the deepest first.
 
         Parameters
         ----------
         trajectory : Trajectory
             The motion, of the robot's joints in its order.
+        precisely : bool
+            Whether to find all of them, their deepest points and times to a millisecond. If
+            false, those at the moments that are checked first are enough, if there are any.
         """
         if not self.pairs:
             return ()
@@ -107,53 +112,74 @@ class CollisionModel(CollisionGeometry):
         travelled = np.concatenate(
             [np.zeros((1, displacements.shape[1])), np.cumsum(displacements, axis=0)]
         )
-        met = _CollisionSearch(self, dense.q, travelled).samples_in_collision()
-        found = [self._collision(dense, k, samples) for k, samples in met.items()]
+        met = _CollisionSearch(self, dense.q, travelled).moments_in_collision(precisely)
+        found = [self._collision(dense, k, moments) for k, moments in met.items()]
         return tuple(sorted(found, key=lambda one: -one.penetration))
 
     def _collision(
-        self, dense: DenseSamples, pair: int, samples: list[tuple[float, int]]
+        self, dense: DenseSamples, pair: int, moments: list[tuple[float, int]]
     ) -> Collision:
-        distance, deepest = min(samples)
-        numbers = [sample for _, sample in samples]
+        distance, deepest = min(moments)
+        numbers = np.array([deepest, *(moment for _, moment in moments)])
+        times = _between(dense.times, numbers)
         return Collision(
             pair,
             self.pairs[pair],
-            float(dense.times[deepest]),
+            float(times[0]),
             max(0.0, -distance),
-            float(dense.times[min(numbers)]),
-            float(dense.times[max(numbers)]),
-            tuple(self.nearest_point(dense.q[deepest], pair).tolist()),
+            float(times.min()),
+            float(times.max()),
+            tuple(self.nearest_point(_between(dense.q, numbers)[0], pair).tolist()),
             float(self.margins[pair]),
         )
 
 
+def _between(values: FloatArray, moments: Indices) -> FloatArray:
+    """Values at moments, by linear interpolation between samples."""
+    before, part = np.divmod(moments, _PARTS)
+    after = np.minimum(before + 1, len(values) - 1)
+    shares = (part / _PARTS).reshape(-1, *(1,) * (values.ndim - 1))
+    return np.asarray(values[before] + shares * (values[after] - values[before]))
+
+
 class _CollisionSearch:
-    """The search for collisions along a motion, by halving the intervals that may have one."""
+    """The search for collisions along a motion, by halving the intervals that may have one.
+
+    Moments are counted in parts of the time between two samples.
+    """
 
     def __init__(self, model: CollisionModel, q: FloatArray, travelled: FloatArray) -> None:
         self._model, self._q, self._travelled = model, q, travelled
         self._deepest = np.full(len(model.pairs), np.inf)
         self._found: dict[int, list[tuple[float, int]]] = {}
 
-    def samples_in_collision(self) -> dict[int, list[tuple[float, int]]]:
-        """Distances and samples of collisions by pair, with the first, last and deepest one."""
+    def moments_in_collision(self, precisely: bool) -> dict[int, list[tuple[float, int]]]:
+        """Distances and moments of collisions by pair, with the first, last and deepest one."""
         pairs, first, last = self._doubtful()
         closed = self._closed(pairs, first, last)
         both = np.concatenate([first, last]) * self._deepest.size + np.tile(pairs, 2)
         every, places = np.unique(both, return_inverse=True)
         ends = self._distances(*np.divmod(every, self._deepest.size))[places].reshape(2, -1)
+        if self._found and not precisely:
+            return self._found
+        doubtful: dict[int, list[tuple[float, int]]] = {}
         while True:
             # A distance within an interval is at least half of this.
             least = ends.sum(axis=0) - closed
             # Between two collisions, only the deepest one matters.
-            both = (ends < CONTACT).all(axis=0) & (0.5 * least > self._deepest[pairs] - CONTACT)
-            is_clear = both | (least > 2.0 * CONTACT) | (last - first <= 1)
-            if is_clear.all():
-                return self._found
-            kept = np.flatnonzero(~is_clear)
+            collide = ends < CONTACT
+            both = collide.all(axis=0) & (0.5 * least > self._deepest[pairs] - CONTACT)
+            # A collision that is known is timed to a sample.
+            is_done = both | (last - first <= np.where(collide.any(axis=0), _PARTS, 1))
+            is_clear = least > 2.0 * CONTACT
+            for e in np.flatnonzero(~is_clear & (last - first <= 1)):
+                doubtful.setdefault(int(pairs[e]), []).append((0.0, int(first[e])))
+            if (is_done | is_clear).all():
+                return doubtful | self._found
+            kept = np.flatnonzero(~(is_done | is_clear))
             pairs, first, last, ends = pairs[kept], first[kept], last[kept], ends[:, kept]
             middle = (first + last) // 2
+            middle -= np.where(last - first > _PARTS, middle % _PARTS, 0)
             between = self._distances(middle, pairs)
             pairs = np.tile(pairs, 2)
             first, last = np.concatenate([first, middle]), np.concatenate([middle, last])
@@ -162,26 +188,28 @@ class _CollisionSearch:
 
     def _doubtful(self) -> tuple[Indices, Indices, Indices]:
         """Pairs and intervals that bounds of the distances don't clear."""
+        # Every 32 ms are checked first.
         n = len(self._q)
-        grid = np.unique(np.linspace(0, n - 1, max(2, -(-n // _STRIDE))).astype(np.intp))
+        grid = np.unique(np.linspace(0, n - 1, max(2, -(-n // 32))).astype(np.intp))
         closed = np.diff(self._travelled[grid], axis=0) @ self._model.levers.T
         pad = np.zeros((1, closed.shape[1]))
         bounds = self._model.bounds(
             self._q[grid], np.maximum(np.vstack([closed, pad]), np.vstack([pad, closed]))
         )
         interval, pairs = np.nonzero(~(bounds[:-1] + bounds[1:] - closed > 2.0 * CONTACT))
-        return pairs, grid[interval], grid[interval + 1]
+        return pairs, _PARTS * grid[interval], _PARTS * grid[interval + 1]
 
     def _closed(self, pairs: Indices, first: Indices, last: Indices) -> FloatArray:
-        """Largest distances that pairs can have closed between samples [m]."""
-        travelled = self._travelled[last] - self._travelled[first]
+        """Largest distances that pairs can have closed between moments [m]."""
+        travelled = _between(self._travelled, last) - _between(self._travelled, first)
         return np.asarray(np.einsum("ej,ej->e", travelled, self._model.levers[pairs]))
 
-    def _distances(self, samples: Indices, pairs: Indices) -> FloatArray:
-        """Distances of pairs at samples; collisions are noted."""
-        distances = self._model.distances(self._q, samples, pairs)
+    def _distances(self, moments: Indices, pairs: Indices) -> FloatArray:
+        """Distances of pairs at moments; collisions are noted."""
+        every, places = np.unique(moments, return_inverse=True)
+        distances = self._model.distances(_between(self._q, every), places, pairs)
         for e in np.flatnonzero(~(distances >= CONTACT)):  # a NaN is a collision
             noted = self._found.setdefault(int(pairs[e]), [])
-            noted.append((float(distances[e]), int(samples[e])))
+            noted.append((float(distances[e]), int(moments[e])))
         np.fmin.at(self._deepest, pairs, distances)
         return distances

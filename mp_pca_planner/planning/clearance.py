@@ -19,7 +19,7 @@ from ..arrays import FloatArray
 from ..motion.collision import Collision, CollisionModel
 from ..primitives.basis import Basis
 from .constraints import LimitedPoint, LimitedProgram
-from .unknowns import Rows, StateMap, Unknowns, hermite_tables
+from .unknowns import StateMap, state_map
 
 
 @dataclass(frozen=True)
@@ -83,10 +83,7 @@ class Clearances:
         phases = np.linspace(0.0, 1.0, _OPTIONS.n_phases + 1)
         phases = phases[ends[0] is not None : None if ends[1] is None else -1]
         fixed = np.array([end for end in ends if end is not None]).reshape(-1, n_joints)
-        least = np.full(len(model.pairs), _OPTIONS.distance)
-        near = model.near(fixed, _OPTIONS.distance / _OPTIONS.share_of_ends)
-        np.minimum.at(least, near.pairs, _OPTIONS.share_of_ends * near.distances)
-        return cls(phases, least)
+        return cls(phases, least_distances(fixed, model))
 
     def during(self, collisions: Sequence[Collision], duration: float) -> Clearances:
         """The same with further phases, those of the collisions of a motion."""
@@ -95,6 +92,22 @@ class Clearances:
             for one in collisions
         ]
         return Clearances(np.unique(np.concatenate([self.phases, *more])), self.least)
+
+
+def least_distances(ends: FloatArray, model: CollisionModel) -> FloatArray:
+    """Least distance of each pair beside its margin, smaller where the ends are nearer.
+
+    Parameters
+    ----------
+    ends : array, shape (n_ends, n_joints)
+        Fixed ends of the motion.
+    model : CollisionModel
+        The robot's.
+    """
+    least = np.full(len(model.pairs), _OPTIONS.distance)
+    near = model.near(ends, _OPTIONS.distance / _OPTIONS.share_of_ends)
+    np.minimum.at(least, near.pairs, _OPTIONS.share_of_ends * near.distances)
+    return least
 
 
 class ClearProgram:
@@ -125,7 +138,7 @@ class ClearProgram:
         clearances: Clearances,
     ) -> None:
         self._limited, self._model = limited, model
-        self._states = _positions(limited.program.unknowns, basis, clearances.phases)
+        self._states = state_map(limited.program.unknowns, basis, clearances.phases, 0)
         least = np.repeat(clearances.least, clearances.phases.size)
         self.lower = np.concatenate([limited.lower, least])
         self.upper = np.concatenate([limited.upper, np.full(least.size, np.inf)])
@@ -211,12 +224,3 @@ class ClearPoint:
     def inequalities_after(self, step: FloatArray) -> FloatArray:
         """Their linear prediction."""
         return np.concatenate([self._limited.inequalities_after(step), self._distances.after(step)])
-
-
-def _positions(unknowns: Unknowns, basis: Basis, phases: FloatArray) -> StateMap:
-    """Positions of all joints at some phases."""
-    tables = basis.tables(phases, 0)
-    joints = np.arange(tables.shape[2])
-    rows = Rows(np.zeros_like(joints), joints, np.ones(joints.size))
-    hermite = hermite_tables(phases.tobytes())[:1]
-    return StateMap(unknowns, hermite, tables[..., 0], tables[..., 1:] * basis.scales, rows)

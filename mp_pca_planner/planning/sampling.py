@@ -31,6 +31,8 @@ class SamplingOptions:
         Longest distance by which a tree grows at once [rad or m].
     max_checks : int
         Largest number of configurations that are checked.
+    n_shortcuts : int
+        Largest number of shortcuts that are tried.
     smooths : bool
         Whether the corners of the path are rounded.
     """
@@ -39,6 +41,7 @@ class SamplingOptions:
     step: float = 0.1
     range: float = 0.5
     max_checks: int = 100_000
+    n_shortcuts: int = 50
     smooths: bool = False
 
 
@@ -113,8 +116,8 @@ def sampled_path(
 
 def _shorten(simplifier: Any, path: Any, options: SamplingOptions) -> None:
     simplifier.reduceVertices(path)
-    simplifier.partialShortcutPath(path)
-    simplifier.ropeShortcutPath(path, 0.5)
+    simplifier.partialShortcutPath(path, options.n_shortcuts, options.n_shortcuts // 2)
+    simplifier.reduceVertices(path)
     if options.smooths:
         simplifier.smoothBSpline(path, 4)
 

@@ -40,7 +40,7 @@ class Setup:
     collision: CollisionModel | None
 
     def sample(self, motions: Sequence[Motion]) -> Trajectory:
-        """The points of a trajectory through some segments, with their efforts if known."""
+        """The points of a trajectory through some segments, without efforts."""
         times, states, began = [], [], 0.0
         for i, motion in enumerate(motions):
             own = motion.sample_times(self.options.sample_period)[min(i, 1) :]
@@ -48,16 +48,19 @@ class Setup:
             states.append(np.stack(motion.evaluate(own)))
             began += motion.duration
         q, v, a = np.concatenate(states, axis=1)
-        tau = self.robot.known_efforts(q, v, a)
-        return Trajectory(self.robot.joint_names, np.concatenate(times), q, v, a, tau)
+        return Trajectory(self.robot.joint_names, np.concatenate(times), q, v, a)
 
     def check(self, trajectory: Trajectory) -> LimitCheck:
         """Comparison of a trajectory with the limits."""
         return check_limits(trajectory, self.robot, self.limits)
 
-    def collisions(self, trajectory: Trajectory) -> tuple[Collision, ...]:
+    def collisions(
+        self, trajectory: Trajectory, *, precisely: bool = False
+    ) -> tuple[Collision, ...]:
         """Collisions of a trajectory, if they are checked."""
-        return () if self.collision is None else self.collision.collisions(trajectory)
+        if self.collision is None:
+            return ()
+        return self.collision.collisions(trajectory, precisely=precisely)
 
     def with_tolerance(self, tolerance: float) -> Setup:
         """The same with another tolerance of the solver."""

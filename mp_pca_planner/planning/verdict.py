@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -104,7 +104,10 @@ class Judge:
             return INFEASIBLE, self._refusal(outcome, "within the limits", str(error))
         if attempt.collisions:
             kind = f"without {self._collision_kind}"
-            return INFEASIBLE, self._refusal(outcome, kind, _met(attempt))
+            # The search for a motion knows only roughly when bodies meet.
+            precise = self._setup.collisions(attempt.trajectory, precisely=True)
+            met = _met(replace(attempt, collisions=precise))
+            return INFEASIBLE, self._refusal(outcome, kind, met)
         if missed > POSE_TOLERANCE:
             nearest = f"the nearest one is {missed:.3g} rad or m off"
             return INFEASIBLE, self._refusal(outcome, "that passes where it was asked to", nearest)

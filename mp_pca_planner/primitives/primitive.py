@@ -27,6 +27,7 @@ from .primitive_values import COUPLINGS as COUPLINGS
 
 if TYPE_CHECKING:
     from ..recordings.demonstration import Demonstration
+    from .motion_statistics import MotionStatistics
 
 
 class DemonstrationSet(Protocol):
@@ -76,6 +77,8 @@ class MovementPrimitive:
         its own timing, over the aligned phases [rad or m].
     model : ConditionalModel
         Predicts the weights for a request.
+    statistics : MotionStatistics or None
+        What an update needs of the demonstrations, if it is known.
 
     Raises
     ------
@@ -97,6 +100,7 @@ class MovementPrimitive:
     warps: FloatArray
     fit_residual: FloatArray
     model: ConditionalModel
+    statistics: MotionStatistics | None = None
 
     def __post_init__(self) -> None:
         freeze_values(self)

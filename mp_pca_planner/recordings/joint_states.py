@@ -4,8 +4,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,14 +14,6 @@ from ..arrays import FloatArray
 from .byte_layout import ByteLayout, Bytes, read_layout
 
 IntArray = NDArray[np.int64]
-
-PART_MESSAGES = 4096
-PART_BYTES = 4 << 20
-"""Serialised joint states are kept until there are this many messages or bytes."""
-
-MAX_LAYOUTS = 8
-"""Layouts of messages of one size that are searched for others like them; where messages have more
-layouts, slicing many at once gains nothing."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,79 +84,14 @@ def listed_names(names: Iterable[Sequence[str]]) -> tuple[str, ...]:
     return tuple(dict.fromkeys(name for own in names for name in own))
 
 
-def joined(parts: Iterable[RawJointStates]) -> RawJointStates:
-    """Put parts of a recording together, in their order."""
-    given = list(parts)
-    if len(given) == 1:
-        return given[0]
-    firsts = np.cumsum([0, *(part.n_messages for part in given)])
-    found: dict[tuple[str, ...], list[JointLayout]] = {}
-    for first, part in zip(firsts, given, strict=False):
-        for layout in part.layouts:
-            shifted = replace(layout, messages=first + layout.messages)
-            found.setdefault(layout.joint_names, []).append(shifted)
-    return replace(
-        given[-1],
-        header_stamps=np.concatenate([part.header_stamps for part in given]),
-        receive_stamps=np.concatenate([part.receive_stamps for part in given]),
-        layouts=tuple(_concatenated(names, own) for names, own in found.items()),
-        n_malformed=sum(part.n_malformed for part in given),
-    )
-
-
-def _concatenated(names: tuple[str, ...], parts: Sequence[JointLayout]) -> JointLayout:
-    velocities = None
-    if any(part.velocities is not None for part in parts):
-        velocities = np.concatenate(
-            [
-                np.full(part.positions.shape, np.nan, dtype=np.float32)
-                if part.velocities is None
-                else part.velocities
-                for part in parts
-            ]
-        )
-    return JointLayout(
-        names,
-        np.concatenate([part.messages for part in parts]),
-        np.concatenate([part.positions for part in parts]),
-        velocities,
-    )
-
-
-def slice_in_parts(
-    topic: str, messages: Iterable[tuple[object, int, bytes]], *, ros1: bool
-) -> Iterator[RawJointStates]:
-    """Slice joint states part by part, so that not all of them are in memory as messages.
-
-    Parameters
-    ----------
-    topic, ros1 :
-        See :func:`slice_joint_states`.
-    messages :
-        Iterable of times of reception [ns] and serialised messages.
-
-    Yields
-    ------
-    :
-        The parts, at least one.
-    """
-    stamps: list[int] = []
-    waiting: list[bytes] = []
-    n_bytes = n_parts = 0
-    for _, stamp, message in messages:
-        stamps.append(stamp)
-        waiting.append(message)
-        n_bytes += len(message)
-        if len(waiting) >= PART_MESSAGES or n_bytes >= PART_BYTES:
-            yield slice_joint_states(topic, stamps, waiting, ros1=ros1)
-            stamps, waiting, n_bytes = [], [], 0
-            n_parts += 1
-    if waiting or not n_parts:
-        yield slice_joint_states(topic, stamps, waiting, ros1=ros1)
-
-
 def slice_joint_states(
-    topic: str, receive_stamps: Sequence[int], messages: Sequence[bytes], *, ros1: bool
+    topic: str,
+    messages: Iterable[tuple[object, int, bytes]],
+    *,
+    ros1: bool,
+    progress: Callable[[int], None] = lambda n_done: None,
+    part_messages: int = 4096,
+    part_bytes: int = 4 << 20,
 ) -> RawJointStates:
     """Slice the numbers out of serialised joint states.
 
@@ -172,39 +99,70 @@ def slice_joint_states(
     ----------
     topic :
         Name of their topic.
-    receive_stamps :
-        Times of reception [ns].
     messages :
-        CDR of ROS 2 with its encapsulation, or the serialisation of ROS 1.
+        Anything, times of reception [ns], and CDR of ROS 2 with its encapsulation or the
+        serialisation of ROS 1.
     ros1 :
         Which of them.
+    progress :
+        Called with the number of messages done.
+    part_messages, part_bytes :
+        Messages are kept in memory until there are this many of them or of their bytes.
 
     Raises
     ------
     ValueError
         If a message is not a joint state.
     """
-    stamps = np.zeros(len(messages), dtype=np.int64)
-    n_malformed = 0
+    headers, received = [np.empty(0, dtype=np.int64)], [np.empty(0, dtype=np.int64)]
     found: dict[tuple[str, ...], list[JointLayout]] = {}
-    for layout, rows, alike in _alike(messages, ros1):
-        stamps[rows] = layout.stamps(alike)
-        if layout.is_well_formed:
-            found.setdefault(layout.joint_names, []).append(_sliced(layout, rows, alike))
-        else:
-            n_malformed += rows.size
-    layouts = [_in_order(_concatenated(names, own)) for names, own in found.items()]
+    n_done = n_malformed = 0
+    for stamps, part in _parts(messages, part_messages, part_bytes):
+        received.append(np.array(stamps, dtype=np.int64))
+        headers.append(np.zeros(len(part), dtype=np.int64))
+        for layout, rows, alike in _alike(part, ros1):
+            headers[-1][rows] = layout.stamps(alike)
+            if layout.is_well_formed:
+                own = _sliced(layout, n_done + rows, alike)
+                found.setdefault(layout.joint_names, []).append(own)
+            else:
+                n_malformed += rows.size
+        n_done += len(part)
+        progress(n_done)
+    layouts = [_joined(names, own) for names, own in found.items()]
     return RawJointStates(
         topic=topic,
-        header_stamps=stamps,
-        receive_stamps=np.array(receive_stamps, dtype=np.int64),
+        header_stamps=np.concatenate(headers),
+        receive_stamps=np.concatenate(received),
         layouts=tuple(sorted(layouts, key=lambda layout: int(layout.messages[0]))),
         n_malformed=n_malformed,
     )
 
 
-def _alike(messages: Sequence[bytes], ros1: bool) -> Iterator[tuple[ByteLayout, IntArray, Bytes]]:
-    """Layouts, the rows of the messages that have them, and the bytes of these messages."""
+def _parts(
+    messages: Iterable[tuple[object, int, bytes]], part_messages: int, part_bytes: int
+) -> Iterator[tuple[list[int], list[bytes]]]:
+    stamps: list[int] = []
+    waiting: list[bytes] = []
+    n_bytes = 0
+    for _, stamp, message in messages:
+        stamps.append(stamp)
+        waiting.append(message)
+        n_bytes += len(message)
+        if len(waiting) >= part_messages or n_bytes >= part_bytes:
+            yield stamps, waiting
+            stamps, waiting, n_bytes = [], [], 0
+    if waiting:
+        yield stamps, waiting
+
+
+def _alike(
+    messages: Sequence[bytes], ros1: bool, max_layouts: int = 8
+) -> Iterator[tuple[ByteLayout, IntArray, Bytes]]:
+    """Layouts, the rows of the messages that have them, and the bytes of these messages.
+
+    Where messages of one size have more than `max_layouts`, slicing many at once gains nothing.
+    """
     sizes = np.fromiter(map(len, messages), dtype=np.int64, count=len(messages))
     for size in np.unique(sizes):
         rows = np.flatnonzero(sizes == size)
@@ -214,7 +172,7 @@ def _alike(messages: Sequence[bytes], ros1: bool) -> Iterator[tuple[ByteLayout, 
         while rows.size:
             layout = read_layout(messages[int(rows[0])], ros1=ros1)
             n_layouts += 1
-            if n_layouts > MAX_LAYOUTS:
+            if n_layouts > max_layouts:
                 yield layout, rows[:1], block[:1]
                 rows, block = rows[1:], block[1:]
                 continue
@@ -234,12 +192,22 @@ def _sliced(layout: ByteLayout, rows: IntArray, messages: Bytes) -> JointLayout:
     return JointLayout(layout.joint_names, rows, layout.positions(messages), checked)
 
 
-def _in_order(layout: JointLayout) -> JointLayout:
-    """The messages of a layout as received; no velocities where none is a number."""
-    order = np.argsort(layout.messages)
-    velocities = layout.velocities
-    if velocities is not None:
-        velocities = None if np.isnan(velocities).all() else velocities[order]
-    return JointLayout(
-        layout.joint_names, layout.messages[order], layout.positions[order], velocities
-    )
+def _joined(names: tuple[str, ...], parts: Sequence[JointLayout]) -> JointLayout:
+    """All messages of a layout as received; no velocities where none is a number."""
+    messages = np.concatenate([part.messages for part in parts])
+    positions = np.concatenate([part.positions for part in parts])
+    velocities = None
+    if any(part.velocities is not None for part in parts):
+        shapes = [part.positions.shape for part in parts]
+        velocities = np.full((len(messages), shapes[0][1]), np.nan, dtype=np.float32)
+        for part, end in zip(parts, np.cumsum([n for n, _ in shapes]), strict=True):
+            if part.velocities is not None:
+                velocities[end - len(part.velocities) : end] = part.velocities
+        if np.isnan(velocities).all():
+            velocities = None
+    # Copies are avoided, since the arrays may be large.
+    if np.any(np.diff(messages) < 0):
+        order = np.argsort(messages)
+        messages, positions = messages[order], positions[order]
+        velocities = None if velocities is None else velocities[order]
+    return JointLayout(names, messages, positions, velocities)

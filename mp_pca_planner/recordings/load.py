@@ -16,12 +16,19 @@ import numpy as np
 from ..exceptions import RecordingError, unknown_name
 from . import bags, cutting
 from .cluster import map_on_cluster
-from .demonstration import Demonstration
+from .demonstration import (
+    Demonstration,
+    MarkerResidual,
+    Overview,
+    RecordingReport,
+    RecordingSet,
+    Refusal,
+    Segment,
+)
 from .joint_states import RawJointStates
 from .processes import Outcome, map_in_processes
 from .reading import read_clean
 from .repair import CleanRecording, RepairOptions, repair
-from .reports import MarkerResidual, Overview, RecordingReport, RecordingSet, Refusal, Segment
 from .segmentation import (
     SegmentationOptions,
     SpeedThresholds,
@@ -124,6 +131,7 @@ def load_recordings(
     jobs: int = 1,
     dask: str | None = None,
     progress: Callable[[int, int], None] | None = None,
+    known_extents: Sequence[float] = (),
     **options: Any,
 ) -> RecordingSet:
     """Load the demonstrated motions of recordings.
@@ -139,6 +147,8 @@ def load_recordings(
         :func:`.cluster.map_on_cluster`. The result is the same.
     progress :
         Called with the bytes of recordings done and in all.
+    known_extents :
+        Extents of further motions of the set, which are not loaded again [rad or m].
     **options :
         The fields of :class:`LoadOptions`.
 
@@ -153,7 +163,7 @@ def load_recordings(
         raise RecordingError(f"the number of jobs must be 1 or more, got {jobs}")
     tasks = _tasks(bags.find_recordings(paths), settings)
     loaded = _load_all(tasks, jobs, dask, progress)
-    again = _tasks_again(tasks, loaded)
+    again = _tasks_again(tasks, loaded, known_extents)
     repeated = _load_all(list(again.values()), jobs, dask, None)
     for index, one in zip(again, repeated, strict=True):
         loaded[index] = one
@@ -231,7 +241,7 @@ def _load_all(
 
 
 def _tasks_again(
-    tasks: Sequence[_LoadTask], loaded: Sequence[RecordingSet]
+    tasks: Sequence[_LoadTask], loaded: Sequence[RecordingSet], known_extents: Sequence[float]
 ) -> dict[int, _LoadTask]:
     """Recordings with movements that count as rest relative to the motions of the set, by index."""
     found = {
@@ -241,7 +251,7 @@ def _tasks_again(
     }
     if not found:
         return {}
-    extents = [extent for own in found.values() for extent in own]
+    extents = [*known_extents, *(extent for own in found.values() for extent in own)]
     least = least_extent_of_set(extents, tasks[0].options.segmentation)
     return {
         index: replace(tasks[index], least_extent=least)

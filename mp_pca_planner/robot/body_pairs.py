@@ -73,6 +73,8 @@ class BodyPairs:
     ----------
     levers : array, shape (n_pairs, n_joints)
         See `CollisionGeometry`.
+    collide : CollisionCheck
+        Whether any pair is in collision in a configuration.
     """
 
     def __init__(
@@ -85,9 +87,7 @@ class BodyPairs:
             _working_memory(geometry, indices, margins)
             for geometry in (bodies.shapes, bodies.hulls)
         )
-        self._collisions = _collision_arguments(
-            self._model, self._data, bodies.hulls, self._hull_data
-        )
+        self.collide = self.check(margins)
         first, second = indices.T
         self._are_convex = bodies.are_convex[first] & bodies.are_convex[second]
         # Of the joints that move one of both, 1 for the second body, −1 for the first.
@@ -96,19 +96,9 @@ class BodyPairs:
         both = np.where(self._moved > 0.0, bodies.levers[second], bodies.levers[first])
         self.levers = both * np.abs(self._moved)
 
-    def collide(self, q: FloatArray) -> bool:
-        """Whether any pair is in collision in a configuration, shape (n_joints,)."""
-        args = *self._collisions, q
-        if not pin.computeCollisions(*args, True):
-            return False
-        if self._are_convex.all():
-            return True
-        pin.computeCollisions(*args, False)
-        results = enumerate(self._hull_data.collisionResults)
-        met = np.array([pair for pair, result in results if result.isCollision()])
-        if self._are_convex[met].any():
-            return True
-        return bool(np.any(~(self.distances(q[None], np.zeros_like(met), met) >= CONTACT)))
+    def check(self, distances: FloatArray) -> CollisionCheck:
+        """The check of configurations for pairs nearer than some distances, shape (n_pairs,)."""
+        return CollisionCheck(self._bodies, self._indices, distances)
 
     def bounds(self, q: FloatArray, enough: FloatArray | float) -> FloatArray:
         """Lower bounds of all distances in some configurations.
@@ -268,13 +258,33 @@ def _working_memory(geometry: Any, indices: Indices, margins: FloatArray) -> Any
     return data
 
 
-def _collision_arguments(model: Any, data: Any, geometry: Any, geometry_data: Any) -> Any:
-    """First arguments of Pinocchio's check of a configuration."""
-    broad_phase = getattr(pin, "BroadPhaseManager_DynamicAABBTreeCollisionManager", None)
-    if broad_phase is None:  # before release 3
-        return model, data, geometry, geometry_data
-    # Its boxes are enlarged by the margins in their first update.
-    return model, data, broad_phase(model, geometry, geometry_data)
+class CollisionCheck:
+    """Whether any pair is nearer than its margin in a configuration, exact also for meshes.
+
+    Parameters
+    ----------
+    bodies, indices, margins
+        See `BodyPairs`.
+    """
+
+    def __init__(self, bodies: Bodies, indices: Indices, margins: FloatArray) -> None:
+        geometry = bodies.hulls.copy()
+        for i in np.flatnonzero(~bodies.are_convex).tolist():
+            geometry.geometryObjects[i].geometry = bodies.shapes.geometryObjects[i].geometry
+        data, geometry_data = bodies.model.createData(), _working_memory(geometry, indices, margins)
+        # Pinocchio's broad phase keeps no references to these.
+        self._kept = bodies.model, data, geometry, geometry_data
+        # Sweep and prune: the fastest broad phase of Coal from 10 to 400 bodies.
+        sweep = getattr(pin, "BroadPhaseManager_SSaPCollisionManager", None)
+        if sweep is None:  # before release 3
+            self._arguments: tuple[Any, ...] = self._kept
+        else:
+            # Its boxes are enlarged by the margins in their first update.
+            self._arguments = *self._kept[:2], sweep(bodies.model, geometry, geometry_data)
+
+    def __call__(self, q: FloatArray) -> bool:
+        """The answer for a configuration, shape (n_joints,)."""
+        return bool(pin.computeCollisions(*self._arguments, q, True))
 
 
 def _centres(bodies: Bodies, poses: JointPoses, k: Indices, body: Indices) -> FloatArray:

@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Repair of recorded joint states, one kind of defects per module.
+"""Repair of recorded joint states, of messages and of the motion in them.
 
 A recording is read whole, then the repairs are applied in a fixed order. Each is counted under its
 name in `REPAIRS`.
@@ -15,21 +15,27 @@ import numpy as np
 
 from ..byte_layout import NS_PER_S
 from ..joint_states import RawJointStates
-from .clock import choose_clock, order_by_time
-from .joints import choose_joints, take_joints
-from .jumps import averaged, cut_at_gaps, cut_at_jumps, long_pieces, unwrap
-from .publishers import drop_equal_stamps, drop_zeros, refuse_late_contradictions
+from .messages import (
+    choose_clock,
+    choose_joints,
+    drop_equal_stamps,
+    drop_unusable,
+    drop_zeros,
+    order_by_time,
+    refuse_late_contradictions,
+    take_joints,
+)
+from .motion import averaged, cut_at_gaps, cut_at_jumps, long_pieces, unwrap, velocity_notes
 from .recording import (
     REPAIRS,
     CleanRecording,
     Piece,
-    counted,
+    RepairOptions,
+    Samples,
+    findings,
     findings_on_refusal,
     motion_notes,
-    refuse_stillness,
 )
-from .samples import RepairOptions, Samples, drop_unusable
-from .velocities import velocity_notes
 
 __all__ = ["REPAIRS", "CleanRecording", "Piece", "RepairOptions", "repair"]
 
@@ -84,7 +90,7 @@ def _repaired(
     samples, clock_notes = _samples(raw, names, repairs)
     for repair_samples in SAMPLE_REPAIRS:
         samples = repair_samples(samples, options, repairs)
-        samples.refuse_few()
+        samples.refuse_few(options)
     pieces = cut_at_gaps(samples, options, repairs)
     for repair_pieces in PIECE_REPAIRS:
         pieces = repair_pieces(pieces, options, repairs)
@@ -92,19 +98,14 @@ def _repaired(
     rate = NS_PER_S / samples.period
     # A rate that jitter puts just below a multiple still counts as that multiple.
     n_averaged = max(1, int(rate * 1.001 // options.enough_rate))
-    pieces = long_pieces([averaged(piece, n_averaged) for piece in pieces], repairs)
-    refuse_stillness(pieces)
+    pieces = long_pieces([averaged(piece, n_averaged) for piece in pieces], options, repairs)
+    notes = (*clock_notes, *checked, *motion_notes(names, pieces, options))
     return CleanRecording(
         joint_names=names,
         pieces=tuple(pieces),
         rate=rate,
         sample_rate=rate / n_averaged,
-        duration=float(pieces[-1].times[-1] - pieces[0].times[0]),
-        repairs=counted(repairs),
-        notes=(*raw.notes, *clock_notes, *checked, *motion_notes(names, pieces)),
-        topic=raw.topic,
-        n_messages=raw.n_messages,
-        listed_joints=raw.listed_joints,
+        **findings(raw, repairs, notes),
     )
 
 

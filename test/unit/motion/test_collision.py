@@ -12,6 +12,7 @@ import pytest
 from arm import JOINTS, arm_demonstrations, arm_primitive, arm_robot, sequence_planner
 from patience import EVER, PATIENT
 
+import mp_pca_planner as mp
 from mp_pca_planner.cli.main import main
 from mp_pca_planner.exceptions import RobotError
 from mp_pca_planner.learning.refinement import refine
@@ -138,6 +139,23 @@ def test_spheres_meet_where_geometry_says(model):
     assert found.time == found.last_time == 1.0
     assert found.penetration == pytest.approx(-apart[-1], abs=1e-5)
     assert worst(model, motion([0.0, 0.9, 0.0], [0.0, 0.9, meeting - 0.01])) is None
+
+
+def test_bodies_that_meet_between_two_milliseconds_are_found():
+    sweep = motion([-1.0, 0.0, 0.0], [1.0, 0.0, 0.0], 0.6)
+    dense = interpolate(sweep)
+    k = len(dense.times) // 2
+    angle, tip = dense.q[k : k + 2, 0].mean(), 3 * LENGTH + RADIUS
+
+    def found(gap: float) -> bool:
+        at = (tip + 1e-3 + gap) * np.array([np.cos(angle), np.sin(angle), 0.0])
+        world = mp.World([mp.Obstacle("speck", mp.Sphere(1e-3, at))])
+        with_speck = CollisionModel(chain(), world=world)
+        assert not any(map(with_speck.collides, dense.q))
+        return bool(with_speck.collisions(sweep))
+
+    assert found(-1e-5)
+    assert not found(2e-3)
 
 
 def test_looking_again_only_when_due_finds_what_looking_always_finds(model):

@@ -165,6 +165,10 @@ def test_distances_are_those_of_plain_calls_and_bounds_lie_below():
         hit = (plain[:, is_exact] < 0.0).any(axis=1)
         assert np.all(met[hit & clearly])
         assert not np.any(met[(plain > 1e-3).all(axis=1)])
+        pairs = np.arange(len(found.pairs))
+        least = np.array([found.distances(one[None], 0 * pairs, pairs).min() for one in q])
+        clearly = np.abs(least) > 1e-4
+        np.testing.assert_array_equal(met[clearly], least[clearly] < 0.0)
     assert n_clear > 100
 
 
