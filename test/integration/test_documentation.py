@@ -24,12 +24,11 @@ from mp_pca_planner.cli.options import options_of, parse
 from mp_pca_planner.cli.parser import Options
 from mp_pca_planner.execution.parameters import DECLARATIONS
 from mp_pca_planner.motion.trajectory import Trajectory
-from mp_pca_planner.motion.trajectory_files import trajectory_columns
 from mp_pca_planner.primitives.file import _METADATA
+from mp_pca_planner.primitives.library_journal import _LINE
 from mp_pca_planner.primitives.primitive_values import ARRAY_SHAPES
-from mp_pca_planner.primitives.versioned_library import _LINE
 from mp_pca_planner.recordings.segments_file import COLUMNS
-from mp_pca_planner.simulation.record import Record
+from mp_pca_planner.simulation.robot import Record
 
 ROOT = Path(__file__).parents[2]
 SCRIPT = ROOT / "scripts/run_documentation.py"
@@ -215,7 +214,7 @@ def test_reference_has_every_parameter_and_every_public_name(reference: dict[str
 def test_file_formats_name_all_that_is_in_the_files() -> None:
     zero = np.zeros((2, 1))
     motion = Trajectory(["a"], [0.0, 1.0], zero, zero, zero, zero)
-    names = {*ARRAY_SHAPES, *_METADATA, *trajectory_columns(motion), *_LINE, *Record(1).arrays()}
+    names = {*ARRAY_SHAPES, *_METADATA, *motion.columns(), *_LINE, *Record(1).arrays()}
     page = text_of(ROOT / "doc/formats.md")
     assert ",".join(COLUMNS) in page
     assert [name for name in names if f"`{name.rstrip('?')}`" not in page] == ["refined_from?"]
