@@ -139,7 +139,7 @@ def _content(clean: CleanRecording) -> bytes:
 
 def _loaded(file: Path) -> CleanRecording:
     with np.load(file, allow_pickle=False) as content:
-        facts = json.loads(str(content["facts"]))
+        facts: dict[str, Any] = json.loads(str(content["facts"]))
         n_pieces = sum(name.startswith("times_") for name in content.files)
         pieces = tuple(
             Piece(content[f"times_{i}"], content[f"positions_{i}"]) for i in range(n_pieces)
