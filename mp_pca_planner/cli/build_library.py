@@ -29,7 +29,7 @@ from ..primitives.library_journal import require_locks
 from ..primitives.motion_statistics import MotionStatistics
 from ..primitives.primitive import MovementPrimitive
 from ..primitives.versioned_library import VersionedLibrary
-from ..recordings.reports import RecordingSet
+from ..recordings.demonstration import RecordingSet
 from ..robot.model import Robot
 from .build_primitives import load, options_like, origin, primitive_options
 from .common import check_output, print_json

@@ -17,7 +17,7 @@ from ..primitives.boundary import boundary_values, hermite_functions
 from ..primitives.kinds import OUTLIER
 from ..primitives.library_building import LibraryContent
 from ..primitives.primitive import MovementPrimitive
-from ..recordings.reports import Refusal
+from ..recordings.demonstration import Refusal
 from .page import figure_address, render
 from .primitive import PHASES
 from .style import GREY, Line, add_header, joint_panels, line, palette_line
