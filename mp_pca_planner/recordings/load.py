@@ -15,6 +15,7 @@ import numpy as np
 
 from ..exceptions import RecordingError, unknown_name
 from . import bags, cutting
+from .cache import ReadingCache
 from .cluster import map_on_cluster
 from .demonstration import (
     Demonstration,
@@ -89,6 +90,8 @@ class LoadOptions:
     summarise : callable or None
         Called with the demonstrations of each recording, in the process that reads it: a function
         of a module, or a :func:`functools.partial` of one. Its results are in `summaries`.
+    cache : ReadingCache or None
+        Keeps what is read, except joint states from markers.
     most_samples : int or None
         Largest number of samples kept of each demonstration, after `summarise` was called;
         0 keeps no demonstrations. By default all samples are kept.
@@ -113,6 +116,7 @@ class LoadOptions:
     overviews: bool = False
     summarise: Callable[[Sequence[Demonstration]], Any] | None = None
     most_samples: int | None = None
+    cache: ReadingCache | None = None
 
     def __post_init__(self) -> None:
         if self.segment not in SEGMENTATIONS:
@@ -165,6 +169,8 @@ def load_recordings(
     repeated = _load_all(list(again.values()), jobs, dask, None)
     for index, one in zip(again, repeated, strict=True):
         loaded[index] = one
+    if settings.cache is not None:
+        settings.cache.prune()
     return RecordingSet(
         *(tuple(x for one in loaded for x in getattr(one, f.name)) for f in fields(RecordingSet))
     )
@@ -300,7 +306,7 @@ def _load(task: _LoadTask, progress: Callable[[float], None] | None = None) -> R
         clean, residuals = _clean(task.path, options, progress)
         smoothed = cutting.SmoothRecording.of(clean, options.smoothing, options.segmentation)
         cuts, clean = _cut(task, smoothed)
-        motions = cutting.demonstrations(cuts, clean, task.name, bags.checksum(task.path))
+        motions = cutting.demonstrations(cuts, clean, task.name, _checksum(task.path, options))
     except RecordingError as error:
         return RecordingSet(refused=(Refusal(task.name, str(error)),))
     segments = (Segment(m.start_time, m.end_time, m.label, extent(m.positions)) for m in motions)
@@ -333,8 +339,24 @@ def _clean(
     if options.markers is not None:
         raw, residuals = options.markers.joint_states(path, salvage=options.salvage)
         return repair(raw, None, options.repair), residuals
+    read = partial(_read, path, options, progress)
+    if options.cache is None:
+        return read(), {}
+    chosen = (options.topic, options.joints, options.state_field, options.salvage, options.repair)
+    return options.cache.clean(path, repr(chosen), read), {}
+
+
+def _checksum(path: Path, options: LoadOptions) -> str:
+    """SHA-256 of the stored bytes, which are not read if they did not change."""
+    return bags.checksum(path) if options.cache is None else options.cache.checksum(path)
+
+
+def _read(
+    path: Path, options: LoadOptions, progress: Callable[[float], None] | None
+) -> CleanRecording:
+    """Read joint states, and repair them."""
     with bags.open_bag(path, salvage=options.salvage) as bag:
-        clean = read_clean(
+        return read_clean(
             bag,
             options.topic,
             options.joints,
@@ -342,7 +364,6 @@ def _clean(
             options=options.repair,
             progress=progress,
         )
-    return clean, {}
 
 
 def _cut(
