@@ -132,7 +132,8 @@ def load_recordings(
     Parameters
     ----------
     paths :
-        Bag files, rosbag2 folders, folders of bags, glob patterns; one of them or several.
+        Bag files, rosbag2 folders, folders of bags, glob patterns, and URLs of these (s3, gs,
+        https, file); one of them or several.
     jobs :
         Processes that read recordings at the same time. The result is always the same.
     dask :
@@ -169,14 +170,14 @@ def load_recordings(
 class _LoadTask:
     """A recording to load; its motions, if they were cut by hand; the set's least extent."""
 
-    path: Path
+    path: bags.Recording
     name: str
     segments: tuple[SegmentRow, ...] | None
     options: LoadOptions
     least_extent: float = 0.0
 
 
-def _tasks(found: Sequence[Path], options: LoadOptions) -> list[_LoadTask]:
+def _tasks(found: Sequence[bags.Recording], options: LoadOptions) -> list[_LoadTask]:
     names = bags.recording_names(found)
     by_hand = _segments_by_hand(options, names)
     if by_hand is None:
@@ -263,8 +264,10 @@ def _outcomes(
         return
     if dask is not None:
         # Workers have working directories of their own.
-        tasks = [replace(task, path=task.path.absolute()) for task in tasks]
-        yield from map_on_cluster(_load, tasks, dask, [task.path for task in tasks])
+        paths = [x.path.absolute() if isinstance(x.path, Path) else x.path for x in tasks]
+        tasks = [replace(task, path=path) for task, path in zip(tasks, paths, strict=True)]
+        local = [path if isinstance(path, Path) else None for path in paths]
+        yield from map_on_cluster(_load, tasks, dask, local)
         return
     if jobs > 1 and len(tasks) > 1:
         yield from map_in_processes(_load, tasks, jobs)
@@ -288,23 +291,29 @@ def _final(outcome: Outcome[RecordingSet], name: str) -> RecordingSet:
 
 def _load(task: _LoadTask, progress: Callable[[float], None] | None = None) -> RecordingSet:
     """Load one recording, in this process or another one."""
-    options = task.options
     try:
         if task.segments == ():
             raise RecordingError("the table of segments names no motion in it")
-        clean, residuals = _clean(task.path, options, progress)
-        pieces = [smooth(piece, clean.sample_rate, options.smoothing) for piece in clean.pieces]
-        speed = np.concatenate([joint_speed(piece.velocities) for piece in pieces])
-        thresholds = speed_thresholds(speed, options.segmentation)
-        cuts, clean = _cut(task, clean, pieces, thresholds)
-        motions = cutting.demonstrations(cuts, clean, task.name, bags.checksum(task.path))
+        with bags.local_copy(task.path) as path:
+            return _loaded(task, path, progress)
     except RecordingError as error:
         return RecordingSet(refused=(Refusal(task.name, str(error)),))
+
+
+def _loaded(task: _LoadTask, path: Path, progress: Callable[[float], None] | None) -> RecordingSet:
+    """Load the file or folder of a recording; one that can't be used raises a RecordingError."""
+    options = task.options
+    clean, residuals = _clean(path, options, progress)
+    pieces = [smooth(piece, clean.sample_rate, options.smoothing) for piece in clean.pieces]
+    speed = np.concatenate([joint_speed(piece.velocities) for piece in pieces])
+    thresholds = speed_thresholds(speed, options.segmentation)
+    cuts, clean = _cut(task, clean, pieces, thresholds)
+    motions = cutting.demonstrations(cuts, clean, task.name, bags.checksum(path))
     segments = (Segment(m.start_time, m.end_time, m.label, extent(m.positions)) for m in motions)
     report = RecordingReport(
         name=task.name,
         path=str(task.path),
-        format=bags.recording_format(task.path),
+        format=bags.recording_format(path),
         topic=clean.topic,
         n_messages=clean.n_messages,
         rate=clean.rate,
