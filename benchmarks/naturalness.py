@@ -29,10 +29,12 @@ from mp_pca_planner.arrays import FloatArray
 from mp_pca_planner.cli.common import progress_bar
 from mp_pca_planner.evaluation.naturalness import (
     BSPLINES,
+    RHOS,
     Comparison,
     Prediction,
     Predictor,
     compare,
+    planned,
 )
 from mp_pca_planner.exceptions import MissingDependencyError
 from mp_pca_planner.primitives.alignment import arc_length_warp
@@ -89,7 +91,9 @@ def main() -> None:
                     more=peers(),
                     progress=progress,
                 )
-            methods = list(comparison.results)
+            # Other naturalness weights are in the tables of the sets.
+            others = {planned(rho) for rho in RHOS}
+            methods = [method for method in comparison.results if method not in others]
             name = label if "," not in arguments.align else f"{label}, {way}"
             summary.append([name, str(len(motions)), *(_errors(comparison, m) for m in methods)])
             tables[f"{name}, {len(motions)} motions"] = _table(comparison)

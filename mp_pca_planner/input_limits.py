@@ -38,6 +38,10 @@ class InputLimits:
         Rate of recorded joint states [Hz].
     commanded_duration : float
         Duration of a recorded trajectory message [s].
+    goal_items : int
+        Joints, and points, of a goal of the node.
+    state_bytes : int
+        Message of joint states to the node: a thousand joints have a quarter of that.
     segments : int
         Rows of a table of segments: learning takes minutes from so many motions.
     segment_time : float
@@ -57,6 +61,8 @@ class InputLimits:
     position: float = 1e6
     state_rate: float = 5000.0
     commanded_duration: float = 1000.0
+    goal_items: int = 1000
+    state_bytes: int = 2**18
     segments: int = 10_000
     segment_time: float = 1e9
 

@@ -18,6 +18,9 @@ from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Writer2
 from rosbags.typesys import Stores, get_typestore
 
+from mp_pca_planner.recordings.bags import Topic, open_bag
+from mp_pca_planner.recordings.joint_states import RawJointStates
+
 # The same examples on every run, and no verdict that depends on the machine's speed.
 hypothesis.settings.register_profile(
     "repeatable",
@@ -48,6 +51,18 @@ class Message:
     receive: int | None = None
     topic: str = "/joint_states"
     velocities: Sequence[float] | NDArray[np.float64] = ()
+
+
+def list_topics(path: Path, *, salvage: bool = False) -> tuple[Topic, ...]:
+    with open_bag(path, salvage=salvage) as bag:
+        return bag.topics
+
+
+def read_joint_states(
+    path: Path, topic: str, *, field: str | None = None, salvage: bool = False
+) -> RawJointStates:
+    with open_bag(path, salvage=salvage) as bag:
+        return bag.joint_states(topic, field=field)
 
 
 def bag_writer(path: Path, bag_format: str) -> tuple[Path, Writer1 | Writer2]:

@@ -7,7 +7,7 @@ from __future__ import annotations
 import argparse
 import re
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
@@ -47,16 +47,21 @@ def run(arguments: argparse.Namespace) -> int:
     check_output(arguments.write_segments, ".csv", force=force)
     options = primitive_options(arguments)
     if old is not None:
-        options = _options_like(old, options)
+        options = options_like(old, options)
     robot = Robot.from_file(arguments.robot, arguments.joints) if arguments.robot else None
     recordings = RecordingSet()
     if arguments.bags:
-        recordings = load(arguments, options, robot, old.statistics if old else None)
+        like = old or robot
+        joints = arguments.joints if like is None else like.joint_names
+        known = [old.statistics] if old and old.statistics else []
+        recordings = load(
+            arguments, options, joints, REPORT_SAMPLES if arguments.report else 0, known
+        )
         recordings.require_motion()
     statistics = _statistics(recordings, options, old, arguments.remove)
     name = arguments.name or (old.name if old else output.stem)
-    origin = _origin(recordings, statistics, robot, old)
-    primitive = build_from_statistics(statistics, name, options, origin)
+    metadata = _origin(recordings, statistics, robot, old)
+    primitive = build_from_statistics(statistics, name, options, metadata)
     page = report_page(recordings, primitive, options, robot) if arguments.report else ""
     save_primitive(primitive, output, overwrite=force or output == arguments.update)
     if arguments.report is not None:
@@ -90,10 +95,13 @@ def _primitive_to_update(arguments: argparse.Namespace) -> MovementPrimitive | N
         return None
     if arguments.report is not None:
         raise RecordingError("--report shows the samples of all motions: leave out --update")
-    return load_primitive(arguments.update)
+    old = load_primitive(arguments.update)
+    if arguments.joints and tuple(arguments.joints) != old.joint_names:
+        raise RecordingError(f"'{old.name}' moves {old.joint_names}: leave out --joints")
+    return old
 
 
-def _options_like(old: MovementPrimitive, given: PrimitiveOptions) -> PrimitiveOptions:
+def options_like(old: MovementPrimitive, given: PrimitiveOptions) -> PrimitiveOptions:
     """The options of a primitive, changed where others than the defaults are given."""
     default, kept = asdict(PrimitiveOptions()), options_to_update(old)
     changed = {key: x for key, x in asdict(given).items() if x != default[key]}
@@ -129,44 +137,53 @@ def _origin(
     old: MovementPrimitive | None,
 ) -> dict[str, Any]:
     """Metadata on the recordings, and what is kept of an earlier version."""
-    origin: dict[str, Any] = {"repairs": {}, "prismatic_joints": []}
+    kept: dict[str, Any] = {}
     if old is not None:
         built = ("options", "angle_variance_ratio", "demonstrations")
-        kept = with_gains_only(old.metadata)
-        origin |= {key: value for key, value in kept.items() if key not in built}
-    repairs = origin["repairs"] | {report.name: report.repairs for report in recordings.reports}
+        gains = with_gains_only(old.metadata)
+        kept = {key: value for key, value in gains.items() if key not in built}
+    repairs = kept.get("repairs", {}) | {r.name: r.repairs for r in recordings.reports}
+    return kept | origin(statistics, repairs, robot, kept.get("prismatic_joints", []))
+
+
+def origin(
+    statistics: MotionStatistics,
+    repairs: Mapping[str, Any],
+    robot: Robot | None,
+    prismatic: Sequence[str] = (),
+) -> dict[str, Any]:
+    """Metadata: the repairs of the recordings that are in, and the prismatic joints."""
     used = {motion.recording for motion in statistics.motions}
-    origin["repairs"] = {name: counts for name, counts in repairs.items() if name in used}
-    if robot is not None:
-        origin["prismatic_joints"] = list(robot.prismatic_joints)
-    return origin
+    return {
+        "repairs": {name: counts for name, counts in repairs.items() if name in used},
+        "prismatic_joints": list(robot.prismatic_joints if robot else prismatic),
+    }
 
 
 def load(
     arguments: argparse.Namespace,
     options: PrimitiveOptions,
-    robot: Robot | None,
-    known: MotionStatistics | None = None,
+    joints: Sequence[str] | None,
+    samples: int,
+    known: Sequence[MotionStatistics] = (),
 ) -> RecordingSet:
-    """Read the recordings; statistics of known motions say which joints and extents matter."""
+    """Read the recordings of a set that known motions belong to, too."""
     # Dynamic time warping needs all motions at once.
     is_warped = options.align == "dtw"
-    report_samples = REPORT_SAMPLES if arguments.report else 0
     segmentation, markers = _segmentation(arguments), _marker_source(arguments)
-    joints = arguments.joints if robot is None else robot.joint_names
     with progress_bar("reading", "B") as progress:
         return load_recordings(
             arguments.bags,
             topic=arguments.topic,
-            joints=joints if known is None else known.joint_names,
-            known_extents=() if known is None else known.extents.tolist(),
+            joints=joints,
+            known_extents=[extent for part in known for extent in part.extents.tolist()],
             segment=arguments.segment,
             segments_csv=arguments.segments,
             segmentation=segmentation,
             labels=arguments.label,
-            overviews=arguments.report is not None,
+            overviews=samples > 0,
             summarise=None if is_warped else partial(MotionStatistics.of, options=options),
-            most_samples=None if is_warped else report_samples,
+            most_samples=None if is_warped else samples,
             jobs=arguments.jobs,
             dask=arguments.dask,
             markers=markers,

@@ -20,6 +20,7 @@ from .terminal import DEBUG, DEBUG_HELP, OneLineParser, guard
 PROGRAM = "mp_pca_planner"
 COMMANDS = {
     "build_primitives": "recorded bags to a primitive file",
+    "build_library": "mixed recordings to a primitive for each kind of motion",
     "inspect": "what is in a bag or a primitive file",
     "plan": "one motion from primitive files, offline",
     "sequence": "one motion through several configurations, offline",

@@ -159,7 +159,9 @@ def build_primitives(add: Options) -> None:
     add("bags BAG", "ROS 1 .bag, rosbag2 folder, .db3, .mcap; globs and folders of bags", nargs="*")
     _add_input(add.group("input"))
     _add_segmentation(add.group("cutting recordings into motions"))
-    _add_primitive(add.group("primitive"))
+    primitive = add.group("primitive")
+    primitive("--name", "name of the primitive (default: that of the file)")
+    _add_primitive(primitive)
     output = add.group("output")
     text = "primitive to add the recordings to; its options stay unless others are given"
     output("--update FILE", text, Path)
@@ -169,6 +171,26 @@ def build_primitives(add: Options) -> None:
     output("--report FILE.html", "page that shows what was found", Path)
     output("--write-segments FILE.csv", "motions as a table to edit, for --segments", Path)
     add_report_options(output, "the outputs")
+
+
+def build_library(add: Options) -> None:
+    """Find the kinds of motions in mixed recordings, and learn a primitive of each.
+
+    The primitives go into a folder that keeps every version; `plan` and the node accept it. Motions
+    that belong to no kind are kept apart. Recordings of other joints go into folders of their own.
+    """
+    add("bags BAG", "ROS 1 .bag, rosbag2 folder, .db3, .mcap; globs and folders of bags", nargs="*")
+    _add_input(add.group("input"))
+    _add_segmentation(add.group("cutting recordings into motions"))
+    kinds = add.group("kinds and their primitives")
+    kinds("--min-kind N", "least number of motions of a kind; fewer are outliers", count, 3)
+    _add_primitive(kinds)
+    output = add.group("output")
+    output("--output FOLDER", "the library", Path, required=True)
+    output.flag("--update", "add the recordings to the library, without reading the old ones again")
+    output("--remove a,b,c", "recordings to take out of it, by name or checksum", name_list, ())
+    output("--report FILE.html", "page that shows the kinds", Path)
+    add_report_options(output, "the report")
 
 
 def _add_input(add: Options) -> None:
@@ -192,7 +214,6 @@ def _add_segmentation(add: Options) -> None:
 
 
 def _add_primitive(add: Options) -> None:
-    add("--name", "name of the primitive (default: that of the file)")
     add("--coupling", "a PCA of each", default="arm", choices=("joint", "arm"))
     size = add.one_of()
     size("--components K", "number of components", int)
@@ -303,7 +324,8 @@ def view(add: Options) -> None:
 
 
 _COMMANDS = (
-    *(build_primitives, inspect, plan, sequence, refine, benchmark, library, verify, case_study),
+    *(build_primitives, build_library, inspect, plan, sequence, refine, benchmark, library),
+    *(verify, case_study),
     *(demo, send_goal, stop, save_motion, reload, simulate, view),
 )
 

@@ -20,6 +20,7 @@ from ..evaluation.scene_run import (
 )
 from ..exceptions import PlannerError
 from ..motion.collision import CollisionModel, package_folders
+from ..plotting.page import Table
 from ..plotting.text import cells, table
 from ..primitives.primitive import MovementPrimitive
 from ..resources import config_file
@@ -73,6 +74,7 @@ def run_scenes(arguments: argparse.Namespace, primitive: MovementPrimitive | Non
         ],
         "summary": summarise_scenes(results),
     }
+    facts["tables"] = {group: one._asdict() for group, one in _tables(facts).items()}
     if arguments.json:
         print_json(facts)
     else:
@@ -112,9 +114,8 @@ def _text(facts: Mapping[str, Any]) -> list[str]:
         f"{facts['n_problems']} problems of '{facts['robot']}', {facts['n_joints']} joints, "
         f"within {facts['time_limit_s']:g} s"
     ]
-    for group, summary in facts["summary"].items():
-        rows = [[name, *cells(values, _COLUMNS)] for name, values in summary.items()]
-        lines += ["", group, *table(rows, header=["method", *_COLUMNS]).splitlines()]
+    for group, (header, rows) in _tables(facts).items():
+        lines += ["", group, *table(rows, header=header).splitlines()]
     return [
         *lines,
         "",
@@ -125,3 +126,14 @@ def _text(facts: Mapping[str, Any]) -> list[str]:
         *(f"{name}: {about}" for name, about in facts["methods"].items()),
         *(f"{name} is absent: {reason}" for name, reason in facts["absent"].items()),
     ]
+
+
+def _tables(facts: Mapping[str, Any]) -> dict[str, Table]:
+    """A table for each group of problems."""
+    return {
+        group: Table(
+            ["method", *_COLUMNS],
+            [[name, *cells(values, _COLUMNS)] for name, values in summary.items()],
+        )
+        for group, summary in facts["summary"].items()
+    }

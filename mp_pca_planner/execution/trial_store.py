@@ -58,20 +58,11 @@ class ServedTrial:
         1-based index of the trial among those of its goal.
     parameters : array, shape (1, N_PARAMETERS)
         How the planned motion was varied.
-    best_cost : float or None
-        The lowest cost of the trials before; None before any cost.
     """
 
     number: int
     parameters: FloatArray
-    best_cost: float | None
     learned: _LearnedGoal
-
-    @property
-    def facts(self) -> dict[str, str | float | int]:
-        """Values of the trial for the plan report."""
-        best = "none" if self.best_cost is None else self.best_cost
-        return {"trial": self.number, "best_trial_cost": best}
 
     def record(self, cost: float) -> None:
         """Report the cost of the trial.
@@ -162,7 +153,7 @@ class TrialStore:
         learned = self._learned(goal, plan, model)
         with learned.lock:
             proposed = learned.learner.propose().motion.parameters
-            number, best = len(learned.learner.trials) + 1, learned.learner.best
+            number = len(learned.learner.trials) + 1
         segments, options, collision = [plan.motion], _options(model), model.planner.collision
         judge = ExecutableMotions(segments, learned.robot, model.limits, options, collision)
         trajectory, check, parameters = plan.trajectory, plan.limit_check, 0.0 * proposed
@@ -183,8 +174,7 @@ class TrialStore:
             limit_check=check,
             solution=replace(plan.solution, effort_cost=effort),
         )
-        best_cost = None if best is None else best.cost
-        return varied, ServedTrial(number, parameters, best_cost, learned)
+        return varied, ServedTrial(number, parameters, learned)
 
     def _learned(self, goal: JointGoal, plan: Plan, model: Model) -> _LearnedGoal:
         """The learner of a goal: from memory, else from a file, else a new one."""

@@ -32,12 +32,6 @@ LIMIT_TOLERANCE = 1e-6
 LIMIT_NEAR = 1e-4
 """Relative distance from a limit within which the grid may miss a violation."""
 
-_START_TOLERANCE = 1e-9
-# Least number of steps between two points. At its ends, a quintic from rest to rest has no speed
-# and little effort for any duration; at a quarter of the duration, its acceleration is near the
-# peak.
-_MIN_PARTS = 4
-
 
 @dataclass(frozen=True)
 class Violation:
@@ -136,27 +130,17 @@ def interpolate(
     steps = np.diff(trajectory.times)
     if steps.size == 0:
         zero = np.zeros_like(trajectory.positions)
-        return DenseSamples(
-            trajectory.times,
-            trajectory.positions,
-            trajectory.velocities,
-            trajectory.accelerations,
-            zero,
-        )
-    n_parts = max(int(np.ceil(steps.max() / period - 1e-6)), _MIN_PARTS)
+        return DenseSamples(trajectory.times, *trajectory.states, zero)
+    # At its ends, a quintic from rest to rest has no speed and little effort for any duration; at a
+    # quarter of the duration, its acceleration is near the peak.
+    n_parts = max(int(np.ceil(steps.max() / period - 1e-6)), 4)
     fractions = np.linspace(0.0, 1.0, n_parts + 1)
     tables = np.array([hermite_functions(fractions, d) for d in range(4)])
-    ends, began = _segment_ends(trajectory), trajectory.times[:-1]
+    ends, began = segment_ends(trajectory.times, *trajectory.states), trajectory.times[:-1]
     if segments is not None:
         ends, steps, began = ends[segments], steps[segments], began[segments]
     q, v, a, jerk = _derivatives(ends, steps, tables)
     return DenseSamples((began[:, None] + steps[:, None] * fractions).ravel(), q, v, a, jerk)
-
-
-def _segment_ends(trajectory: Trajectory) -> FloatArray:
-    return segment_ends(
-        trajectory.times, trajectory.positions, trajectory.velocities, trajectory.accelerations
-    )
 
 
 def _derivatives(ends: FloatArray, steps: FloatArray, tables: FloatArray) -> FloatArray:
@@ -202,10 +186,8 @@ def check_limits(trajectory: Trajectory, robot: Robot, limits: JointLimits) -> L
         If efforts are limited, and a moving link of the robot has no valid inertia.
     """
     require_effort_limits(robot, limits)
-    steps, ends = np.diff(trajectory.times), _segment_ends(trajectory)
-    at_points = robot.inverse_dynamics(
-        trajectory.positions, trajectory.velocities, trajectory.accelerations
-    )
+    steps, ends = np.diff(trajectory.times), segment_ends(trajectory.times, *trajectory.states)
+    at_points = robot.inverse_dynamics(*trajectory.states)
     # Only segments that come near a limit are sampled, and a single point.
     near, near_efforts = np.ones(1, dtype=bool), np.isfinite(limits.effort)
     if steps.size:
@@ -341,7 +323,7 @@ def check_executable(
         )
     jump = np.abs(trajectory.positions[0] - start.positions)
     worst = int(jump.argmax())
-    if not jump[worst] <= _START_TOLERANCE:
+    if not jump[worst] <= 1e-9:  # rounding
         raise TrajectoryError(
             f"the trajectory starts {jump[worst]:.3g} rad (or m) from the present position of "
             f"joint '{trajectory.joint_names[worst]}'"

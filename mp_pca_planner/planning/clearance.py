@@ -83,10 +83,7 @@ class Clearances:
         phases = np.linspace(0.0, 1.0, _OPTIONS.n_phases + 1)
         phases = phases[ends[0] is not None : None if ends[1] is None else -1]
         fixed = np.array([end for end in ends if end is not None]).reshape(-1, n_joints)
-        least = np.full(len(model.pairs), _OPTIONS.distance)
-        near = model.near(fixed, _OPTIONS.distance / _OPTIONS.share_of_ends)
-        np.minimum.at(least, near.pairs, _OPTIONS.share_of_ends * near.distances)
-        return cls(phases, least)
+        return cls(phases, least_distances(fixed, model))
 
     def during(self, collisions: Sequence[Collision], duration: float) -> Clearances:
         """The same with further phases, those of the collisions of a motion."""
@@ -95,6 +92,22 @@ class Clearances:
             for one in collisions
         ]
         return Clearances(np.unique(np.concatenate([self.phases, *more])), self.least)
+
+
+def least_distances(ends: FloatArray, model: CollisionModel) -> FloatArray:
+    """Least distance of each pair beside its margin, smaller where the ends are nearer.
+
+    Parameters
+    ----------
+    ends : array, shape (n_ends, n_joints)
+        Fixed ends of the motion.
+    model : CollisionModel
+        The robot's.
+    """
+    least = np.full(len(model.pairs), _OPTIONS.distance)
+    near = model.near(ends, _OPTIONS.distance / _OPTIONS.share_of_ends)
+    np.minimum.at(least, near.pairs, _OPTIONS.share_of_ends * near.distances)
+    return least
 
 
 class ClearProgram:

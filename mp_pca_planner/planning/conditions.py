@@ -111,7 +111,7 @@ class ConditionEquations:
     def __init__(self, unknowns: Unknowns, basis: Basis, conditions: Sequence[Condition]) -> None:
         self._unknowns, self._basis, self._conditions = unknowns, basis, tuple(conditions)
         fixed = [one.phase for one in conditions if one.phase is not None]
-        self._map = self._map_at(fixed) if len(fixed) == len(conditions) else None
+        self._map = self._map_at(fixed) if 0 < len(fixed) == len(conditions) else None
 
     def _map_at(self, phases: Sequence[float]) -> StateMap:
         return state_map(self._unknowns, self._basis, np.array(phases), 1)

@@ -23,6 +23,7 @@ from ..primitives.primitive import MovementPrimitive
 from .attempt import Attempt, checked
 from .bases import MotionBasis
 from .budget import Budget
+from .clearance import least_distances
 from .constraints import LimitTables
 from .fallback import Paths
 from .motion import Motion
@@ -167,11 +168,22 @@ class DetourPlanner:
         naturalness = max(self._setup.options.naturalness, _OPTIONS.min_naturalness)
         setting = Setting(detour.basis, duration, naturalness, is_first=True)
         found, _ = self._solve(request, setting, budget)
+        if found.check.violations and request.duration_is_free:
+            # A little slower, the same path keeps the limits.
+            slower = found.duration * slowdown(found.check)
+            found = self._along(request, detour.basis, slower, found.motions[0].weights)
         return min(found, along, key=lambda one: one.violation)
 
-    def _along(self, request: Request, basis: MotionBasis, duration: float) -> Attempt:
-        """The motion along a path, without optimisation."""
-        motion = Motion(request.start, request.goal, duration, basis.basis, basis.expected)
+    def _along(
+        self,
+        request: Request,
+        basis: MotionBasis,
+        duration: float,
+        weights: FloatArray | None = None,
+    ) -> Attempt:
+        """The motion of some weights, or else that along a path, without optimisation."""
+        weights = basis.expected if weights is None else weights
+        motion = Motion(request.start, request.goal, duration, basis.basis, weights)
         solution, phases = MotionSolution.unknown(), (1.0,) * len(request.conditions)
         return checked(self._setup, request, (basis,), (motion,), solution, phases)
 
@@ -219,16 +231,17 @@ class DetourFinder:
         ends = request.start.positions, request.goal.positions
         if _is_free(collision.collides, *ends, _OPTIONS.step):
             yield np.array(ends)
+        collides = collision.check(least_distances(np.array(ends), collision))
         for seed in range(1, _OPTIONS.n_paths + 1):
             search = budget.share(_OPTIONS.share_of_search)
             # Few searches take far longer than most: another seed is often faster.
             n_checks = _OPTIONS.n_checks * seed
             options = SamplingOptions(seed, _OPTIONS.step, max_checks=n_checks)
             try:
-                path = sampled_path(collision.collides, bounds, ends, options, search.is_over)
+                path = sampled_path(collides, bounds, ends, options, search.is_over)
             except MissingDependencyError as error:
                 self.hint = str(error)
-                yield from paths_by_vias(collision.collides, bounds, ends, budget.is_over)
+                yield from paths_by_vias(collides, bounds, ends, budget.is_over)
                 return
             if path is not None:
                 yield path

@@ -218,13 +218,12 @@ class SinglePlanner:
         """The expected duration, longer if the expected motion exceeds limits otherwise [s]."""
         usual, search = request.expected.duration, self._setup.options.search
         motion = Motion(request.start, request.goal, usual, basis.basis, basis.expected)
-        # Jerks are often largest at the ends.
-        phases = np.array([0.0, 1.0])
-        ends = hermite_functions(phases, 3) @ motion.boundary
-        ends = (ends + basis.basis.shape(basis.expected, phases, 3)) / usual**3
         states = node_states(motion, basis.tables)
-        states = np.concatenate([states, states[:, [0, -1]]], axis=1)
-        states[3, -2:] = ends
+        if np.isfinite(self._setup.limits.jerk).any():  # often largest at the ends
+            phases = np.array([0.0, 1.0])
+            ends = hermite_functions(phases, 3) @ motion.boundary
+            states = np.concatenate([states, states[:, [0, -1]]], axis=1)
+            states[3, -2:] = (ends + basis.basis.shape(basis.expected, phases, 3)) / usual**3
         stretch = least_stretch(self._setup.robot, self._setup.limits, states)
         stretch *= search.scaling_margin
         return usual * stretch if 1.0 < stretch <= search.max_stretch else usual

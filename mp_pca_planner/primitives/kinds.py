@@ -73,7 +73,7 @@ class KindOptions:
     variance: float = 0.9
     prior_variance: float = 0.3
     prior_weight: float = 0.05
-    tolerance: float = 1.03
+    tolerance: float = 1.1
     max_left_out: int = 200
     explained: float = 0.1
     max_clustered: int = 2000
@@ -91,7 +91,7 @@ class Kinds:
     assigned : array of int, shape (n_demonstrations,)
         Kind of each motion, from 0 for the largest kind; `OUTLIER` for none.
     explained_by : array of bool, shape (n_demonstrations, n_kinds)
-        Whether each kind explains each motion.
+        Whether each kind explains each motion; none explains an outlier.
     positions : array, shape (n_demonstrations, 2)
         First two principal components of the features, a map of the motions.
     """
@@ -161,7 +161,8 @@ def find_kinds(
     for i, members in enumerate(kinds):
         assigned[members] = i
     least = densities.max(axis=1, keepdims=True) + np.log(options.explained)
-    return Kinds(assigned, densities >= least, features[:, :2])
+    explained_by = (densities >= least) & (assigned != OUTLIER)[:, None]
+    return Kinds(assigned, explained_by, features[:, :2])
 
 
 def _features(

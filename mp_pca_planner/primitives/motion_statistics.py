@@ -171,6 +171,19 @@ class MotionStatistics:
         arrays = {name: getattr(self, name)[which] for name in _ARRAYS}
         return replace(self, motions=tuple(self.motions[i] for i in which), **arrays)
 
+    def ordered(self, joint_names: tuple[str, ...]) -> MotionStatistics:
+        """The same motions with the same joints in another order."""
+        order = [self.joint_names.index(name) for name in joint_names]
+        return replace(
+            self,
+            joint_names=joint_names,
+            boundary_states=self.boundary_states[:, :, order],
+            shapes=self.shapes[:, order],
+            shape_remainders=self.shape_remainders[:, order],
+            angles=self.angles[:, order],
+            angle_remainders=self.angle_remainders[:, order],
+        )
+
     def added(self, new: MotionStatistics) -> MotionStatistics:
         """These and the new ones; a motion that is in already is counted once.
 
@@ -183,37 +196,47 @@ class MotionStatistics:
         fresh = [i for i, motion in enumerate(new.motions) if motion.identity not in known]
         return MotionStatistics.merged([self, new.chosen(fresh)] if fresh else [self])
 
-    def without(self, names: Collection[str]) -> MotionStatistics:
-        """These without the demonstrations of some recordings.
+    def of_recording(self, name: str) -> list[int]:
+        """Indices of the demonstrations of a recording; none if there is no such recording.
 
         Parameters
         ----------
-        names :
-            Names of recordings, or checksums, or the first 8 or more digits of these.
+        name :
+            Its name, or its checksum, or the first 8 or more digits of that.
+
+        Raises
+        ------
+        PrimitiveError
+            If several recordings have this name.
+        """
+        found = [
+            i
+            for i, motion in enumerate(self.motions)
+            if motion.recording == name or (len(name) >= 8 and motion.checksum.startswith(name))
+        ]
+        checksums = sorted({self.motions[i].checksum for i in found})
+        if len(checksums) > 1:
+            raise PrimitiveError(
+                f"several recordings are called '{name}': name one by its checksum, "
+                + " or ".join(checksum[:12] for checksum in checksums)
+            )
+        return found
+
+    def without(self, names: Collection[str]) -> MotionStatistics:
+        """These without the demonstrations of some recordings, see :meth:`of_recording`.
 
         Raises
         ------
         PrimitiveError
             If there is no such recording, or none would be left.
         """
-        found = {
-            name: [
-                i
-                for i, m in enumerate(self.motions)
-                if m.recording == name or (len(name) >= 8 and m.checksum.startswith(name))
-            ]
-            for name in names
-        }
-        for name, indices in found.items():
-            if not indices:
+        gone: set[int] = set()
+        for name in names:
+            found = self.of_recording(name)
+            if not found:
                 known = sorted({motion.recording for motion in self.motions})
                 raise PrimitiveError(unknown_name("recording", name, known))
-            if len({self.motions[i].checksum for i in indices}) > 1:
-                raise PrimitiveError(
-                    f"several recordings are called '{name}': remove one by its checksum, "
-                    + " or ".join(sorted({self.motions[i].checksum[:12] for i in indices}))
-                )
-        gone = {i for indices in found.values() for i in indices}
+            gone.update(found)
         kept = [i for i in range(len(self.motions)) if i not in gone]
         if not kept:
             raise PrimitiveError("nothing would be left: at least one recording must stay")

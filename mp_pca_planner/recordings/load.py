@@ -16,12 +16,19 @@ import numpy as np
 from ..exceptions import RecordingError, unknown_name
 from . import bags, cutting
 from .cluster import map_on_cluster
-from .demonstration import Demonstration
+from .demonstration import (
+    Demonstration,
+    MarkerResidual,
+    Overview,
+    RecordingReport,
+    RecordingSet,
+    Refusal,
+    Segment,
+)
 from .joint_states import RawJointStates
 from .processes import Outcome, map_in_processes
 from .reading import read_clean
 from .repair import CleanRecording, RepairOptions, repair
-from .reports import MarkerResidual, Overview, RecordingReport, RecordingSet, Refusal, Segment
 from .segmentation import (
     SegmentationOptions,
     SpeedThresholds,

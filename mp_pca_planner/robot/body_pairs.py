@@ -73,6 +73,8 @@ class BodyPairs:
     ----------
     levers : array, shape (n_pairs, n_joints)
         See `CollisionGeometry`.
+    collide : CollisionCheck
+        Whether any pair is in collision in a configuration.
     """
 
     def __init__(
@@ -85,7 +87,7 @@ class BodyPairs:
             _working_memory(geometry, indices, margins)
             for geometry in (bodies.shapes, bodies.hulls)
         )
-        self._collides = _CollisionCheck(bodies, indices, margins)
+        self.collide = self.check(margins)
         first, second = indices.T
         self._are_convex = bodies.are_convex[first] & bodies.are_convex[second]
         # Of the joints that move one of both, 1 for the second body, −1 for the first.
@@ -94,9 +96,9 @@ class BodyPairs:
         both = np.where(self._moved > 0.0, bodies.levers[second], bodies.levers[first])
         self.levers = both * np.abs(self._moved)
 
-    def collide(self, q: FloatArray) -> bool:
-        """Whether any pair is in collision in a configuration, shape (n_joints,)."""
-        return self._collides(q)
+    def check(self, distances: FloatArray) -> CollisionCheck:
+        """The check of configurations for pairs nearer than some distances, shape (n_pairs,)."""
+        return CollisionCheck(self._bodies, self._indices, distances)
 
     def bounds(self, q: FloatArray, enough: FloatArray | float) -> FloatArray:
         """Lower bounds of all distances in some configurations.
@@ -256,8 +258,14 @@ def _working_memory(geometry: Any, indices: Indices, margins: FloatArray) -> Any
     return data
 
 
-class _CollisionCheck:
-    """Whether any pair is in collision in a configuration, exact also for meshes."""
+class CollisionCheck:
+    """Whether any pair is nearer than its margin in a configuration, exact also for meshes.
+
+    Parameters
+    ----------
+    bodies, indices, margins
+        See `BodyPairs`.
+    """
 
     def __init__(self, bodies: Bodies, indices: Indices, margins: FloatArray) -> None:
         geometry = bodies.hulls.copy()
@@ -275,6 +283,7 @@ class _CollisionCheck:
             self._arguments = *self._kept[:2], sweep(bodies.model, geometry, geometry_data)
 
     def __call__(self, q: FloatArray) -> bool:
+        """The answer for a configuration, shape (n_joints,)."""
         return bool(pin.computeCollisions(*self._arguments, q, True))
 
 

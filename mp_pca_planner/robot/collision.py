@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -140,6 +140,22 @@ class CollisionGeometry:
             Positions of the robot's joints in its order.
         """
         return self._distances.collide(self._in_model_order(q))
+
+    def check(self, distances: FloatArray) -> Callable[[FloatArray], bool]:
+        """A check whether any pair is nearer than some distance beside its margin.
+
+        Parameters
+        ----------
+        distances : array, shape (n_pairs,)
+            The distances [m].
+
+        Returns
+        -------
+        is_near : callable
+            A function like `collides`.
+        """
+        is_near = self._distances.check(self.margins + distances)
+        return lambda q: is_near(self._in_model_order(q))
 
     def bounds(self, q: FloatArray, enough: FloatArray | float) -> FloatArray:
         """Lower bounds of all distances less their margins, see :meth:`.BodyPairs.bounds`."""

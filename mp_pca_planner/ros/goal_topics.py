@@ -23,6 +23,7 @@ from ..execution.motion_server import GoalStatistics, MakeGoal, MotionServer
 from ..execution.preemptive_worker import CancelledError, IsCancelled, PreemptiveWorker
 from ..execution.served_goal import Served
 from ..motion.goal import Goal, JointGoal, JointState, Pose, PoseGoal, SequenceGoal
+from ..planning.plan import Plan
 from ..planning.states import in_order
 from ..robot.model import Robot
 from . import messages
@@ -233,10 +234,10 @@ class GoalTopics:
             return
         # A cost may follow the report at once.
         self._last_motion.replace(served)
-        trial = served.trial.facts if served.trial else None
-        primitives = served.model.planner.primitives
-        ignored = request.ignored_joints
-        self._reports.publish(messages.to_plan_report(plan, stamp, trial, primitives, ignored))
+        names = plan.primitives if isinstance(plan, Plan) else (plan.primitive,)
+        used = [served.model.planner.primitives.named(name) for name in dict.fromkeys(names)]
+        report = messages.to_plan_report(plan, stamp, used, request.ignored_joints)
+        self._reports.publish(report)
         times = f"{served.motion.duration:.3g} s long, planned in {1e3 * plan.solve_time:.3g} ms"
         self._node.get_logger().info(messages.to_text(f"goal served: {plan.message} ({times})"))
 

@@ -22,11 +22,12 @@ from ..execution.execution_monitor import ExecutionReport
 from ..execution.goal_planner import AdaptedPlan
 from ..execution.parameters import Declaration
 from ..files import reading
+from ..input_limits import INPUT_LIMITS
 from ..motion.goal import JointGoal, JointState, Pose, PoseGoal, SequenceGoal
 from ..motion.trajectory import Trajectory
 from ..planning.plan import Plan
 from ..planning.remarks import remarks
-from ..primitives.primitive_library import PrimitiveLibrary
+from ..primitives.primitive import MovementPrimitive
 
 UNDER_WAY = "under_way"
 """Status in the report of a goal that is under way, or reached, already."""
@@ -36,12 +37,6 @@ OVERTAKEN = "overtaken"
 
 NANOSECONDS = 10**9
 """Nanoseconds in a second."""
-
-MAX_ITEMS = 1000
-"""Most joints, and most points, that a goal may have."""
-
-MAX_STATE_BYTES = 2**18
-"""Largest message of joint states that is read: a thousand joints have a quarter of that."""
 
 
 def to_goal(message: JointStateMessage, duration: float) -> JointGoal:
@@ -172,7 +167,7 @@ def to_pose_message(pose: Pose) -> PoseStamped:
 
 def read_states(content: bytes) -> JointStateMessage:
     """Deserialise joint states; a message that is malformed or far too large has no joints."""
-    if len(content) <= MAX_STATE_BYTES:
+    if len(content) <= INPUT_LIMITS.state_bytes:
         with suppress(GoalError), reading("a state", GoalError):
             return deserialize_message(content, JointStateMessage)
     return JointStateMessage()
@@ -227,8 +222,9 @@ def _check_finite(text: str, values: Iterable[tuple[str, float]]) -> None:
 
 
 def _check_count(verb: str, n: int, things: str) -> None:
-    if n > MAX_ITEMS:
-        raise GoalError(f"the goal {verb} {n} {things}, at most {MAX_ITEMS} are accepted")
+    most = INPUT_LIMITS.goal_items
+    if n > most:
+        raise GoalError(f"the goal {verb} {n} {things}, at most {most} are accepted")
 
 
 def to_trajectory(message: JointTrajectory) -> Trajectory:
@@ -258,8 +254,7 @@ def to_seconds(time: Duration | Time) -> float:
 def to_plan_report(
     plan: Plan | AdaptedPlan,
     goal_stamp: Time,
-    more: Mapping[str, str | float | int] | None = None,
-    primitives: PrimitiveLibrary | None = None,
+    primitives: Sequence[MovementPrimitive] = (),
     ignored_joints: Sequence[str] = (),
 ) -> DiagnosticStatus:
     """Report a motion that was published: OK, or WARN with what is unusual about it.
@@ -270,10 +265,8 @@ def to_plan_report(
         The plan.
     goal_stamp :
         Stamp of the goal.
-    more : mapping, optional
-        Further values.
-    primitives : PrimitiveLibrary, optional
-        Those of the planner: of the ones used, the control laws are reported.
+    primitives : sequence of MovementPrimitive
+        Those that were used; what is known of their control laws is reported.
     ignored_joints : sequence of str
         Joints of the goal that the primitives don't move.
     """
@@ -284,12 +277,8 @@ def to_plan_report(
             "them"
         )
     level = DiagnosticStatus.WARN if found else DiagnosticStatus.OK
-    used = plan.primitives if isinstance(plan, Plan) else (plan.primitive,)
-    laws = {}
-    if primitives is not None:
-        laws = {f"control_law.{name}": control_statement(primitives.named(name)) for name in used}
-    values = {**plan.summary(), **laws, **(more or {})}
-    return _report(level, "; ".join(found) or plan.message, goal_stamp, values)
+    laws = {f"control_law.{p.name}": control_statement(p) for p in primitives}
+    return _report(level, "; ".join(found) or plan.message, goal_stamp, {**plan.summary(), **laws})
 
 
 def to_under_way_report(
@@ -302,14 +291,9 @@ def to_under_way_report(
 
 def to_execution_report(report: ExecutionReport) -> DiagnosticStatus:
     """Report the execution of a published motion; the stamp of its goal identifies it."""
-    values: dict[str, str | float | int] = {
-        "outcome": report.outcome,
-        "progress": report.progress,
-        "error": report.error,
-        "largest_deviation": report.largest_deviation,
-        "deviation_time": report.deviation_time,
-        "goal_stamp": to_stamp_text(report.goal),
-    }
+    names = ("outcome", "progress", "error", "largest_deviation", "deviation_time")
+    values = {name: getattr(report, name) for name in names}
+    values["goal_stamp"] = to_stamp_text(report.goal)
     level = DiagnosticStatus.OK if report.is_good else DiagnosticStatus.ERROR
     return to_status("mp_pca_planner: execution", level, report.message, values)
 

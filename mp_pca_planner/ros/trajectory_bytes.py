@@ -56,11 +56,8 @@ def serialize_trajectory(
     stamps = np.rint(trajectory.times * NANOSECONDS).astype(np.int64)
     if np.any(np.diff(stamps) <= 0):
         raise TrajectoryError("points of a trajectory must be at least 1 ns apart")
-    columns = {
-        "positions": trajectory.positions,
-        "velocities": trajectory.velocities,
-        "accelerations": trajectory.accelerations,
-    }
+    names = ("positions", "velocities", "accelerations")
+    columns = dict(zip(names, trajectory.states, strict=True))
     if efforts is not None:
         columns["effort"] = efforts
     first = trajectory.n_steps - 1 if last_point_only else 0

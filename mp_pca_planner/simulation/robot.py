@@ -25,16 +25,6 @@ from .controller import (
 )
 from .plant import PERIOD, MujocoPlant, PinocchioPlant
 
-# Ranges of the numbers.
-RANGES = {
-    "speed_scaling": (0.0, 1.0),
-    "delay": (0.0, 1.0),
-    "jitter": (0.0, 1.0),
-    "drop": (0.0, 1.0),
-    "payload": (0.0, 1000.0),
-    "noise": (0.0, 0.1),
-}
-
 
 @dataclass
 class Faults:
@@ -79,14 +69,13 @@ class Faults:
     def __setattr__(self, name: str, value: Any) -> None:
         if name not in self.__dataclass_fields__:
             raise SimulationError(unknown_name("fault", name, self.__dataclass_fields__))
-        if name in RANGES:
-            low, high = RANGES[name]
-            if isinstance(value, str) or not low <= value <= high:
-                raise SimulationError(
-                    f"{name} is {value}, expected a number from {low:g} to {high:g}"
-                )
-        elif not isinstance(value, bool):
-            raise SimulationError(f"{name} is {value!r}, expected true or false")
+        if name in ("held", "silent", "active"):
+            if not isinstance(value, bool):
+                raise SimulationError(f"{name} is {value!r}, expected true or false")
+        else:
+            high = {"payload": 1000.0, "noise": 0.1}.get(name, 1.0)
+            if isinstance(value, str) or not 0.0 <= value <= high:
+                raise SimulationError(f"{name} is {value}, expected a number from 0 to {high:g}")
         object.__setattr__(self, name, value)
 
 
@@ -148,9 +137,9 @@ class Record:
         return arrays | {"cuts": np.array(self.cuts)}
 
 
-_CYCLE = round(PERIOD * NANOSECONDS)
-_START = 1000 * NANOSECONDS  # start of the virtual clock; a stamp of 0 means "on arrival"
-_SCALING_TIME = 0.05  # time constant of each of the three filters of the speed scaling [s]
+CYCLE_NS = round(PERIOD * NANOSECONDS)
+"""Time of one step of the robot [ns]."""
+
 _PLANTS = {"pinocchio": PinocchioPlant, "mujoco": MujocoPlant}
 
 
@@ -170,7 +159,7 @@ class SimulatedRobot:
     plant : str
         The physics engine, ``pinocchio`` or ``mujoco``.
     time_ns : int
-        First time of the virtual clock [ns].
+        First time of the virtual clock [ns], over 0: a stamp of 0 means "on arrival".
     state_rate : float
         Rate of joint states [Hz], up to 1000.
 
@@ -207,7 +196,7 @@ class SimulatedRobot:
         *,
         seed: int = 0,
         plant: str = "pinocchio",
-        time_ns: int = _START,
+        time_ns: int = 10**12,
         state_rate: float = 500.0,
     ) -> None:
         if plant not in _PLANTS:
@@ -268,7 +257,7 @@ class SimulatedRobot:
 
     def step(self) -> None:
         """Advance by 1 ms."""
-        self.time_ns += _CYCLE
+        self.time_ns += CYCLE_NS
         controller, faults = self._controller, self.faults
         if faults.active != controller.is_active:
             self._activate(faults.active)
@@ -283,7 +272,7 @@ class SimulatedRobot:
             self._filters = _smoothed(self._filters, target)
         controller.speed_scaling = self._filters[-1]
         n_holds = controller.n_holds
-        command = controller.update(self.time_ns, _CYCLE, self._measured)
+        command = controller.update(self.time_ns, CYCLE_NS, self._measured)
         if controller.n_holds != n_holds:
             # The command is repeated in this cycle, and replaced by what is measured in the next.
             self.record.cuts += [len(self.record), len(self.record) + 1]
@@ -330,12 +319,12 @@ class SimulatedRobot:
 
 
 def _smoothed(filters: list[float], target: float) -> list[float]:
-    """The next values of three first-order filters, which reach the target in about 0.4 s.
+    """The next values of three filters with time constants of 50 ms, for about 0.4 s in all.
 
     The first two derivatives of the last one are bounded. A step of the speed scaling would be a
     step of the velocity, which no planner can prevent.
     """
-    share, before, result = PERIOD / _SCALING_TIME, target, []
+    share, before, result = PERIOD / 0.05, target, []
     for value in filters:
         before = value + share * (before - value)
         result.append(before)

@@ -18,7 +18,7 @@ from ..motion.collision import CollisionModel, package_folders
 from ..planning.plan import Plan
 from ..planning.planner import Planner
 from ..primitives.primitive import MovementPrimitive
-from ..recordings.reports import RecordingSet
+from ..recordings.demonstration import RecordingSet
 from ..robot.limits import JointLimits
 from ..robot.model import Robot
 from ..robot.world import World

@@ -215,3 +215,28 @@ def test_recorded_results_state_their_origin_and_become_tables(reference: dict[s
         for title, table in record["tables"].items():
             assert f"### {title}" in page
             assert all(len(row) == len(table["header"]) for row in table["rows"])
+
+
+def test_tables_of_benchmarks_have_a_command_and_are_those_recorded(
+    reference: dict[str, Any],
+) -> None:
+    page = text_of(ROOT / "doc/benchmarks.md")
+    assert reference["with_results"](page) == page
+    commands = runpy.run_path(str(ROOT / "scripts/record_results.py"))["COMMANDS"]
+    marked = re.findall(r"<!-- table (\w+)", page)
+    assert len(marked) > 10 and set(marked) <= set(commands)
+    assert {file.stem for file in (ROOT / "doc/results").glob("*.json")} <= set(commands)
+    outside = re.sub(r"<!-- table .*?<!-- end -->", "", page, flags=re.DOTALL)
+    assert not re.search(r"^\|", outside, re.MULTILINE)
+
+
+def test_commands_of_benchmarks_are_accepted() -> None:
+    for command in runpy.run_path(str(ROOT / "scripts/record_results.py"))["COMMANDS"].values():
+        python, *words = shlex.split(command)
+        assert python == "python3"
+        if words[0] == "-m":
+            parse(words[2], [*words[3:], "--json"])
+            continue
+        source = text_of(ROOT / words[0])
+        assert "benchmark_parser(__doc__)" in source
+        assert all(f'"{word}"' in source for word in words if word.startswith("--"))

@@ -29,7 +29,6 @@ from mp_pca_planner.motion.goal import JointGoal, JointState, Pose, SequenceGoal
 from mp_pca_planner.motion.trajectory import Trajectory
 from mp_pca_planner.planning.plan import Plan
 from mp_pca_planner.planning.planner import Planner
-from mp_pca_planner.primitives.primitive_library import PrimitiveLibrary
 from mp_pca_planner.ros.messages import (
     to_descriptor,
     to_goal,
@@ -266,12 +265,9 @@ def test_report_of_an_unusual_plan_is_a_warning(
 
 
 def test_report_states_the_control_law_of_the_primitive_used(plan: Plan) -> None:
-    used, other = arm_primitive(), arm_primitive("joint", 2)
-    report = to_plan_report(
-        replace(plan, primitives=(used.name,)), STAMP, primitives=PrimitiveLibrary.of((used, other))
-    )
+    report = to_plan_report(plan, STAMP, [arm_primitive()])
     laws = {key: value for key, value in values(report).items() if key.startswith("control_law")}
-    assert laws == {f"control_law.{used.name}": control_statement(used)}
+    assert laws == {f"control_law.{arm_primitive().name}": control_statement(arm_primitive())}
 
 
 def test_refusal_is_an_error_with_the_plan_if_there_is_one(plan: Plan) -> None:

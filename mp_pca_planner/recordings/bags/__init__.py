@@ -8,9 +8,7 @@ from .bag import Bag as Bag
 from .bag import Stored as Stored
 from .bag import Topic as Topic
 from .bag import choose_topic as choose_topic
-from .bag import list_topics as list_topics
 from .bag import open_bag as open_bag
-from .bag import read_joint_states as read_joint_states
 from .discovery import FORMAT_OF_SUFFIX as FORMAT_OF_SUFFIX
 from .discovery import BagFormat as BagFormat
 from .discovery import Recording as Recording
@@ -23,5 +21,5 @@ from .discovery import stored_size as stored_size
 from .serialisation import JOINT_STATE as JOINT_STATE
 from .serialisation import JOINT_TRAJECTORY as JOINT_TRAJECTORY
 from .serialisation import MARKER_ARRAY as MARKER_ARRAY
-from .writing import write_joint_states as write_joint_states
-from .writing import write_joint_trajectory as write_joint_trajectory
+from .serialisation import write_joint_states as write_joint_states
+from .serialisation import write_joint_trajectory as write_joint_trajectory

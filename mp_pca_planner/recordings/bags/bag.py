@@ -256,20 +256,6 @@ def _hint_at_salvage(salvage: bool) -> Iterator[None]:
         raise DamagedRecordingError(f"{error}; {hint}") from error.__cause__
 
 
-def list_topics(path: Path, *, salvage: bool = False) -> tuple[Topic, ...]:
-    """List the topics of a recording, in order of name, see :func:`open_bag`."""
-    with open_bag(path, salvage=salvage) as bag:
-        return bag.topics
-
-
-def read_joint_states(
-    path: Path, topic: str, *, field: str | None = None, salvage: bool = False
-) -> RawJointStates:
-    """Read all joint states of a topic, see :meth:`Bag.joint_states`."""
-    with open_bag(path, salvage=salvage) as bag:
-        return bag.joint_states(topic, field=field)
-
-
 def choose_topic(topics: Sequence[Topic], topic: str | None = None) -> Topic:
     """Choose the topic to read: the given one, else the only one with joint states.
 

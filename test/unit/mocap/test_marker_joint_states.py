@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 from arm import JOINTS
+from conftest import read_joint_states
 from marker_bags import write_marker_arrays
 from scipy.spatial.transform import Rotation
 
@@ -19,10 +20,9 @@ from mp_pca_planner.mocap.marker_joint_states import (
     MarkerSource,
     marker_source,
 )
-from mp_pca_planner.recordings.bags import read_joint_states
+from mp_pca_planner.recordings.demonstration import MarkerResidual
 from mp_pca_planner.recordings.joint_states import RawJointStates
 from mp_pca_planner.recordings.load import load_recordings
-from mp_pca_planner.recordings.reports import MarkerResidual
 from mp_pca_planner.resources import config_file
 from mp_pca_planner.robot.model import Robot
 

@@ -29,8 +29,12 @@ from mp_pca_planner.plotting.recording import recording_figure
 from mp_pca_planner.plotting.style import add_header, line, styled_figure
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
 from mp_pca_planner.primitives.primitive import MovementPrimitive
-from mp_pca_planner.recordings.demonstration import Demonstration
-from mp_pca_planner.recordings.reports import Overview, RecordingReport, Segment
+from mp_pca_planner.recordings.demonstration import (
+    Demonstration,
+    Overview,
+    RecordingReport,
+    Segment,
+)
 from mp_pca_planner.recordings.segmentation import SpeedThresholds
 from mp_pca_planner.robot.limits import JointLimits
 

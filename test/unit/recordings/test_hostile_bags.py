@@ -16,13 +16,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import EPOCH, FORMATS, S, reaching, stamped, write_bag
+from conftest import EPOCH, FORMATS, S, reaching, read_joint_states, stamped, write_bag
 from lz4.frame import compress as compress_lz4
 from test_salvage import compressed_bag
 
 from mp_pca_planner.exceptions import PlannerError, RecordingError
 from mp_pca_planner.input_limits import INPUT_LIMITS, InputLimits
-from mp_pca_planner.recordings.bags import files, read_joint_states, storage, write_joint_states
+from mp_pca_planner.recordings.bags import files, storage, write_joint_states
 from mp_pca_planner.recordings.inspection import inspect_recording
 from mp_pca_planner.recordings.load import load_recordings
 

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from conftest import EPOCH, S, stamped, write_bag
+from conftest import EPOCH, S, list_topics, stamped, write_bag
 from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Writer2
@@ -21,7 +21,7 @@ from scipy.interpolate import BPoly, CubicHermiteSpline
 from mp_pca_planner.exceptions import RecordingError
 from mp_pca_planner.motion.interpolation import interpolate_at, segment_ends
 from mp_pca_planner.motion.trajectory import Trajectory
-from mp_pca_planner.recordings.bags import list_topics, open_bag, write_joint_trajectory
+from mp_pca_planner.recordings.bags import open_bag, write_joint_trajectory
 from mp_pca_planner.recordings.inspection import inspect_recording
 from mp_pca_planner.recordings.joint_trajectories import read_trajectories, repair_trajectories
 from mp_pca_planner.recordings.load import load_recordings
