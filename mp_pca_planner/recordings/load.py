@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Generator, Iterable, Sequence
-from contextlib import closing
+from contextlib import closing, nullcontext
 from dataclasses import dataclass, field, fields, replace
 from functools import partial
 from pathlib import Path
@@ -26,6 +26,7 @@ from .demonstration import (
     Segment,
 )
 from .joint_states import RawJointStates
+from .journal import Journal, key_of, open_journal
 from .processes import Outcome, map_in_processes
 from .reading import read_clean
 from .repair import CleanRecording, RepairOptions, repair
@@ -37,7 +38,7 @@ from .segmentation import (
     least_extent_of_set,
     speed_thresholds,
 )
-from .segments_file import SegmentRow, read_segments
+from .segments_file import SegmentRow, segments_by_hand
 from .smoothing import SmoothingOptions, SmoothPiece, smooth
 
 __all__ = ["LoadOptions", "RecordingReport", "RecordingSet", "load_recordings"]
@@ -132,6 +133,7 @@ def load_recordings(
     dask: str | None = None,
     progress: Callable[[int, int], None] | None = None,
     known_extents: Sequence[float] = (),
+    journal: str | Path | None = None,
     **options: Any,
 ) -> RecordingSet:
     """Load the demonstrated motions of recordings.
@@ -150,6 +152,9 @@ def load_recordings(
         Called with the bytes of recordings done and in all.
     known_extents :
         Extents of further motions of the set, which are not loaded again [rad or m].
+    journal :
+        A file that keeps what was read of each recording, so that an interrupted run goes on where
+        it was. What it holds is not read again.
     **options :
         The fields of :class:`LoadOptions`.
 
@@ -163,9 +168,10 @@ def load_recordings(
     if jobs < 1:
         raise RecordingError(f"the number of jobs must be 1 or more, got {jobs}")
     tasks = _tasks(bags.find_recordings(paths), settings)
-    loaded = _load_all(tasks, jobs, dask, progress)
-    again = _tasks_again(tasks, loaded, known_extents)
-    repeated = _load_all(list(again.values()), jobs, dask, None)
+    with nullcontext() if journal is None else open_journal(journal) as known:
+        loaded = _load_all(tasks, jobs, dask, progress, known)
+        again = _tasks_again(tasks, loaded, known_extents)
+        repeated = _load_all(list(again.values()), jobs, dask, None, known)
     for index, one in zip(again, repeated, strict=True):
         loaded[index] = one
     return RecordingSet(
@@ -186,7 +192,7 @@ class _LoadTask:
 
 def _tasks(found: Sequence[bags.Recording], options: LoadOptions) -> list[_LoadTask]:
     names = bags.recording_names(found)
-    by_hand = _segments_by_hand(options, names)
+    by_hand = segments_by_hand(options.segments_csv, options.labels, names)
     if by_hand is None:
         return [
             _LoadTask(path, name, None, options) for path, name in zip(found, names, strict=True)
@@ -199,44 +205,36 @@ def _tasks(found: Sequence[bags.Recording], options: LoadOptions) -> list[_LoadT
     ]
 
 
-def _segments_by_hand(
-    options: LoadOptions, names: Sequence[str]
-) -> dict[str, list[SegmentRow]] | None:
-    """Read the table of segments, if there is one, and choose the rows of the labels."""
-    path, labels = options.segments_csv, options.labels
-    if path is None:
-        if labels is not None:
-            raise RecordingError("labels select motions of a table of segments: none is given")
-        return None
-    by_hand = read_segments(path, names)
-    if labels is None:
-        return by_hand
-    known = sorted({row.label for rows in by_hand.values() for row in rows} - {""})
-    for label in labels:
-        if label not in known:
-            raise RecordingError(f"'{path}': {unknown_name('label', label, known)}")
-    return {name: [row for row in rows if row.label in labels] for name, rows in by_hand.items()}
-
-
 def _load_all(
     tasks: Sequence[_LoadTask],
     jobs: int,
     dask: str | None,
     progress: Callable[[int, int], None] | None,
+    journal: Journal | None,
 ) -> list[RecordingSet]:
     """Load recordings; a set for each, in their order."""
     loaded = [RecordingSet() for _ in tasks]
     sizes = [0 if progress is None else bags.stored_size(task.path) for task in tasks]
-    done = 0
+    total, done, left = sum(sizes), 0, list(range(len(tasks)))
+    keys: list[bytes] = []
+    if journal is not None:
+        keys = [key_of(task, bags.stored_state(task.path)) for task in tasks]
+        left = [i for i, key in enumerate(keys) if key not in journal]
+        for i in set(range(len(tasks))) - set(left):
+            loaded[i] = journal.value(keys[i])
+            done += sizes[i]
 
     def within(index: int, share: float) -> None:
         if progress is not None:
-            progress(done + int(share * sizes[index]), sum(sizes))
+            progress(done + int(share * sizes[left[index]]), total)
 
-    with closing(_outcomes(tasks, jobs, dask, within)) as ready:
+    with closing(_outcomes([tasks[i] for i in left], jobs, dask, within)) as ready:
         for outcome in ready:
-            loaded[outcome.index] = _final(outcome, tasks[outcome.index].name)
-            done += sizes[outcome.index]
+            i = left[outcome.index]
+            loaded[i] = _final(outcome, tasks[i].name)
+            if journal is not None and outcome.result is not None:
+                journal.add(keys[i], outcome.result)
+            done += sizes[i]
             within(outcome.index, 0.0)
     return loaded
 

@@ -18,6 +18,7 @@ from .discovery import local_copy as local_copy
 from .discovery import recording_format as recording_format
 from .discovery import recording_names as recording_names
 from .discovery import stored_size as stored_size
+from .discovery import stored_state as stored_state
 from .serialisation import JOINT_STATE as JOINT_STATE
 from .serialisation import JOINT_TRAJECTORY as JOINT_TRAJECTORY
 from .serialisation import MARKER_ARRAY as MARKER_ARRAY

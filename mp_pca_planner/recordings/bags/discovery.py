@@ -15,7 +15,7 @@ from typing import Literal
 from urllib.parse import unquote, urlsplit
 
 from ...exceptions import RecordingError
-from .remote import FILE_URL, RemoteRecording, check_url, is_url, list_remote
+from .remote import FILE_URL, RemoteFile, RemoteRecording, check_url, is_url, list_remote
 
 BagFormat = Literal["rosbag1", "sqlite3", "mcap"]
 Recording = Path | RemoteRecording
@@ -141,6 +141,21 @@ def stored_size(path: Recording) -> int:
         return sum(file.stat().st_size for file in _storage_files(path))
 
 
+def stored_state(path: Recording) -> tuple[object, ...]:
+    """What differs when a recording has changed: sizes and times of its files.
+
+    Raises
+    ------
+    RecordingError
+        If they can't be read.
+    """
+    if isinstance(path, RemoteRecording):
+        return path.files
+    with translated_os_errors(path):
+        states = [(file.name, file.stat()) for file in _storage_files(path)]
+    return tuple((name, state.st_size, state.st_mtime_ns) for name, state in states)
+
+
 def recordings_in(path: Path) -> list[Path]:
     """The path itself if it is one recording, else the recordings in the folder."""
     if not path.is_dir():
@@ -184,20 +199,20 @@ def _at_url(url: str) -> list[Recording]:
     if url.startswith(FILE_URL):
         local = Path(unquote(urlsplit(url).path))
         return [item for match in _glob(local) for item in recordings_in(match)]
-    folders: dict[PurePosixPath, dict[str, tuple[str, int]]] = {}
+    folders: dict[PurePosixPath, dict[str, RemoteFile]] = {}
     files = list_remote(url)
-    for path, size in files.items():
-        place = PurePosixPath(path)
-        folders.setdefault(place.parent, {})[place.name] = path, size
+    for file in files:
+        place = PurePosixPath(file.path)
+        folders.setdefault(place.parent, {})[place.name] = file
     found = []
     for folder, content in folders.items():
         if _is_recording(folder.name, sorted(content)):
             every = tuple(content[name] for name in sorted(content))
             found.append(RemoteRecording(url, str(folder), every, is_folder=True))
             continue
-        for path, size in content.values():
-            if len(files) == 1 or PurePosixPath(path).suffix in FORMAT_OF_SUFFIX:
-                found.append(RemoteRecording(url, path, ((path, size),), is_folder=False))
+        for name, file in content.items():
+            if len(files) == 1 or PurePosixPath(name).suffix in FORMAT_OF_SUFFIX:
+                found.append(RemoteRecording(url, file.path, (file,), is_folder=False))
     return [*sorted(found, key=lambda recording: recording.location.parts)]
 
 

@@ -12,12 +12,12 @@ from __future__ import annotations
 import shutil
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path, PurePosixPath
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 from urllib.parse import unquote, urlsplit
 
 from ...exceptions import MissingDependencyError, RecordingError
@@ -53,6 +53,14 @@ _OPTIONS = RemoteOptions()
 _FINAL = ("NoCredentialsError", "PartialCredentialsError")
 
 
+class RemoteFile(NamedTuple):
+    """A file in a storage: its path, its size [bytes], and what differs when its content does."""
+
+    path: str
+    size: int
+    version: str
+
+
 @dataclass(frozen=True)
 class RemoteRecording:
     """A recording that has a URL.
@@ -63,15 +71,15 @@ class RemoteRecording:
         URL of its storage, with the query if it has one.
     path : str
         Its path in the storage.
-    files : tuple of (str, int)
-        Paths of its files in the storage, and their sizes [bytes].
+    files : tuple of RemoteFile
+        Its files.
     is_folder : bool
         Whether it is a rosbag2 folder.
     """
 
     url: str
     path: str
-    files: tuple[tuple[str, int], ...]
+    files: tuple[RemoteFile, ...]
     is_folder: bool
 
     def __str__(self) -> str:
@@ -87,7 +95,7 @@ class RemoteRecording:
     @property
     def size(self) -> int:
         """Size of its files [bytes]."""
-        return sum(size for _, size in self.files)
+        return sum(file.size for file in self.files)
 
     @contextmanager
     def copied(self) -> Iterator[Path]:
@@ -109,10 +117,9 @@ class RemoteRecording:
             if self.is_folder:
                 copy.mkdir()
             storage = _storage(self.url)
-            for path, size in self.files:
-                name = PurePosixPath(unquote(path.partition("?")[0])).name
-                target = copy / name if self.is_folder else copy
-                _patiently(partial(_copy, storage, path, target, size), str(self))
+            for file in self.files:
+                target = copy / PurePosixPath(file.path).name if self.is_folder else copy
+                _patiently(partial(_copy, storage, file, target), str(self))
             yield copy
 
 
@@ -121,8 +128,8 @@ def is_url(path: str) -> bool:
     return "://" in path
 
 
-def list_remote(url: str) -> dict[str, int]:
-    """Sizes of the files at a URL by their paths in the storage.
+def list_remote(url: str) -> list[RemoteFile]:
+    """The files at a URL.
 
     Parameters
     ----------
@@ -141,13 +148,13 @@ def list_remote(url: str) -> dict[str, int]:
     root = storage._strip_protocol(url)
     is_web = urlsplit(url).scheme in ("http", "https")
 
-    def listed() -> dict[str, int]:
+    def listed() -> list[RemoteFile]:
         storage.invalidate_cache()
         if is_web:
-            return {root: storage.info(root)["size"] or 0}
+            return [_remote_file(root, storage.info(root))]
         roots = storage.glob(root) if "*" in root else [root]
-        found = (storage.find(each, detail=True).items() for each in roots)
-        return {path: entry["size"] for files in found for path, entry in files}
+        found = {path: x for r in roots for path, x in storage.find(r, detail=True).items()}
+        return [_remote_file(path, entry) for path, entry in found.items()]
 
     files = _patiently(listed, shown)
     if not files:
@@ -186,13 +193,18 @@ def _storage(url: str) -> Any:
         raise MissingDependencyError(module, "cloud", f"reading {scheme}:// URLs") from None
 
 
-def _copy(storage: Any, path: str, target: Path, size: int) -> None:
-    with storage.open(path, "rb", cache_type="none") as source, target.open("wb") as copy:
+def _remote_file(path: str, entry: Mapping[str, Any]) -> RemoteFile:
+    versions = (entry.get(key) for key in ("ETag", "etag", "LastModified", "updated"))
+    return RemoteFile(path, entry["size"] or 0, str(next(filter(None, versions), "")))
+
+
+def _copy(storage: Any, file: RemoteFile, target: Path) -> None:
+    with storage.open(file.path, "rb", cache_type="none") as source, target.open("wb") as copy:
         while block := source.read(_OPTIONS.block):
             copy.write(block)
-            if size and copy.tell() > size:
+            if file.size and copy.tell() > file.size:
                 break
-    if size and target.stat().st_size != size:
+    if file.size and target.stat().st_size != file.size:
         raise ConnectionError("the file has changed")
 
 
