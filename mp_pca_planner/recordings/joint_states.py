@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -320,6 +320,22 @@ def slice_joint_states(
         receive_stamps=np.concatenate(received),
         layouts=tuple(sorted(layouts, key=lambda layout: int(layout.messages[0]))),
         n_malformed=n_malformed,
+    )
+
+
+def joined(first: RawJointStates, second: RawJointStates) -> RawJointStates:
+    """Joint states of a topic, followed by later ones of the same topic."""
+    found: dict[tuple[str, ...], list[JointLayout]] = {}
+    for part, n_before in ((first, 0), (second, first.n_messages)):
+        for layout in part.layouts:
+            shifted = replace(layout, messages=n_before + layout.messages)
+            found.setdefault(layout.joint_names, []).append(shifted)
+    return replace(
+        second,
+        header_stamps=np.concatenate([first.header_stamps, second.header_stamps]),
+        receive_stamps=np.concatenate([first.receive_stamps, second.receive_stamps]),
+        layouts=tuple(_joined(names, own) for names, own in found.items()),
+        n_malformed=first.n_malformed + second.n_malformed,
     )
 
 

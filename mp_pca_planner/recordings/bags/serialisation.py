@@ -175,6 +175,17 @@ def _field_of_states(types: Types, name: str) -> str:
     return "" if name == JOINT_STATE else paths.get(JOINT_STATE, "")
 
 
+def to_cdr(data: bytes) -> bytes:
+    """A joint state of ROS 1 in the serialisation of ROS 2."""
+    return bytes(known_types("mcap").ros1_to_cdr(data, JOINT_STATE))
+
+
+def message_definition(name: str) -> str:
+    """Definition of a common type of ROS 2 and of those within it, as .msg text."""
+    text: str = known_types("mcap").generate_msgdef(name, ros_version=2)[0]
+    return text
+
+
 def _header(bag_format: BagFormat, stamp_ns: int) -> Any:
     types = known_types(bag_format).types
     stamp = types["builtin_interfaces/msg/Time"](*divmod(stamp_ns, NS_PER_S))
