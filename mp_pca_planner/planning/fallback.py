@@ -23,9 +23,8 @@ from .conditions import PoseTarget, Target
 from .motion import Motion
 from .plan import SHORTEST
 from .pose_search import configurations_at
-from .problem import passing_phases
 from .request import Request, longest_duration
-from .sequence_request import SequenceRequest, fit_durations
+from .sequence_request import SequenceRequest, fit_durations, passing_phases
 from .setup import Setup
 from .states import unwrapped
 from .stop_and_go import StopAndGo, stop_and_go
