@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import lru_cache
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.polynomial import legendre
@@ -20,13 +20,15 @@ from numpy.typing import NDArray
 
 from ..arrays import FloatArray
 from ..exceptions import PrimitiveError, unknown_name
-from ..recordings.demonstration import Demonstration
-from ..recordings.segmentation import extent
 from .alignment import align, aligned_positions
 from .basis import end_vanishing_coefficients, legendre_values
 from .boundary import boundary_values, hermite_functions
 from .options import PrimitiveOptions
 from .pace import fit_paces
+
+# The node loads primitives, but needs neither recordings nor the parts of SciPy that they need.
+if TYPE_CHECKING:
+    from ..recordings.demonstration import Demonstration
 
 # Highest degree of the polynomials that represent joint angles over time. Only the first components
 # are reported, which are much smoother.
@@ -117,6 +119,8 @@ class MotionStatistics:
         PrimitiveError
             If they have different joints.
         """
+        from ..recordings.segmentation import extent
+
         _check_joints([(d.joint_names, d.recording) for d in demonstrations])
         warps = align(demonstrations, options.align)
         pairs = zip(demonstrations, warps, strict=True)
