@@ -10,18 +10,14 @@ of the start, effort limits, sampling at 1 kHz and a delay of one sample.
 
 from __future__ import annotations
 
-import argparse
-
 import numpy as np
+from tables import benchmark_parser, show
 
-from mp_pca_planner.control.closed_loop import ControlLoop
-from mp_pca_planner.control.errors import ErrorModel
+from mp_pca_planner.control.closed_loop import ControlLoop, ErrorModel, verify
 from mp_pca_planner.control.law import KINDS, ControlLaw
 from mp_pca_planner.control.stability import analyse
-from mp_pca_planner.control.verification import verify
 from mp_pca_planner.motion.goal import JointGoal, JointState
 from mp_pca_planner.planning.planner import Planner
-from mp_pca_planner.plotting.text import table
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
 from mp_pca_planner.recordings.synthetic import JOINT_NAMES, generate_motions
 from mp_pca_planner.resources import config_file
@@ -30,7 +26,7 @@ from mp_pca_planner.robot.model import Robot
 
 def main() -> None:
     """Print a row per law."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = benchmark_parser(__doc__)
     parser.add_argument("--motions", type=int, default=20)
     parser.add_argument("--trials", type=int, default=50, help="per motion")
     parser.add_argument("--natural-frequency", type=float, default=30.0)
@@ -50,7 +46,7 @@ def main() -> None:
             law = ControlLaw.from_frequency(kind, robot, motion, arguments.natural_frequency)
             loop = ControlLoop(robot, law, motion, limits)
             known = analyse(loop, errors)
-            found = verify(loop, errors, known, arguments.trials, seed=i)
+            found = verify(loop, errors, known.error_bound, arguments.trials, seed=i)
             trials += arguments.trials
             held += found.bound_held
             saturated += found.saturated
@@ -62,7 +58,7 @@ def main() -> None:
         rows[-1] += [f"{median:.2f}", f"{worst:.2f}"]
     header = ["law", "motions with bound", "simulations", "bound held", "saturated"]
     header += ["bound / worst error, median", "largest"]
-    print(table(rows, header=header))
+    show({"Bound of the tracking error": (header, rows)}, as_json=arguments.json)
 
 
 if __name__ == "__main__":

@@ -8,8 +8,9 @@ demonstrated shapes would violate. The table counts the basis that solved each p
 components with B-splines, or B-splines. It also counts rejected problems that B-splines alone
 solve.
 
-Then held-out motions are planned with the first 1, 2, 4, … components, and with all components and
-several naturalness weights ρ. Fewer components and a larger ρ both bring motions nearer to the
+Then held-out motions are planned with the first components, and with all and several naturalness
+weights ρ. The table has the effort as a multiple of the first column's, and the RMS distance from
+the demonstration (medians). Fewer components and a larger ρ both bring motions nearer to the
 demonstrations at a higher effort.
 
     python benchmarks/families.py [--problems 50]
@@ -17,11 +18,11 @@ demonstrations at a higher effort.
 
 from __future__ import annotations
 
-import argparse
 from collections import Counter
 from dataclasses import dataclass
 
 import numpy as np
+from tables import benchmark_parser, show
 
 from mp_pca_planner.evaluation.problems import (
     Problem,
@@ -34,7 +35,6 @@ from mp_pca_planner.evaluation.problems import (
 from mp_pca_planner.motion.goal import JointGoal, JointState
 from mp_pca_planner.planning.plan import Plan, PlannerOptions
 from mp_pca_planner.planning.planner import Planner
-from mp_pca_planner.plotting.text import table
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
 from mp_pca_planner.primitives.primitive import MovementPrimitive
 from mp_pca_planner.robot.limits import JointLimits
@@ -46,13 +46,13 @@ COMPONENTS = {"arm": 8, "joint": 4}
 PEAKS = {"max_velocity": 1.875, "max_acceleration": 5.7735}
 DRAWN_IN = {"max_velocity": (0.65, 1.0), "max_acceleration": (0.8, 1.4)}
 LEAST = 0.05
-FEWER = (1, 2, 4, 6, 8)
-NATURALNESS = (1e-4, 1e-3, 1e-2, 1e-1, 1.0)
+# Numbers of components and naturalness weights ρ; the first ones give the least effort.
+SETTINGS = ((8, 0.0), (4, 0.0), (2, 0.0), (1, 0.0), (8, 1e-3), (8, 1e-2), (8, 1.0), (1, 1.0))
 
 
 def main() -> None:
     """Print both tables."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = benchmark_parser(__doc__)
     parser.add_argument("--problems", type=int, default=50, help="of each kind and robot")
     parser.add_argument("--robots", nargs="+", default=ROBOTS)
     arguments = parser.parse_args()
@@ -65,11 +65,12 @@ def main() -> None:
                 for naturalness in (0.0, 1.0):
                     outcomes = [both_ways(scene, primitive, *one, naturalness) for one in problems]
                     families.append([name, coupling, kind, f"{naturalness:g}", *shares(outcomes)])
-        trade_off += traded_off(scene, held_out_problems(scene, arguments.problems, 2))
-    header = ["robot", "coupling", "problems", "ρ", "components", "both", "splines", "refused"]
-    print(table(families, header=[*header, "B-splines solve", "refused of these", "ms", "worst"]))
-    header = ["robot", "components", "ρ", "solved", "effort", "from the demonstration [deg]", "ms"]
-    print(f"\n{table(trade_off, header=header)}")
+        trade_off.append(traded_off(scene, held_out_problems(scene, arguments.problems, 2)))
+    columns = ["robot", "coupling", "problems", "ρ", "components", "both", "splines", "refused"]
+    columns += ["B-splines solve", "refused of these", "ms", "worst"]
+    header = ["robot", *(f"{n}, ρ = {rho:g}" for n, rho in SETTINGS)]
+    tables = {"What solves": (columns, families), "Components and ρ": (header, trade_off)}
+    show(tables, as_json=arguments.json)
 
 
 @dataclass(frozen=True)
@@ -160,30 +161,20 @@ def shares(outcomes: list[Outcome]) -> list[str]:
     ]
 
 
-def traded_off(scene: Scene, problems: list[Problem]) -> list[list[str]]:
-    """Median effort and distance from demonstrations by number of components and by naturalness."""
-    most = FEWER[-1]
-    ways = [(n, 0.0) for n in FEWER[::-1]] + [(most, rho) for rho in NATURALNESS] + [(1, 1.0)]
-    rows, least = [], np.zeros(0)
-    for n_components, naturalness in ways:
+def traded_off(scene: Scene, problems: list[Problem]) -> list[str]:
+    """Median effort and distance from demonstrations, with each of `SETTINGS`."""
+    row, least = [scene.name], np.zeros(0)
+    for n_components, naturalness in SETTINGS:
         primitive = primitive_of(scene, "arm", n_components)
         options = PlannerOptions(naturalness=naturalness)
         plans = [planned(scene, primitive, one, scene.limits, options) for one in problems]
         efforts = np.array([plan.solution.effort_cost for plan in plans])
         least = least if least.size else efforts
         away = [distance(*pair) for pair in zip(plans, problems, strict=True)]
-        rows.append(
-            [
-                scene.name,
-                str(n_components),
-                f"{naturalness:g}",
-                str(sum(plan.is_executable for plan in plans)),
-                f"{np.median(efforts / least):.2f}",
-                f"{np.degrees(np.median(away)):.1f}",
-                f"{1e3 * np.median([plan.solve_time for plan in plans]):.1f}",
-            ]
-        )
-    return rows
+        solved = sum(plan.is_executable for plan in plans)
+        cell = f"{np.median(efforts / least):.2f}, {np.degrees(np.median(away)):.1f}°"
+        row.append(cell if solved == len(plans) else f"{cell} ({solved} solved)")
+    return row
 
 
 def distance(plan: Plan, problem: Problem) -> float:

@@ -12,12 +12,12 @@ turn. The exponent is that of a power law fitted to the times: 1 is linear growt
 
 from __future__ import annotations
 
-import argparse
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from example_robot_data.robots_loader import getModelPath
+from tables import benchmark_parser, show
 
 from mp_pca_planner.evaluation.problems import (
     Problem,
@@ -30,7 +30,6 @@ from mp_pca_planner.motion.goal import JointGoal, JointState
 from mp_pca_planner.planning.plan import PlannerOptions
 from mp_pca_planner.planning.planner import Planner
 from mp_pca_planner.planning.unknowns import DEFAULT_NODES
-from mp_pca_planner.plotting.text import table
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
 
 NODES = (28, 56, 112, 224)
@@ -50,9 +49,10 @@ class Measured:
 
 def main() -> None:
     """Print both tables."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = benchmark_parser(__doc__)
     parser.add_argument("--problems", type=int, default=20, help="for each robot")
-    n_problems = parser.parse_args().problems
+    arguments = parser.parse_args()
+    n_problems = arguments.problems
     by_nodes, by_weights = [], []
     for scene in scenes():
         problems = held_out_problems(scene, n_problems, 2)
@@ -61,9 +61,15 @@ def main() -> None:
         by_weights += rows(
             scene, WEIGHTS, [planner(scene, n, DEFAULT_NODES) for n in WEIGHTS], problems
         )
-    for what, found in ((f"nodes, {N_WEIGHTS} weights", by_nodes), ("weights", by_weights)):
-        header = ["robot", "joints", what, "passes", "a plan [ms]", "a pass [ms]"]
-        print(table(found, header=header), end="\n\n")
+    columns = ["passes", "a plan [ms]", "a pass [ms]"]
+    tables = {
+        f"Growth with nodes, {N_WEIGHTS} weights": (
+            ["robot", "joints", "nodes", *columns],
+            by_nodes,
+        ),
+        "Growth with weights": (["robot", "joints", "weights", *columns], by_weights),
+    }
+    show(tables, as_json=arguments.json)
 
 
 def scenes() -> list[Scene]:

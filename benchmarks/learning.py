@@ -13,14 +13,13 @@ goals near refined motions, planned with the old primitive and with the new one.
 
 from __future__ import annotations
 
-import argparse
-import time
 import xml.etree.ElementTree as ET
 
 import numpy as np
+from tables import benchmark_parser, show
 
 from mp_pca_planner.arrays import FloatArray
-from mp_pca_planner.learning.primitive_around import primitive_around
+from mp_pca_planner.learning.refined_motion import primitive_around
 from mp_pca_planner.learning.refinement import RefinementCost, RefinementOptions, refine
 from mp_pca_planner.learning.trials import TrialLearner
 from mp_pca_planner.motion.goal import JointGoal, JointState
@@ -39,7 +38,7 @@ NEIGHBOURHOOD = 0.1
 
 def main() -> None:
     """Print the three parts."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = benchmark_parser(__doc__)
     parser.add_argument("--problems", type=int, default=100)
     parser.add_argument("--seeds", type=int, default=10)
     parser.add_argument("--trials", type=int, default=60)
@@ -53,9 +52,19 @@ def main() -> None:
         for m in generate_motions(arguments.problems, 2)
         if (plan := plan_between(planner, m.positions[0], m.positions[-1])).is_executable
     ]
-    refine_all(planner, plans)
-    learn_by_trials(planner, plans[0], arguments.seeds, arguments.trials)
-    plan_around(planner, plans[: max(arguments.problems // 5, 1)])
+    found = {
+        "effort saved by refining [%]": refine_all(planner, plans),
+        **learn_by_trials(planner, plans[0], arguments.seeds, arguments.trials),
+        "effort of a new primitive's plan over the old one's": plan_around(
+            planner, plans[: max(arguments.problems // 5, 1)]
+        ),
+    }
+    rows = [
+        [name, str(len(x)), *(f"{y:.3g}" for y in (np.median(x), min(x), max(x)))]
+        for name, x in found.items()
+    ]
+    header = ["", "number", "median", "least", "most"]
+    show({"Learning": (header, rows)}, as_json=arguments.json)
 
 
 def plan_between(planner: Planner, start: FloatArray, goal: FloatArray) -> Plan:
@@ -63,28 +72,23 @@ def plan_between(planner: Planner, start: FloatArray, goal: FloatArray) -> Plan:
     return planner.plan(JointGoal(JointState(JOINT_NAMES, goal)), JointState(JOINT_NAMES, start))
 
 
-def refine_all(planner: Planner, plans: list[Plan]) -> None:
-    """Off-line refinement with the same duration."""
-    gains, seconds = [], []
+def refine_all(planner: Planner, plans: list[Plan]) -> list[float]:
+    """Effort saved by off-line refinement with the same duration [%]."""
+    gains = []
     for plan in plans:
-        began = time.perf_counter()
         found = refine([plan.motion], planner.robot, planner.limits)
-        seconds.append(time.perf_counter() - began)
-        gains.append(found.gain)
+        gains.append(100.0 * found.gain)
         if check_limits(found.trajectory, planner.robot, planner.limits).violations:
             raise SystemExit("a refined motion breaks limits")
-    gain = np.array(gains)
-    print(
-        f"off-line: of {len(gain)} motions, {np.mean(gain > 1e-4):.0%} cost less and "
-        f"{np.mean(gain < 0.0):.0%} more in the same time; median gain {np.median(gain):.1%} "
-        f"({gain.min():.1%} to {gain.max():.1%}), {np.median(seconds):.2f} s each"
-    )
+    return gains
 
 
-def learn_by_trials(planner: Planner, plan: Plan, n_seeds: int, n_trials: int) -> None:
-    """Trials on robots that differ from the model."""
+def learn_by_trials(
+    planner: Planner, plan: Plan, n_seeds: int, n_trials: int
+) -> dict[str, list[float]]:
+    """Effort above the optimum before and after trials on robots unlike the model [%]."""
     start = refine([plan.motion], planner.robot, planner.limits).motion.parameters
-    rows = []
+    found: dict[str, list[float]] = {}
     for seed in range(n_seeds):
         robot = perturbed_robot(seed)
         cost = RefinementCost([plan.motion], robot)
@@ -103,14 +107,11 @@ def learn_by_trials(planner: Planner, plan: Plan, n_seeds: int, n_trials: int) -
                     raise SystemExit("a trial breaks limits")
                 learner.record(cost.effort_and_cost(proposal.motion.parameters)[0])
             best = min(trial.cost for trial in learner.trials)
-            rows.append((label, learner.trials[0].cost / optimum - 1.0, best / optimum - 1.0))
-    for label in dict.fromkeys(row[0] for row in rows):
-        before, after = np.array([row[1:] for row in rows if row[0] == label]).T
-        print(
-            f"trials, started from the {label}: {np.median(before):.2%} above the true optimum at "
-            f"first, {np.median(after):.2%} after {n_trials} trials (medians of {n_seeds} seeds; "
-            f"worst {after.max():.2%}); no trial broke a limit"
-        )
+            first = learner.trials[0].cost
+            for when, effort in (("first trial", first), (f"best of {n_trials} trials", best)):
+                name = f"from the {label}: {when} above the optimum [%]"
+                found.setdefault(name, []).append(100.0 * (effort / optimum - 1.0))
+    return found
 
 
 def perturbed_robot(seed: int) -> Robot:
@@ -127,8 +128,8 @@ def perturbed_robot(seed: int) -> Robot:
     return Robot(ET.tostring(root, encoding="unicode"), JOINT_NAMES)
 
 
-def plan_around(planner: Planner, plans: list[Plan]) -> None:
-    """Goals around refined motions, with the old and the new primitive."""
+def plan_around(planner: Planner, plans: list[Plan]) -> list[float]:
+    """Effort of plans to goals around refined motions, by the new over the old primitive."""
     rng = np.random.default_rng(3)
     ratios = []
     for plan in plans:
@@ -146,12 +147,7 @@ def plan_around(planner: Planner, plans: list[Plan]) -> None:
             if before.is_executable:
                 cost = after.solution.effort_cost if after.is_executable else np.inf
                 ratios.append(cost / before.solution.effort_cost)
-    ratio = np.array(ratios)
-    print(
-        f"new primitives: {len(ratio)} goals within {NEIGHBOURHOOD} rad of {len(plans)} refined "
-        f"motions, effort with the new primitive / with the old: median {np.median(ratio):.3f}, "
-        f"worst {ratio.max():.3f}, at most 1 for {np.mean(ratio <= 1.0):.0%}"
-    )
+    return ratios
 
 
 if __name__ == "__main__":

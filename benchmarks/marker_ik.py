@@ -32,11 +32,10 @@ from mp_pca_planner.plotting.text import table
 from mp_pca_planner.recordings.bags import (
     choose_topic,
     find_recordings,
-    list_topics,
-    read_joint_states,
+    open_bag,
     recording_names,
 )
-from mp_pca_planner.recordings.reports import MarkerResidual
+from mp_pca_planner.recordings.demonstration import MarkerResidual
 from mp_pca_planner.resources import config_file
 
 
@@ -100,7 +99,8 @@ def _spoilt(recorded: MarkerTrajectories, noise: float, drop: float) -> MarkerTr
 
 
 def _recorded(path: Path, joint_names: tuple[str, ...]) -> FloatArray:
-    raw = read_joint_states(path, choose_topic(list_topics(path)).name)
+    with open_bag(path) as bag:
+        raw = bag.joint_states(choose_topic(bag.topics).name)
     (layout,) = raw.layouts
     return layout.positions[:, [layout.joint_names.index(name) for name in joint_names]]
 

@@ -24,8 +24,6 @@ report or several, or the robot did not arrive at a reachable goal that was not 
 
 from __future__ import annotations
 
-import argparse
-import json
 import sys
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
@@ -34,12 +32,12 @@ from typing import Any
 
 import numpy as np
 from referee import Verdict, judge
+from tables import benchmark_parser, show
 from virtual_node import VirtualNode, scene_and_model
 
 from mp_pca_planner.evaluation.problems import Scene
 from mp_pca_planner.execution.assembly import Model
 from mp_pca_planner.motion.goal import JointGoal, JointState
-from mp_pca_planner.plotting.text import table
 
 EVENTS_IN_A_RUN = 10
 RATES = (1.0, 5.0, 20.0, 50.0)  # rates of goal streams [Hz]
@@ -325,13 +323,12 @@ def unanswered(run: Run) -> list[str]:
 
 def main() -> int:
     """Print a row per robot, and each problem with its seed."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = benchmark_parser(__doc__)
     parser.add_argument("--events", type=int, default=1000, help="of each robot")
     parser.add_argument("--robots", default="panda,ur5")
     parser.add_argument("--seed", type=int, default=0, help="of the first run")
-    parser.add_argument("--json", action="store_true")
     arguments = parser.parse_args()
-    rows, found = [], {}
+    found: dict[str, dict[str, Any]] = {}
     for name in arguments.robots.split(","):
         results = []
         for result in campaign(name, arguments.events, arguments.seed):
@@ -339,11 +336,9 @@ def main() -> int:
             for problem in result.problems:
                 print(f"{name}, seed {result.run.seed}: {problem}", file=sys.stderr, flush=True)
         found[name] = summary(results)
-        rows.append([name, *(str(value) for value in found[name].values())])
-    if arguments.json:
-        print(json.dumps(found))
-    else:
-        print(table(rows, header=["robot", *next(iter(found.values()))]))
+    columns = list(dict.fromkeys(column for one in found.values() for column in one))
+    rows = [[name, *(str(one.get(c, 0)) for c in columns)] for name, one in found.items()]
+    show({"Random events": (["robot", *columns], rows)}, as_json=arguments.json)
     return int(any(one["runs with problems"] for one in found.values()))
 
 

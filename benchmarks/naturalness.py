@@ -19,23 +19,24 @@ ends.
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+from tables import Table, benchmark_parser, show
 
 from mp_pca_planner.arrays import FloatArray
-from mp_pca_planner.cli.common import print_json, progress_bar
+from mp_pca_planner.cli.common import progress_bar
 from mp_pca_planner.evaluation.naturalness import (
     BSPLINES,
+    RHOS,
     Comparison,
     Prediction,
     Predictor,
     compare,
+    planned,
 )
 from mp_pca_planner.exceptions import MissingDependencyError
-from mp_pca_planner.plotting.text import table
 from mp_pca_planner.primitives.alignment import arc_length_warp
 from mp_pca_planner.primitives.basis import PolynomialBasis
 from mp_pca_planner.primitives.build import PrimitiveOptions
@@ -51,7 +52,7 @@ _N_DMP_STEPS = 500
 
 def main() -> None:
     """Print a table per set of motions and alignment method."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = benchmark_parser(__doc__)
     parser.add_argument("bags", nargs="+")
     parser.add_argument("--topic")
     parser.add_argument("--segments")
@@ -62,7 +63,6 @@ def main() -> None:
     parser.add_argument("--align", default="arc_length", help="separated by commas")
     parser.add_argument("--robot", metavar="URDF", help="plan, too")
     parser.add_argument("--tip", metavar="FRAME", help="end of the arm")
-    parser.add_argument("--json", action="store_true")
     arguments = parser.parse_args()
     found = load_recordings(
         arguments.bags,
@@ -74,7 +74,8 @@ def main() -> None:
     robot = None
     if arguments.robot:
         robot = Robot.from_file(Path(arguments.robot), found[0].joint_names)
-    results = {}
+    tables: dict[str, Table] = {}
+    summary, methods = [], []
     for label in sorted({d.label for d in found}) if arguments.by_label else ["all"]:
         motions = [d for d in found if label in ("all", d.label)]
         if len(motions) < FEWEST:
@@ -90,17 +91,23 @@ def main() -> None:
                     more=peers(),
                     progress=progress,
                 )
-            results[f"{label}, {way}"] = {
-                name: {q: comparison.column(name, q) for q in MEASURES}
-                for name in comparison.results
-            }
-            if not arguments.json:
-                print(f"{label}, {len(motions)} motions, {way}\n{_text(comparison)}\n", flush=True)
-    if arguments.json:
-        print_json(results)
+            # Other naturalness weights are in the tables of the sets.
+            others = {planned(rho) for rho in RHOS}
+            methods = [method for method in comparison.results if method not in others]
+            name = label if "," not in arguments.align else f"{label}, {way}"
+            summary.append([name, str(len(motions)), *(_errors(comparison, m) for m in methods)])
+            tables[f"{name}, {len(motions)} motions"] = _table(comparison)
+    title = "RMS error [deg]: in time / after time alignment / in path"
+    tables = {title: (["motions", "n", *methods], summary), **tables}
+    show(tables, as_json=arguments.json)
 
 
-def _text(comparison: Comparison) -> str:
+def _errors(comparison: Comparison, method: str) -> str:
+    errors = (np.rad2deg(comparison.rms(method, q)) for q in MEASURES)
+    return " / ".join(f"{error:.2f}" for error in errors)
+
+
+def _table(comparison: Comparison) -> Table:
     rows = []
     for name in comparison.results:
         errors = [np.rad2deg(comparison.rms(name, q)) for q in MEASURES]
@@ -115,7 +122,7 @@ def _text(comparison: Comparison) -> str:
         row.append(f"{comparison.effort_ratio(name):.2f}" if has_efforts else "")
         rows.append(row)
     columns = [x for q in MEASURES for x in (q, "difference")]
-    return table(rows, header=["", *columns, "tip [mm]", "peak", "deviation", "effort"])
+    return ["", *columns, "tip [mm]", "peak", "deviation", "effort"], rows
 
 
 def peers() -> dict[str, Predictor]:

@@ -11,10 +11,9 @@ improvement. Only motions within the constraints (to 1e-6 of a limit) count.
 
 from __future__ import annotations
 
-import argparse
-
 import numpy as np
 from scipy.optimize import minimize
+from tables import benchmark_parser, show
 
 from mp_pca_planner.evaluation.problems import held_out_problems, robot_file, scene_of
 from mp_pca_planner.motion.goal import JointGoal, JointState
@@ -23,7 +22,6 @@ from mp_pca_planner.planning.constraints import LimitedProgram
 from mp_pca_planner.planning.plan import SOLVED, PlannerOptions
 from mp_pca_planner.planning.planner import Planner
 from mp_pca_planner.planning.solver import Solution, solve
-from mp_pca_planner.plotting.text import table
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
 
 ROBOTS = ("human_arm", "panda", "ur5", "kinova")
@@ -33,9 +31,10 @@ FEASIBLE = 1e-6
 
 def main() -> None:
     """Print a row per robot and coupling."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = benchmark_parser(__doc__)
     parser.add_argument("--problems", type=int, default=25, help="of each robot")
-    n_problems = parser.parse_args().problems
+    arguments = parser.parse_args()
+    n_problems = arguments.problems
     rows = []
     for name in ROBOTS:
         for coupling, n_components in (("arm", 6), ("joint", 4)):
@@ -43,7 +42,7 @@ def main() -> None:
             rows.append([name, coupling, f"{len(solved)} of {n_problems}", *comparison(solved)])
     header = ["robot", "coupling", "converged", "weights", "at a limit"]
     header += ["better by [%], median", "worst", "above 0.1 %"]
-    print(table(rows, header=header))
+    show({"SLSQP from the planner's motions": (header, rows)}, as_json=arguments.json)
 
 
 def comparison(solved: list[tuple[LimitedProgram, Solution]]) -> list[str]:

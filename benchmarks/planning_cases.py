@@ -12,14 +12,13 @@ as much.
 
 from __future__ import annotations
 
-import argparse
-import json
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
+from tables import benchmark_parser, show
 from virtual_node import MAX_ACCELERATION
 
 from mp_pca_planner.evaluation.check import RigidArm
@@ -33,7 +32,6 @@ from mp_pca_planner.evaluation.problems import (
 from mp_pca_planner.motion.goal import JointGoal, JointState, Pose, PoseGoal
 from mp_pca_planner.planning.plan import FREE, SHORTEST, PlannerOptions
 from mp_pca_planner.planning.planner import Planner
-from mp_pca_planner.plotting.text import table
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
 from mp_pca_planner.robot.limits import JointLimits
 
@@ -70,11 +68,10 @@ CASES = (
 
 def main() -> None:
     """Print a table of every case."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = benchmark_parser(__doc__)
     parser.add_argument("--goals", type=int, default=40)
     parser.add_argument("--robots", default="panda,ur5")
     parser.add_argument("--cases", default="", help="only those whose name contains this text")
-    parser.add_argument("--json", action="store_true")
     arguments = parser.parse_args()
     cases = [case for case in CASES if arguments.cases in case.name]
     found = []
@@ -85,9 +82,6 @@ def main() -> None:
             for naturalness, goal in zip((1.0, 0.0), case.goals, strict=True):
                 if goal is not None:
                     found.append(measured(scene, problems, case, naturalness, goal))
-    if arguments.json:
-        print(json.dumps({"cases": found}))
-        return
     header = ["robot", "case", "ρ", "median [ms]", "99 % / median", "passes", "executable"]
     rows = [
         [
@@ -103,7 +97,8 @@ def main() -> None:
         ]
         for one in found
     ]
-    print(table(rows, header=[*header, "/ floor", "goal"]))
+    header += ["/ floor", "goal"]
+    show({"What a goal asks for": (header, rows)}, as_json=arguments.json)
 
 
 def measured(

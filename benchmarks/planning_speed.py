@@ -12,12 +12,11 @@ same run between the plans, times the number of nodes, times ten.
 
 from __future__ import annotations
 
-import argparse
-import json
 import time
 
 import numpy as np
 import pinocchio as pin
+from tables import benchmark_parser, show
 
 from mp_pca_planner.evaluation.check import RigidArm
 from mp_pca_planner.evaluation.problems import (
@@ -32,7 +31,6 @@ from mp_pca_planner.planning.compiler import MotionProgram
 from mp_pca_planner.planning.plan import Plan, PlannerOptions
 from mp_pca_planner.planning.planner import Planner
 from mp_pca_planner.planning.unknowns import QuadratureTables, Unknowns
-from mp_pca_planner.plotting.text import table
 from mp_pca_planner.primitives.basis import Basis, BSplineBasis
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
 from mp_pca_planner.robot.model import Robot
@@ -45,9 +43,8 @@ FLOOR_PASSES = 10
 
 def main() -> None:
     """Print a row per robot and basis."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = benchmark_parser(__doc__)
     parser.add_argument("--goals", type=int, default=200)
-    parser.add_argument("--json", action="store_true")
     arguments = parser.parse_args()
     n_goals = arguments.goals
     rows = []
@@ -56,11 +53,7 @@ def main() -> None:
         rows += rows_of(scene, held_out_problems(scene, n_goals, 2))
     header = ["robot", "basis", "ρ", "weights", "nodes", "solve [ms]", "99 %", "passes"]
     header += ["within limits [%]", "call [µs]", "solve / floor", "quadrature error [%]"]
-    if arguments.json:
-        title = "Planning times, medians over goals"
-        print(json.dumps({"tables": {title: {"header": header, "rows": rows}}}))
-    else:
-        print(table(rows, header=header))
+    show({"Planning times, medians over goals": (header, rows)}, as_json=arguments.json)
 
 
 def rows_of(scene: Scene, problems: list[Problem]) -> list[list[str]]:

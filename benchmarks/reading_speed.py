@@ -11,7 +11,6 @@ demonstrations. Prints the times, their ratio, and the peak memory above that af
 
 from __future__ import annotations
 
-import argparse
 import json
 import subprocess
 import sys
@@ -19,8 +18,8 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
+from tables import benchmark_parser, show
 
-from mp_pca_planner.plotting.text import table
 from mp_pca_planner.recordings.bags import NS_PER_S, write_joint_states
 
 JOINTS = [f"joint_{number}" for number in range(1, 8)]
@@ -66,7 +65,7 @@ print(json.dumps({"seconds": time.perf_counter() - start, "megabytes": peak() - 
 
 def main() -> None:
     """Measure every given format and length, and print a table."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = benchmark_parser(__doc__)
     parser.add_argument("--minutes", type=float, nargs="+", default=[1.0, 10.0])
     parser.add_argument("--formats", nargs="+", default=["mcap", "sqlite3"])
     arguments = parser.parse_args()
@@ -90,7 +89,8 @@ def main() -> None:
                     ]
                 )
     header = ["format", "minutes", "rosbags [s]", "read [s]", "ratio", "peak [MB]"]
-    print(table(rows, header=[*header, "to motions [s]", "peak [MB]"]))
+    header += ["to motions [s]", "peak [MB]"]
+    show({"Reading speed": (header, rows)}, as_json=arguments.json)
 
 
 def write_recording(path: Path, bag_format: str, n_steps: int) -> None:

@@ -10,10 +10,10 @@ avoidance. Problems whose ends are in collision are left out.
 
 from __future__ import annotations
 
-import argparse
 import time
 
 import numpy as np
+from tables import benchmark_parser, show
 
 from mp_pca_planner.evaluation.problems import (
     Problem,
@@ -25,7 +25,6 @@ from mp_pca_planner.evaluation.problems import (
 from mp_pca_planner.motion.collision import CollisionModel, package_folders
 from mp_pca_planner.motion.goal import JointGoal, JointState
 from mp_pca_planner.planning.planner import Planner, PlannerOptions
-from mp_pca_planner.plotting.text import table
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
 
 ROBOTS = ("human_arm", "panda", "ur5", "kinova")
@@ -33,7 +32,7 @@ ROBOTS = ("human_arm", "panda", "ur5", "kinova")
 
 def main() -> None:
     """Print a row per robot, kind of problems and naturalness."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = benchmark_parser(__doc__)
     parser.add_argument("--problems", type=int, default=50, help="of each kind and robot")
     parser.add_argument("--robots", nargs="+", default=ROBOTS)
     arguments = parser.parse_args()
@@ -60,7 +59,8 @@ def main() -> None:
                 found = compared(bare, careful, collision, problems)
                 rows.append([name, kind, f"{naturalness:g}", *found])
     header = ["robot", "problems", "ρ", "free at the ends", "hit", "solved", "effort", "worst"]
-    print(table(rows, header=[*header, "check [ms]", "plan [ms]", "way around [ms]"]))
+    header += ["check [ms]", "plan [ms]", "detour [ms]"]
+    show({"Self-collision": (header, rows)}, as_json=arguments.json)
 
 
 def compared(

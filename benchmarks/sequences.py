@@ -12,17 +12,16 @@ these configurations are optimised, too; each pose leaves one degree of freedom.
 
 from __future__ import annotations
 
-import argparse
 import time
 from itertools import pairwise
 
 import numpy as np
+from tables import benchmark_parser, show
 
 from mp_pca_planner.motion.goal import JointGoal, JointState, Pose, SequenceGoal
 from mp_pca_planner.planning.plan import OPTIMAL, REAL_TIME, Plan, PlannerOptions
 from mp_pca_planner.planning.planner import Planner
 from mp_pca_planner.planning.selection import effort_of
-from mp_pca_planner.plotting.text import table
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
 from mp_pca_planner.recordings.synthetic import JOINT_NAMES, generate_motions
 from mp_pca_planner.resources import config_file
@@ -31,9 +30,10 @@ from mp_pca_planner.robot.model import Robot
 
 def main() -> None:
     """Print the results for 5 segments, and the growth of the time up to 50."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = benchmark_parser(__doc__)
     parser.add_argument("--sequences", type=int, default=50)
-    n_sequences = parser.parse_args().sequences
+    arguments = parser.parse_args()
+    n_sequences = arguments.sequences
     robot = Robot.from_file(config_file("human_arm.urdf"), JOINT_NAMES)
     motions = [motion.as_demonstration() for motion in generate_motions(40, 1)]
     primitive = build_primitive(motions, "sequences", PrimitiveOptions(n_components=6))
@@ -80,7 +80,7 @@ def main() -> None:
     header = ["5 segments", "within limits [%]", "optimised [%]", "largest jump"]
     header += ["effort saved against stopping [%]", "beyond ends [rad]", "90 %"]
     header += ["time [ms]", "99 %"]
-    print(table(rows, header=header), end="\n\n")
+    tables = {"Sequences of five segments": (header, rows)}
     rows = []
     for n in (5, 10, 20, 50):
         path = [
@@ -95,7 +95,8 @@ def main() -> None:
         rows.append([str(n), plan.mode, f"{1e3 * joined:.2f}", f"{plan.iterations}"])
         rows[-1] += [f"{per_pass:.2f}", f"{taken:.2f}"]
     header = ["segments", "mode", "real time [ms]", "passes", "ms per pass and segment"]
-    print(table(rows, header=[*header, "with all checks [s]"]))
+    tables["Growth with segments"] = ([*header, "with all checks [s]"], rows)
+    show(tables, as_json=arguments.json)
 
 
 def beyond(plan: Plan) -> list[float]:

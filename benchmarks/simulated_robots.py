@@ -15,10 +15,10 @@ import time
 
 import numpy as np
 from referee import Verdict, judge
+from tables import benchmark_parser, show
 
 from mp_pca_planner.evaluation.problems import robot_file
 from mp_pca_planner.motion.trajectory import Trajectory
-from mp_pca_planner.plotting.text import table
 from mp_pca_planner.robot.model import Robot
 from mp_pca_planner.simulation import SimulatedRobot
 
@@ -30,7 +30,7 @@ PEAKS = {"velocity": 1.875, "acceleration": 5.7735, "jerk": 60.0}
 
 def main() -> None:
     """Print the table."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = benchmark_parser(__doc__)
     parser.add_argument("--motions", type=int, default=20)
     parser.add_argument("--robots", nargs="+", default=("human_arm", "panda", "ur5"))
     parser.add_argument("--plant", default="pinocchio")
@@ -40,7 +40,8 @@ def main() -> None:
         _, path, joints = robot_file(name)
         rows.append([name, *measure(Robot.from_file(path, joints), arguments)])
     header = ["robot", "per cycle [µs]", "lag [ms]", f"sag at {PAYLOAD:g} kg [mrad]"]
-    print(table(rows, header=[*header, "limits exceeded", "largest jump [mrad]"]))
+    header += ["limits exceeded", "largest jump [mrad]"]
+    show({"Simulated robots": (header, rows)}, as_json=arguments.json)
 
 
 def measure(robot: Robot, arguments: argparse.Namespace) -> list[str]:
@@ -48,7 +49,7 @@ def measure(robot: Robot, arguments: argparse.Namespace) -> list[str]:
     rng, limits = np.random.default_rng(1), robot.limits()
     low, high = np.clip(limits.lower, -2.0, None), np.clip(limits.upper, None, 2.0)
     q = 0.5 * (low + high)
-    simulated = SimulatedRobot(robot, robot.joint_names, q, plant=arguments.plant)
+    simulated = SimulatedRobot(robot, q, plant=arguments.plant)
     record, lags, exceeded, jumps, spent = simulated.record, [], 0, [0.0], 0.0
     for k in range(arguments.motions):
         goal = q + rng.uniform(-0.3, 0.3) * (high - low)

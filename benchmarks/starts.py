@@ -13,9 +13,8 @@ effort.
 
 from __future__ import annotations
 
-import argparse
-
 import numpy as np
+from tables import benchmark_parser, show
 
 from mp_pca_planner.evaluation.problems import (
     Problem,
@@ -29,7 +28,6 @@ from mp_pca_planner.motion.goal import JointGoal, JointState
 from mp_pca_planner.planning.plan import SOLVED, PlannerOptions
 from mp_pca_planner.planning.planner import Planner
 from mp_pca_planner.planning.starts import MOST_STARTS
-from mp_pca_planner.plotting.text import table
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
 from mp_pca_planner.primitives.primitive import MovementPrimitive
 
@@ -39,9 +37,10 @@ BETTER = 0.005
 
 def main() -> None:
     """Print a row per robot, coupling and kind of problems."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = benchmark_parser(__doc__)
     parser.add_argument("--problems", type=int, default=50, help="of each kind and robot")
-    n_problems = parser.parse_args().problems
+    arguments = parser.parse_args()
+    n_problems = arguments.problems
     rows = []
     for name in ROBOTS:
         scene = scene_of(*robot_file(name), n_motions=30)
@@ -68,7 +67,7 @@ def main() -> None:
                     )
     header = ["robot", "coupling", "problems", "solved", "starts", "better", "worse"]
     header += ["by [%], mean", "most", "time over one start's"]
-    print(table(rows, header=header))
+    show({"Several starts against one": (header, rows)}, as_json=arguments.json)
 
 
 def planners_of(scene: Scene, primitive: MovementPrimitive) -> dict[str, Planner]:

@@ -11,10 +11,10 @@ The CPU time of a plan includes the selection of primitives and the checks of mo
 
 from __future__ import annotations
 
-import argparse
 import time
 
 import numpy as np
+from tables import benchmark_parser, show
 
 from mp_pca_planner.evaluation.problems import (
     held_out_problems,
@@ -25,7 +25,6 @@ from mp_pca_planner.evaluation.problems import (
 from mp_pca_planner.motion.goal import JointGoal, JointState
 from mp_pca_planner.planning.plan import INFEASIBLE, SOLVED, STOPPED_EARLY, Plan, PlannerOptions
 from mp_pca_planner.planning.planner import Planner
-from mp_pca_planner.plotting.text import table
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
 
 VELOCITY = (2.175, 2.175, 2.175, 2.175, 2.61, 2.61, 2.61)
@@ -36,7 +35,7 @@ SCENE = scene_of(*robot_file("panda"), n_motions=30)
 
 def main() -> None:
     """Print a row per time."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = benchmark_parser(__doc__)
     parser.add_argument("--goals", type=int, default=200)
     parser.add_argument("--times", type=float, nargs="+", default=(0.01, 0.03, 0.1, 0.3, 1.0))
     arguments = parser.parse_args()
@@ -55,7 +54,8 @@ def main() -> None:
         worst = [f"{1e3 * x:.1f}" for x in (np.median(seconds), max(seconds))]
         rows.append([f"{limit:g}", *counts(plans), *worst])
     header = ["max_solve_time [s]", "solved", "stopped early", "refused from rest", "in motion"]
-    print(table(rows, header=[*header, "CPU [ms], median", "worst"]))
+    header += ["CPU [ms], median", "worst"]
+    show({"Little time": (header, rows)}, as_json=arguments.json)
 
 
 def panda_planner() -> Planner:

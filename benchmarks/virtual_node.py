@@ -8,7 +8,7 @@ The planning time is simulated, too, so results do not depend on the load of the
 from __future__ import annotations
 
 import heapq
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import count
 from types import SimpleNamespace
@@ -20,8 +20,8 @@ from mp_pca_planner.evaluation.problems import Scene, robot_file, scene_of
 from mp_pca_planner.exceptions import PlannerError
 from mp_pca_planner.execution.assembly import Model, assemble_model
 from mp_pca_planner.execution.execution_monitor import ExecutionReport
-from mp_pca_planner.execution.goal_statistics import GoalStatistics
-from mp_pca_planner.execution.motion_server import MotionServer
+from mp_pca_planner.execution.measured import MeasuredStates
+from mp_pca_planner.execution.motion_server import GoalStatistics, MotionServer
 from mp_pca_planner.execution.parameters import Settings
 from mp_pca_planner.execution.preemptive_worker import CancelledError
 from mp_pca_planner.execution.start_state import StartStates
@@ -49,21 +49,10 @@ def scene_and_model(name: str, **settings: Any) -> tuple[Scene, Model]:
     return scene, assemble_model(urdf, [primitive], Settings(limits=limits, **options))
 
 
-class StateReader:
-    """Reader of states that are stored as bytes of their stamp, positions and velocities."""
-
-    def names_all(self, message: bytes, joint_names: Sequence[str]) -> bool:
-        """Return True: all messages have all joints."""
-        return True
-
-    def read(self, message: bytes, joint_names: Sequence[str]) -> JointState:
-        """Read the numbers."""
-        q, v = np.frombuffer(message)[1:].reshape(2, -1)
-        return JointState(joint_names, q, v)
-
-    def stamp(self, message: bytes) -> float:
-        """Read the stamp."""
-        return float(np.frombuffer(message)[0])
+def receive(measured: MeasuredStates, stamp: float, q: Any, v: Any) -> None:
+    """Measure a state of all joints."""
+    names = measured.joint_names
+    measured.receive(names, lambda: JointState(names, q, v), stamp)
 
 
 @dataclass(frozen=True)
@@ -99,7 +88,7 @@ class VirtualNode:
         seed: int = 0,
         planning_time: tuple[float, float] = (0.005, 0.05),
     ) -> None:
-        self.robot = SimulatedRobot(model.robot, model.robot.joint_names, start, seed=seed)
+        self.robot = SimulatedRobot(model.robot, start, seed=seed)
         self.plan_reports: list[PlanReport] = []
         self.execution_reports: list[tuple[float, ExecutionReport]] = []
         self.stops: list[float] = []
@@ -124,7 +113,7 @@ class VirtualNode:
         """Restart the node; it forgets what was published."""
         self.restarts.append(self.now)
         self._pending, self._may_cancel = None, True
-        self.states = StartStates(StateReader(), lambda: self.now, lambda: self.now)
+        self.states = StartStates(MeasuredStates(lambda: self.now, lambda: self.now))
         self.states.expect(self._model.robot.joint_names)
         self.server = MotionServer(
             self.states, GoalStatistics(), self._send, lambda: self.now, self._report, self.advance
@@ -209,8 +198,7 @@ class VirtualNode:
         self.robot.step()
         self._ticks += 1
         if self._ticks % STATE_PERIOD == 0 and not self.robot.faults.silent:
-            state = np.concatenate([[self.now], *self.robot.newest_state()[1:]])
-            self.states.measured.receive(state.tobytes())
+            receive(self.states.measured, self.now, *self.robot.newest_state()[1:])
         if self._ticks % WATCH_PERIOD == 0:
             self.server.watch(self._model)
         while self._events and self._events[0][0] <= self.now:

@@ -5,13 +5,19 @@
 from __future__ import annotations
 
 import json
+import re
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import mp_pca_planner
 from mp_pca_planner.cli.main import COMMANDS
 from mp_pca_planner.execution.parameters import DECLARATIONS
+
+RESULTS = Path(__file__).parent / "results"
+# A place for the tables of a record, or for one of them, up to the next mark.
+_MARKED = re.compile(r"(<!-- table (\w+)(?:: (.+?))? -->\n).*?(<!-- end -->)", re.DOTALL)
 
 
 def write_pages(folder: Path) -> None:
@@ -95,17 +101,36 @@ def results_page() -> str:
         "a load above the number of processors makes all of them longer. "
         "[Benchmarks](../benchmarks.md) explains the commands.",
     ]
-    for file in sorted((Path(__file__).parent / "results").glob("*.json")):
+    for file in sorted(RESULTS.glob("*.json")):
         record = json.loads(file.read_text(encoding="utf-8"))
-        parts += [
-            f"## {file.stem.replace('_', ' ').capitalize()}",
-            f"`{record['command']}`, {record['date']}, commit `{record['commit']}`, "
-            f"{record['machine']}, load before and after {record['load'][0]:.1f} and "
-            f"{record['load'][1]:.1f}",
-        ]
+        parts += [f"## {file.stem.replace('_', ' ').capitalize()}", _origin(record)]
         for title, table in record["tables"].items():
             parts += [f"### {title}", _markdown_table(table["header"], table["rows"])]
     return "\n\n".join(parts) + "\n"
+
+
+def with_results(page: str) -> str:
+    """A page with the recorded tables at their marks; those without a record stay as they are."""
+
+    def block(found: re.Match[str]) -> str:
+        begin, name, title, end = found.groups()
+        file = RESULTS / f"{name}.json"
+        if not file.exists():
+            return found[0]
+        record = json.loads(file.read_text(encoding="utf-8"))
+        tables = [record["tables"][title]] if title else list(record["tables"].values())
+        parts = [_markdown_table(table["header"], table["rows"]) for table in tables]
+        return begin + "\n" + "\n\n".join([*parts, _origin(record)]) + "\n\n" + end
+
+    return _MARKED.sub(block, page)
+
+
+def _origin(record: dict[str, Any]) -> str:
+    before, after = record["load"]
+    return (
+        f"`{record['command']}`, {record['date']}, commit `{record['commit']}`, "
+        f"{record['machine']}, load before and after {before:.1f} and {after:.1f}"
+    )
 
 
 def _markdown_table(header: list[str], rows: list[list[str]]) -> str:

@@ -9,7 +9,7 @@ import numpy as np
 import mp_pca_planner as mp
 from mp_pca_planner.control.closed_loop import ControlLoop, simulate
 from mp_pca_planner.control.law import FEEDFORWARD_PD, ControlLaw
-from mp_pca_planner.learning.primitive_around import primitive_around
+from mp_pca_planner.learning.refined_motion import primitive_around
 from mp_pca_planner.learning.trials import TrialLearner
 
 demonstrations = mp.load_demonstrations(mp.write_example_recording(f"{mkdtemp()}/motions.mcap"))

@@ -16,11 +16,14 @@ import sysconfig
 from collections.abc import Iterable, Mapping
 from difflib import get_close_matches
 from pathlib import Path
+from typing import Any
 
 _PACKAGE = "mp_pca_planner"
 
 MAX_NAMES = 100
 """Largest number of names that a message lists."""
+MAX_COMPARED = 2000
+"""Largest number of names among which the nearest one is searched, which takes 20 µs each."""
 
 
 class PlannerError(Exception):
@@ -44,27 +47,18 @@ class DamagedRecordingError(RecordingError):
 
 
 class UnusableRecordingError(RecordingError):
-    """Joint states that can't be used, with the facts found until then.
+    """A recording that could be read, but not used.
 
-    The facts are the counts of repairs, the topic, its number of messages, their joints, and notes
-    on the reading.
+    Attributes
+    ----------
+    findings : dict
+        Repairs until then, and facts on the messages, see
+        :class:`.repair.recording.CleanRecording`.
     """
 
-    def __init__(
-        self,
-        reason: str,
-        repairs: Mapping[str, int],
-        topic: str,
-        n_messages: int,
-        listed_joints: Iterable[str],
-        notes: Iterable[str],
-    ) -> None:
+    def __init__(self, reason: str, findings: Mapping[str, Any]) -> None:
         super().__init__(reason)
-        self.repairs = dict(repairs)
-        self.topic = topic
-        self.n_messages = n_messages
-        self.listed_joints = tuple(listed_joints)
-        self.notes = tuple(notes)
+        self.findings = dict(findings)
 
 
 class PrimitiveError(PlannerError):
@@ -152,7 +146,7 @@ def quote_names(names: Iterable[str]) -> str:
 def unknown_name(kind: str, name: str, valid: Iterable[str]) -> str:
     """Message for an unknown name, with the nearest valid name and all of them."""
     names = list(valid)
-    close = get_close_matches(name, names, n=1)
+    close = get_close_matches(name, names[:MAX_COMPARED], n=1)
     hint = f" (did you mean '{close[0]}'?)" if close else ""
     return f"no {kind} is called '{name}'{hint}; valid names: {quote_names(names)}"
 

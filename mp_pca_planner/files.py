@@ -21,17 +21,8 @@ from typing import Any, BinaryIO
 import yaml
 
 from .exceptions import PlannerError
+from .input_limits import INPUT_LIMITS
 
-MAX_TEXT_BYTES = 16 << 20
-"""Largest text file that is read: URDF, SRDF, CSV, JSON."""
-MAX_YAML_BYTES = 1 << 20
-"""Largest YAML text that is parsed."""
-MAX_YAML_DEPTH = 20
-"""Largest nesting depth of mappings and lists of YAML."""
-MAX_YAML_SCALAR = 1 << 16
-"""Most bytes of one value of YAML: parsing of integers takes time proportional to their square."""
-
-_MAX_REASON = 200
 _WORKSPACE = ".mp_pca_planner-tmp-"
 # Errors of parsers on unexpected content.
 _CONTENT_ERRORS = (
@@ -87,7 +78,7 @@ def open_regular(path: str | Path) -> BinaryIO:
     return file
 
 
-def read_bytes(path: str | Path, max_bytes: int = MAX_TEXT_BYTES) -> bytes:
+def read_bytes(path: str | Path, max_bytes: int = INPUT_LIMITS.text_bytes) -> bytes:
     """Read a regular file of at most `max_bytes`.
 
     Raises
@@ -104,7 +95,7 @@ def read_bytes(path: str | Path, max_bytes: int = MAX_TEXT_BYTES) -> bytes:
     return content
 
 
-def read_text(path: str | Path, max_bytes: int = MAX_TEXT_BYTES) -> str:
+def read_text(path: str | Path, max_bytes: int = INPUT_LIMITS.text_bytes) -> str:
     """Read a regular file of UTF-8 text, see :func:`read_bytes`; a byte order mark is removed."""
     return read_bytes(path, max_bytes).decode("utf-8-sig")
 
@@ -117,18 +108,24 @@ def load_yaml(text: str | bytes) -> Any:
     yaml.YAMLError, ValueError, …
         If the text is malformed or exceeds a bound: call it within :func:`reading`.
     """
-    if len(text) > MAX_YAML_BYTES:
-        raise ValueError(f"it is larger than {MAX_YAML_BYTES:,} bytes, the largest size accepted")
+    limits = INPUT_LIMITS
+    if len(text) > limits.yaml_bytes:
+        raise ValueError(
+            f"it is larger than {limits.yaml_bytes:,} bytes, the largest size accepted"
+        )
     depth = 0
     for event in yaml.parse(text, Loader=_Loader):
         depth += isinstance(event, yaml.CollectionStartEvent)
         depth -= isinstance(event, yaml.CollectionEndEvent)
-        if depth > MAX_YAML_DEPTH:
-            raise ValueError(f"it is nested more than {MAX_YAML_DEPTH} levels deep")
+        if depth > limits.yaml_depth:
+            raise ValueError(f"it is nested more than {limits.yaml_depth} levels deep")
         if isinstance(event, yaml.AliasEvent):
             raise ValueError(f"aliases of YAML (*{event.anchor:.40}) are not accepted")
-        if isinstance(event, yaml.ScalarEvent) and len(event.value.encode()) > MAX_YAML_SCALAR:
-            raise ValueError(f"a value has more than {MAX_YAML_SCALAR:,} bytes")
+        if (
+            isinstance(event, yaml.ScalarEvent)
+            and len(event.value.encode()) > limits.yaml_value_bytes
+        ):
+            raise ValueError(f"a value has more than {limits.yaml_value_bytes:,} bytes")
     return yaml.load(text, Loader=_Loader)
 
 
@@ -152,7 +149,7 @@ def _reason(error: BaseException) -> str:
     reason: str = getattr(error, "strerror", None) or " ".join(str(error).split())
     if isinstance(error, KeyError) or not reason:
         reason = f"{type(error).__name__} {reason}".strip()
-    return reason if len(reason) <= _MAX_REASON else reason[:_MAX_REASON] + "…"
+    return reason if len(reason) <= 200 else reason[:200] + "…"
 
 
 def write_whole(path: str | Path, content: bytes, *, overwrite: bool = False) -> None:

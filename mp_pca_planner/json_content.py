@@ -7,8 +7,8 @@ from __future__ import annotations
 import json
 from typing import Any
 
-# More digits of an integer exceed a float, and take long to convert.
-_MAX_DIGITS = 300
+from .input_limits import INPUT_LIMITS
+
 _WORDS = {
     str: "text",
     int: "an integer",
@@ -75,6 +75,6 @@ def _expect(fits: bool, name: str, expected: str, value: Any) -> None:
 
 
 def _bounded_integer(text: str) -> int:
-    if len(text) > _MAX_DIGITS:
-        raise ValueError(f"an integer has more than {_MAX_DIGITS} digits")
+    if len(text) > INPUT_LIMITS.json_digits:
+        raise ValueError(f"an integer has more than {INPUT_LIMITS.json_digits} digits")
     return int(text)

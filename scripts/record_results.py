@@ -1,21 +1,23 @@
 #!/usr/bin/env python3
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Record the tables that a command prints with ``--json``, for the documentation site.
+"""Record the tables of benchmarks, for doc/benchmarks.md and the documentation site.
 
-python3 scripts/record_results.py NAME COMMAND...
+python3 scripts/record_results.py [--data FOLDER] NAME...
 
-runs ``COMMAND... --json`` and writes doc/results/NAME.json: the tables, the command, the date, the
-commit and the machine. For example::
-
-    python3 scripts/record_results.py planning_speed python3 benchmarks/planning_speed.py
+runs the command of each name with ``--json`` and writes doc/results/NAME.json: the tables, the
+command, the date, the commit and the machine. Then it renews the marked tables in
+doc/benchmarks.md. Run it alone on the machine: most tables hold times. Some commands need data
+that are not shipped: FOLDER has them under the names in the commands.
 """
 
 from __future__ import annotations
 
+import argparse
 import json
 import os
 import platform
+import runpy
 import shlex
 import subprocess
 import sys
@@ -23,6 +25,33 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
+COMMANDS = {
+    "planning_speed": "python3 benchmarks/planning_speed.py",
+    "planning_cases": "python3 benchmarks/planning_cases.py --goals 40",
+    "growth": "python3 benchmarks/growth.py --problems 12",
+    "optimality": "python3 benchmarks/optimality.py --problems 13",
+    "time_budget": "python3 benchmarks/time_budget.py",
+    "starts": "python3 benchmarks/starts.py --problems 25",
+    "families": "python3 benchmarks/families.py --problems 25",
+    "self_collision": "python3 benchmarks/self_collision.py --problems 40",
+    "scenes": "python3 -m mp_pca_planner benchmark --scenes problems --problems 100",
+    "sequences": "python3 benchmarks/sequences.py",
+    "selection": "python3 benchmarks/selection.py --quality",
+    "benchmark_human_arm": "python3 -m mp_pca_planner benchmark --problems 200 --repeats 1 "
+    "--peer-problems 10",
+    "benchmark_panda": "python3 -m mp_pca_planner benchmark --robot panda --problems 200 "
+    "--repeats 1 --peer-problems 10",
+    "naturalness": "python3 benchmarks/naturalness.py joint_states --segments motions.csv "
+    "--by-label --robot config/human_arm.urdf --tip wrist",
+    "case_study": "python3 -m mp_pca_planner case_study --recordings markers "
+    "--segments motions.csv",
+    "moving_robot": "python3 benchmarks/moving_robot.py --events 1000",
+    "simulated_robots": "python3 benchmarks/simulated_robots.py",
+    "many_recordings": "python3 benchmarks/many_recordings.py",
+    "reading_speed": "python3 benchmarks/reading_speed.py --minutes 10",
+    "control_bound": "python3 benchmarks/control_bound.py",
+    "learning": "python3 benchmarks/learning.py",
+}
 
 
 def machine() -> str:
@@ -40,22 +69,38 @@ def commit() -> str:
     return subprocess.check_output(command, cwd=ROOT, text=True).strip()
 
 
-def main() -> None:
-    """Run the command and write its tables."""
-    name, *command = sys.argv[1:]
+def record(name: str, data: Path) -> None:
+    """Run a command and write its tables."""
+    words = shlex.split(COMMANDS[name])
+    found = [str(data / word) if (data / word).exists() else word for word in words[1:]]
     state, before = commit(), os.getloadavg()[0]
-    done = subprocess.run([*command, "--json"], check=True, stdout=subprocess.PIPE, text=True)
-    record = {
-        "command": shlex.join(command),
+    command = [sys.executable, *found, "--json"]
+    done = subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True, cwd=ROOT)
+    content = {
+        "command": COMMANDS[name],
         "date": f"{datetime.now(UTC):%Y-%m-%d}",
         "commit": state,
         "machine": machine(),
         "load": [before, os.getloadavg()[0]],
         "tables": json.loads(done.stdout)["tables"],
     }
-    file = ROOT / "doc/results" / f"{name}.json"
-    file.parent.mkdir(exist_ok=True)
-    file.write_text(json.dumps(record, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+    text = json.dumps(content, indent=1, ensure_ascii=False) + "\n"
+    (ROOT / f"doc/results/{name}.json").write_text(text, encoding="utf-8")
+
+
+def main() -> None:
+    """Record what is named."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument(
+        "names", nargs="+", choices=COMMANDS, metavar="NAME", help=", ".join(COMMANDS)
+    )
+    parser.add_argument("--data", type=Path, default=ROOT, help="folder of data in the commands")
+    arguments = parser.parse_args()
+    for name in arguments.names:
+        record(name, arguments.data.resolve())
+    page = ROOT / "doc/benchmarks.md"
+    with_results = runpy.run_path(str(ROOT / "doc/reference.py"))["with_results"]
+    page.write_text(with_results(page.read_text(encoding="utf-8")), encoding="utf-8")
 
 
 if __name__ == "__main__":

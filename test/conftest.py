@@ -4,6 +4,8 @@
 
 from __future__ import annotations
 
+import os
+import tempfile
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -18,6 +20,9 @@ from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Writer2
 from rosbags.typesys import Stores, get_typestore
 
+from mp_pca_planner.recordings.bags import Topic, open_bag
+from mp_pca_planner.recordings.joint_states import RawJointStates
+
 # The same examples on every run, and no verdict that depends on the machine's speed.
 hypothesis.settings.register_profile(
     "repeatable",
@@ -27,6 +32,10 @@ hypothesis.settings.register_profile(
     suppress_health_check=[hypothesis.HealthCheck.too_slow],
 )
 hypothesis.settings.load_profile("repeatable")
+
+# Commands of tests keep what they read apart from what users keep.
+_CACHE = tempfile.TemporaryDirectory()
+os.environ["MP_PCA_PLANNER_CACHE"] = _CACHE.name
 
 _SHARED = Path(__file__).resolve().parents[2] / "shared" / "data"
 SHARED_DATA = _SHARED if _SHARED.exists() else None
@@ -48,6 +57,18 @@ class Message:
     receive: int | None = None
     topic: str = "/joint_states"
     velocities: Sequence[float] | NDArray[np.float64] = ()
+
+
+def list_topics(path: Path, *, salvage: bool = False) -> tuple[Topic, ...]:
+    with open_bag(path, salvage=salvage) as bag:
+        return bag.topics
+
+
+def read_joint_states(
+    path: Path, topic: str, *, field: str | None = None, salvage: bool = False
+) -> RawJointStates:
+    with open_bag(path, salvage=salvage) as bag:
+        return bag.joint_states(topic, field=field)
 
 
 def bag_writer(path: Path, bag_format: str) -> tuple[Path, Writer1 | Writer2]:

@@ -11,6 +11,7 @@ from typing import Any
 
 from ..evaluation.method import Method, PeerResult
 from ..evaluation.problems import (
+    DEMONSTRATIONS_SEED,
     HUMAN_ARM,
     Scene,
     demonstrations_in,
@@ -24,7 +25,7 @@ from ..exceptions import PlannerError, quote_names
 from ..plotting.comparison import comparison_figure
 from ..plotting.drawing import picture
 from ..plotting.page import Table
-from ..plotting.text import table
+from ..plotting.text import cells, table
 from ..primitives.primitive import MovementPrimitive
 from ..primitives.primitive_library import load_primitives
 from ..robot.model import Robot
@@ -32,21 +33,18 @@ from .common import check_output, limits_of, named_peers, print_json, progress_b
 from .scenes import run_scenes
 from .terminal import DONE, say, written_lines
 
-_DEMONSTRATIONS_SEED = 1
-_LIMIT_S = 10.0
-_COLUMNS = (
-    ("effort_cost", ".4g"),
-    ("solve_time_s", ".2f", 1e3),
-    ("solve_time_99_s", ".2f", 1e3),
-    ("iterations", "g"),
-    ("limit_violation", ".1g"),
-    ("limits_active_share", ".0f", 100.0),
-    ("demo_distance_deg", ".2f"),
-    ("duration", ".2f"),
-    ("time_ratio", ".3g"),
-    ("cost_ratio", ".3g"),
-)
-"""Columns of the table: value, format, and factor of the unit."""
+_COLUMNS = {
+    "J": ("effort_cost", ".4g", 1.0),
+    "time [ms]": ("solve_time_s", ".2f", 1e3),
+    "99 %": ("solve_time_99_s", ".2f", 1e3),
+    "iterations": ("iterations", "g", 1.0),
+    "violation": ("limit_violation", ".1g", 1.0),
+    "active [%]": ("limits_active_share", ".0f", 100.0),
+    "from demo [°]": ("demo_distance_deg", ".2f", 1.0),
+    "T [s]": ("duration", ".2f", 1.0),
+    "time ratio": ("time_ratio", ".3g", 1.0),
+    "cost ratio": ("cost_ratio", ".3g", 1.0),
+}
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -54,14 +52,14 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.scenes is not None:
         given = arguments.primitives
         return run_scenes(arguments, None if given is None else _only_primitive(given))
-    if arguments.seed == _DEMONSTRATIONS_SEED:
+    if arguments.seed == DEMONSTRATIONS_SEED:
         raise PlannerError(f"--seed must not be {arguments.seed}, which chooses the demonstrations")
     check_output(arguments.plot, ".png", force=arguments.force)
     peers = named_peers(arguments.peers, list(PEERS))
     scene = _scene(arguments)
     draw = random_problems if arguments.random_ends else held_out_problems
     problems = draw(scene, arguments.problems, arguments.seed)
-    max_time = _LIMIT_S if arguments.time_limit is None else arguments.time_limit
+    max_time = arguments.time_limit or 10.0
     methods, absent = set_up(scene, peers, max_time)
     with progress_bar("planning", "problem") as progress:
         results = compare(
@@ -93,18 +91,14 @@ def _scene(arguments: argparse.Namespace) -> Scene:
     joints = primitive.joint_names if primitive else arguments.joints or usual_joints
     robot = Robot.from_file(urdf, joints)
     limits = limits_of(robot, arguments.limits)
-    motions = (
-        demonstrations_in(primitive)
-        if primitive
-        else demonstrations_of(name, robot, limits, 40, _DEMONSTRATIONS_SEED)
-    )
+    motions = demonstrations_in(primitive) if primitive else demonstrations_of(name, robot, limits)
     return Scene(name, urdf, robot, limits, tuple(motions), primitive)
 
 
 def _only_primitive(path: Path) -> MovementPrimitive:
     primitives = load_primitives([path])
     if len(primitives) != 1:
-        found = quote_names(p.name for p in primitives)
+        found = quote_names(primitives.names)
         raise PlannerError(f"--primitives must be one primitive, but there are {found}")
     return primitives[0]
 
@@ -147,10 +141,8 @@ def _table(facts: Mapping[str, Any]) -> Table:
     for name, summary in facts["summary"].items():
         values = summary | facts["ratios"][chosen][name]
         counts = f"{values['n_feasible']} / {values['n_solved']} / {values['n_problems']}"
-        rows.append([name, counts, *(_number(values[key], *form) for key, *form in _COLUMNS)])
-    header = ["method", "feasible / solved / of", "J", "time [ms]", "99 %", "iterations"]
-    header += ["violation", "active [%]", "from demo [°]", "T [s]", "time ratio", "cost ratio"]
-    return Table(header, rows)
+        rows.append([name, counts, *cells(values, _COLUMNS)])
+    return Table(["method", "feasible / solved / of", *_COLUMNS], rows)
 
 
 def _title(facts: Mapping[str, Any]) -> str:
@@ -182,10 +174,6 @@ def _text(facts: Mapping[str, Any]) -> list[str]:
             for name, problems in missed.items()
         ),
     ]
-
-
-def _number(value: float | None, form: str, factor: float = 1.0) -> str:
-    return "–" if value is None else format(factor * value, form)
 
 
 def _draw(

@@ -7,24 +7,27 @@ from __future__ import annotations
 import argparse
 import re
 from collections import Counter
-from dataclasses import asdict
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ..exceptions import RecordingError
+from ..control.law import with_gains_only
+from ..exceptions import PrimitiveError, RecordingError
 from ..files import write_whole
 from ..mocap.marker_joint_states import MarkerSource, marker_source
 from ..plotting.report import REPORT_SAMPLES, report_page
 from ..plotting.units import prismatic_joints, unit_of
 from ..plotting.variance import variance_report
-from ..primitives.build import build_from_statistics
-from ..primitives.file import save_primitive
+from ..primitives.build import build_from_statistics, options_to_update
+from ..primitives.file import load_primitive, save_primitive
 from ..primitives.motion_statistics import MotionStatistics
 from ..primitives.options import PrimitiveOptions
 from ..primitives.primitive import MovementPrimitive
+from ..recordings.cache import ReadingCache, default_folder
 from ..recordings.load import RecordingSet, load_recordings
 from ..recordings.repair import RepairOptions
 from ..recordings.segmentation import SegmentationOptions
@@ -38,11 +41,42 @@ _MAX_NAMES = 5  # names of recordings listed after a note
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the command; returns the exit status."""
-    output, force = arguments.output, arguments.force
-    check_output(output, ".npz", force=force)
+    old = _primitive_to_update(arguments)
+    output, force = arguments.output or arguments.update, arguments.force
+    check_output(output, ".npz", force=force or output == arguments.update)
     check_output(arguments.report, ".html", force=force)
     check_output(arguments.write_segments, ".csv", force=force)
-    options = PrimitiveOptions(
+    options = primitive_options(arguments)
+    if old is not None:
+        options = options_like(old, options)
+    robot = Robot.from_file(arguments.robot, arguments.joints) if arguments.robot else None
+    recordings = RecordingSet()
+    if arguments.bags:
+        like = old or robot
+        joints = arguments.joints if like is None else like.joint_names
+        known = [old.statistics] if old and old.statistics else []
+        recordings = load(
+            arguments, options, joints, REPORT_SAMPLES if arguments.report else 0, known
+        )
+        recordings.require_motion()
+    statistics = _statistics(recordings, options, old, arguments.remove)
+    name = arguments.name or (old.name if old else output.stem)
+    metadata = _origin(recordings, statistics, robot, old)
+    primitive = build_from_statistics(statistics, name, options, metadata)
+    page = report_page(recordings, primitive, options, robot) if arguments.report else ""
+    save_primitive(primitive, output, overwrite=force or output == arguments.update)
+    if arguments.report is not None:
+        write_whole(arguments.report, page.encode(), overwrite=force)
+    if arguments.write_segments is not None:
+        table = segments_table(statistics.motions)
+        write_whole(arguments.write_segments, table, overwrite=force)
+    _print(arguments, recordings, primitive, output)
+    return DONE
+
+
+def primitive_options(arguments: argparse.Namespace) -> PrimitiveOptions:
+    """The options of primitives that were given."""
+    return PrimitiveOptions(
         coupling=arguments.coupling,
         n_components=arguments.components,
         variance=arguments.variance,
@@ -50,64 +84,125 @@ def run(arguments: argparse.Namespace) -> int:
         degree=arguments.degree,
         align=arguments.align,
     )
-    robot = Robot.from_file(arguments.robot, arguments.joints) if arguments.robot else None
-    recordings = _load(arguments, options, robot)
-    recordings.require_motion()
-    statistics = (
-        MotionStatistics.merged(recordings.summaries)
-        if recordings.summaries
-        else MotionStatistics.of(recordings.demonstrations, options)
-    )
-    origin = {
-        "repairs": {report.name: report.repairs for report in recordings.reports},
-        "prismatic_joints": list(robot.prismatic_joints) if robot else [],
-    }
-    name = arguments.name or output.stem
-    primitive = build_from_statistics(statistics, name, options, origin)
-    page = report_page(recordings, primitive, options) if arguments.report else ""
-    save_primitive(primitive, output, overwrite=force)
+
+
+def _primitive_to_update(arguments: argparse.Namespace) -> MovementPrimitive | None:
+    """The primitive of --update, once the options fit together."""
+    if arguments.update is None:
+        if arguments.remove:
+            raise RecordingError("--remove takes recordings out of a primitive: give --update")
+        if not arguments.bags or arguments.output is None:
+            raise RecordingError("give at least one recording and --output, or --update")
+        return None
     if arguments.report is not None:
-        write_whole(arguments.report, page.encode(), overwrite=force)
-    if arguments.write_segments is not None:
-        table = segments_table(statistics.motions)
-        write_whole(arguments.write_segments, table, overwrite=force)
-    _print(arguments, recordings, primitive)
-    return DONE
+        raise RecordingError("--report shows the samples of all motions: leave out --update")
+    old = load_primitive(arguments.update)
+    if arguments.joints and tuple(arguments.joints) != old.joint_names:
+        raise RecordingError(f"'{old.name}' moves {old.joint_names}: leave out --joints")
+    return old
 
 
-def _load(
-    arguments: argparse.Namespace, options: PrimitiveOptions, robot: Robot | None
+def options_like(old: MovementPrimitive, given: PrimitiveOptions) -> PrimitiveOptions:
+    """The options of a primitive, changed where others than the defaults are given."""
+    default, kept = asdict(PrimitiveOptions()), options_to_update(old)
+    changed = {key: x for key, x in asdict(given).items() if x != default[key]}
+    for key in ("n_phases", "degree", "align"):
+        if key in changed and changed[key] != getattr(kept, key):
+            raise PrimitiveError(
+                f"'{old.name}' was built with {key.removeprefix('n_')} {getattr(kept, key)}: "
+                "build it again from the recordings to change that"
+            )
+    return replace(kept, **changed)
+
+
+def _statistics(
+    recordings: RecordingSet,
+    options: PrimitiveOptions,
+    old: MovementPrimitive | None,
+    removed: Sequence[str],
+) -> MotionStatistics:
+    """Statistics of the old motions and of the new ones."""
+    new = list(recordings.summaries)
+    if recordings.demonstrations and not new:
+        new = [MotionStatistics.of(recordings.demonstrations, options)]
+    if old is None or old.statistics is None:
+        return MotionStatistics.merged(new)
+    statistics = old.statistics.added(MotionStatistics.merged(new)) if new else old.statistics
+    return statistics.without(removed) if removed else statistics
+
+
+def _origin(
+    recordings: RecordingSet,
+    statistics: MotionStatistics,
+    robot: Robot | None,
+    old: MovementPrimitive | None,
+) -> dict[str, Any]:
+    """Metadata on the recordings, and what is kept of an earlier version."""
+    kept: dict[str, Any] = {}
+    if old is not None:
+        built = ("options", "angle_variance_ratio", "demonstrations")
+        gains = with_gains_only(old.metadata)
+        kept = {key: value for key, value in gains.items() if key not in built}
+    repairs = kept.get("repairs", {}) | {r.name: r.repairs for r in recordings.reports}
+    return kept | origin(statistics, repairs, robot, kept.get("prismatic_joints", []))
+
+
+def origin(
+    statistics: MotionStatistics,
+    repairs: Mapping[str, Any],
+    robot: Robot | None,
+    prismatic: Sequence[str] = (),
+) -> dict[str, Any]:
+    """Metadata: the repairs of the recordings that are in, and the prismatic joints."""
+    used = {motion.recording for motion in statistics.motions}
+    return {
+        "repairs": {name: counts for name, counts in repairs.items() if name in used},
+        "prismatic_joints": list(robot.prismatic_joints if robot else prismatic),
+    }
+
+
+def load(
+    arguments: argparse.Namespace,
+    options: PrimitiveOptions,
+    joints: Sequence[str] | None,
+    samples: int,
+    known: Sequence[MotionStatistics] = (),
 ) -> RecordingSet:
+    """Read the recordings of a set that known motions belong to, too."""
     # Dynamic time warping needs all motions at once.
     is_warped = options.align == "dtw"
-    report_samples = REPORT_SAMPLES if arguments.report else 0
     segmentation, markers = _segmentation(arguments), _marker_source(arguments)
     with progress_bar("reading", "B") as progress:
         return load_recordings(
             arguments.bags,
             topic=arguments.topic,
-            joints=arguments.joints if robot is None else robot.joint_names,
+            joints=joints,
+            known_extents=[extent for part in known for extent in part.extents.tolist()],
             segment=arguments.segment,
             segments_csv=arguments.segments,
             segmentation=segmentation,
             labels=arguments.label,
-            overviews=arguments.report is not None,
+            overviews=samples > 0,
             summarise=None if is_warped else partial(MotionStatistics.of, options=options),
-            most_samples=None if is_warped else report_samples,
+            most_samples=None if is_warped else samples,
             jobs=arguments.jobs,
             dask=arguments.dask,
             markers=markers,
             state_field=arguments.field,
             repair=RepairOptions(max_gap=arguments.max_gap),
             salvage=arguments.recover,
+            cache=None if arguments.no_cache else ReadingCache(default_folder()),
             progress=progress,
         )
 
 
 def _print(
-    arguments: argparse.Namespace, recordings: RecordingSet, primitive: MovementPrimitive
+    arguments: argparse.Namespace,
+    recordings: RecordingSet,
+    primitive: MovementPrimitive,
+    output: Path,
 ) -> None:
-    facts = _facts(recordings, primitive, arguments.output)
+    facts = _facts(recordings, primitive, output)
     if arguments.json:
         print_json(facts)
     else:

@@ -18,11 +18,11 @@ import numpy as np
 from ..evaluation.case_study import CaseStudy, study
 from ..exceptions import RecordingError
 from ..files import exists_already, write_whole
-from ..mocap.generated import GeneratedMarkers
 from ..mocap.marker_joint_states import marker_source
 from ..plotting.case_study_page import case_study_page, draw_pictures
 from ..plotting.case_study_tables import facts, summary, tables
 from ..plotting.page import require_pages
+from ..recordings.demonstrations import write_example_recording
 from ..recordings.load import RecordingSet, load_recordings
 from ..resources import config_file
 from ..robot.model import Robot
@@ -64,8 +64,8 @@ def _recordings(
     """The motions, and a sentence on their source."""
     if arguments.recordings is None:
         return _generated(arguments, progress), (
-            "Joint angles by inverse kinematics from generated markers, not those of real motions: "
-            "give --recordings for those of people."
+            "Joint angles of generated motions, not of real ones: give --recordings for those of "
+            "people."
         )
     names = ", ".join(map(str, arguments.recordings))
     source: dict[str, Any]
@@ -86,12 +86,9 @@ def _recordings(
 def _generated(arguments: argparse.Namespace, progress: Progress) -> RecordingSet:
     if arguments.segments is not None:
         raise RecordingError("--segments is for --recordings: the generated ones have no table")
-    files = config_file("human_arm.urdf"), config_file("human_arm_markers.yaml")
-    markers = marker_source(arguments.markers, *files)
     with tempfile.TemporaryDirectory() as folder:
-        bag = Path(folder) / "generated"
-        GeneratedMarkers().write(bag, markers)
-        return load_recordings([bag], markers=markers, jobs=1, progress=progress)
+        bag = write_example_recording(Path(folder) / "generated.mcap", 60)
+        return load_recordings([bag], progress=progress)
 
 
 def _write(

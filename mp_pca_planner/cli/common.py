@@ -15,7 +15,7 @@ from tqdm import tqdm
 
 from ..exceptions import PlannerError, unknown_name
 from ..files import check_writable, write_whole
-from ..motion.trajectory_files import check_format
+from ..motion.trajectory import check_format
 from ..robot.limits import JointLimits, read_limits_file
 from .terminal import say
 

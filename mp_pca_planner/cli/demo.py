@@ -24,10 +24,12 @@ from ..motion.trajectory import Trajectory
 from ..motion.validation import check_executable, check_limits
 from ..planning.plan import Plan, PlannerOptions
 from ..planning.planner import Planner
+from ..plotting.animation import at_frames, write_animation
 from ..plotting.arm import arm_figure
 from ..plotting.drawing import picture, require_matplotlib
 from ..plotting.motion import motion_figure
 from ..plotting.primitive import PHASES, primitive_figure
+from ..plotting.recording import runs
 from ..plotting.text import table
 from ..primitives.file import load_primitive
 from ..primitives.primitive import MovementPrimitive
@@ -48,6 +50,7 @@ from .terminal import DONE, FAILED, say
 
 _ARM = ("upper_arm", "lower_arm", "wrist")
 _GOOD = "executable"
+_RECORD = "commands.npz"
 _COLUMNS = (
     ("duration", 1.0, ".2f"),
     ("effort_cost", 1.0, ".2f"),
@@ -75,6 +78,8 @@ class DemoOptions:
         Longest time to wait for the arrival [s].
     start_error : float
         Largest difference between the measured starts here and in the node [rad].
+    n_animated : int
+        Motions of the robot in the animation.
     """
 
     n_demonstrations: int = 30
@@ -86,6 +91,7 @@ class DemoOptions:
     speed: float = 1e-5
     patience: float = 30.0
     start_error: float = 1e-6
+    n_animated: int = 4
 
 
 _OPTIONS = DemoOptions()
@@ -157,7 +163,7 @@ def _execute_over_topics(folder: Path, primitive_file: Path) -> list[_Served]:
     ros_arguments = ("--params-file", str(parameters), "--log-level", "warn")
     with Children() as children:
         children.start("planner_node", "--ros-args", *ros_arguments)
-        record = ("--record", str(folder / "commands.npz"), "--force")
+        record = ("--record", str(folder / _RECORD), "--force")
         children.start("simulate", "--robot", str(arm), "--start", start, *record)
         with GoalClient() as client, Monitor() as monitor:
             client.wait_for_node()
@@ -238,7 +244,8 @@ def _draw(
     robot: Robot,
     served: Sequence[_Served],
 ) -> list[Path]:
-    pictures = [folder / f"{name}.png" for name in ("primitive", "motion", "arm")]
+    names = ("primitive.png", "motion.png", "arm.png", "animation.gif")
+    pictures = [folder / name for name in names]
     motions = load_recordings([bag], joints=JOINT_NAMES).demonstrations
     shown = np.array([motion.time_normalised(PHASES.size) for motion in motions])
     title = "Demonstrations, and mean shape with principal components (±1 standard deviation)"
@@ -264,7 +271,22 @@ def _draw(
     }
     with picture(pictures[2], force=True) as figure:
         arm_figure(figure, chains, "The arm on its path to the goal", _ARM[-1])
+    # Motions away from the start: every other one.
+    demonstrated = [at_frames(motion.times, motion.positions) for motion in motions[:16:4]]
+    executed = _measured_motions(folder / _RECORD)[: _OPTIONS.n_animated]
+    arms = ([robot.frame_positions(q, _ARM) for q in some] for some in (demonstrated, executed))
+    write_animation(pictures[3], *arms, force=True)
     return pictures
+
+
+def _measured_motions(file: Path) -> list[FloatArray]:
+    """Measured positions in each interval in which the robot was commanded to move."""
+    with np.load(file) as record:
+        times, measured, is_moving = record["times"], record["measured"], record["v"].any(axis=1)
+    return [
+        at_frames(times[first : last + 1], measured[first : last + 1])
+        for first, last in runs(is_moving)
+    ]
 
 
 def _plan_again(robot: Robot, primitive: MovementPrimitive, basis: str, motion: Trajectory) -> Plan:

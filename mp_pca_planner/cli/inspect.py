@@ -5,22 +5,20 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Any
 
 import numpy as np
 
-from ..control.statement import control_statement
+from ..control.law import control_statement
 from ..exceptions import MAX_NAMES, PlannerError
-from ..mocap.markers import find_markers
 from ..plotting.text import table
 from ..plotting.units import prismatic_joints, unit_of
 from ..plotting.variance import variance_report
 from ..primitives.file import load_primitive
 from ..primitives.primitive import MovementPrimitive
 from ..recordings.bags import find_recordings
-from ..recordings.inspection import MarkerFinding, RecordingInspection, inspect_recording
+from ..recordings.inspection import RecordingInspection, inspect_recording
 from ..recordings.repair import REPAIRS
 from .common import print_json
 from .terminal import DONE, REFUSED, complain, say
@@ -56,7 +54,6 @@ def _contents(name: str, arguments: argparse.Namespace) -> list[tuple[dict[str, 
             arguments.topic,
             state_field=arguments.field,
             salvage=arguments.recover,
-            find_markers=find_markers,
         )
         for path in find_recordings([name])
     ]
@@ -66,7 +63,6 @@ def _contents(name: str, arguments: argparse.Namespace) -> list[tuple[dict[str, 
 def _recording_text(facts: RecordingInspection) -> list[str]:
     lines = [f"{facts.path} ({facts.format})"]
     lines += [f"  topic     {t.name}  {t.type}  {t.count} messages" for t in facts.topics]
-    lines += _marker_lines(facts.markers)
     if facts.topic is not None:
         lines.append(f"  looked at {facts.topic}: {facts.n_messages} messages")
     if facts.joint_names:
@@ -80,22 +76,6 @@ def _recording_text(facts: RecordingInspection) -> list[str]:
     if facts.refusal is not None:
         lines.append(f"  can't be used: {facts.refusal}")
     return lines
-
-
-def _marker_lines(markers: Sequence[MarkerFinding]) -> list[str]:
-    """One line for all markers with the same findings, because a robot has dozens of frames."""
-    alike: dict[str, list[str]] = {}
-    for m in markers:
-        found = (
-            f"on {m.topic}: {m.n_samples} samples"
-            + (f" at {m.rate:.1f} Hz" if m.rate is not None else "")
-            + f", {m.n_gaps} gaps, missing in {m.missing_share:.1%}"
-        )
-        alike.setdefault(found, []).append(m.name)
-    return [
-        f"  marker{'s' if names[1:] else ' '}   {', '.join(names)} {found}"
-        for found, names in alike.items()
-    ]
 
 
 def _primitive_facts(name: str, primitive: MovementPrimitive) -> dict[str, Any]:

@@ -11,7 +11,8 @@ from dataclasses import asdict
 from ..exceptions import PrimitiveError
 from ..plotting.text import table
 from ..primitives.file import load_primitive
-from ..primitives.versioned_library import Change, VersionedLibrary
+from ..primitives.library_journal import Change
+from ..primitives.versioned_library import VersionedLibrary
 from .common import print_json
 from .terminal import DONE, say
 

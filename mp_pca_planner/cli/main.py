@@ -20,6 +20,7 @@ from .terminal import DEBUG, DEBUG_HELP, OneLineParser, guard
 PROGRAM = "mp_pca_planner"
 COMMANDS = {
     "build_primitives": "recorded bags to a primitive file",
+    "build_library": "mixed recordings to a primitive for each kind of motion",
     "inspect": "what is in a bag or a primitive file",
     "plan": "one motion from primitive files, offline",
     "sequence": "one motion through several configurations, offline",
@@ -34,6 +35,7 @@ COMMANDS = {
     "save_motion": "the last motion of the running node as a primitive",
     "reload": "the primitive files read again by the running node",
     "simulate": "a simulated robot on ROS topics, with faults on demand",
+    "teach": "motions shown to the running robot, a primitive of them",
     "view": "robot, primitives and plans on a page in the browser",
     "planner_node": "the ROS 2 node",
 }

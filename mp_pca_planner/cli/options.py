@@ -14,7 +14,7 @@ from pathlib import Path
 
 from .option_types import count, duration, jobs, name_list, number, seconds, seed, whole
 from .parser import Options, parse_command
-from .ros_options import demo, reload, save_motion, send_goal, simulate, stop
+from .ros_options import demo, reload, save_motion, send_goal, simulate, stop, teach
 from .shared_options import add_node_options, add_report_options, add_via
 
 VALUES = "name=value,… or values in the robot description's joint order [rad or m]"
@@ -156,15 +156,41 @@ def verify(add: Options) -> None:
 
 def build_primitives(add: Options) -> None:
     """Learn a movement primitive from recorded bags and write it to a file."""
-    add("bags BAG", "ROS 1 .bag, rosbag2 folder, .db3, .mcap; globs and folders of bags", nargs="+")
+    add("bags BAG", "ROS 1 .bag, rosbag2 folder, .db3, .mcap; globs and folders of bags", nargs="*")
     _add_input(add.group("input"))
     _add_segmentation(add.group("cutting recordings into motions"))
-    _add_primitive(add.group("primitive"))
+    primitive = add.group("primitive")
+    primitive("--name", "name of the primitive (default: that of the file)")
+    _add_primitive(primitive)
     output = add.group("output")
-    output("--output FILE", "file to write", Path, required=True)
+    text = "primitive to add the recordings to; its options stay unless others are given"
+    output("--update FILE", text, Path)
+    text = "recordings to take out of --update, by name or checksum"
+    output("--remove a,b,c", text, name_list, ())
+    output("--output FILE", "file to write (default: that of --update)", Path)
     output("--report FILE.html", "page that shows what was found", Path)
     output("--write-segments FILE.csv", "motions as a table to edit, for --segments", Path)
     add_report_options(output, "the outputs")
+
+
+def build_library(add: Options) -> None:
+    """Find the kinds of motions in mixed recordings, and learn a primitive of each.
+
+    The primitives go into a folder that keeps every version; `plan` and the node accept it. Motions
+    that belong to no kind are kept apart. Recordings of other joints go into folders of their own.
+    """
+    add("bags BAG", "ROS 1 .bag, rosbag2 folder, .db3, .mcap; globs and folders of bags", nargs="*")
+    _add_input(add.group("input"))
+    _add_segmentation(add.group("cutting recordings into motions"))
+    kinds = add.group("kinds and their primitives")
+    kinds("--min-kind N", "least number of motions of a kind; fewer are outliers", count, 3)
+    _add_primitive(kinds)
+    output = add.group("output")
+    output("--output FOLDER", "the library", Path, required=True)
+    output.flag("--update", "add the recordings to the library, without reading the old ones again")
+    output("--remove a,b,c", "recordings to take out of it, by name or checksum", name_list, ())
+    output("--report FILE.html", "page that shows the kinds", Path)
+    add_report_options(output, "the report")
 
 
 def _add_input(add: Options) -> None:
@@ -173,6 +199,7 @@ def _add_input(add: Options) -> None:
     add("--robot URDF", "robot whose joints are used, or with which --joints are checked", Path)
     add("--markers TOPIC", "topic of markers to find joint angles from")
     add("--marker-map FILE.yaml", "places of the markers on the robot's links", Path)
+    add.flag("--no-cache", "neither keep what is read in ~/.cache nor use what is kept there")
     add("--max-gap S", "cut at longer gaps [s] (default: 0.5, or 5 usual periods)", seconds)
     workers = add.one_of()
     workers("--jobs N", "recordings to read at the same time", jobs, 1)
@@ -188,7 +215,6 @@ def _add_segmentation(add: Options) -> None:
 
 
 def _add_primitive(add: Options) -> None:
-    add("--name", "name of the primitive (default: that of the file)")
     add("--coupling", "a PCA of each", default="arm", choices=("joint", "arm"))
     size = add.one_of()
     size("--components K", "number of components", int)
@@ -254,7 +280,7 @@ def case_study(add: Options) -> None:
     It shows components of the motions, an arm-raising motion planned with them and with
     B-splines, and the distance of planned motions from human ones.
     """
-    add("--recordings BAG", "recordings of markers (default: generated ones)", nargs="+")
+    add("--recordings BAG", "recordings of markers (default: generated motions)", nargs="+")
     add("--markers TOPIC", "their topic", default="/markers")
     add("--joint-states TOPIC", "topic of joint states, if the recordings hold those")
     add("--robot URDF", "model (default: human_arm.urdf)", Path)
@@ -299,8 +325,9 @@ def view(add: Options) -> None:
 
 
 _COMMANDS = (
-    *(build_primitives, inspect, plan, sequence, refine, benchmark, library, verify, case_study),
-    *(demo, send_goal, stop, save_motion, reload, simulate, view),
+    *(build_primitives, build_library, inspect, plan, sequence, refine, benchmark, library),
+    *(verify, case_study),
+    *(demo, send_goal, stop, save_motion, reload, simulate, view, teach),
 )
 
 

@@ -8,9 +8,9 @@ import argparse
 from collections.abc import Mapping
 from typing import Any
 
-from ..motion.trajectory_files import trajectory_columns
 from ..planning.plan import Plan
-from ..plotting.drawing import draw_motion
+from ..plotting.drawing import picture
+from ..plotting.plan import plan_figure
 from .common import check_motion_file, check_output, print_json, write_motion
 from .requests import (
     PlannedRequest,
@@ -49,21 +49,15 @@ def _facts(request: PlannedRequest) -> dict[str, Any]:
     own: dict[str, Any] = {"weights": plan.solution.weights, "via_phases": list(plan.via_phases)}
     if plan.mode:
         own = {"durations": [motion.duration for motion in plan.motions]}
-    columns = trajectory_columns(plan.trajectory)
+    columns = plan.trajectory.columns()
     return plan.summary() | request.facts(plan.trajectory) | own | columns
 
 
 def _draw(arguments: argparse.Namespace, request: PlannedRequest) -> None:
-    plan = request.plan
-    drawn = f"{len(plan.motions)} segments" if plan.mode else f"'{plan.primitive}'"
-    draw_motion(
-        arguments.plot,
-        plan.trajectory,
-        title=f"{drawn}: {plan.message}",
-        limits=request.planner.limits,
-        prismatic=request.planner.robot.prismatic_joints,
-        force=arguments.force,
-    )
+    planner = request.planner
+    with picture(arguments.plot, force=arguments.force) as figure:
+        prismatic = planner.robot.prismatic_joints
+        plan_figure(figure, request.plan, planner.primitives, planner.limits, prismatic)
 
 
 def _text(request: PlannedRequest, facts: Mapping[str, Any]) -> list[str]:

@@ -12,12 +12,10 @@ from typing import Any
 from ..exceptions import LearningError
 from ..files import check_writable
 from ..learning.executions import measure_execution
-from ..learning.primitive_around import primitive_around
-from ..learning.refined_motion import RefinedMotion
+from ..learning.refined_motion import RefinedMotion, primitive_around
 from ..learning.refinement import AcceptedMotion, Refinement, RefinementOptions, refine
 from ..learning.trials import TrialLearner
 from ..motion.collision import NOT_CHECKED
-from ..motion.trajectory_files import trajectory_columns
 from ..primitives.file import save_primitive
 from .common import check_motion_file, check_output, print_json, write_motion
 from .options import parse
@@ -156,7 +154,7 @@ def _write_and_print(
     facts: dict[str, Any],
     lines: Sequence[str],
 ) -> None:
-    content = facts | trajectory_columns(accepted.trajectory)
+    content = facts | accepted.trajectory.columns()
     write_motion(arguments.trajectory, accepted.trajectory, content, force=arguments.force)
     if arguments.json:
         print_json(content)

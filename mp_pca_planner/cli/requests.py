@@ -60,8 +60,7 @@ class PlannedRequest:
     @property
     def primitives(self) -> list[MovementPrimitive]:
         """The primitive of each segment."""
-        known = {primitive.name: primitive for primitive in self.planner.primitives}
-        return [known[name] for name in self.plan.primitives]
+        return [self.planner.primitives.named(name) for name in self.plan.primitives]
 
     @property
     def passed(self) -> list[JointState]:

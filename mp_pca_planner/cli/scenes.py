@@ -20,37 +20,30 @@ from ..evaluation.scene_run import (
 )
 from ..exceptions import PlannerError
 from ..motion.collision import CollisionModel, package_folders
-from ..plotting.text import table
+from ..plotting.page import Table
+from ..plotting.text import cells, table
 from ..primitives.primitive import MovementPrimitive
 from ..resources import config_file
 from ..robot.model import Robot
 from .common import limits_of, named_peers, print_json, progress_bar
 from .terminal import DONE, say
 
-_LIMIT_S = 1.0
-_N_DEMONSTRATIONS, _DEMONSTRATIONS_SEED = 40, 1
-_COLUMNS = (
-    ("solved_share", ".0f", 100.0),
-    ("solved_in_100_ms_share", ".0f", 100.0),
-    ("n_collisions", "g"),
-    ("limits_kept_share", ".0f", 100.0),
-    ("time_of_all_s", ".0f", 1e3),
-    ("solve_time_s", ".0f", 1e3),
-    ("duration", ".2f"),
-    ("effort_cost", ".4g"),
-    ("path_length", ".2f"),
-    ("rms_jerk", ".3g"),
-    ("clearance", ".1f", 1e3),
-    ("effort_cost_ratio", ".2f"),
-    ("effort_cost_lower_share", ".0f", 100.0),
-    ("rms_jerk_lower_share", ".0f", 100.0),
-)
-"""Columns of the table: value, format, and factor of the unit."""
-_HEADER = (
-    *("method", "solved [%]", "in 100 ms [%]", "collisions", "limits kept [%]", "all [ms]"),
-    *("time [ms]", "T [s]", "J", "path [rad]", "jerk [rad/s³]", "clearance [mm]"),
-    *("J ratio", "J lower [%]", "jerk lower [%]"),
-)
+_COLUMNS = {
+    "solved [%]": ("solved_share", ".0f", 100.0),
+    "in 100 ms [%]": ("solved_in_100_ms_share", ".0f", 100.0),
+    "collisions": ("n_collisions", "g", 1.0),
+    "limits kept [%]": ("limits_kept_share", ".0f", 100.0),
+    "all [ms]": ("time_of_all_s", ".0f", 1e3),
+    "time [ms]": ("solve_time_s", ".0f", 1e3),
+    "T [s]": ("duration", ".2f", 1.0),
+    "J": ("effort_cost", ".4g", 1.0),
+    "path [rad]": ("path_length", ".2f", 1.0),
+    "jerk [rad/s³]": ("rms_jerk", ".3g", 1.0),
+    "clearance [mm]": ("clearance", ".1f", 1e3),
+    "J ratio": ("effort_cost_ratio", ".2f", 1.0),
+    "J lower [%]": ("effort_cost_lower_share", ".0f", 100.0),
+    "jerk lower [%]": ("rms_jerk_lower_share", ".0f", 100.0),
+}
 
 
 def run_scenes(arguments: argparse.Namespace, primitive: MovementPrimitive | None) -> int:
@@ -58,7 +51,7 @@ def run_scenes(arguments: argparse.Namespace, primitive: MovementPrimitive | Non
     if arguments.plot is not None or arguments.random_ends:
         raise PlannerError("--plot and --random-ends are not for --scenes: leave them out")
     peers = named_peers(arguments.peers, list(PEERS))
-    max_time = _LIMIT_S if arguments.time_limit is None else arguments.time_limit
+    max_time = arguments.time_limit or 1.0
     problems = scene_problems(arguments.scenes, arguments.problems)
     scene = _scene(arguments, problems[0], primitive)
     srdf = _existing(scene.urdf.with_suffix(".srdf"))
@@ -81,6 +74,7 @@ def run_scenes(arguments: argparse.Namespace, primitive: MovementPrimitive | Non
         ],
         "summary": summarise_scenes(results),
     }
+    facts["tables"] = {group: one._asdict() for group, one in _tables(facts).items()}
     if arguments.json:
         print_json(facts)
     else:
@@ -98,9 +92,7 @@ def _scene(
     robot = Robot.from_file(urdf, joints)
     limits = limits_of(robot, arguments.limits or _shipped_limits(urdf.stem))
     motions = (
-        demonstrations_in(primitive)
-        if primitive
-        else demonstrations_of(urdf.stem, robot, limits, _N_DEMONSTRATIONS, _DEMONSTRATIONS_SEED)
+        demonstrations_in(primitive) if primitive else demonstrations_of(urdf.stem, robot, limits)
     )
     return Scene(urdf.stem, urdf, robot, limits, tuple(motions), primitive)
 
@@ -122,9 +114,8 @@ def _text(facts: Mapping[str, Any]) -> list[str]:
         f"{facts['n_problems']} problems of '{facts['robot']}', {facts['n_joints']} joints, "
         f"within {facts['time_limit_s']:g} s"
     ]
-    for group, summary in facts["summary"].items():
-        rows = [_row(name, values) for name, values in summary.items()]
-        lines += ["", group, *table(rows, header=_HEADER).splitlines()]
+    for group, (header, rows) in _tables(facts).items():
+        lines += ["", group, *table(rows, header=header).splitlines()]
     return [
         *lines,
         "",
@@ -137,9 +128,12 @@ def _text(facts: Mapping[str, Any]) -> list[str]:
     ]
 
 
-def _row(name: str, values: Mapping[str, Any]) -> list[str]:
-    return [name, *(_number(values[key], *form) for key, *form in _COLUMNS)]
-
-
-def _number(value: float | None, form: str, factor: float = 1.0) -> str:
-    return "–" if value is None else format(factor * value, form)
+def _tables(facts: Mapping[str, Any]) -> dict[str, Table]:
+    """A table for each group of problems."""
+    return {
+        group: Table(
+            ["method", *_COLUMNS],
+            [[name, *cells(values, _COLUMNS)] for name, values in summary.items()],
+        )
+        for group, summary in facts["summary"].items()
+    }

@@ -43,7 +43,6 @@ def _simulate(arguments: argparse.Namespace, stop: threading.Event) -> int:
     robot = Robot.from_file(arguments.robot, arguments.joints)
     simulated = SimulatedRobot(
         robot,
-        robot.joint_names,
         _start(robot, arguments.start),
         seed=arguments.seed,
         plant=arguments.plant,

@@ -10,12 +10,17 @@ from typing import Any
 
 import numpy as np
 
-from ..control.closed_loop import ControlLoop, Sampling
-from ..control.errors import ErrorModel
-from ..control.law import KINDS, ControlLaw, controller_parameters, pair_law, paired_law
+from ..arrays import FloatArray
+from ..control.closed_loop import ControlLoop, ErrorModel, Sampling, Verification, verify
+from ..control.law import (
+    KINDS,
+    ControlLaw,
+    controller_parameters,
+    pair_law,
+    paired_law,
+    verified_case,
+)
 from ..control.stability import Stability, analyse
-from ..control.statement import verified_case
-from ..control.verification import Verification, verify
 from ..exceptions import ControlError
 from ..files import check_writable, write_whole
 from ..plotting.text import table
@@ -45,7 +50,7 @@ def run(arguments: argparse.Namespace) -> int:
     loop = ControlLoop(robot, law, trajectory, request.planner.limits.effort, sampling)
     stability, n, seed = analyse(loop, errors), arguments.trials, arguments.seed
     with progress_bar("simulations", "simulation") as progress:
-        found = verify(loop, errors, stability, n, seed=seed, progress=progress)
+        found = verify(loop, errors, stability.error_bound, n, seed=seed, progress=progress)
     facts = _facts(arguments, law, stability, found)
     facts["holds_for"] = verified_case(robot, trajectory)
     if output is not None:
@@ -80,12 +85,12 @@ def _choose_law(arguments: argparse.Namespace, request: PlannedRequest) -> Contr
     return ControlLaw.from_frequency(kind, robot, request.plan.trajectory, frequency, damping)
 
 
-def _gains(text: str, option: str, names: Sequence[str], described: Sequence[str]) -> list[float]:
+def _gains(text: str, option: str, names: Sequence[str], described: Sequence[str]) -> FloatArray:
     values = joint_values(text, described, option)
     missing = [name for name in names if name not in values]
     if missing:
         raise ControlError(f"{option} lacks a gain for {', '.join(missing)}")
-    return [values[name] for name in names]
+    return np.array([values[name] for name in names])
 
 
 def _facts(

@@ -3,11 +3,12 @@
 """The sampled closed loop: a reference, a law, and the robot's own dynamics.
 
 The controller samples the state and computes an effort, which acts `delay` samples later for one
-period, as in a real control loop.
+period, as in a real control loop. Robots that differ from the model verify an error bound.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -19,6 +20,70 @@ from ..exceptions import ControlError
 from ..motion.trajectory import Trajectory
 from ..robot.model import Robot
 from .law import COMPUTED_TORQUE, ControlLaw
+
+
+@dataclass(frozen=True, eq=False)
+class ErrorModel:
+    """Largest errors of a model and of a start.
+
+    Attributes
+    ----------
+    inertia : float
+        Relative error of the mass and of each principal moment of inertia of each link, all
+        independent of each other.
+    payload : float
+        Largest unknown mass at the end effector [kg].
+    frame : str or None
+        Link of the end effector; None means the last one.
+    position : float
+        Largest error of each joint at the start [rad or m].
+    velocity : float
+        The same of velocities [/s].
+
+    Raises
+    ------
+    ControlError
+        If one is negative, or inertias may vanish.
+    """
+
+    inertia: float = 0.05
+    payload: float = 0.0
+    frame: str | None = None
+    position: float = 0.001
+    velocity: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.inertia < 1.0:
+            raise ControlError(f"an error of inertias must be 0 to less than 1, got {self.inertia}")
+        for name in ("payload", "position", "velocity"):
+            value = getattr(self, name)
+            if not (np.isfinite(value) and value >= 0.0):
+                raise ControlError(f"the error of {name} must be a number ≥ 0, got {value}")
+
+    def sample(
+        self, robot: Robot, rng: np.random.Generator, *, extreme: bool = False
+    ) -> tuple[Robot, FloatArray, FloatArray]:
+        """One robot within the errors and its start errors: (robot, position, velocity).
+
+        Parameters
+        ----------
+        robot : Robot
+            The nominal one.
+        rng : Generator
+            Source of random numbers.
+        extreme : bool
+            Whether every error has its largest magnitude.
+        """
+
+        def draw(size: int | tuple[int, ...]) -> FloatArray:
+            values = rng.uniform(-1.0, 1.0, size)
+            return np.where(values < 0.0, -1.0, 1.0) if extreme else values
+
+        n, shape = robot.n_joints, robot.link_inertias.parts.shape[:2]
+        payload = self.payload * 0.5 * (1.0 + float(draw(1)[0]))
+        true = robot.with_link_inertias(1.0 + self.inertia * draw(shape))
+        true = true.with_payload(payload, self.frame)
+        return true, self.position * draw(n), self.velocity * draw(n)
 
 
 @dataclass(frozen=True)
@@ -217,3 +282,70 @@ def _integrate(
     k4 = rate(x + step * k3)
     x += step / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
     return x[0], x[1]
+
+
+@dataclass(frozen=True, eq=False)
+class Verification:
+    """Result of perturbed simulations of a closed loop.
+
+    Attributes
+    ----------
+    errors : array, shape (n_trials, n_joints)
+        Largest |q_d − q| of each simulation [rad or m].
+    worst_share : array, shape (n_trials,)
+        Largest error as a share of its bound at that time; infinite without a bound.
+    saturated : int
+        Simulations in which an effort was cut to its limit.
+    """
+
+    errors: FloatArray
+    worst_share: FloatArray
+    saturated: int
+
+    @property
+    def bound_held(self) -> int:
+        """Number of simulations in which no error exceeded its bound."""
+        return int(np.count_nonzero(self.worst_share <= 1.0))
+
+
+def verify(
+    loop: ControlLoop,
+    errors: ErrorModel,
+    error_bound: FloatArray | None,
+    n_trials: int,
+    *,
+    seed: int = 0,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+) -> Verification:
+    """Simulate the loop with robots that differ from the controller's model.
+
+    Parameters
+    ----------
+    loop : ControlLoop
+        The law and the motion.
+    errors : ErrorModel
+        Every second simulation draws from within these errors, the others have each of them at
+        its largest magnitude.
+    error_bound : array, shape (n_samples, n_joints), or None
+        The bound on |q_d − q| to verify.
+    n_trials : int
+        Simulations.
+    seed : int
+        Seed of the errors.
+    progress : callable
+        Called with (done, total).
+    """
+    rng = np.random.default_rng(seed)
+    worst = np.empty((n_trials, loop.model.n_joints))
+    shares = np.full(n_trials, np.inf)
+    saturated = 0
+    for trial in range(n_trials):
+        result = simulate(loop, *errors.sample(loop.model, rng, extreme=trial % 2 == 0))
+        magnitude = np.abs(result.errors)
+        worst[trial] = magnitude.max(axis=0)
+        if error_bound is not None:
+            floor = np.finfo(float).tiny
+            shares[trial] = float((magnitude / np.maximum(error_bound, floor)).max())
+        saturated += result.saturated > 0
+        progress(trial + 1, n_trials)
+    return Verification(worst, shares, saturated)

@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""The control law paired with a primitive ([P] Fig. 1, block 2).
+"""The control law paired with a primitive ([P] Fig. 1, block 2), and sentences on it.
 
 With the error e = q_d − q of the motion q_d and the model's M, h and inverse dynamics τ_d of it:
 
@@ -12,15 +12,14 @@ Siciliano et al., "Robotics: Modelling, Planning and Control", 2009, sections 8.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import yaml
-from numpy.typing import ArrayLike
 
-from ..arrays import FloatArray, frozen_array, set_frozen, unique_names
+from ..arrays import FloatArray, by_name, frozen_array, name_values, set_frozen, unique_names
 from ..exceptions import ControlError, PrimitiveFileError
 from ..motion.trajectory import Trajectory
 from ..primitives.primitive import MovementPrimitive
@@ -58,22 +57,13 @@ class ControlLaw:
     position_gains: FloatArray
     velocity_gains: FloatArray
 
-    def __init__(
-        self,
-        kind: str,
-        joint_names: Sequence[str],
-        position_gains: ArrayLike,
-        velocity_gains: ArrayLike,
-    ) -> None:
-        if kind not in KINDS:
-            raise ControlError(f"a control law must be one of {KINDS}, got {kind!r}")
-        names = unique_names(joint_names, "joints of a control law", ControlError)
-        set_frozen(self, kind=kind, joint_names=names)
-        for field, values in {
-            "position_gains": position_gains,
-            "velocity_gains": velocity_gains,
-        }.items():
-            gains = frozen_array(values, (len(names),), field, ControlError)
+    def __post_init__(self) -> None:
+        if self.kind not in KINDS:
+            raise ControlError(f"a control law must be one of {KINDS}, got {self.kind!r}")
+        names = unique_names(self.joint_names, "joints of a control law", ControlError)
+        set_frozen(self, joint_names=names)
+        for field in ("position_gains", "velocity_gains"):
+            gains = frozen_array(getattr(self, field), (len(names),), field, ControlError)
             if not np.all(gains > 0.0):
                 joint = names[int(gains.argmin())]
                 raise ControlError(
@@ -246,3 +236,53 @@ def controller_parameters(law: ControlLaw, controller: str) -> bytes:
     }
     content = {controller: {"ros__parameters": parameters}}
     return yaml.safe_dump(content, sort_keys=False).encode()
+
+
+NO_LAW = "none; run verify to pair one with this primitive"
+
+
+def verified_case(robot: Robot, trajectory: Trajectory) -> dict[str, Any]:
+    """The motion and the robot of an error bound, of JSON types."""
+    names, positions = trajectory.joint_names, trajectory.positions
+    return {
+        "start": by_name(names, positions[0]),
+        "goal": by_name(names, positions[-1]),
+        "duration": trajectory.duration,
+        "robot": robot.name,
+    }
+
+
+def control_statement(primitive: MovementPrimitive) -> str:
+    """Sentences on the control law of a primitive, also on one that can't be read."""
+    try:
+        law = paired_law(primitive)
+        if law is None:
+            return NO_LAW
+        known = known_stability(primitive)
+        if known is None:
+            return f"{law.kind}; no error bound: verify has not been run for this primitive"
+        if "holds_for" not in known:
+            return f"{law.kind}; the error bound is void: it names no motion, run verify again"
+        return f"{law.kind}; {_bound(primitive, known)}"
+    except (PrimitiveFileError, KeyError, TypeError, ValueError, AttributeError) as error:
+        return f"unusable: {error!r:.200}; run verify again"
+
+
+def _bound(primitive: MovementPrimitive, known: Mapping[str, Any]) -> str:
+    names = primitive.joint_names
+    if not known["bound_holds"]:
+        verdict = "no error bound"
+    else:
+        bound = dict(zip(names, known["error_bound"], strict=True))
+        verdict = f"errors stay within {name_values(bound)} rad or m"
+    case, assumed = known["holds_for"], known["assumed"]
+    # Names are in alphabetical order in files.
+    start, goal = ({name: case[end][name] for name in names} for end in ("start", "goal"))
+    return (
+        f"{verdict} on the motion from {name_values(start)} to {name_values(goal)} in "
+        f"{case['duration']:.6g} s of robot '{case['robot']}', if each mass and moment of inertia "
+        f"is within {100.0 * assumed['inertia_error']:g} %, the payload within "
+        f"{assumed['payload']:g} kg, the start within {assumed['start_error']:g} rad or m, the "
+        f"control period {1e3 * assumed['control_period']:g} ms, and the delay "
+        f"{assumed['delay']} samples"
+    )

@@ -38,18 +38,9 @@ import numpy as np
 
 from ..arrays import FloatArray
 from ..robot.model import Robot
-from .closed_loop import ControlLoop
-from .errors import ErrorModel
+from .closed_loop import ControlLoop, ErrorModel
 from .law import COMPUTED_TORQUE
 from .nominal_loop import NominalLoop, poles
-
-# Iterations towards bounds that map into themselves, and their relative excess at each.
-_MAX_ROUNDS = 1000
-_SETTLED = 1e-3
-# Relative size below which a response counts as decayed.
-_FORGOTTEN = 1e-8
-# Largest meaningful bound; above it, no bound is reported [SI].
-_MAX_BOUND = 1e4
 
 
 @dataclass(frozen=True)
@@ -68,6 +59,12 @@ class AnalysisOptions:
         Samples between two evaluations of the gains, which change slowly along a motion.
     n_pole_times : int
         Instants at which poles are computed.
+    max_rounds, excess : int, float
+        Iterations towards bounds that map into themselves, and their relative excess at each.
+    forgotten : float
+        Relative size below which a response counts as decayed.
+    max_bound : float
+        Largest meaningful bound; above it, no bound is reported [SI].
     """
 
     n_intervals: int = 40
@@ -75,6 +72,10 @@ class AnalysisOptions:
     safety: float = 1.5
     gain_period: int = 5
     n_pole_times: int = 25
+    max_rounds: int = 1000
+    excess: float = 1e-3
+    forgotten: float = 1e-8
+    max_bound: float = 1e4
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,10 +157,11 @@ def analyse(
     loop = NominalLoop(control, options.n_intervals)
     directions = _directions(model, errors)
     known = _known_responses(loop, directions, errors, options.safety)
-    gains = _peak_gains(loop, options.gain_period)
+    gains = _peak_gains(loop, options)
     changes = _parameter_changes(loop, directions, errors)
     loop_gain = float((gains.norms.sum(axis=1) @ changes.max(axis=0)).max())
-    rest = _rest(_Remainder(loop, control, errors, options), known, gains, changes)
+    remainder = _Remainder(loop, control, errors, options)
+    rest = _rest(remainder, known, gains, changes, options)
     slowest, damping, radius = poles(loop, options.n_pole_times)
     bound = effort_bound = None
     reserve = _reserve(np.abs(loop.feedforward), limits)
@@ -275,7 +277,7 @@ class _Gains(NamedTuple):
     rows: FloatArray
 
 
-def _peak_gains(loop: NominalLoop, period: int) -> _Gains:
+def _peak_gains(loop: NominalLoop, options: AnalysisOptions) -> _Gains:
     n, m = loop.n, len(loop.edges)
     # Columns: responses to unit efforts, weighted, in each step so far.
     x = np.zeros((2 * n, 0))
@@ -289,7 +291,7 @@ def _peak_gains(loop: NominalLoop, period: int) -> _Gains:
         effort[:, : delayed.shape[1]] = -delayed
         effort[:, -n:] = loop.root[k]
         x = np.concatenate([x, np.zeros((2 * n, n))], axis=1)
-        if k % period == 0 or k + 1 == len(loop.times) or loop.interval[k + 1] > later:
+        if k % options.gain_period == 0 or k + 1 == len(loop.times) or loop.interval[k + 1] > later:
             outputs = np.concatenate([x, loop.drift[k] @ x + loop.mass_inverse[k] @ effort])
             # Shape (3, n_impulses, n, n).
             blocks = outputs.reshape(3, n, -1, n).transpose(0, 2, 1, 3)
@@ -301,7 +303,7 @@ def _peak_gains(loop: NominalLoop, period: int) -> _Gains:
                 table[later, earlier] = np.maximum(table[later, earlier], sums)
         x = loop.transition[k] @ x + loop.input[k] @ effort
         if k % 100 == 99:
-            alive = _alive(x, n)
+            alive = _alive(x, n, options.forgotten)
             forgotten += alive
             x, pending = x[:, alive * n :], [part[:, alive * n :] for part in pending]
     return _Gains(norms, rows)
@@ -315,27 +317,31 @@ def _norms(matrices: FloatArray) -> FloatArray:
     return np.asarray(np.sqrt(np.minimum(sums, squares)))
 
 
-def _alive(x: FloatArray, n: int) -> int:
+def _alive(x: FloatArray, n: int, forgotten: float) -> int:
     """Index of the first response that has not decayed."""
     size = np.abs(x).max(axis=0).reshape(-1, n).max(axis=1)
-    return int(np.argmax(size > _FORGOTTEN * size.max()))
+    return int(np.argmax(size > forgotten * size.max()))
 
 
 def _rest(
-    remainder: _Remainder, known: _Known, gains: _Gains, changes: FloatArray
+    remainder: _Remainder,
+    known: _Known,
+    gains: _Gains,
+    changes: FloatArray,
+    options: AnalysisOptions,
 ) -> FloatArray | None:
     """Bounds ‖w‖ of each interval that map into themselves; None if there are none."""
     rest = np.zeros(len(changes))
-    for _ in range(_MAX_ROUNDS):
+    for _ in range(options.max_rounds):
         z = known.peaks + np.einsum("ljc,j->lc", gains.rows, rest)
         norms = known.norms + np.einsum("ljc,j->lc", gains.norms, rest)
-        if not z.max() < _MAX_BOUND:
+        if not z.max() < options.max_bound:
             return None
         needed = np.sum(changes * norms, axis=1) + remainder(z)
         if np.all(needed <= rest):
             return rest
         # Slightly larger bounds than needed, so that the iteration ends inside of its own image.
-        rest = np.maximum(rest, (1.0 + _SETTLED) * needed)
+        rest = np.maximum(rest, (1.0 + options.excess) * needed)
     return None
 
 

@@ -24,7 +24,7 @@ from .naturalness import (
     plan_like,
     planned,
 )
-from .paper import N_COMPONENTS, angle_components, free_bsplines, paper_method
+from .paper import PAPER_OPTIONS, angle_components, free_bsplines, paper_method
 
 PAPER = "components as in the paper"
 FREE_BSPLINES = "B-splines, free end velocities"
@@ -33,8 +33,24 @@ TABLE_3_METHODS = (BSPLINES, FREE_BSPLINES, PAPER, planned(0.0), OURS)
 FREE_ENDS = (FREE_BSPLINES, PAPER)
 """Methods that leave velocities and accelerations at the ends free; others end at rest."""
 
-_MIN_OF_ACTIVITY = 5  # least number of motions for a table of an activity
-_N_REPEATS = 9  # number of timed solutions
+
+@dataclass(frozen=True)
+class CaseStudyOptions:
+    """Numbers of the case study.
+
+    Attributes
+    ----------
+    min_of_activity : int
+        Least number of motions for a table of an activity.
+    n_repeats : int
+        Number of timed solutions.
+    """
+
+    min_of_activity: int = 5
+    n_repeats: int = 9
+
+
+_OPTIONS = CaseStudyOptions()
 
 
 @dataclass(frozen=True, eq=False)
@@ -180,7 +196,7 @@ def study(
         shares_by_activity={
             label: variance_shares(angle_components(members))
             for label, members in sorted(sets.items())
-            if label and len(members) >= _MIN_OF_ACTIVITY
+            if label and len(members) >= _OPTIONS.min_of_activity
         },
         raising=_raise_arm(chosen, robot, tip),
         held_out=held_out,
@@ -190,9 +206,9 @@ def study(
 
 def variance_shares(components: Sequence[PrincipalComponents]) -> FloatArray:
     """Shares of the variance of the first four, shape (n_joints, 4); zero where there are fewer."""
-    shares = np.zeros((len(components), N_COMPONENTS))
+    shares = np.zeros((len(components), PAPER_OPTIONS.n_components))
     for row, found in zip(shares, components, strict=True):
-        ratio = found.explained_variance_ratio[:N_COMPONENTS]
+        ratio = found.explained_variance_ratio[: PAPER_OPTIONS.n_components]
         row[: ratio.size] = ratio
     return shares
 
@@ -217,5 +233,5 @@ def _raise_arm(motions: Sequence[Demonstration], robot: Robot, tip: str) -> Rais
 
 def _repeated(attempt: Callable[[], Prediction]) -> Prediction:
     """One of several equal predictions, with their median time."""
-    found = [attempt() for _ in range(_N_REPEATS)]
+    found = [attempt() for _ in range(_OPTIONS.n_repeats)]
     return found[0]._replace(solve_time=float(np.median([p.solve_time for p in found])))

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.polynomial import legendre
@@ -47,22 +48,39 @@ TABLE_2 = {
 TABLE_3 = {"B-spline": (5.19594, 148.975), "PCA": (9.58805, 96.509)}
 """[P] Table 3: objective function value, and optimisation time [s]."""
 
-N_COMPONENTS = 4
-DEGREE = 4
-_N_PHASES = 101
 
-N_STARTS = 5
-"""Number of starts of the optimisation: the likeliest motion, and random ones."""
+@dataclass(frozen=True)
+class PaperOptions:
+    """Numbers of the method of [P].
 
-# Rows of velocities and accelerations among the boundary values of a motion.
-_END_RATES = (1, 2, 4, 5)
-# Standard deviation of random starts of B-splines [rad], similar to that of the paper's weights.
-_START_SPREAD = 0.2
+    Attributes
+    ----------
+    n_components : int
+        Components kept of each joint ([P] Table 2).
+    degree : int
+        Degree of their polynomials ([P] Section 4).
+    n_phases : int
+        Samples of a motion.
+    n_starts : int
+        Starts of the optimisation: the likeliest motion, and random ones.
+    start_spread : float
+        Standard deviation of random starts of B-splines [rad], similar to that of the paper's
+        weights.
+    """
+
+    n_components: int = 4
+    degree: int = 4
+    n_phases: int = 101
+    n_starts: int = 5
+    start_spread: float = 0.2
+
+
+PAPER_OPTIONS = PaperOptions()
 
 
 def angle_components(motions: Sequence[Demonstration]) -> list[PrincipalComponents]:
     """Components of the joint angles over time, joint by joint ([P] eq. (1)–(5))."""
-    angles = np.array([motion.time_normalised(_N_PHASES) for motion in motions])
+    angles = np.array([motion.time_normalised(PAPER_OPTIONS.n_phases) for motion in motions])
     return [fit_components(angles[:, :, j]) for j in range(angles.shape[2])]
 
 
@@ -87,7 +105,7 @@ def paper_basis(
     n_joints, phases = len(components), np.array([0.0, 1.0])
     means, functions = [], []
     for j, found in enumerate(components):
-        kept = found.truncated(N_COMPONENTS)
+        kept = found.truncated(PAPER_OPTIONS.n_components)
         # Scaled by standard deviations, so that the shortest vector of weights is the likeliest.
         scaled = kept.components * np.sqrt(kept.explained_variance)[:, None]
         mean, polynomials = _polynomials(kept.mean), _polynomials(scaled)
@@ -96,12 +114,12 @@ def paper_basis(
         weights = np.linalg.lstsq(at_ends, missing, rcond=None)[0]
         means.append(mean + weights @ polynomials)
         for direction in null_space(at_ends).T if at_ends.size else ():
-            function = np.zeros((n_joints, DEGREE + 1))
+            function = np.zeros((n_joints, PAPER_OPTIONS.degree + 1))
             function[j] = direction @ polynomials
             functions.append(function)
     return PolynomialBasis(
         np.array(means),
-        np.reshape(functions, (-1, n_joints, DEGREE + 1)),
+        np.reshape(functions, (-1, n_joints, PAPER_OPTIONS.degree + 1)),
         np.ones(len(functions)),
     )
 
@@ -139,9 +157,10 @@ def free_bsplines(robot: Robot) -> Predictor:
         basis = BSplineBasis(motion.n_joints)
         boundary = np.zeros((6, motion.n_joints))
         boundary[[0, 3]] = motion.positions[[0, -1]]
-        unknowns = Unknowns(basis.scales, boundary, motion.duration, free_rows=_END_RATES)
+        # The other rows are velocities and accelerations.
+        unknowns = Unknowns(basis.scales, boundary, motion.duration, free_rows=(1, 2, 4, 5))
         set_up = time.perf_counter() - began
-        starts = _starts(basis.n_weights, _START_SPREAD)
+        starts = _starts(basis.n_weights, PAPER_OPTIONS.start_spread)
         best, seconds = _least_effort(robot, QuadratureTables(basis), unknowns, starts)
         ends, _ = unknowns.boundary_at(best.unknowns)
         shape = basis.shape(unknowns.weights(best.unknowns), FINE_PHASES)
@@ -153,7 +172,7 @@ def free_bsplines(robot: Robot) -> Predictor:
 
 def _starts(n_weights: int, spread: float) -> FloatArray:
     """Weights to start from, shape (n_starts, n_weights); the likeliest ones first."""
-    starts = spread * np.random.default_rng(1).normal(size=(N_STARTS, n_weights))
+    starts = spread * np.random.default_rng(1).normal(size=(PAPER_OPTIONS.n_starts, n_weights))
     starts[0] = 0.0
     return starts
 
@@ -176,5 +195,5 @@ def _least_effort(
 
 def _polynomials(curves: FloatArray) -> FloatArray:
     """Legendre coefficients of least-squares fits to sampled curves, shape (..., degree + 1)."""
-    x = np.linspace(-1.0, 1.0, _N_PHASES)
-    return np.asarray(curves @ np.linalg.pinv(legendre.legvander(x, DEGREE)).T)
+    x = np.linspace(-1.0, 1.0, PAPER_OPTIONS.n_phases)
+    return np.asarray(curves @ np.linalg.pinv(legendre.legvander(x, PAPER_OPTIONS.degree)).T)

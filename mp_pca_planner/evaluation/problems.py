@@ -45,6 +45,8 @@ EXAMPLE_ROBOTS = {
     ),
 }
 HUMAN_ARM = "human_arm"
+DEMONSTRATIONS_SEED = 1
+"""Seed of the demonstrations; problems need another one."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,11 +105,11 @@ def scene_of(name: str, urdf: Path, joints: Sequence[str] | None, n_motions: int
     name, urdf, joints :
         The robot, see :func:`robot_file`.
     n_motions :
-        Number of demonstrations. They are drawn with the seed 1, so problems need another seed.
+        Number of demonstrations.
     """
     robot = Robot.from_file(urdf, joints)
     limits = robot.limits()
-    motions = demonstrations_of(name, robot, limits, n_motions, 1)
+    motions = demonstrations_of(name, robot, limits, n_motions)
     return Scene(name, urdf, robot, limits, tuple(motions))
 
 
@@ -157,7 +159,11 @@ def random_problems(scene: Scene, n_problems: int, seed: int) -> list[Problem]:
 
 
 def demonstrations_of(
-    name: str, robot: Robot, limits: JointLimits, n_motions: int, seed: int
+    name: str,
+    robot: Robot,
+    limits: JointLimits,
+    n_motions: int = 40,
+    seed: int = DEMONSTRATIONS_SEED,
 ) -> list[Demonstration]:
     """Generated motions of a robot: human-like ones for the human-like arm, else reaches."""
     if name == HUMAN_ARM:

@@ -13,12 +13,11 @@ import numpy as np
 
 from ..exceptions import MissingDependencyError, PlannerError
 from .check import RigidArm, judge
-from .collocation import slsqp_method
-from .drake_optimization import drake_method
 from .method import Method, PeerResult
 from .optimal_control import crocoddyl_method
 from .own import BSPLINE, planner_methods
 from .problems import Problem, Scene
+from .spline_peers import drake_method, slsqp_method
 from .without_optimisation import dmp_method, minimum_jerk_method, promp_method, ruckig_method
 
 PEERS: dict[str, Callable[[Scene, float], Method]] = {
@@ -35,9 +34,6 @@ PEERS: dict[str, Callable[[Scene, float], Method]] = {
 
 Results = Sequence[Mapping[str, PeerResult]]
 """For each problem, the results of the methods that were run on it, by method name."""
-
-# A method that has taken this long on one problem [s] is not repeated on it.
-_ENOUGH_TIME = 2.0
 
 
 def set_up(
@@ -101,7 +97,8 @@ def compare(
         found: dict[str, list[PeerResult]] = {method.name: [] for method in chosen}
         for repeat in range(repeats):
             for method in chosen if (i + repeat) % 2 == 0 else chosen[::-1]:
-                if sum(one.solve_time for one in found[method.name]) < _ENOUGH_TIME:
+                # A method that has taken 2 s on a problem is not repeated on it.
+                if sum(one.solve_time for one in found[method.name]) < 2.0:
                     found[method.name].append(_solve(method, problem))
         results.append({name: _judged(x, problem, arm, scene) for name, x in found.items()})
         progress(i + 1, len(problems))

@@ -17,7 +17,7 @@ import numpy as np
 
 from ..arrays import FloatArray
 from ..exceptions import PlannerError
-from ..files import MAX_YAML_BYTES, load_yaml, read_text, reading
+from ..files import load_yaml, read_text, reading
 
 # Folders above the problems in which the robot's description is searched.
 _LEVELS = 4
@@ -103,7 +103,7 @@ def scene_robot(problem: SceneProblem) -> Path:
         If there is none.
     """
     with reading(f"the scene '{problem.scene}'", PlannerError):
-        content = load_yaml(read_text(problem.scene, MAX_YAML_BYTES))
+        content = load_yaml(read_text(problem.scene))
         name = Path(str(content["robot_model_name"])).name
     for folder in list(problem.scene.resolve().parents)[:_LEVELS]:
         for path in (folder / f"{name}.urdf", folder / name / f"{name}.urdf"):
@@ -121,7 +121,7 @@ def _request_of(scene: Path) -> Path:
 def _problem(scene: Path) -> SceneProblem:
     path = _request_of(scene)
     with reading(f"the request '{path}'", PlannerError):
-        content = load_yaml(read_text(path, MAX_YAML_BYTES))
+        content = load_yaml(read_text(path))
         state = content["start_state"]["joint_state"]
         start = _positions(zip(state["name"], state["position"], strict=True))
         goals = [

@@ -20,7 +20,8 @@ from scipy.interpolate import BPoly
 
 from ..arrays import FloatArray
 from ..exceptions import PlannerError
-from ..files import MAX_YAML_BYTES, read_text, reading
+from ..files import read_text, reading
+from ..input_limits import INPUT_LIMITS
 from ..motion.trajectory import Trajectory
 from .check import RigidArm
 
@@ -166,7 +167,7 @@ def _hulls(geometry: Any) -> Any:
 def _obstacles(scene: Path) -> Iterator[tuple[str, Any, Any]]:
     """Name, shape and pose of each obstacle of a planning scene."""
     with reading(f"the scene '{scene}'", PlannerError):
-        content = yaml.load(read_text(scene, MAX_YAML_BYTES), Loader=_LOADER)
+        content = yaml.load(read_text(scene, INPUT_LIMITS.yaml_bytes), Loader=_LOADER)
         for one in content["world"]["collision_objects"]:
             for shape, pose in zip(one["primitives"], one["primitive_poses"], strict=True):
                 turn = pin.Quaternion(np.array(pose["orientation"], dtype=float)).normalized()

@@ -15,12 +15,12 @@ from scipy.interpolate import make_interp_spline
 
 from ..arrays import FloatArray
 from ..motion.trajectory import Trajectory
+from ..primitives.differences import FINE_PHASES
 from ..recordings.demonstration import Demonstration
 from .method import Method, PeerResult, import_peer
 from .problems import Problem, Scene
 
-_PHASES = np.linspace(0.0, 1.0, 101)
-_PERIOD = 0.01  # [s]
+_PHASES = FINE_PHASES[::10]
 
 
 def minimum_jerk_method(scene: Scene) -> Method:
@@ -143,7 +143,7 @@ def minimum_jerk(problem: Problem, phases: FloatArray) -> tuple[FloatArray, Floa
 
 def sample_times(duration: float) -> FloatArray:
     """Times of the points of a trajectory, at most 10 ms apart."""
-    return np.linspace(0.0, duration, int(np.ceil(duration / _PERIOD)) + 1)
+    return np.linspace(0.0, duration, int(np.ceil(duration / 0.01)) + 1)
 
 
 def _through(joints: tuple[str, ...], times: FloatArray, positions: FloatArray) -> Trajectory:

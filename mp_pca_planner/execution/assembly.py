@@ -17,9 +17,6 @@ from ..robot.model import Robot
 from .parameters import ParameterError, Settings
 from .preemptive_worker import IsCancelled
 
-# Longest time to precompute warm starts [s]: a starting node waits for it.
-_MAX_PRECOMPUTATION = 0.5
-
 
 class Cancellation:
     """Stops the planner when a goal is cancelled.
@@ -98,7 +95,7 @@ def assemble_model(urdf: str, primitives: Sequence[MovementPrimitive], settings:
     cancellation = Cancellation()
     options = replace(settings.planner_options, solver=SolverOptions(should_stop=cancellation))
     planner = Planner(planning_robot, primitives, limits, options, collision)
-    planner.precompute(_MAX_PRECOMPUTATION)
+    planner.precompute(0.5)  # a starting node waits that long [s]
     frame = settings.end_effector_frame
     if frame and frame not in robot.frame_names:
         reason = unknown_name("link of the robot description", frame, robot.frame_names)

@@ -1,14 +1,13 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Measured states of the last moments, deserialised only when they are needed."""
+"""Measured states of the last moments, converted only when they are needed."""
 
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol
 
 import numpy as np
 
@@ -18,19 +17,6 @@ from ..motion.goal import JointState
 from .options import FollowingOptions
 
 Clock = Callable[[], float]
-
-
-class StateReader(Protocol):
-    """Reads states from serialised messages."""
-
-    def names_all(self, message: bytes, joint_names: Sequence[str]) -> bool:
-        """Whether the message has all of these joints."""
-
-    def read(self, message: bytes, joint_names: Sequence[str]) -> JointState:
-        """Read the state of these joints; raises a `GoalError` if it is unusable."""
-
-    def stamp(self, message: bytes) -> float:
-        """When the state was measured by the clock of the robot [s]; 0 if unknown."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,24 +39,20 @@ class MeasuredSamples:
 class _Message:
     """A message, and when it was received by the receipt clock and by the clock of motions."""
 
-    content: bytes
+    read: Callable[[], JointState]
     received: float
     time: float
-    reader: StateReader
-    joint_names: tuple[str, ...]
 
     @cached_property
     def state(self) -> JointState:
-        return self.reader.read(self.content, self.joint_names)
+        return self.read()
 
 
 class MeasuredStates:
-    """Keeps the serialised states of the last moments.
+    """Keeps the states of the last moments.
 
     Parameters
     ----------
-    reader :
-        Reads messages.
     receipt_clock :
         The clock of message ages [s]: never set back.
     motion_clock :
@@ -82,6 +64,8 @@ class MeasuredStates:
 
     Attributes
     ----------
+    motion_clock, options
+        As given.
     joint_names : tuple of str
         The joints whose state is needed.
     n_incomplete : int
@@ -92,7 +76,6 @@ class MeasuredStates:
 
     def __init__(
         self,
-        reader: StateReader,
         receipt_clock: Clock,
         motion_clock: Clock,
         fetch: Callable[[], None] = lambda: None,
@@ -100,11 +83,10 @@ class MeasuredStates:
     ) -> None:
         self.joint_names: tuple[str, ...] = ()
         self.n_incomplete = self.n_unusable = 0
-        self._reader = reader
         self._receipt_clock = receipt_clock
-        self._motion_clock = motion_clock
+        self.motion_clock = motion_clock
         self._fetch = fetch
-        self._options = options = options or FollowingOptions()
+        self.options = options = options or FollowingOptions()
         # The planning thread reads a copy of them.
         self._kept: deque[_Message] = deque(maxlen=int(options.window / options.spacing))
         self._newest: _Message | None = None
@@ -117,23 +99,32 @@ class MeasuredStates:
         self._newest = None
         self._kept.clear()
 
-    def receive(self, content: bytes, age: float = 0.0) -> None:
+    def receive(
+        self,
+        joint_names: Collection[str],
+        read: Callable[[], JointState],
+        stamp: float = 0.0,
+        age: float = 0.0,
+    ) -> None:
         """Keep a message that has all joints; other publishers, such as a gripper's, send fewer.
 
         Parameters
         ----------
-        content : bytes
-            The serialised message.
+        joint_names : collection of str
+            The joints of the message.
+        read : callable
+            Returns the state of the joints that are needed; raises a `GoalError` if it is unusable.
+        stamp : float
+            When the state was measured by the clock of the robot [s]; 0 if unknown.
         age : float
-            Time since it was received [s].
+            Time since the message was received [s].
         """
-        if not self._reader.names_all(content, self.joint_names):
+        if not set(self.joint_names).issubset(joint_names):
             self.n_incomplete += 1
             return
-        received, time = self._receipt_clock() - age, self._motion_clock() - age
-        message = _Message(content, received, time, self._reader, self.joint_names)
-        stamp = self._reader.stamp(content)
-        is_kept = not self._kept or received - self._kept[-1].received >= self._options.spacing
+        received, time = self._receipt_clock() - age, self.motion_clock() - age
+        message = _Message(read, received, time)
+        is_kept = not self._kept or received - self._kept[-1].received >= self.options.spacing
         if is_kept and stamp != 0.0:
             self._delays.append(time - stamp)
         if stamp != 0.0 and self.clocks_agree:
@@ -157,9 +148,7 @@ class MeasuredStates:
     @property
     def clocks_agree(self) -> bool:
         """Whether the stamps are compatible with the clock of motions."""
-        return (
-            -self._options.max_stamp_lead <= self.clock_difference <= self._options.max_stamp_delay
-        )
+        return -self.options.max_stamp_lead <= self.clock_difference <= self.options.max_stamp_delay
 
     @property
     def clock_difference(self) -> float:
@@ -206,7 +195,7 @@ class MeasuredStates:
             messages.append(last)
         times, positions = [], []
         for message in messages:
-            if last is None or last.received - message.received > self._options.window:
+            if last is None or last.received - message.received > self.options.window:
                 continue
             try:
                 positions.append(message.state.positions)
@@ -221,7 +210,7 @@ class MeasuredStates:
         They are computed from positions: reported velocities are noisy, and many robots report
         none.
         """
-        options, samples = self._options, self.history()
+        options, samples = self.options, self.history()
         times, positions = samples.times, samples.positions
         v = np.array(state.velocities)
         if len(times) < 3 or times[-1] - times[0] < options.min_span:

@@ -5,7 +5,6 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -22,13 +21,11 @@ from .following import (
     Following,
     FollowingState,
     Publication,
+    ServoModel,
 )
-from .measured import Clock, MeasuredSamples, MeasuredStates, StateReader
-from .options import FollowingOptions
+from .measured import MeasuredSamples, MeasuredStates
 from .parameters import Settings
-from .published_motion import Joined, PublishedMotion
-from .servo import ServoModel
-from .tracking import Progress, TrackedMotion, locate
+from .published_motion import Joined, Progress, PublishedMotion, TrackedMotion, locate
 
 
 class MotionFollower:
@@ -36,28 +33,19 @@ class MotionFollower:
 
     Parameters
     ----------
-    reader, receipt_clock, motion_clock, fetch :
-        See `MeasuredStates`.
-    options :
-        Thresholds.
+    measured : MeasuredStates
+        The measured states, with the clock of motions and the thresholds.
 
     Attributes
     ----------
     measured : MeasuredStates
-        The measured states.
+        As given.
     """
 
-    def __init__(
-        self,
-        reader: StateReader,
-        receipt_clock: Clock,
-        motion_clock: Clock,
-        fetch: Callable[[], None] = lambda: None,
-        options: FollowingOptions | None = None,
-    ) -> None:
-        self._options = options or FollowingOptions()
-        self.measured = MeasuredStates(reader, receipt_clock, motion_clock, fetch, self._options)
-        self._motion_clock = motion_clock
+    def __init__(self, measured: MeasuredStates) -> None:
+        self.measured = measured
+        self._options = measured.options
+        self._motion_clock = measured.motion_clock
         # Goals are served in one thread, stops and reports in another.
         self._lock = threading.RLock()
         self._forget()

@@ -9,10 +9,13 @@ from __future__ import annotations
 
 import threading
 import time
+from collections import defaultdict, deque
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from typing import Any, Protocol
+
+import numpy as np
 
 from ..exceptions import GoalError
 from ..motion.goal import Goal, JointGoal, JointState
@@ -21,16 +24,75 @@ from ..motion.validation import check_executable, check_limits
 from .assembly import Model
 from .execution_monitor import ExecutionMonitor, ExecutionReport
 from .following import UnconfirmedError
-from .goal_planner import GoalPlanner, PlanRequest
-from .goal_statistics import GoalStatistics
+from .goal_planner import AnyPlan, GoalPlanner, PlanRequest
 from .measured import Clock
 from .options import ServingOptions
 from .preemptive_worker import CancelledError, IsCancelled
 from .published_motion import Joined, PublishedMotion
-from .served_goal import AnyPlan, Served
+from .served_goal import Served
 from .start_state import StartStates, TooLateError
 from .stopping import StopPlanner
 from .surroundings import Surroundings
+
+
+class GoalStatistics:
+    """Counts of goals and their latest times, for several threads.
+
+    Attributes
+    ----------
+    counts : dict of int
+        Goals by outcome: with a published motion, without one, the same as the one under way, and
+        preempted by newer ones or by a stop.
+    """
+
+    def __init__(self, options: ServingOptions | None = None) -> None:
+        self._options = options or ServingOptions()
+        self.counts = {"served": 0, "refused": 0, "under_way": 0, "overtaken": 0}
+        self._lock = threading.Lock()
+        # Enough times for a 99th percentile; older ones are discarded, because they may be
+        # outdated.
+        self._solve_times: deque[float] = deque(maxlen=1000)
+        # By kind: sequences take longer than single goals.
+        self._latencies: dict[type[Goal], deque[float]] = defaultdict(lambda: deque(maxlen=100))
+
+    def count(self, outcome: str) -> None:
+        """Count a goal with one of the outcomes of `counts`."""
+        with self._lock:
+            self.counts[outcome] += 1
+
+    def served(self, kind: type[Goal], solve_time: float, latency: float) -> None:
+        """Count a goal whose motion was published.
+
+        Parameters
+        ----------
+        kind : type
+            Kind of the goal.
+        solve_time : float
+            Time that the planner took [s].
+        latency : float
+            Time from choosing the start to publishing [s].
+        """
+        self.count("served")
+        with self._lock:
+            self._solve_times.append(solve_time)
+            self._latencies[kind].append(latency)
+
+    def expected_latency(self, kind: type[Goal]) -> float:
+        """Time from choosing a start to publishing that few goals of a kind exceed [s]."""
+        with self._lock:
+            recent = list(self._latencies[kind])
+        if not recent:
+            return self._options.initial_latency
+        return self._options.latency_margin * float(np.percentile(recent, 90))
+
+    def solve_time_percentiles(self) -> dict[str, float]:
+        """Percentiles of the latest solve times by name [s]; none before the first goal."""
+        with self._lock:
+            times = list(self._solve_times)
+        if not times:
+            return {}
+        return {f"solve_time_p{rank}_s": float(np.percentile(times, rank)) for rank in (50, 90, 99)}
+
 
 MakeGoal = Callable[[JointState], Goal]
 """Function that returns the goal of a motion, given its start state."""

@@ -38,6 +38,8 @@ class FollowingOptions:
         rate [1/s], and the change of that change [1/s²].
     max_rate : float
         Largest rate of a robot, > 1.
+    n_newest : int
+        Samples that the error of an estimated place is averaged over, ≥ 1.
     good_error : float
         Error above which the newer half of the window is fitted alone: the rate may have changed
         too fast for one fit.
@@ -111,6 +113,7 @@ class FollowingOptions:
     position_noise: float = 0.002
     prior: tuple[float, float, float, float] = (1.0, 0.3, 2.0, 40.0)
     max_rate: float = 1.2
+    n_newest: int = 5
     good_error: float = 3e-5
     servo_memory: float = 0.35
     servo_time: float = 0.2
@@ -154,6 +157,9 @@ class ServingOptions:
     max_lookahead : float
         Longest time that a joint goal is planned ahead [s]; by then, a displaced motion is
         published.
+    latency_margin, initial_latency : float
+        Expected time from choosing a start to publishing, as a multiple of the 90th percentile of
+        the latest ones, and before the first one [s].
     publishing_time : float
         Part of the time for planning that is left for the checks before publishing [s].
     confirmation_timeout, confirmation_period : float
@@ -183,6 +189,8 @@ class ServingOptions:
 
     max_attempts: int = 3
     max_lookahead: float = 0.25
+    latency_margin: float = 1.5
+    initial_latency: float = 0.1
     publishing_time: float = 0.02
     confirmation_timeout: float = 1.5
     confirmation_period: float = 0.01

@@ -14,9 +14,8 @@ from pathlib import Path
 from typing import Any
 
 from ..exceptions import MissingDependencyError, PlannerError, quote_names, unknown_name
-from ..planning.plan import BASES, MODES, OPTIMAL, PlannerOptions
+from ..planning.plan import PlannerOptions
 from ..planning.request import LONGEST_DURATION
-from ..planning.starts import MOST_STARTS
 
 AUTO = "auto"
 MEASURED = "measured"
@@ -69,8 +68,6 @@ class Declaration:
             return "true or false"
         if isinstance(self.default, float):
             return f"a number with a decimal point from {self.low:g} to {self.high:g}"
-        if isinstance(self.default, int):
-            return f"a whole number from {self.low:g} to {self.high:g}"
         if isinstance(self.default, tuple):
             return "a list of texts"
         return f"one of {quote_names(self.choices)}" if self.choices else "a text"
@@ -173,18 +170,6 @@ class Settings:
         if the limits require it. Sequences carry their own times.""",
         high=LONGEST_DURATION,
     )
-    basis: str = _declared(
-        BASES[0],
-        """Basis functions of motions: 'pca' (components of the primitive) or 'bspline' (6 control
-        points per joint); sequences always use components.""",
-        choices=BASES,
-    )
-    sequence_mode: str = _declared(
-        OPTIMAL,
-        """Planning of ~/goal_sequence: 'optimal' (least effort of the whole sequence) or
-        'real_time' (expected motions joined without optimisation, in milliseconds).""",
-        choices=MODES,
-    )
     naturalness: float = _declared(
         PlannerOptions.naturalness,
         """Cost of a motion one standard deviation away from the demonstrations, as a share of the
@@ -197,13 +182,6 @@ class Settings:
         "Longest time for the optimisation [s]; the best motion found by then is used.",
         low=1e-3,
         high=3600.0,
-    )
-    n_starts: int = _declared(
-        PlannerOptions.n_starts,
-        """Number of initial motions of the optimisation if naturalness is below 0.1. More starts
-        find a lower effort at times; the time grows in proportion.""",
-        low=1,
-        high=MOST_STARTS,
     )
     sample_period: float = _declared(
         PlannerOptions.sample_period,

@@ -54,9 +54,15 @@ class PreemptiveWorker(Generic[T]):
         self._thread = threading.Thread(target=self._run, name="planning", daemon=True)
         self._thread.start()
 
-    def submit(self, goal: T) -> None:
-        """Serve a goal as soon as possible."""
-        self._replace(goal)
+    def submit(self, goal: T | None, *, always_cancel: bool = False) -> None:
+        """Serve a goal as soon as possible, or none; it replaces the waiting one."""
+        with self._changed:
+            dropped, self._waiting = self._waiting, goal
+            if self._is_serving and (always_cancel or self._may_cancel):
+                self._is_cancelled = True
+            self._changed.notify_all()
+        if dropped is not None:
+            self._drop(dropped)
 
     def submit_if_idle(self, goal: T) -> bool:
         """Serve a goal unless another one is served or waits; return whether it is."""
@@ -74,23 +80,13 @@ class PreemptiveWorker(Generic[T]):
 
     def cancel(self) -> None:
         """Cancel the waiting and the served goal."""
-        self._replace(None, always_cancel=True)
+        self.submit(None, always_cancel=True)
 
     def close(self, timeout: float = 5.0) -> None:
         """Cancel all goals and end the thread, within the timeout [s] if the served goal ends."""
         self._is_closed = True
         self.cancel()
         self._thread.join(timeout)
-
-    def _replace(self, goal: T | None, *, always_cancel: bool = False) -> None:
-        """Replace the waiting goal, and cancel the served one."""
-        with self._changed:
-            dropped, self._waiting = self._waiting, goal
-            if self._is_serving and (always_cancel or self._may_cancel):
-                self._is_cancelled = True
-            self._changed.notify_all()
-        if dropped is not None:
-            self._drop(dropped)
 
     def _run(self) -> None:
         may_rest = False

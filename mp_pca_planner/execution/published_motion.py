@@ -16,26 +16,16 @@ import numpy as np
 
 from ..arrays import FloatArray
 from ..motion.goal import JointState
-from ..motion.interpolation import hermite_functions, segment_ends
+from ..motion.interpolation import interpolate_at, segment_ends
 from ..motion.trajectory import Trajectory
-
-# Messages state times in nanoseconds. Between points closer than this [s], that rounding is a
-# noticeable jerk.
-_MIN_STEP = 5e-3
-# Two motions closer than this [s] are joined without points in between.
-_MIN_LEAD = 1e-4
-
+from .measured import MeasuredSamples
+from .options import FollowingOptions
 
 TRANSPORT = 0.02
 """Longest time that a message takes to the controller [s]."""
 
 USUAL_TRANSPORT = 0.001
 """Usual time of a message to the next cycle of a controller on the same machine [s]."""
-
-
-def states_of(trajectory: Trajectory) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Positions, velocities and accelerations of a trajectory."""
-    return trajectory.positions, trajectory.velocities, trajectory.accelerations
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,18 +73,10 @@ class PublishedMotion:
         """
         points = self.trajectory
         if points.n_steps == 1:
-            q, v, a = (np.repeat(x, len(places), axis=0) for x in states_of(points))
+            q, v, a = (np.repeat(x, len(places), axis=0) for x in points.states)
             return q, v, a
         places = np.clip(places, 0.0, points.duration)
-        segment = np.searchsorted(points.times, places, "right") - 1
-        segment = np.clip(segment, 0, points.n_steps - 2)
-        steps = np.diff(points.times)[segment]
-        phases, ends = (places - points.times[segment]) / steps, self._ends[segment]
-        q, v, a = (
-            np.einsum("ki,kij->kj", hermite_functions(phases, d), ends) / steps[:, None] ** d
-            for d in range(3)
-        )
-        return q, v, a
+        return interpolate_at(places, points.times, self._ends)
 
     def rest(self, place: float) -> Trajectory:
         """The motion from a place before its end [s]; times count from there."""
@@ -113,13 +95,16 @@ class PublishedMotion:
             Places [s], the switch not before here.
         """
         lead = round(switch - here, 6)
-        if lead < _MIN_LEAD:
+        if lead < 1e-4:
             return rest
+        # Messages state times in nanoseconds; between nearer points, the rounding would be a
+        # noticeable jerk.
+        least = 5e-3
         old, begin = self.trajectory, switch - lead
-        inside = (old.times > begin + _MIN_STEP) & (old.times < switch - _MIN_STEP)
+        inside = (old.times > begin + least) & (old.times < switch - least)
         times = np.concatenate([[0.0], old.times[inside] - begin, rest.times + lead])
         first = self.sample(np.array([begin]))
-        columns = zip(first, states_of(old), states_of(rest), strict=True)
+        columns = zip(first, old.states, rest.states, strict=True)
         q, v, a = (np.vstack([x, y[inside], z]) for x, y, z in columns)
         efforts = None
         if old.efforts is not None and rest.efforts is not None:
@@ -129,7 +114,7 @@ class PublishedMotion:
 
     @cached_property
     def _ends(self) -> FloatArray:
-        return segment_ends(self.trajectory.times, *states_of(self.trajectory))
+        return segment_ends(self.trajectory.times, *self.trajectory.states)
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,7 +168,7 @@ class Joined:
         an error of each millisecond would be a jump where another motion continues this one.
         """
         times = np.concatenate([[0.0], trajectory.times + TRANSPORT])
-        q, v, a = (np.vstack([x[:1], x]) for x in states_of(trajectory))
+        q, v, a = (np.vstack([x[:1], x]) for x in trajectory.states)
         efforts = trajectory.efforts
         if efforts is not None:
             efforts = np.vstack([efforts[:1], efforts])
@@ -195,3 +180,127 @@ def hold(joint_names: Sequence[str], positions: FloatArray) -> Trajectory:
     """A trajectory of one point at rest."""
     zero = np.zeros((1, len(positions)))
     return Trajectory(joint_names, [0.0], [positions], zero, zero)
+
+
+@dataclass(frozen=True)
+class Progress:
+    """Place of a robot on a motion.
+
+    Attributes
+    ----------
+    time : float
+        When the robot was there [s].
+    place : float
+        The place [s].
+    rate : float
+        Rate at which the place advances: 1 for a robot on time, 0 for one that is held.
+    change : float
+        Rate at which the rate changes [1/s].
+    error : float
+        Mean distance of the newest samples from that place [rad or m].
+    """
+
+    time: float
+    place: float
+    rate: float = 1.0
+    change: float = 0.0
+    error: float = 0.0
+
+    def at(self, time: float) -> float:
+        """The place at another time [s]."""
+        since = time - self.time
+        if self.change < 0.0:
+            # A robot that slows down stops; it does not reverse.
+            since = min(since, -self.rate / self.change)
+        return self.place + self.rate * since + 0.5 * self.change * since**2
+
+
+@dataclass(frozen=True, eq=False)
+class TrackedMotion:
+    """A published motion and the place of a robot that follows it."""
+
+    motion: PublishedMotion
+    progress: Progress
+
+    def state(self, time: float, lag: float = 0.0) -> JointState:
+        """The commanded state at a time [s], for servos with this lag [s]."""
+        return self.motion.state(self.progress.at(time) + lag * self.progress.rate)
+
+
+def locate(
+    motion: PublishedMotion,
+    samples: MeasuredSamples,
+    prior: Progress,
+    now: float,
+    options: FollowingOptions,
+) -> Progress:
+    """Estimate where on a motion a robot is, from the measured positions of a short window.
+
+    A robot under speed scaling, or one that is held, lags along its path. Then its commanded state
+    follows from its place on the path, not from the clock. Place and rate are estimated together by
+    regularised least squares. Where the motion is slow, positions carry little information and the
+    prior dominates.
+
+    Parameters
+    ----------
+    motion : PublishedMotion
+        The motion.
+    samples : MeasuredSamples
+        Measured positions without the offset of the load.
+    prior : Progress
+        The last estimate.
+    now : float
+        The time that the progress is stated for [s].
+    options : FollowingOptions
+        Parameters of the estimation.
+    """
+    known, n = Progress(now, prior.at(now), prior.rate), len(samples.times)
+    if n == 0:
+        return known
+    cost, found = _fit(motion, samples, known, known, options)
+    if cost > n:
+        # A poor fit: the prior may be wrong, so the nearest place of the whole motion is tried,
+        # too.
+        places = np.linspace(0.0, motion.duration, 100)
+        away = motion.sample(places)[0] - samples.positions[-1]
+        nearest = float(places[np.square(away).sum(axis=1).argmin()])
+        start = Progress(now, nearest, known.rate)
+        other_cost, other = _fit(motion, samples, known, start, options)
+        found = other if other_cost < cost else found
+    if found.error <= options.good_error or n < 4 * options.n_newest:
+        return found
+    newer = MeasuredSamples(samples.times[-(n // 2) :], samples.positions[-(n // 2) :])
+    _, other = _fit(motion, newer, known, found, options)
+    # Half a window carries little information on the change of the rate.
+    return replace(other, change=found.change) if other.error < found.error else found
+
+
+def _fit(
+    motion: PublishedMotion,
+    samples: MeasuredSamples,
+    prior: Progress,
+    start: Progress,
+    options: FollowingOptions,
+) -> tuple[float, Progress]:
+    """Gauss-Newton steps for the place, the rate and its changes; returns cost and progress."""
+    since, noise = samples.times - prior.time, options.position_noise
+    powers = np.stack([np.ones_like(since), since, since**2 / 2.0, since**3 / 6.0])
+    precision = np.array(options.prior) ** -2.0
+    known, x = (np.array([one.place, one.rate, 0.0, 0.0]) for one in (prior, start))
+    best = float("inf"), start
+    for _ in range(6):
+        q, v, _ = motion.sample(x @ powers)
+        away = samples.positions - q
+        error = away / noise
+        cost = float(np.square(error).sum() + precision @ (x - known) ** 2)
+        if cost < best[0]:
+            distance = float(np.abs(away[-options.n_newest :].mean(axis=0)).max())
+            place, rate, change = (float(value) for value in x[:3])
+            best = cost, Progress(prior.time, place, rate, change, distance)
+        slopes = (powers[:, :, None] * v).reshape(len(x), -1) / noise
+        gradient = slopes @ error.ravel() + precision * (known - x)
+        step = np.linalg.solve(slopes @ slopes.T + np.diag(precision), gradient)
+        # A longer step than 0.2 s leaves the range in which the motion is nearly linear.
+        x = x + step * min(1.0, 0.2 / max(abs(step[0]), 1e-9))
+        x[:2] = np.clip(x[:2], 0.0, [np.inf, options.max_rate])
+    return best

@@ -11,19 +11,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..motion.goal import Goal, JointGoal, JointState, Pose, PoseGoal, SequenceGoal
-from ..planning.plan import Plan
-from .adaptation import AdaptedPlan
 from .assembly import Model
 from .published_motion import PublishedMotion
 from .start_state import MotionStart
 
 if TYPE_CHECKING:
+    from .goal_planner import AnyPlan
     from .trial_store import ServedTrial
 
 # Goals closer than this are the same [rad or m]: controllers and encoders resolve no more.
 _SAME = 1e-4
-
-AnyPlan = Plan | AdaptedPlan
 
 
 @dataclass(frozen=True, eq=False)

@@ -26,7 +26,7 @@ from ..robot.model import Robot
 from .assembly import Model
 from .following import UnconfirmedError
 from .options import ServingOptions
-from .published_motion import Joined, PublishedMotion, hold, states_of
+from .published_motion import Joined, PublishedMotion, hold
 from .start_state import StartStates, TooLateError
 
 # Durations of stops [s]: 0.05 to 88 s; the shortest that the limits allow is used.
@@ -258,7 +258,7 @@ def _rest_of(motion: PublishedMotion, place: float) -> Trajectory:
     old = motion.trajectory
     if place >= old.duration:
         return hold(old.joint_names, motion.end)
-    last = Trajectory(old.joint_names, [0.0], *(x[-1:] for x in states_of(old)))
+    last = Trajectory(old.joint_names, [0.0], *(x[-1:] for x in old.states))
     return motion.followed_by(last, old.duration, place)
 
 

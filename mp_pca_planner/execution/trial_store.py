@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Repeated goals, and the trials by which their motions are improved.
+"""Repeated goals, the trials by which their motions are improved, and motions that are kept.
 
 Two goals are the same if they have the same target and start near each other, at rest. The
 parameters of a scaling and warping are learned. They are applied to the motion that is planned
@@ -11,8 +11,9 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 import threading
-from collections import OrderedDict
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from itertools import count
 from pathlib import Path
@@ -22,18 +23,16 @@ import numpy as np
 
 from ..arrays import FloatArray
 from ..exceptions import GoalError, LearningError, PlannerError, TrajectoryError
-from ..learning.refined_motion import RefinedMotion
+from ..learning.refined_motion import RefinedMotion, primitive_around
 from ..learning.refinement import ExecutableMotions, RefinementCost, RefinementOptions, refine
 from ..learning.trials import TrialLearner, read_request
 from ..motion.goal import JointGoal, JointState
 from ..planning.plan import Plan
+from ..primitives.file import save_primitive
 from ..robot.model import Robot
 from .assembly import Model
-
-# Goals whose learners are kept in memory; the trials of others are in their files.
-_MAX_OPEN = 16
-# Trials of the same goal start within this distance of each other [rad or m].
-_NEAR = 0.02
+from .goal_planner import AdaptedPlan
+from .served_goal import Served
 
 
 @dataclass(eq=False)
@@ -59,20 +58,11 @@ class ServedTrial:
         1-based index of the trial among those of its goal.
     parameters : array, shape (1, N_PARAMETERS)
         How the planned motion was varied.
-    best_cost : float or None
-        The lowest cost of the trials before; None before any cost.
     """
 
     number: int
     parameters: FloatArray
-    best_cost: float | None
     learned: _LearnedGoal
-
-    @property
-    def facts(self) -> dict[str, str | float | int]:
-        """Values of the trial for the plan report."""
-        best = "none" if self.best_cost is None else self.best_cost
-        return {"trial": self.number, "best_trial_cost": best}
 
     def record(self, cost: float) -> None:
         """Report the cost of the trial.
@@ -134,7 +124,7 @@ class TrialStore:
     """The trials of all goals, in the parameter ``save_folder``; for the planning thread alone."""
 
     def __init__(self) -> None:
-        self._open: OrderedDict[Path, _LearnedGoal] = OrderedDict()
+        self._open: dict[Path, _LearnedGoal] = {}
 
     def vary(self, goal: JointGoal, plan: Plan, model: Model) -> tuple[Plan, ServedTrial]:
         """Replace a planned motion by the next trial of its goal.
@@ -163,7 +153,7 @@ class TrialStore:
         learned = self._learned(goal, plan, model)
         with learned.lock:
             proposed = learned.learner.propose().motion.parameters
-            number, best = len(learned.learner.trials) + 1, learned.learner.best
+            number = len(learned.learner.trials) + 1
         segments, options, collision = [plan.motion], _options(model), model.planner.collision
         judge = ExecutableMotions(segments, learned.robot, model.limits, options, collision)
         trajectory, check, parameters = plan.trajectory, plan.limit_check, 0.0 * proposed
@@ -184,8 +174,7 @@ class TrialStore:
             limit_check=check,
             solution=replace(plan.solution, effort_cost=effort),
         )
-        best_cost = None if best is None else best.cost
-        return varied, ServedTrial(number, parameters, best_cost, learned)
+        return varied, ServedTrial(number, parameters, learned)
 
     def _learned(self, goal: JointGoal, plan: Plan, model: Model) -> _LearnedGoal:
         """The learner of a goal: from memory, else from a file, else a new one."""
@@ -203,7 +192,6 @@ class TrialStore:
             learned = self._open.get(file)
             if learned is not None and learned.model is model and not learned.is_over:
                 if _is_near(learned.start, start):
-                    self._open.move_to_end(file)
                     return learned
             elif file.exists():
                 former = _start_in(file, start.joint_names)
@@ -229,8 +217,9 @@ class TrialStore:
         best = refine(*motion).motion.parameters
         learner = TrialLearner(*motion, start=best, state=file, request=stored)
         self._open[file] = _LearnedGoal(learner, robot, model, start, file)
-        while len(self._open) > _MAX_OPEN:
-            self._open.popitem(last=False)
+        if len(self._open) > 16:
+            # Its trials are in its file.
+            del self._open[next(iter(self._open))]
         return self._open[file]
 
 
@@ -267,4 +256,49 @@ def _start_in(file: Path, joint_names: tuple[str, ...]) -> JointState:
 
 
 def _is_near(one: JointState, other: JointState) -> bool:
-    return bool(np.abs(one.positions - other.positions).max() <= _NEAR)
+    """Whether two starts are near enough for trials of the same goal."""
+    return bool(np.abs(one.positions - other.positions).max() <= 0.02)
+
+
+def keep_motion(served: Served, folder: Path, provenance: Mapping[str, Any]) -> Path:
+    """Write a primitive of the motions around a published one to a new file.
+
+    If the goal is learned by trials, the best trial is kept, and its trials end.
+
+    Parameters
+    ----------
+    served : Served
+        The published motion.
+    folder : Path
+        Folder of the file, which is named after the primitive with the first free number.
+    provenance : mapping
+        Origin of the motion, of JSON types.
+
+    Raises
+    ------
+    PlannerError
+        If the motion is a sequence, no trial was better than the planned motion, or the file
+        can't be written.
+    """
+    plan, trial = served.plan, served.trial
+    if isinstance(plan, Plan) and plan.mode:
+        reason = "it is a sequence, and a primitive is made of the motion to a single goal"
+        raise GoalError(f"the last motion can't be kept: {reason}")
+    if isinstance(plan, AdaptedPlan):
+        reason = "it continues a running motion; send the goal again when the robot is at rest"
+        raise GoalError(f"the last motion can't be kept: {reason}")
+    library = served.model.planner.primitives
+    primitive = library.named(plan.primitive)
+    # Names may contain any characters, a path for example.
+    stem = re.sub(r"[^A-Za-z0-9_-]+", "_", primitive.name)[:100]
+    names = ((f"{primitive.name}_{k}", folder / f"{stem}_{k}.npz") for k in count(1))
+    name, file = next((n, f) for n, f in names if n not in library.names and not f.exists())
+    parameters = None
+    if trial is not None:
+        parameters, facts = trial.to_keep()
+        provenance = {**provenance, **facts}
+    motion = RefinedMotion([plan.motion], parameters)
+    save_primitive(primitive_around(primitive, motion, name, provenance), file)
+    if trial is not None:
+        trial.close()
+    return file

@@ -17,9 +17,6 @@ from ..motion.trajectory import Trajectory
 from ..motion.validation import interpolate
 from ..recordings.bags import JOINT_STATE, NS_PER_S, Bag, Stored, choose_topic, open_bag
 
-# Resolution of the search for the start of the motion in the recording [s].
-_STEP = 0.005
-
 
 @dataclass(frozen=True)
 class Execution:
@@ -40,7 +37,9 @@ class Execution:
     started: float
 
 
-def measure_execution(path: Path, trajectory: Trajectory, topic: str | None = None) -> Execution:
+def measure_execution(
+    path: Path, trajectory: Trajectory, topic: str | None = None, step: float = 0.005
+) -> Execution:
     """Find a trajectory's execution in a recording, and measure it.
 
     It starts where the recorded positions follow the desired ones best.
@@ -53,6 +52,8 @@ def measure_execution(path: Path, trajectory: Trajectory, topic: str | None = No
         The executed motion.
     topic : str, optional
         Topic of the joint states; the only one by default.
+    step : float
+        Resolution of the search for the start of the motion in the recording [s].
 
     Raises
     ------
@@ -63,13 +64,13 @@ def measure_execution(path: Path, trajectory: Trajectory, topic: str | None = No
     times, q, tau = _measured(path, topic, trajectory.joint_names)
     duration = float(trajectory.times[-1])
     spare = float(times[-1]) - duration
-    if spare < -_STEP:
+    if spare < -step:
         raise RecordingError(
             f"'{path}' lasts {times[-1]:.3f} s, but the executed motion {duration:.3f} s: "
             "record it from its start to its end"
         )
-    desired = interpolate(trajectory, _STEP)
-    starts = np.arange(0.0, max(spare, 0.0) + _STEP, _STEP)
+    desired = interpolate(trajectory, step)
+    starts = np.arange(0.0, max(spare, 0.0) + step, step)
     errors = [_distance(times - start, q, desired.times, desired.q) for start in starts]
     best = int(np.argmin(errors))
     grid = np.union1d(desired.times + starts[best], times)

@@ -4,30 +4,119 @@
 
 With x(s) = h(s) + (1 + α)(μ + Σ wₖ φₖ)(s), a refined segment is q(t) = x(σ(t / T)) with
 T = T₀ exp(δ): the amplitude α scales the shape between the end states, δ the duration, and
-the warp σ moves time. For all parameters, the segment starts and ends in the states of the
-original, so segments remain continuous.
+the monotone warp σ moves time. For all parameters, the segment starts and ends in the states of
+the original, so segments remain continuous.
+
+The warp is σ' = exp(u) with u = Σ cₖ bₖ − κ b₀ and functions bₖ = p²(1−p)² Pₖ(2p−1) of the phase p
+that vanish at both ends with their first derivative. For all parameters c, σ increases, σ' = 1 and
+σ'' = 0 at both ends. κ ensures σ(1) = 1.
+
+A primitive around a refined motion has the mean shape of the original one, displaced so that it
+predicts the motion for its end points; components and the conditional model are kept, so nearby
+requests give similar motions. Gains of a control law are kept; its error bound is removed, because
+it holds for another motion.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import cached_property
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cache, cached_property
+from typing import Any
 
 import numpy as np
+from numpy.polynomial import legendre
 
 from ..arrays import FloatArray, frozen_array, set_frozen
-from ..exceptions import PlannerError
+from ..control.law import with_gains_only
+from ..exceptions import LearningError, PlannerError
 from ..motion.trajectory import Trajectory
 from ..planning.motion import Motion
+from ..primitives.basis import end_vanishing_coefficients, legendre_values
 from ..primitives.boundary import boundary_values, hermite_functions
+from ..primitives.pace import PacedBasis
+from ..primitives.primitive import MovementPrimitive
 from ..robot.model import Robot
-from .warp import N_WARP_PARAMETERS, evaluate_warp
+
+N_WARP_PARAMETERS = 3
+"""Parameters of a warp: towards an end, towards the middle, and both."""
 
 AMPLITUDE, LOG_DURATION = 0, 1
 WARP = slice(2, 2 + N_WARP_PARAMETERS)
 N_PARAMETERS = 2 + N_WARP_PARAMETERS
 """Parameters of a segment: α, δ and those of the warp; zeros leave it unchanged."""
+
+
+@dataclass(frozen=True, eq=False)
+class WarpValues:
+    """A warp at some phases, with its derivatives by phase and by parameter.
+
+    Attributes
+    ----------
+    values : array, shape (3, n_steps)
+        σ, σ' and σ''.
+    by_parameter : array, shape (3, n_steps, n_parameters)
+        Their derivatives by the parameters.
+    """
+
+    values: FloatArray
+    by_parameter: FloatArray
+
+
+def evaluate_warp(parameters: FloatArray, phases: FloatArray) -> WarpValues:
+    """Evaluate a warp.
+
+    Parameters
+    ----------
+    parameters : array, shape (n_parameters,)
+        c; zeros are the identity.
+    phases : array, shape (n_steps,)
+        Phases p in [0, 1].
+    """
+    quadrature, analysis, table = _warp_tables()
+    bump, bumps = table[:, 0], table[:, 1:]
+    kappa = _normalising(bumps @ parameters, bump, quadrature)
+    rate = quadrature * np.exp(bumps @ parameters - kappa * bump)
+    # κ follows the parameters so that the integral of σ' stays 1.
+    admissible = bumps - bump[:, None] * ((rate @ bumps) / (rate @ bump))
+    # Columns: of the values, then of their derivatives by each parameter.
+    exponents = (analysis @ np.column_stack([bumps @ parameters - kappa * bump, admissible])).T
+    u, bend = (legendre_values(exponents, phases, d) for d in (0, 1))
+    ratio = np.exp(u[:, :1])
+    rates = np.hstack([ratio, ratio * u[:, 1:]])
+    bends = np.hstack([ratio * bend[:, :1], rates[:, 1:] * bend[:, :1] + ratio * bend[:, 1:]])
+    at_nodes = (rate / quadrature)[:, None] * np.column_stack([np.ones(len(rate)), admissible])
+    # dp = dx / 2, and σ(0) = 0.
+    integrals = legendre.legint((analysis @ at_nodes).T, scl=0.5, lbnd=-1.0, axis=1)
+    shares = legendre_values(np.asarray(integrals, dtype=np.float64), phases)
+    tables = np.stack([shares, rates, bends])
+    return WarpValues(tables[:, :, 0], tables[:, :, 1:])
+
+
+@cache
+def _warp_tables() -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Weights of nodes; Legendre coefficients of values at them; b₀ (1 in the middle) … there."""
+    # exp(u) is analytic: so many nodes give it to rounding for parameters of a few units.
+    n_nodes = 40
+    nodes, quadrature = legendre.leggauss(n_nodes)
+    values = legendre.legvander(nodes, n_nodes - 1)
+    analysis = (values * quadrature[:, None] * (np.arange(n_nodes) + 0.5)).T
+    phases = (nodes + 1.0) / 2.0
+    bump = 16.0 * (phases * (1.0 - phases)) ** 2
+    return quadrature, analysis, bump[:, None] * values[:, : N_WARP_PARAMETERS + 1]
+
+
+def _normalising(exponent: FloatArray, bump: FloatArray, quadrature: FloatArray) -> float:
+    """The κ that makes the integral of exp(exponent − κ bump) over phase 1."""
+    kappa = 0.0
+    for _ in range(50):
+        rate = quadrature * np.exp(exponent - kappa * bump) / 2.0
+        excess = float(rate.sum()) - 1.0
+        # The integral is convex in κ and decreasing: Newton's method converges monotonically.
+        kappa += excess / float(rate @ bump)
+        if abs(excess) < 1e-14:
+            break
+    return kappa
 
 
 @dataclass(frozen=True, eq=False)
@@ -180,3 +269,81 @@ def segment_states(segment: Motion, parameters: FloatArray, phases: FloatArray) 
 def _boundary(segment: Motion, duration: float) -> FloatArray:
     ends = [(x.positions, x.velocities, x.accelerations) for x in (segment.start, segment.goal)]
     return boundary_values(ends[0], ends[1], duration)
+
+
+def primitive_around(
+    primitive: MovementPrimitive,
+    motion: RefinedMotion,
+    name: str,
+    provenance: Mapping[str, Any],
+) -> MovementPrimitive:
+    """Make a primitive of a refined motion.
+
+    Parameters
+    ----------
+    primitive : MovementPrimitive
+        The primitive of the original motion.
+    motion : RefinedMotion
+        The refined motion, of one segment.
+    name : str
+        Name of the new primitive.
+    provenance : mapping
+        Facts on its origin, of JSON types; the name of the original primitive is added.
+
+    Returns
+    -------
+    family : MovementPrimitive
+        Of the same joints, coupling and degree. Its `fit_residual` is an upper bound.
+
+    Raises
+    ------
+    LearningError
+        If the motion has several segments.
+    """
+    if len(motion.segments) != 1:
+        raise LearningError(
+            f"a primitive is made of one motion, got a sequence of {len(motion.segments)}: "
+            "keep its segments one by one"
+        )
+    (segment,) = motion.segments
+    start, goal = segment.start.positions, segment.goal.positions
+    slower = motion.duration / segment.duration
+    phases = np.linspace(0.0, 1.0, 201)
+    requests = primitive.model.requests.copy()
+    requests[:, -1] += np.log(slower)
+    model = replace(primitive.model, requests=requests)
+    expected = model.predict(start, goal, motion.duration)
+    beyond = np.tensordot(expected.weights, primitive.component_coefficients, axes=1)
+    mean = _shape_coefficients(motion, primitive, expected.pace, phases) - beyond
+    moved = legendre_values(mean - primitive.mean_coefficients, phases)
+    return replace(
+        primitive,
+        name=name,
+        metadata=with_gains_only(primitive.metadata)
+        | {"refined_from": {"name": primitive.name, **provenance}},
+        mean_coefficients=mean,
+        durations=primitive.durations * slower,
+        # The triangle inequality: the old residual, and the displacement of the mean.
+        fit_residual=primitive.fit_residual + np.sqrt(np.mean(moved**2, axis=0)),
+        model=model,
+    )
+
+
+def _shape_coefficients(
+    motion: RefinedMotion, primitive: MovementPrimitive, pace: FloatArray, phases: FloatArray
+) -> FloatArray:
+    """Legendre coefficients, in aligned phase, of a motion less its boundary part.
+
+    Their shape is (n_joints, degree + 1).
+    """
+    (segment,) = motion.segments
+    aligned = phases
+    if np.any(pace):
+        aligned = PacedBasis(primitive.basis, np.zeros(primitive.n_joints), pace).aligned_phases(
+            phases
+        )
+    q, _, _ = motion.evaluate(phases * motion.duration)
+    shape = q - hermite_functions(aligned) @ _boundary(segment, motion.duration)
+    admissible = end_vanishing_coefficients(primitive.degree)
+    weights, *_ = np.linalg.lstsq(legendre_values(admissible, aligned), shape, rcond=None)
+    return np.asarray(weights.T @ admissible)

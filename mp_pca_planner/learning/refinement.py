@@ -24,13 +24,6 @@ from .refined_motion import AMPLITUDE, LOG_DURATION, N_PARAMETERS, RefinedMotion
 from .refinement_terms import LimitConstraints
 from .refinement_terms import RefinementCost as RefinementCost
 
-# Distance to a limit, as a share of it, within which it is an initial constraint.
-_NEAR = 0.4
-# Optimisations, each with the violations of the one before as constraints.
-_MAX_ROUNDS = 6
-# Factors that reduce a refinement that violates limits or in which links collide.
-_RETREATS = (0.95, 0.8, 0.5, 0.25)
-
 
 @dataclass(frozen=True)
 class RefinementOptions:
@@ -56,8 +49,17 @@ class RefinementOptions:
         fast or slow.
     margin : float
         Share of each limit that is kept free, because constraints hold only at some phases.
+    near : float
+        Distance to a limit, as a share of it, within which it is an initial constraint.
+    max_rounds : int
+        Optimisations, each with the violations of the one before as constraints.
+    retreats : tuple of float
+        Factors that reduce a refinement that violates limits or in which links collide.
     first_step : float
         Standard deviation of the parameters of the first trials.
+    max_halvings : int
+        A proposed trial that violates limits is moved half-way to the best motion at most this
+        often; then the best motion itself is proposed.
     seed : int
         Seed of the trials: the same seed and costs give the same trials.
 
@@ -75,7 +77,11 @@ class RefinementOptions:
     max_time_factor: float = 3.0
     max_warp: float = 3.0
     margin: float = 1e-3
+    near: float = 0.4
+    max_rounds: int = 6
+    retreats: tuple[float, ...] = (0.95, 0.8, 0.5, 0.25)
     first_step: float = 0.2
+    max_halvings: int = 8
     seed: int = 0
 
     def __post_init__(self) -> None:
@@ -180,7 +186,7 @@ def refine(
     best_cost, iterations = before[1], 0
     kept = LimitConstraints(len(segments), robot, limits, options.margin)
     start = np.zeros(len(segments) * N_PARAMETERS)
-    for _ in range(_MAX_ROUNDS):
+    for _ in range(options.max_rounds):
         found = _minimise(cost, kept, segments, start, options)
         iterations += int(found.nit)
         check = judge.check(RefinedMotion(segments, found.x))
@@ -188,7 +194,7 @@ def refine(
             break
         kept.add_phases(RefinedMotion(segments, found.x), check)
         start = found.x
-    for factor in (1.0, *_RETREATS):
+    for factor in (1.0, *options.retreats):
         candidate = RefinedMotion(segments, factor * found.x)
         if options.time_price is None:
             candidate = candidate.lasting(original.duration)
@@ -268,7 +274,7 @@ def _minimise(
         value, gradient = cost.value_and_gradient(x)
         return value / scale, gradient / scale
 
-    near = kept.values_and_jacobian(segments, start)[0] < _NEAR
+    near = kept.values_and_jacobian(segments, start)[0] < options.near
     constraints: list[dict[str, Any]] = []
     if near.any():
         constraints.append(

@@ -22,11 +22,6 @@ from .refined_motion import (
     segment_states,
 )
 
-# Quadrature nodes of a segment.
-_N_NODES = 40
-# Phases of each segment at which limits are constraints, besides those of violations found.
-_CHECKED_PHASES = np.linspace(0.02, 0.98, 25)
-
 
 class RefinementCost:
     """Effort, and the price of time, by the parameters of a refinement.
@@ -39,44 +34,46 @@ class RefinementCost:
         The model.
     time_price : float or None
         Cost of a second; None for none.
+    n_nodes : int
+        Quadrature nodes of a segment.
     """
 
     def __init__(
-        self, segments: Sequence[Motion], robot: Robot, time_price: float | None = None
+        self,
+        segments: Sequence[Motion],
+        robot: Robot,
+        time_price: float | None = None,
+        n_nodes: int = 40,
     ) -> None:
         robot.require_inertias("refinements")
         self._segments = tuple(segments)
         self._robot = robot
         self._price = time_price or 0.0
-        x, weights = legendre.leggauss(_N_NODES)
+        x, weights = legendre.leggauss(n_nodes)
         self._phases, self._quadrature = (x + 1.0) / 2.0, weights / 2.0
 
     def effort_and_cost(self, parameters: FloatArray) -> tuple[float, float]:
         """½∫‖τ‖²dt [N²·m²·s], and that with the price of time."""
-        effort = duration = 0.0
-        for segment, part in zip(self._segments, _by_segment(parameters), strict=True):
-            states = segment_states(segment, part, self._phases)
-            tau = self._robot.inverse_dynamics(*states.values)
-            effort += self._integral(tau, states.duration)
-            duration += states.duration
-        return effort, effort + self._price * duration
+        return self._evaluated(parameters)[:2]
 
     def value_and_gradient(self, parameters: FloatArray) -> tuple[float, FloatArray]:
         """The cost and its gradient, by the parameters of all segments in one row."""
-        total, gradient = 0.0, np.zeros((len(self._segments), N_PARAMETERS))
+        return self._evaluated(parameters)[1:]
+
+    def _evaluated(self, parameters: FloatArray) -> tuple[float, float, FloatArray]:
+        """Effort, cost and its gradient."""
+        efforts, total, gradient = 0.0, 0.0, np.zeros((len(self._segments), N_PARAMETERS))
         for i, part in enumerate(_by_segment(parameters)):
             states = segment_states(self._segments[i], part, self._phases)
             tau, by_parameter = _efforts(self._robot, states)
-            effort = self._integral(tau, states.duration)
-            total += effort + self._price * states.duration
             weights = self._quadrature * states.duration
+            effort = 0.5 * float(weights @ np.sum(tau**2, axis=1))
+            cost = effort + self._price * states.duration
+            efforts, total = efforts + effort, total + cost
             gradient[i] = np.einsum("s,sj,sjp->p", weights, tau, by_parameter)
             # The cost is proportional to the duration.
-            gradient[i, LOG_DURATION] += effort + self._price * states.duration
-        return total, gradient.ravel()
-
-    def _integral(self, tau: FloatArray, duration: float) -> float:
-        return 0.5 * duration * float(self._quadrature @ np.sum(tau**2, axis=1))
+            gradient[i, LOG_DURATION] += cost
+        return efforts, total, gradient.ravel()
 
 
 class LimitConstraints:
@@ -92,11 +89,20 @@ class LimitConstraints:
         Limits of the joints.
     margin : float
         Share of each limit that is kept free.
+    n_phases : int
+        Phases of each segment at which limits are constraints, besides those of violations found.
     """
 
-    def __init__(self, n_segments: int, robot: Robot, limits: JointLimits, margin: float) -> None:
+    def __init__(
+        self,
+        n_segments: int,
+        robot: Robot,
+        limits: JointLimits,
+        margin: float,
+        n_phases: int = 25,
+    ) -> None:
         self._robot, self._margin = robot, margin
-        self._phases = [_CHECKED_PHASES] * n_segments
+        self._phases = [np.linspace(0.02, 0.98, n_phases)] * n_segments
         # Rows: positions, velocities, accelerations and efforts.
         magnitudes = (limits.velocity, limits.acceleration, limits.effort)
         upper = np.stack([limits.upper, *magnitudes])

@@ -13,7 +13,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -33,11 +33,6 @@ from .refinement import AcceptedMotion, ExecutableMotions, RefinementOptions
 _FORMAT = "mp_pca_planner/trials"
 _VERSION = 1
 _FORM = {"motion": str, "trials": [{"parameters": [float], "cost": float}]}
-# A proposal that violates limits is moved half-way to the best motion at most this often; then the
-# best motion itself is proposed.
-_MAX_HALVINGS = 8
-# Relative tolerance of stored parameters beyond their bounds.
-_ROUNDING = 1e-6
 
 
 @dataclass(frozen=True)
@@ -174,20 +169,17 @@ class TrialLearner:
         tried = self.propose().motion.parameters if executed is None else executed
         trial = Trial(tuple(tried.ravel().tolist()), float(cost))
         if keep:
-            self._write([*self._trials, trial])
+            self.keep_trials(trial)
         self._learn(trial)
 
-    def keep_trials(self) -> None:
-        """Write the file of trials, if there is one.
+    def keep_trials(self, *more: Trial) -> None:
+        """Write the file of trials, if there is one, with some more of them.
 
         Raises
         ------
         PlannerError
             If it can't be written.
         """
-        self._write(self._trials)
-
-    def _write(self, trials: Sequence[Trial]) -> None:
         if self._state is None:
             return
         content = {
@@ -195,7 +187,7 @@ class TrialLearner:
             "version": _VERSION,
             "motion": self._identity,
             "request": self._request,
-            "trials": [{"parameters": trial.parameters, "cost": trial.cost} for trial in trials],
+            "trials": [asdict(trial) for trial in (*self._trials, *more)],
         }
         write_whole(self._state, json.dumps(content, indent=1).encode(), overwrite=True)
 
@@ -217,7 +209,7 @@ class TrialLearner:
         parameters = self._centre.copy()
         parameters[self._free] = proposed
         best = self._best_parameters()
-        for _ in range(_MAX_HALVINGS):
+        for _ in range(self._judge.options.max_halvings):
             motion = RefinedMotion(self._segments, parameters)
             if self._keeps_duration:
                 motion = motion.lasting(self._duration)
@@ -292,7 +284,7 @@ def _read(path: Path, identity: str, bounds: FloatArray) -> list[Trial]:
         values = frozen_array(trial.parameters, largest.shape, what, LearningError)
         frozen_array(trial.cost, (), f"a cost of the trials in '{path}'", LearningError)
         excess = np.abs(values) / largest
-        if excess.max() > 1.0 + _ROUNDING:
+        if excess.max() > 1.0 + 1e-6:  # of rounding
             worst = int(excess.argmax())
             raise LearningError(
                 f"{what} must be within ±{largest[worst]:g} at index {worst}, got "

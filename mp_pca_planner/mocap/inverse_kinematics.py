@@ -15,7 +15,7 @@ rotation of an upper arm while the elbow is straight.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -24,9 +24,75 @@ from numpy.typing import NDArray
 from scipy.linalg import solveh_banded
 
 from ..arrays import FloatArray
-from ..robot.model import AttachedPoints, Robot
-from .least_squares import BoolArray, Linearised, minimise
+from ..robot.model import Robot
 from .marker_map import MarkerPlacement
+
+BoolArray = NDArray[np.bool_]
+
+Linearised = tuple[float, FloatArray, FloatArray]
+"""Sum of squares; half its gradient, of the shape of x; half its Gauss-Newton matrix, in whatever
+form the step function takes it."""
+
+Step = Callable[[FloatArray, FloatArray, BoolArray, float], FloatArray]
+"""Step for a gradient, a matrix, the variables that are held at a bound, and a damping."""
+
+
+def minimise(
+    x: FloatArray,
+    linearise: Callable[[FloatArray], Linearised],
+    step: Step,
+    bounds: tuple[FloatArray, FloatArray],
+    last_step: float,
+    max_iterations: int,
+    min_decrease: float = 1e-8,
+) -> tuple[FloatArray, float]:
+    """Minimise a sum of squares within bounds.
+
+    The damping grows tenfold while a step would raise the sum, and falls tenfold otherwise.
+
+    Parameters
+    ----------
+    x : array
+        Where to start.
+    linearise, step :
+        The problem, see :data:`Linearised` and :data:`Step`.
+    bounds : tuple of array
+        Lower and upper bounds, which broadcast to the shape of `x`.
+    last_step : float
+        The iteration ends at a step whose entries are all smaller.
+    max_iterations : int
+        Largest number of steps.
+    min_decrease : float
+        The iteration also ends at a step that lowers the sum by less than this share. It is the
+        first damping, too.
+
+    Returns
+    -------
+    x : array
+        The minimum, or the best point found.
+    cost : float
+        The sum of squares there.
+    """
+    lower, upper = bounds
+    x = np.clip(x, lower, upper)
+    cost, gradient, matrix = linearise(x)
+    damping = min_decrease
+    for _ in range(max_iterations):
+        held = ((x <= lower) & (gradient > 0.0)) | ((x >= upper) & (gradient < 0.0))
+        trial = np.clip(x + step(gradient, matrix, held, damping), lower, upper)
+        if np.abs(trial - x).max() < last_step:
+            break
+        found = linearise(trial)
+        if found[0] <= cost:
+            converged = cost - found[0] <= min_decrease * cost
+            x, (cost, gradient, matrix) = trial, found
+            if converged:
+                break
+            damping = max(min_decrease, damping / 10.0)
+        else:
+            damping *= 10.0
+    return x, cost
+
 
 IntArray = NDArray[np.int64]
 
@@ -46,6 +112,10 @@ class MarkerSolverOptions:
         Largest numbers of steps: of one frame, and of all frames together.
     first_step, last_step : float
         Steps at which the first pass and the others end [rad or m].
+    n_starts : int
+        Number of starting configurations for a frame without a solved frame before.
+    singular : float
+        Singular values below this share of the largest count as zero.
     """
 
     smoothness: float = 1e-6
@@ -54,15 +124,11 @@ class MarkerSolverOptions:
     max_sweeps: int = 20
     first_step: float = 1e-3
     last_step: float = 1e-8
+    n_starts: int = 12
+    singular: float = 1e-6
 
 
 OPTIONS = MarkerSolverOptions()
-
-N_STARTS = 12
-"""Number of starting configurations for a frame without a solved frame before."""
-
-SINGULAR = 1e-6
-"""Singular values below this share of the largest count as zero."""
 
 
 class MarkerProblem:
@@ -70,32 +136,30 @@ class MarkerProblem:
 
     Parameters
     ----------
-    points : AttachedPoints
-        The markers on the model.
+    robot :
+        The model.
+    markers :
+        The markers on it.
     targets : array, shape (n_frames, n_markers, 3)
         Measured positions in the model's base frame [m]; NaN where missing.
-    weights : array, shape (n_markers,)
-        Weights of the squared distances.
-    lower, upper : array, shape (n_joints,)
-        Range of the joints [rad or m], infinite where there is none.
-    options : MarkerSolverOptions
+    options :
         Smoothness and tolerances.
     """
 
     def __init__(
         self,
-        points: AttachedPoints,
+        robot: Robot,
+        markers: Sequence[MarkerPlacement],
         targets: FloatArray,
-        weights: FloatArray,
-        lower: FloatArray,
-        upper: FloatArray,
         options: MarkerSolverOptions = OPTIONS,
     ) -> None:
-        self._points = points
+        self._points = robot.attach_points(
+            [m.link for m in markers], np.array([m.position for m in markers])
+        )
         self._seen: BoolArray = np.asarray(np.isfinite(targets).all(axis=2))
         self._targets = np.where(self._seen[..., None], targets, 0.0)
-        self._weights = weights
-        self.lower, self.upper = lower, upper
+        self._weights = np.array([m.weight for m in markers])
+        self.lower, self.upper = robot.limits().lower, robot.limits().upper
         self.options = options
 
     @property
@@ -119,13 +183,14 @@ class MarkerProblem:
         seen : array of bool, shape (n_markers,)
             Which markers are present.
         """
-        _, jacobians = self._points.positions_and_jacobians(self.starts())
+        starts, singular = self.starts(), self.options.singular
+        _, jacobians = self._points.positions_and_jacobians(starts)
         found = set(range(self.n_joints))
-        for jacobian in jacobians[:, seen].reshape(N_STARTS, -1, self.n_joints):
+        for jacobian in jacobians[:, seen].reshape(len(starts), -1, self.n_joints):
             _, values, directions = np.linalg.svd(jacobian)
-            rank = np.count_nonzero(values > SINGULAR * values.max(initial=0.0))
+            rank = np.count_nonzero(values > singular * values.max(initial=0.0))
             null = np.abs(directions[rank:]).max(axis=0, initial=0.0)
-            found &= set(np.flatnonzero(null > SINGULAR).tolist())
+            found &= set(np.flatnonzero(null > singular).tolist())
         return tuple(sorted(found))
 
     def determined(self) -> BoolArray:
@@ -137,10 +202,7 @@ class MarkerProblem:
     def residuals(self, frames: Sequence[int] | NDArray[np.int64], q: FloatArray) -> FloatArray:
         """Distances of the markers from their measured positions [m], NaN where missing.
 
-        Returns
-        -------
-        :
-            shape (n_chosen_frames, n_markers)
+        Their shape is (n_chosen_frames, n_markers).
         """
         points, _ = self._points.positions_and_jacobians(q)
         distances = np.linalg.norm(points - self._targets[frames], axis=2)
@@ -149,23 +211,14 @@ class MarkerProblem:
     def linearised(
         self, frames: Sequence[int] | NDArray[np.int64], q: FloatArray
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Cost of frames, its gradient and its Gauss-Newton matrix by the joints of the frame.
+        """Cost of frames [m²], half its gradient, and half its Gauss-Newton matrix.
 
         Parameters
         ----------
         frames : array of int, shape (n_chosen_frames,)
             Which frames.
         q : array, shape (n_chosen_frames, n_joints)
-            Joint positions [rad or m].
-
-        Returns
-        -------
-        cost : array, shape (n_chosen_frames,)
-            Weighted squared distances [m²].
-        gradient : array, shape (n_chosen_frames, n_joints)
-            Half the gradient.
-        matrix : array, shape (n_chosen_frames, n_joints, n_joints)
-            Half the Gauss-Newton matrix.
+            Joint positions [rad or m], by which the derivatives of each frame are.
         """
         errors, jacobians = self.weighted(frames, q)
         transposed = jacobians.transpose(0, 2, 1)
@@ -201,21 +254,9 @@ class MarkerProblem:
         # Starts are slightly inside of the limits: at a limit, or with a straight arm, gradients
         # may vanish.
         near_zero = np.clip(0.0, low + 0.1 * (high - low), high - 0.1 * (high - low))
-        random = np.random.default_rng(0).uniform(low, high, (N_STARTS - 1, self.n_joints))
+        size = self.options.n_starts - 1, self.n_joints
+        random = np.random.default_rng(0).uniform(low, high, size)
         return np.vstack([near_zero, random])
-
-
-def marker_problem(
-    robot: Robot,
-    markers: Sequence[MarkerPlacement],
-    targets: FloatArray,
-    options: MarkerSolverOptions = OPTIONS,
-) -> MarkerProblem:
-    """Problem of a robot with markers (see :class:`MarkerProblem`)."""
-    limits = robot.limits()
-    points = robot.attach_points([m.link for m in markers], np.array([m.position for m in markers]))
-    weights = np.array([m.weight for m in markers])
-    return MarkerProblem(points, targets, weights, limits.lower, limits.upper, options)
 
 
 def solve(problem: MarkerProblem, period: float) -> FloatArray:

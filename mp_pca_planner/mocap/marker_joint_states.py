@@ -9,19 +9,19 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..arrays import FloatArray
 from ..exceptions import RecordingError, quote_names
+from ..input_limits import INPUT_LIMITS
 from ..recordings.bags import NS_PER_S
+from ..recordings.demonstration import MarkerResidual
 from ..recordings.joint_states import JointLayout, RawJointStates
-from ..recordings.repair.clock import MAX_RATE
-from ..recordings.reports import MarkerResidual
 from ..robot.model import Robot
-from .inverse_kinematics import marker_problem, solve
+from .inverse_kinematics import MarkerProblem, solve
 from .marker_map import MarkerMap, MarkerPlacement, read_marker_map
 from .markers import MarkerTrajectories, read_markers
-from .origin_fit import FittedModel, check_fits, fit_origins
-from .rigid_fit import MIN_POINTS, fit_poses, fix_a_pose
+from .origin_fit import check_fits, fit_origins
 
 
 @dataclass(frozen=True)
@@ -121,9 +121,9 @@ def solve_trajectories(
     n_base = len(source.on_base)
     measured, base_residuals = _in_base_frame(recorded.positions, source)
     targets = measured[:, n_base:]
-    model = _fitted_model(source, targets)
-    robot = Robot(model.urdf, source.joint_names)
-    problem = marker_problem(robot, source.moved, targets)
+    urdf, fits = _fitted_model(source, targets)
+    robot = Robot(urdf, source.joint_names)
+    problem = MarkerProblem(robot, source.moved, targets)
     determined = problem.determined()
     if not determined.any():
         raise RecordingError(
@@ -134,7 +134,7 @@ def solve_trajectories(
     frames = np.flatnonzero(determined)
     residuals = np.hstack([base_residuals[frames], problem.residuals(frames, q[frames])])
     found = {name: _summary(r) for name, r in zip(recorded.names, residuals.T, strict=True)}
-    notes = (*recorded.notes, _residual_note(found), *model.notes, *_notes(recorded, robot, q))
+    notes = (*recorded.notes, _residual_note(found), *fits, *_notes(recorded, robot, q))
     joint_states = RawJointStates(
         topic=recorded.topic,
         header_stamps=recorded.header_stamps,
@@ -145,27 +145,6 @@ def solve_trajectories(
         computed=True,
     )
     return joint_states, found
-
-
-def place_markers(q: FloatArray, source: MarkerSource) -> tuple[tuple[str, ...], FloatArray]:
-    """Positions of the markers in a motion: the inverse of :func:`solve_trajectories`.
-
-    Parameters
-    ----------
-    q : array, shape (n_frames, n_joints)
-        Positions of the joints of the source [rad or m].
-    source :
-        The model.
-
-    Returns
-    -------
-    names : tuple of str
-        Names of the markers in recordings, first those on the base.
-    positions : array, shape (n_frames, n_markers, 3)
-        Their positions in the base frame [m].
-    """
-    markers = (*source.on_base, *source.moved)
-    return tuple(m.body for m in markers), _placed(markers, q, source)
 
 
 def _placed(markers: Sequence[MarkerPlacement], q: FloatArray, source: MarkerSource) -> FloatArray:
@@ -197,7 +176,7 @@ def _refuse_loose_base(chosen: MarkerMap, on_base: Sequence[MarkerPlacement]) ->
     if not fix_a_pose(points, np.ones((1, len(on_base))))[0]:
         raise RecordingError(
             f"{chosen.source}: the markers on the base ({quote_names(m.name for m in on_base)}) "
-            f"don't fix its pose: at least {MIN_POINTS} that are not on one line are needed, or "
+            "don't fix its pose: at least 3 that are not on one line are needed, or "
             "'base: identity' if markers are recorded in its frame"
         )
 
@@ -205,7 +184,7 @@ def _refuse_loose_base(chosen: MarkerMap, on_base: Sequence[MarkerPlacement]) ->
 def _refuse_open_joints(robot: Robot, chosen: MarkerMap, moved: Sequence[MarkerPlacement]) -> None:
     loose = robot.joint_names
     if moved:
-        problem = marker_problem(robot, moved, np.zeros((1, len(moved), 3)))
+        problem = MarkerProblem(robot, moved, np.zeros((1, len(moved), 3)))
         found = problem.open_joints(np.ones(len(moved), dtype=bool))
         loose = tuple(robot.joint_names[joint] for joint in found)
     if loose:
@@ -244,22 +223,19 @@ def _points_on_base(source: MarkerSource) -> FloatArray:
 def _base_poses(
     measured: FloatArray, points: FloatArray, source: MarkerSource
 ) -> tuple[FloatArray, FloatArray]:
-    """Poses of the base in the recording's frame, one for each frame or one for all."""
+    """Poses of the base in the recording's frame, one for each frame."""
     seen = np.asarray(np.isfinite(measured).all(axis=2))
     weights = seen * np.array([m.weight for m in source.on_base])
     finite = np.where(seen[..., None], measured, 0.0)
-    if source.marker_map.base == "fixed":
-        # The markers of all frames are merged into one frame.
-        finite, weights = finite.reshape(1, -1, 3), weights.reshape(1, -1)
-        points = np.tile(points, (len(measured), 1))
     return fit_poses(points, finite, weights)
 
 
-def _fitted_model(source: MarkerSource, targets: FloatArray) -> FittedModel:
+def _fitted_model(source: MarkerSource, targets: FloatArray) -> tuple[str, tuple[str, ...]]:
+    """The robot description with fitted origins, and notes on these."""
     fits = source.marker_map.fit_origins
     whole = np.isfinite(targets).all(axis=(1, 2))
     if not fits:
-        return FittedModel(source.urdf, ())
+        return source.urdf, ()
     if not whole.any():
         raise RecordingError(
             "no frame has all markers, so the origins of "
@@ -282,7 +258,7 @@ def _period(recorded: MarkerTrajectories) -> float:
     steps = steps[steps > 0]
     if not steps.size:
         raise RecordingError("all frames of markers have the same stamp: there is no usable time")
-    return max(float(np.median(steps)) / NS_PER_S, 1.0 / MAX_RATE)
+    return max(float(np.median(steps)) / NS_PER_S, 1.0 / INPUT_LIMITS.state_rate)
 
 
 def _summary(distances: FloatArray) -> MarkerResidual:
@@ -321,3 +297,71 @@ def _notes(recorded: MarkerTrajectories, robot: Robot, q: FloatArray) -> list[st
         if count
     ]
     return notes
+
+
+def fix_a_pose(points: FloatArray, weights: FloatArray) -> NDArray[np.bool_]:
+    """Whether points (those with a weight) fix a pose: at least three, not on one line.
+
+    Parameters
+    ----------
+    points : array, shape (n_points, 3)
+        Points in the body's frame [m].
+    weights : array, shape (n_frames, n_points)
+        Weight of each, 0 if it is missing.
+
+    Returns
+    -------
+    :
+        shape (n_frames,)
+    """
+    centred = points - _centres(np.broadcast_to(points, (*weights.shape, 3)), weights)
+    spread = np.linalg.svd(centred * np.sqrt(weights)[..., None], compute_uv=False)
+    if spread.shape[1] < 2:
+        return np.zeros(len(weights), dtype=bool)
+    enough = np.count_nonzero(weights, axis=1) >= 3
+    # Points whose width is a twentieth of their length are on one line.
+    return np.asarray(enough & (spread[:, 1] > 0.05 * spread[:, 0]))
+
+
+def fit_poses(
+    points: FloatArray, measured: FloatArray, weights: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Rotations R and translations t that minimise Σ w ‖R p + t − m‖² in each frame.
+
+    Parameters
+    ----------
+    points : array, shape (n_points, 3)
+        Points p in the body's frame [m].
+    measured : array, shape (n_frames, n_points, 3)
+        Measured positions m [m]; any finite ones where the weight is 0.
+    weights : array, shape (n_frames, n_points)
+        Weights w.
+
+    Returns
+    -------
+    rotations : array, shape (n_frames, 3, 3)
+        NaN in frames whose points don't fix a pose.
+    translations : array, shape (n_frames, 3)
+        [m]; likewise.
+    """
+    fixed = fix_a_pose(points, weights)
+    there = np.broadcast_to(points, measured.shape)
+    local_centres, centres = _centres(there, weights), _centres(measured, weights)
+    correlation = np.einsum(
+        "kp,kpi,kpj->kij", weights, measured - centres, there - local_centres, optimize=True
+    )
+    left, _, right = np.linalg.svd(correlation)
+    # The nearest orthogonal matrix may be a reflection; then the weakest direction is turned.
+    signs = np.ones((len(measured), 3))
+    signs[:, 2] = np.sign(np.linalg.det(left) * np.linalg.det(right))
+    rotations = (left * signs[:, None, :]) @ right
+    translations = centres[:, 0] - np.einsum("kij,kj->ki", rotations, local_centres[:, 0])
+    rotations[~fixed], translations[~fixed] = np.nan, np.nan
+    return rotations, translations
+
+
+def _centres(points: FloatArray, weights: FloatArray) -> FloatArray:
+    """Weighted means over the points, shape (n_frames, 1, 3)."""
+    total = np.maximum(weights.sum(axis=1), np.finfo(float).tiny)
+    means = np.einsum("kp,kpi->ki", weights, points) / total[:, None]
+    return np.asarray(means[:, None, :])

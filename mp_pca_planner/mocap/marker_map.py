@@ -13,12 +13,12 @@ import numpy as np
 
 from ..arrays import FloatArray, frozen_array
 from ..exceptions import RecordingError, unknown_name
-from ..files import MAX_YAML_BYTES, load_yaml, read_text, reading
+from ..files import load_yaml, read_text, reading
 
-BaseMotion = Literal["moving", "fixed", "identity"]
+BaseMotion = Literal["moving", "identity"]
 BASE_MOTIONS: tuple[BaseMotion, ...] = get_args(BaseMotion)
 """Motion of the root link in the frame that markers are recorded in: its pose is fitted to the
-markers on it frame by frame, once for the recording, or it is that frame."""
+markers on it frame by frame, or it is that frame."""
 
 OriginFit = Literal["position", "length"]
 ORIGIN_FITS: tuple[OriginFit, ...] = get_args(OriginFit)
@@ -110,7 +110,7 @@ def read_marker_map(path: str | Path) -> MarkerMap:
     """
     where = f"marker map '{path}'"
     with reading(f"the {where}", RecordingError):
-        content = load_yaml(read_text(path, MAX_YAML_BYTES))
+        content = load_yaml(read_text(path))
         if not isinstance(content, dict) or not isinstance(content.get("markers"), dict):
             raise RecordingError(
                 f"the {where} must hold a mapping 'markers' from names to links and positions"

@@ -9,25 +9,28 @@ its own samples, which are interpolated at the stamps of the marker with most sa
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from array import array
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from fnmatch import fnmatchcase
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from ..arrays import FloatArray
 from ..exceptions import RecordingError, quote_names, unknown_name
-from ..recordings.bags import Bag, IntArray, open_bag
-from ..recordings.byte_layout import NS_PER_S
-from ..recordings.inspection import MarkerFinding
-from ..recordings.repair.samples import MAX_POSITION
-from .frame_tree import clock_of, has_rotation, usual_period
+from ..input_limits import INPUT_LIMITS
+from ..recordings.bags import MARKER_ARRAY, NS_PER_S, Bag, IntArray, Stored, open_bag
 from .marker_map import MarkerPlacement
-from .marker_messages import BodySamples, read_samples, samples_on
 
-MAX_STEP_PERIODS = 2.5
-"""Largest time between samples, in usual periods, within which a marker counts as present."""
+POINT = "geometry_msgs/msg/PointStamped"
+POSE = "geometry_msgs/msg/PoseStamped"
+TF_TYPES = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
+"""The same message type by its present name, and by its name in early ROS 1."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,8 +59,32 @@ class MarkerTrajectories:
     notes: tuple[str, ...] = ()
 
 
+@dataclass(frozen=True, eq=False)
+class BodySamples:
+    """Recorded poses of one body.
+
+    Attributes
+    ----------
+    stamps : array of int, shape (n_samples, 2)
+        Header stamps and times of reception [ns].
+    poses : array, shape (n_samples, 7)
+        Positions [m] and quaternions (x, y, z, w), which may be 0.
+    frame : str
+        The frame in which they are given.
+    """
+
+    stamps: IntArray
+    poses: FloatArray
+    frame: str
+
+
 def read_markers(
-    path: Path, topic: str, markers: Sequence[MarkerPlacement], *, salvage: bool = False
+    path: Path,
+    topic: str,
+    markers: Sequence[MarkerPlacement],
+    *,
+    salvage: bool = False,
+    max_step: float = 2.5,
 ) -> MarkerTrajectories:
     """Read the trajectories of some markers.
 
@@ -68,13 +95,15 @@ def read_markers(
     topic :
         A topic of MarkerArray, in which the name of a marker is its namespace, ``namespace/id``
         if a message has several of one namespace, or its id if that is empty. Or a topic of
-        TFMessage, whose child frames are the markers. Or the common part of the topics of
-        PointStamped or PoseStamped, one for each marker: ``/mocap`` for ``/mocap/NAME``,
-        ``/mocap/*/pose`` for ``/mocap/NAME/pose``.
+        TFMessage, whose child frames are the markers, all in one parent frame. Or the common part
+        of the topics of PointStamped or PoseStamped, one for each marker: ``/mocap`` for
+        ``/mocap/NAME``, ``/mocap/*/pose`` for ``/mocap/NAME/pose``.
     markers :
         The markers, and their names in the recording.
     salvage :
         Reads the messages before the damage of a damaged recording.
+    max_step :
+        Largest time between samples, in usual periods, within which a marker counts as present.
 
     Raises
     ------
@@ -82,11 +111,11 @@ def read_markers(
         If the recording can't be read, no marker is on the topic, or one of them is missing.
     """
     with open_bag(path, salvage=salvage) as bag:
-        samples = read_samples(bag, topic, {m.body for m in markers})
+        samples = _read_samples(bag, topic)
         notes = bag.notes
     bodies = {m.body: _chosen(samples, m, path) for m in markers}
     _refuse_mixed_frames(bodies)
-    header, receive, poses = _assemble(bodies)
+    header, receive, poses = _assemble(bodies, max_step)
     return MarkerTrajectories(
         topic,
         tuple(m.name for m in markers),
@@ -97,40 +126,127 @@ def read_markers(
     )
 
 
-def find_markers(bag: Bag) -> tuple[MarkerFinding, ...]:
-    """Markers on all topics that may hold some.
-
-    Raises
-    ------
-    RecordingError
-        If the recording can't be read.
-    """
-    return tuple(
-        _finding(topic.name, name, samples)
-        for topic in bag.topics
-        for name, samples in samples_on(bag, topic).items()
-    )
+def _read_samples(bag: Bag, topic: str) -> dict[str, BodySamples]:
+    """Samples of all bodies on a topic, or on the topics below it."""
+    named = {item.type: item for item in bag.topics if item.name == topic}
+    if MARKER_ARRAY in named:
+        return bag.read([named[MARKER_ARRAY]], partial(_marker_array, bag))
+    frames = [named[kind] for kind in TF_TYPES if kind in named]
+    return bag.read(frames, partial(_bodies, bag, {})) if frames else _read_topics(bag, topic)
 
 
-def _finding(topic: str, name: str, samples: BodySamples) -> MarkerFinding:
-    finite = _has_position(samples.poses)
-    stamps = samples.stamps[finite]
-    times = np.sort(stamps[:, clock_of([stamps])])
-    steps, period = np.diff(times), usual_period(times)
-    moving = bool((steps > 0).any())
-    return MarkerFinding(
-        topic,
-        name,
-        rate=NS_PER_S / period if moving else None,
-        n_samples=int(times.size),
-        missing_share=1.0 - times.size / max(1, finite.size),
-        n_gaps=int(np.count_nonzero(steps > MAX_STEP_PERIODS * period)) if moving else 0,
-    )
+class _PoseBuffer:
+    """Numbers of a body in flat arrays: a long recording needs little more memory than these."""
+
+    def __init__(self, frame: str) -> None:
+        self.frame = frame
+        self._integers = array("q")
+        self._numbers = array("d")
+
+    def add(self, integers: Sequence[int], position: Any, orientation: Any = None) -> None:
+        self._integers.extend(integers)
+        self._numbers.extend((position.x, position.y, position.z))
+        q = orientation
+        self._numbers.extend((0.0,) * 4 if q is None else (q.x, q.y, q.z, q.w))
+
+    def samples(self) -> BodySamples:
+        """Samples, with the integers in one row for each."""
+        poses = np.array(self._numbers, dtype=np.float64).reshape(-1, 7)
+        integers = np.array(self._integers, dtype=np.int64)
+        return BodySamples(integers.reshape(len(poses), -1), poses, self.frame)
+
+
+def _marker_array(bag: Bag, stored: Iterator[Stored]) -> dict[str, BodySamples]:
+    """Poses in all messages, NaN where a marker is not in the message."""
+    stamps: list[tuple[int, int]] = []
+    found: dict[tuple[str, int], _PoseBuffer] = {}
+    several: set[str] = set()
+    for row, (source, receive, data) in enumerate(stored):
+        header = 0
+        in_message: set[tuple[str, int]] = set()
+        for marker in bag.deserialise(source, data).markers:
+            # Only added arrows, cubes, spheres and cylinders are at one place.
+            if marker.action != 0 or marker.type not in range(4):
+                continue
+            key = str(marker.ns), int(marker.id)
+            in_message.add(key)
+            header = header or _nanoseconds(marker.header.stamp)
+            buffer = found.setdefault(key, _PoseBuffer(str(marker.header.frame_id)))
+            buffer.add((row,), marker.pose.position, marker.pose.orientation)
+        spaces = [space for space, _ in in_message]
+        if len(set(spaces)) < len(spaces):
+            several.update(space for space in spaces if spaces.count(space) > 1)
+        stamps.append((header, receive))
+    all_stamps = np.array(stamps, dtype=np.int64).reshape(-1, 2)
+    samples: dict[str, BodySamples] = {}
+    for (space, number), buffer in found.items():
+        name = f"{space}/{number}" if space in several else space
+        empty = np.full((len(stamps), 7), np.nan)
+        own = samples.setdefault(
+            name if space else str(number), BodySamples(all_stamps, empty, buffer.frame)
+        )
+        seen = buffer.samples()
+        own.poses[seen.stamps[:, 0]] = seen.poses
+    return samples
+
+
+def _read_topics(bag: Bag, pattern: str) -> dict[str, BodySamples]:
+    wildcard = pattern if "*" in pattern else f"{pattern.rstrip('/')}/*"
+    before, _, after = wildcard.partition("*")
+    chosen = [t for t in bag.topics if t.type in (POINT, POSE) and fnmatchcase(t.name, wildcard)]
+    if not chosen:
+        kinds = (MARKER_ARRAY, POINT, POSE, *TF_TYPES)
+        good = [f"'{t.name}' ({t.type})" for t in bag.topics if t.type in kinds]
+        raise RecordingError(
+            f"there are no markers on '{pattern}', nor points or poses on topics below it; topics "
+            f"that could hold markers: {', '.join(good) or 'none'}"
+        )
+    names = {t.name: t.name.removeprefix(before).removesuffix(after) for t in chosen}
+    return bag.read(chosen, partial(_bodies, bag, names))
+
+
+def _bodies(bag: Bag, names: Mapping[str, str], stored: Iterator[Stored]) -> dict[str, BodySamples]:
+    """Samples by name: that of the topic, or of the frame in messages of several."""
+    buffers: dict[str, _PoseBuffer] = {}
+    for topic, receive, data in stored:
+        message = bag.deserialise(topic, data)
+        for name, header, *pose in _poses(message, topic.type, names.get(topic.name, "")):
+            frame = str(header.frame_id).lstrip("/")
+            buffer = buffers.setdefault(name, _PoseBuffer(frame))
+            if buffer.frame != frame:
+                raise RecordingError(
+                    f"'{name}' is given in two frames in '{topic.name}', '{buffer.frame}' and "
+                    f"'{frame}': record each marker in one frame"
+                )
+            buffer.add((_nanoseconds(header.stamp), receive), *pose)
+    return {name: buffer.samples() for name, buffer in buffers.items()}
+
+
+def _poses(message: Any, kind: str, name: str) -> Iterator[tuple[Any, ...]]:
+    """Name, header, position and orientation of each body in a message."""
+    if kind == POINT:
+        yield name, message.header, message.point
+    elif kind == POSE:
+        yield name, message.header, message.pose.position, message.pose.orientation
+    else:
+        for item in message.transforms:
+            child, pose = str(item.child_frame_id).lstrip("/"), item.transform
+            yield child, item.header, pose.translation, pose.rotation
+
+
+def _nanoseconds(stamp: Any) -> int:
+    return int(stamp.sec) * NS_PER_S + int(stamp.nanosec)
 
 
 def _has_position(poses: FloatArray) -> NDArray[np.bool_]:
     # NaN compares false, too.
-    return np.asarray((np.abs(poses[:, :3]) < MAX_POSITION).all(axis=1))
+    return np.asarray((np.abs(poses[:, :3]) < INPUT_LIMITS.position).all(axis=1))
+
+
+def _has_rotation(poses: FloatArray) -> NDArray[np.bool_]:
+    """Whether each pose, shape (n_poses, 7), is finite and has an orientation."""
+    turned = np.abs(poses[:, 3:]).sum(axis=1) > 0.0
+    return np.asarray(np.isfinite(poses).all(axis=1) & turned)
 
 
 def _chosen(samples: Mapping[str, BodySamples], marker: MarkerPlacement, path: Path) -> BodySamples:
@@ -154,21 +270,31 @@ def _refuse_mixed_frames(bodies: Mapping[str, BodySamples]) -> None:
 
 
 def _assemble(
-    bodies: Mapping[str, BodySamples],
+    bodies: Mapping[str, BodySamples], max_step: float
 ) -> tuple[IntArray, IntArray, dict[str, FloatArray]]:
     """Interpolate all bodies at the stamps of the one with most samples."""
     base = max((samples.stamps for samples in bodies.values()), key=len)
-    column = clock_of([samples.stamps for samples in bodies.values()])
+    # Header stamps if all are set, else times of reception.
+    column = 0 if all(samples.stamps[:, 0].all() for samples in bodies.values()) else 1
     poses = {
         body: samples.poses
         if np.array_equal(samples.stamps, base)
-        else _resampled(samples.stamps[:, column], samples.poses, base[:, column])
+        else _resampled(samples.stamps[:, column], samples.poses, base[:, column], max_step)
         for body, samples in bodies.items()
     }
     return base[:, 0].copy(), base[:, 1].copy(), poses
 
 
-def _resampled(times: IntArray, poses: FloatArray, new_times: IntArray) -> FloatArray:
+def _usual_period(times: IntArray) -> float:
+    """Median step of times in any order [ns]; a second if they are all the same."""
+    steps = np.diff(np.sort(times))
+    steps = steps[steps > 0]
+    return float(np.median(steps)) if steps.size else float(NS_PER_S)
+
+
+def _resampled(
+    times: IntArray, poses: FloatArray, new_times: IntArray, max_step: float
+) -> FloatArray:
     """Interpolated poses between samples that are near each other, NaN at other times.
 
     Quaternions are interpolated number by number. Between near samples the result is that of a
@@ -185,18 +311,16 @@ def _resampled(times: IntArray, poses: FloatArray, new_times: IntArray) -> Float
     before = np.searchsorted(times, new_times, side="right") - 1
     inside = (after < times.size) & (before >= 0)
     step = times[np.minimum(after, times.size - 1)] - times[np.maximum(before, 0)]
-    result[~inside | (step > MAX_STEP_PERIODS * usual_period(times))] = np.nan
+    result[~inside | (step > max_step * _usual_period(times))] = np.nan
     return result
 
 
 def _point(poses: FloatArray, marker: MarkerPlacement) -> FloatArray:
     """The marker's point on its body; NaN where it is unknown."""
-    from scipy.spatial.transform import Rotation
-
     points: FloatArray = poses[:, :3].copy()
     points[~_has_position(poses)] = np.nan
     if marker.offset.any():
-        turned = has_rotation(poses)
+        turned = _has_rotation(poses)
         points[~turned] = np.nan
         points[turned] += Rotation.from_quat(poses[turned, 3:]).apply(marker.offset.copy())
     return points

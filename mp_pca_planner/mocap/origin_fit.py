@@ -14,14 +14,21 @@ from __future__ import annotations
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
 from ..arrays import FloatArray
 from ..exceptions import RecordingError, unknown_name
 from ..robot.model import Robot
-from .inverse_kinematics import MarkerProblem, marker_problem, solve_each
-from .least_squares import BoolArray, Linearised, minimise
+from .inverse_kinematics import (
+    BoolArray,
+    Linearised,
+    MarkerProblem,
+    minimise,
+    solve_each,
+)
 from .marker_map import MarkerMap, MarkerPlacement, OriginFit
 
 
@@ -37,42 +44,25 @@ class OriginFitOptions:
         Largest number of steps.
     last_step : float
         Change of the origins at which the fit ends [m].
+    min_effect : float
+        Directions that change the errors less than this share of the strongest stay unchanged.
     """
 
     n_frames: int = 60
     max_iterations: int = 30
     last_step: float = 1e-7
+    min_effect: float = 1e-4
 
 
 OPTIONS = OriginFitOptions()
 
-MIN_EFFECT = 1e-4
-"""Directions that change the errors less than this share of the strongest stay unchanged."""
 
-
-@dataclass(frozen=True, eq=False)
-class _Joint:
+class _Joint(NamedTuple):
     """A joint of a URDF: the links it connects, and its origin in the parent link [m]."""
 
     parent: str
     child: str
     origin: FloatArray
-
-
-@dataclass(frozen=True, eq=False)
-class FittedModel:
-    """A robot description with fitted origins.
-
-    Attributes
-    ----------
-    urdf : str
-        The robot description with the fitted origins.
-    notes : tuple of str
-        The fitted origins, one sentence for each joint.
-    """
-
-    urdf: str
-    notes: tuple[str, ...]
 
 
 def check_fits(urdf: str, marker_map: MarkerMap) -> None:
@@ -103,7 +93,7 @@ def fit_origins(
     fits: Mapping[str, OriginFit],
     targets: FloatArray,
     options: OriginFitOptions = OPTIONS,
-) -> FittedModel:
+) -> tuple[str, tuple[str, ...]]:
     """Fit the origins of some joints.
 
     Parameters
@@ -120,6 +110,13 @@ def fit_origins(
         Measured positions in the base frame [m]; NaN where missing. The frames must fix all joints.
     options :
         Frames and tolerances.
+
+    Returns
+    -------
+    urdf : str
+        The robot description with the fitted origins.
+    notes : tuple of str
+        The fitted origins, one sentence for each joint.
     """
     joints = _joints(ET.fromstring(urdf))
     columns = [
@@ -141,20 +138,21 @@ def fit_origins(
     def linearise(change: FloatArray) -> Linearised:
         nonlocal q
         robot = Robot(_with_origins(urdf, fitted(change)), joint_names)
-        problem = marker_problem(robot, markers, targets[chosen])
+        problem = MarkerProblem(robot, markers, targets[chosen])
         q = solve_each(problem, q)
         effects = np.einsum("mc,kci->kmic", beyond, _turned(robot, q, in_parents))
-        return _reduced(problem, q, effects)
+        return _reduced(problem, q, effects, options.min_effect)
 
     bounds = np.array(-np.inf), np.array(np.inf)
     start = np.zeros(len(columns))
-    change, _ = minimise(
-        start, linearise, _strong_step, bounds, options.last_step, options.max_iterations
-    )
-    return FittedModel(_with_origins(urdf, fitted(change)), _notes(joints, fitted(change)))
+    step = partial(_strong_step, options.min_effect)
+    change, _ = minimise(start, linearise, step, bounds, options.last_step, options.max_iterations)
+    return _with_origins(urdf, fitted(change)), _notes(joints, fitted(change))
 
 
-def _reduced(problem: MarkerProblem, q: FloatArray, effects: FloatArray) -> Linearised:
+def _reduced(
+    problem: MarkerProblem, q: FloatArray, effects: FloatArray, min_effect: float
+) -> Linearised:
     """Least squares of the origins, from which the joint positions are eliminated.
 
     Parameters
@@ -167,7 +165,7 @@ def _reduced(problem: MarkerProblem, q: FloatArray, effects: FloatArray) -> Line
     frames = np.arange(len(q))
     errors, jacobians = problem.weighted(frames, q)
     effects = effects * problem.scale(frames)[..., None, None]
-    removed = jacobians @ np.linalg.pinv(jacobians, rcond=MIN_EFFECT)
+    removed = jacobians @ np.linalg.pinv(jacobians, rcond=min_effect)
     rest = np.eye(errors.shape[1]) - removed
     matrix = (rest @ effects.reshape(*errors.shape, -1)).reshape(-1, effects.shape[-1])
     left = (rest @ errors[..., None]).reshape(-1)
@@ -175,11 +173,11 @@ def _reduced(problem: MarkerProblem, q: FloatArray, effects: FloatArray) -> Line
 
 
 def _strong_step(
-    gradient: FloatArray, matrix: FloatArray, held: BoolArray, damping: float
+    min_effect: float, gradient: FloatArray, matrix: FloatArray, held: BoolArray, damping: float
 ) -> FloatArray:
-    """Step in the directions that change the errors by more than `MIN_EFFECT`."""
+    """Step in the directions that change the errors."""
     values, vectors = np.linalg.eigh(matrix)
-    strong = values > MIN_EFFECT**2 * values[-1]
+    strong = values > min_effect**2 * values[-1]
     vectors = vectors[:, strong]
     return np.asarray(-vectors @ ((vectors.T @ gradient) / (values[strong] + damping)))
 

@@ -24,9 +24,8 @@ __all__ = ["NOT_CHECKED", "Collision", "CollisionModel", "package_folders"]
 NOT_CHECKED = "; self-collisions were not checked: the robot has no collision geometry"
 """End of messages on robots without collision geometry."""
 
-# Samples of 1 ms between the moments that are checked first, and moments between two samples. Over
-# 1 ms, positions are linear to some 1e-6 rad.
-_STRIDE, _PARTS = 32, 16
+# Moments between two samples of 1 ms. Over that time, positions are linear to some 1e-6 rad.
+_PARTS = 16
 
 
 @dataclass(frozen=True)
@@ -189,8 +188,9 @@ class _CollisionSearch:
 
     def _doubtful(self) -> tuple[Indices, Indices, Indices]:
         """Pairs and intervals that bounds of the distances don't clear."""
+        # Every 32 ms are checked first.
         n = len(self._q)
-        grid = np.unique(np.linspace(0, n - 1, max(2, -(-n // _STRIDE))).astype(np.intp))
+        grid = np.unique(np.linspace(0, n - 1, max(2, -(-n // 32))).astype(np.intp))
         closed = np.diff(self._travelled[grid], axis=0) @ self._model.levers.T
         pad = np.zeros((1, closed.shape[1]))
         bounds = self._model.bounds(

@@ -9,6 +9,7 @@ these are quintics, given by their value and first two derivatives at both ends.
 
 from __future__ import annotations
 
+from functools import cache
 from math import comb
 
 import numpy as np
@@ -16,10 +17,15 @@ from numpy.polynomial import polynomial
 
 from ..arrays import FloatArray
 
-# Row i: coefficients, by rising power of the phase, of the quintic that is one in
-# boundary value i of (q, q', q'' at 0, q, q', q'' at 1) and zero in the five others.
-_HERMITE = np.array(
-    [
+
+@cache
+def _coefficients(derivative: int) -> FloatArray:
+    """Coefficients, by rising power of the phase, of a derivative of the six Hermite functions.
+
+    Column i belongs to the quintic that is one in boundary value i of (q, q', q'' at 0, q, q', q''
+    at 1) and zero in the five others.
+    """
+    values = [
         [1.0, 0.0, 0.0, -10.0, 15.0, -6.0],
         [0.0, 1.0, 0.0, -6.0, 8.0, -3.0],
         [0.0, 0.0, 0.5, -1.5, 1.5, -0.5],
@@ -27,19 +33,16 @@ _HERMITE = np.array(
         [0.0, 0.0, 0.0, -4.0, 7.0, -3.0],
         [0.0, 0.0, 0.0, 0.5, -1.0, 0.5],
     ]
-)
-# The same for the derivatives by phase, a column per function.
-_HERMITE_DERIVATIVES = [polynomial.polyder(_HERMITE, d, axis=1).T for d in range(4)]
+    return np.asarray(polynomial.polyder(np.array(values), derivative, axis=1).T)
 
 
-def _to_bezier(degree: int) -> FloatArray:
-    """Matrix from coefficients by rising power of the phase to Bézier points."""
-    return np.array(
-        [[comb(i, k) / comb(degree, k) for k in range(degree + 1)] for i in range(degree + 1)]
-    )
+def _to_bezier_points(derivative: int) -> FloatArray:
+    degree = 5 - derivative
+    powers = [[comb(i, k) / comb(degree, k) for k in range(degree + 1)] for i in range(degree + 1)]
+    return np.asarray(powers @ _coefficients(derivative))
 
 
-BEZIER_POINTS = tuple(_to_bezier(5 - d) @ _HERMITE_DERIVATIVES[d] for d in range(4))
+BEZIER_POINTS = tuple(_to_bezier_points(d) for d in range(4))
 """Take the values at both ends of a quintic, as :func:`hermite_functions` does, to the Bézier
 points of it and of its first three derivatives by phase, shape (6 - derivative, 6). The curve lies
 between the lowest and the highest Bézier point."""
@@ -61,7 +64,7 @@ def hermite_functions(phases: FloatArray, derivative: int = 0) -> FloatArray:
         Their values; multiplied by the values at both ends (q, dq/ds, d²q/ds² at phase 0, then at
         phase 1) they give the quintic.
     """
-    coefficients = _HERMITE_DERIVATIVES[derivative]
+    coefficients = _coefficients(derivative)
     powers = np.power.outer(phases, np.arange(len(coefficients)))
     return np.asarray(powers @ coefficients)
 
@@ -98,27 +101,29 @@ def segment_ends(
 
 
 def interpolate_at(
-    instants: FloatArray,
-    times: FloatArray,
-    positions: FloatArray,
-    velocities: FloatArray,
-    accelerations: FloatArray,
-) -> FloatArray:
-    """Positions at any times between the first and the last point.
+    instants: FloatArray, times: FloatArray, ends: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Positions and their derivatives at any times between the first and the last point.
 
     Parameters
     ----------
     instants : array, shape (n_samples,)
         Times [s].
-    times, positions, velocities, accelerations :
-        The points, see :func:`segment_ends`; at least two.
+    times : array, shape (n_points,)
+        Those of the points, at least two [s].
+    ends : array, shape (n_points - 1, 6, n_joints)
+        See :func:`segment_ends`.
 
     Returns
     -------
-    :
-        Positions [rad or m], shape (n_samples, n_joints).
+    q, v, a : array, shape (n_samples, n_joints)
+        Positions, velocities and accelerations [rad or m, /s, /s²].
     """
-    ends = segment_ends(times, positions, velocities, accelerations)
     segment = np.clip(np.searchsorted(times, instants, side="right") - 1, 0, len(ends) - 1)
-    phases = (instants - times[segment]) / np.diff(times)[segment]
-    return np.asarray(np.einsum("ki,kij->kj", hermite_functions(phases), ends[segment]))
+    steps = np.diff(times)[segment]
+    phases = (instants - times[segment]) / steps
+    q, v, a = (
+        np.einsum("ki,kij->kj", hermite_functions(phases, d), ends[segment]) / steps[:, None] ** d
+        for d in range(3)
+    )
+    return q, v, a

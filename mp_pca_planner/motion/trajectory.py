@@ -1,10 +1,13 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""A sampled joint motion, the result of planning."""
+"""A sampled joint motion, the result of planning, and its files."""
 
 from __future__ import annotations
 
+import io
+import json
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass
 from html import escape
 from pathlib import Path
@@ -14,7 +17,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..arrays import FloatArray, frozen_array, set_frozen, unique_names
-from ..exceptions import MissingDependencyError, TrajectoryError
+from ..exceptions import MissingDependencyError, PlannerError, TrajectoryError
+from ..files import write_whole
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,6 +97,33 @@ class Trajectory:
         """Time from the first to the last point [s]."""
         return float(self.times[-1])
 
+    @property
+    def states(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Positions, velocities and accelerations."""
+        return self.positions, self.velocities, self.accelerations
+
+    @property
+    def effort_cost(self) -> float:
+        """J = ½∫‖τ‖²dt [N²·m²·s], by the trapezoidal rule; NaN without efforts."""
+        if self.efforts is None:
+            return float("nan")
+        power = np.square(self.efforts).sum(axis=1)
+        return float(0.25 * np.diff(self.times) @ (power[1:] + power[:-1]))
+
+    def columns(self) -> dict[str, FloatArray]:
+        """Times and values of all points, by the names of the public interface."""
+        names = ("times", "positions", "velocities", "accelerations", "efforts")
+        columns = {name: getattr(self, name) for name in names}
+        return {name: values for name, values in columns.items() if values is not None}
+
+    def with_efforts(self, efforts: FloatArray | None) -> Trajectory:
+        """The same points with efforts [N·m or N], shape (n_steps, n_joints), or without any."""
+        other, shape = copy(self), self.positions.shape
+        if efforts is not None:
+            efforts = frozen_array(efforts, shape, "efforts", TrajectoryError)
+        set_frozen(other, efforts=efforts)
+        return other
+
     def save(self, path: str | Path, *, overwrite: bool = False) -> None:
         """Write the trajectory to a .csv, .json or .npz file, or to a bag.
 
@@ -105,9 +136,16 @@ class Trajectory:
             If the format is unknown, the file exists and may not be overwritten, or it can't be
             written.
         """
-        from .trajectory_files import write_trajectory
+        path = Path(path)
+        content = {".csv": _csv, ".json": _json, ".npz": _npz}.get(path.suffix)
+        if content is not None:
+            write_whole(path, content(self), overwrite=overwrite)
+            return
+        check_format(path)
+        # Imported late, because `motion` must not depend on `recordings` at import.
+        from ..recordings.bags import write_joint_trajectory
 
-        write_trajectory(self, Path(path), overwrite=overwrite)
+        write_joint_trajectory(path, self, overwrite=overwrite)
 
     def to_message(self, *, with_efforts: bool = False) -> Any:
         """Convert the trajectory to a ``trajectory_msgs/JointTrajectory``.
@@ -133,3 +171,41 @@ class Trajectory:
 
         content = serialize_trajectory(self, with_efforts=with_efforts)
         return deserialize_message(content, JointTrajectory)
+
+
+def check_format(path: Path) -> None:
+    """Reject a file whose ending is not that of a trajectory format."""
+    from ..recordings.bags import FORMAT_OF_SUFFIX
+
+    formats = (".csv", ".json", ".npz", *FORMAT_OF_SUFFIX)
+    if path.suffix not in ("", *formats):
+        raise PlannerError(
+            f"the output '{path}' must end in {', '.join(formats)}, "
+            "or have no ending for the folder of a rosbag2"
+        )
+
+
+def _csv(trajectory: Trajectory) -> bytes:
+    columns = trajectory.columns()
+    table = np.column_stack(list(columns.values()))
+    kinds = list(columns)[1:]
+    header = ["time", *(f"{name}.{kind}" for kind in kinds for name in trajectory.joint_names)]
+    text = io.StringIO()
+    # 17 digits restore every number exactly.
+    np.savetxt(text, table, "%.17g", delimiter=",", header=",".join(header), comments="")
+    return text.getvalue().encode()
+
+
+def _json(trajectory: Trajectory) -> bytes:
+    columns = {name: values.tolist() for name, values in trajectory.columns().items()}
+    return json.dumps({"joint_names": trajectory.joint_names, **columns}, indent=2).encode()
+
+
+def _npz(trajectory: Trajectory) -> bytes:
+    buffer = io.BytesIO()
+    np.savez(
+        buffer,
+        joint_names=np.array(trajectory.joint_names),
+        **trajectory.columns(),  # type: ignore[arg-type]  # its stub takes bool only
+    )
+    return buffer.getvalue()

@@ -9,10 +9,10 @@ it is sampled.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
 
 from ..arrays import FloatArray
@@ -31,21 +31,6 @@ LIMIT_TOLERANCE = 1e-6
 
 LIMIT_NEAR = 1e-4
 """Relative distance from a limit within which the grid may miss a violation."""
-
-_START_TOLERANCE = 1e-9
-# Least number of steps between two points. At its ends, a quintic from rest to rest has no speed
-# and little effort for any duration; at a quarter of the duration, its acceleration is near the
-# peak.
-_MIN_PARTS = 4
-# Five points on each segment, from −1 to 1; the matrix from efforts at them to Chebyshev
-# coefficients; and the one from these to efforts at points about as dense as the grid.
-_CHEBYSHEV = -np.cos(np.linspace(0.0, np.pi, 5))
-# The last point of a segment is the first point of the next.
-_AT_CHEBYSHEV = np.array([hermite_functions(0.5 * (_CHEBYSHEV[:-1] + 1.0), d) for d in range(3)])
-_TO_CHEBYSHEV = np.linalg.inv(chebyshev.chebvander(_CHEBYSHEV, 4))
-_FROM_CHEBYSHEV = chebyshev.chebvander(np.linspace(-1.0, 1.0, 11), 4)
-# Largest error of that polynomial, as a share of the limit, at which it represents the efforts.
-_SMOOTH = 1e-3
 
 
 @dataclass(frozen=True)
@@ -89,9 +74,12 @@ class LimitCheck:
     ----------
     touched : tuple of Violation
         Every limit that is violated, or nearer than `LIMIT_NEAR`, the worst first.
+    efforts : array, shape (n_points, n_joints), or None
+        Efforts at the points of the trajectory [N·m or N]; None if they are not known.
     """
 
     touched: tuple[Violation, ...]
+    efforts: FloatArray | None = None
 
     @property
     def violations(self) -> tuple[Violation, ...]:
@@ -142,27 +130,17 @@ def interpolate(
     steps = np.diff(trajectory.times)
     if steps.size == 0:
         zero = np.zeros_like(trajectory.positions)
-        return DenseSamples(
-            trajectory.times,
-            trajectory.positions,
-            trajectory.velocities,
-            trajectory.accelerations,
-            zero,
-        )
-    n_parts = max(int(np.ceil(steps.max() / period - 1e-6)), _MIN_PARTS)
+        return DenseSamples(trajectory.times, *trajectory.states, zero)
+    # At its ends, a quintic from rest to rest has no speed and little effort for any duration; at a
+    # quarter of the duration, its acceleration is near the peak.
+    n_parts = max(int(np.ceil(steps.max() / period - 1e-6)), 4)
     fractions = np.linspace(0.0, 1.0, n_parts + 1)
     tables = np.array([hermite_functions(fractions, d) for d in range(4)])
-    ends, began = _segment_ends(trajectory), trajectory.times[:-1]
+    ends, began = segment_ends(trajectory.times, *trajectory.states), trajectory.times[:-1]
     if segments is not None:
         ends, steps, began = ends[segments], steps[segments], began[segments]
     q, v, a, jerk = _derivatives(ends, steps, tables)
     return DenseSamples((began[:, None] + steps[:, None] * fractions).ravel(), q, v, a, jerk)
-
-
-def _segment_ends(trajectory: Trajectory) -> FloatArray:
-    return segment_ends(
-        trajectory.times, trajectory.positions, trajectory.velocities, trajectory.accelerations
-    )
 
 
 def _derivatives(ends: FloatArray, steps: FloatArray, tables: FloatArray) -> FloatArray:
@@ -208,12 +186,17 @@ def check_limits(trajectory: Trajectory, robot: Robot, limits: JointLimits) -> L
         If efforts are limited, and a moving link of the robot has no valid inertia.
     """
     require_effort_limits(robot, limits)
-    steps, ends = np.diff(trajectory.times), _segment_ends(trajectory)
+    steps, ends = np.diff(trajectory.times), segment_ends(trajectory.times, *trajectory.states)
+    at_points = robot.inverse_dynamics(*trajectory.states)
     # Only segments that come near a limit are sampled, and a single point.
     near, near_efforts = np.ones(1, dtype=bool), np.isfinite(limits.effort)
     if steps.size:
-        near = _near_limits(ends, steps, limits)
-        near_efforts = _near_effort_limits(trajectory, ends, steps, robot, limits)
+        lowest, highest = _extremes(ends, steps)
+        near = _near_limits(lowest, highest, limits)
+        if near_efforts.any():
+            distances = np.maximum(-lowest, highest[0])
+            slopes = robot.effort_slopes(distances, *highest[1:])
+            near_efforts = _near_effort_limits(slopes, steps, at_points, limits)
     compared: list[tuple[str, FloatArray, FloatArray, FloatArray]] = []
     times: list[FloatArray] = []
     if near.any():
@@ -238,7 +221,7 @@ def check_limits(trajectory: Trajectory, robot: Robot, limits: JointLimits) -> L
                 at = (moments[k], values[k, j], bound[j], excess[k, j])
                 found.append(Violation(quantity, name, *map(float, at)))
     found.sort(key=lambda violation: -violation.excess)
-    return LimitCheck(tuple(found))
+    return LimitCheck(tuple(found), None if np.isnan(at_points).any() else at_points)
 
 
 def _magnitude(
@@ -260,48 +243,48 @@ def require_effort_limits(robot: Robot, limits: JointLimits) -> None:
         robot.require_inertias("limits of efforts", "remove those limits (max_effort: .inf)")
 
 
-def _near_limits(ends: FloatArray, steps: FloatArray, limits: JointLimits) -> NDArray[np.bool_]:
-    """Segments with a Bézier point of positions or their derivatives near or beyond a limit.
+def _extremes(ends: FloatArray, steps: FloatArray) -> tuple[FloatArray, list[FloatArray]]:
+    """Bounds of the curves of segments: they lie between their lowest and highest Bézier points.
 
-    The points enclose the curve, so other segments are within the limits.
+    Returns
+    -------
+    lowest : array, shape (n_segments, n_joints)
+        Bounds of the positions from below.
+    highest : list of array, shape (n_segments, n_joints)
+        Bounds of the positions from above, and of the magnitudes of their first three derivatives.
     """
     columns = ends.transpose(1, 0, 2).reshape(6, -1)
+    points = [to_points @ columns for to_points in BEZIER_POINTS]
+    lowest, highest = points[0].min(axis=0), points[0].max(axis=0)
+    rates = [np.maximum(x.max(axis=0), -x.min(axis=0)) for x in points[1:]]
+    shape = ends[:, 0].shape
+    scaled = (x.reshape(shape) / steps[:, None] ** d for d, x in enumerate(rates, start=1))
+    return lowest.reshape(shape), [highest.reshape(shape), *scaled]
 
-    def bezier_points(order: int) -> FloatArray:
-        return (BEZIER_POINTS[order] @ columns).reshape(-1, *ends[:, 0].shape)
 
+def _near_limits(
+    lowest: FloatArray, highest: Sequence[FloatArray], limits: JointLimits
+) -> NDArray[np.bool_]:
+    """Segments with positions or their derivatives near or beyond a limit, by their bounds."""
     room = LIMIT_NEAR * _span(limits)
-    q = bezier_points(0)
-    inside = np.all((q > limits.lower + room) & (q < limits.upper - room), axis=(0, 2))
-    for order, bound in enumerate((limits.velocity, limits.acceleration, limits.jerk), start=1):
-        if np.isfinite(bound).any():
-            highest = np.abs(bezier_points(order)).max(axis=0) / steps[:, None] ** order
-            inside &= np.all(highest < (1.0 - LIMIT_NEAR) * bound, axis=1)
-    return np.asarray(~inside)
+    inside = (lowest > limits.lower + room) & (highest[0] < limits.upper - room)
+    bounds = (limits.velocity, limits.acceleration, limits.jerk)
+    for values, bound in zip(highest[1:], bounds, strict=True):
+        inside &= values < (1.0 - LIMIT_NEAR) * bound
+    return np.asarray(~inside.all(axis=1))
 
 
 def _near_effort_limits(
-    trajectory: Trajectory, ends: FloatArray, steps: FloatArray, robot: Robot, limits: JointLimits
+    slopes: FloatArray, steps: FloatArray, at_points: FloatArray, limits: JointLimits
 ) -> NDArray[np.bool_]:
-    """Segments whose efforts may be near or beyond a limit, by fewer points than the grid has.
+    """Segments whose efforts may be near or beyond a limit.
 
-    Between two points of a trajectory efforts are smooth: the polynomial through five Chebyshev
-    points represents them, and the decay of its coefficients bounds its error. Segments in which
-    the robot moves far count as near.
+    An instant is at most half a step from a point, where the effort is known, and between them
+    it changes at most as fast as the bounds of its slopes allow.
     """
-    if not np.isfinite(limits.effort).any():
-        return np.zeros(steps.size, dtype=bool)
-    degree = len(_CHEBYSHEV) - 1
-    states = _derivatives(ends, steps, _AT_CHEBYSHEV)
-    last = (trajectory.positions, trajectory.velocities, trajectory.accelerations)
-    q, v, a = (np.concatenate([x, end[-1:]]) for x, end in zip(states, last, strict=True))
-    tau = robot.inverse_dynamics(q, v, a)
-    nodes = np.arange(len(steps))[:, None] * degree + np.arange(degree + 1)
-    coefficients = _TO_CHEBYSHEV @ tau[nodes]
-    beyond = np.abs(coefficients[:, -1]) + 0.1 * np.abs(coefficients[:, -2])
-    within = np.abs(_FROM_CHEBYSHEV @ coefficients).max(axis=1) + beyond
-    clear = (beyond <= _SMOOTH * limits.effort) & (within < (1.0 - LIMIT_NEAR) * limits.effort)
-    return np.asarray(~clear.all(axis=1))
+    tau = np.abs(at_points)
+    values = np.maximum(tau[:-1], tau[1:]) + 0.5 * steps[:, None] * slopes
+    return np.asarray(~np.all(values < (1.0 - LIMIT_NEAR) * limits.effort, axis=1))
 
 
 def _span(limits: JointLimits) -> FloatArray:
@@ -344,7 +327,7 @@ def check_executable(
         )
     jump = np.abs(trajectory.positions[0] - start.positions)
     worst = int(jump.argmax())
-    if not jump[worst] <= _START_TOLERANCE:
+    if not jump[worst] <= 1e-9:  # rounding
         raise TrajectoryError(
             f"the trajectory starts {jump[worst]:.3g} rad (or m) from the present position of "
             f"joint '{trajectory.joint_names[worst]}'"

@@ -92,7 +92,7 @@ class Attempt:
         errors = [one.target.error(q)[0] for one, q in zip(conditions, places, strict=False)]
         return np.concatenate([np.zeros(0), *errors])
 
-    @property
+    @cached_property
     def violation(self) -> Violation:
         """Violations of limits, clearances and conditions, for the comparison of attempts."""
         missed = largest(self.condition_errors)

@@ -19,7 +19,7 @@ from ..arrays import FloatArray
 from ..motion.collision import Collision, CollisionModel
 from ..primitives.basis import Basis
 from .constraints import LimitedPoint, LimitedProgram
-from .unknowns import Rows, StateMap, Unknowns, hermite_tables
+from .unknowns import StateMap, state_map
 
 
 @dataclass(frozen=True)
@@ -138,7 +138,7 @@ class ClearProgram:
         clearances: Clearances,
     ) -> None:
         self._limited, self._model = limited, model
-        self._states = _positions(limited.program.unknowns, basis, clearances.phases)
+        self._states = state_map(limited.program.unknowns, basis, clearances.phases, 0)
         least = np.repeat(clearances.least, clearances.phases.size)
         self.lower = np.concatenate([limited.lower, least])
         self.upper = np.concatenate([limited.upper, np.full(least.size, np.inf)])
@@ -224,12 +224,3 @@ class ClearPoint:
     def inequalities_after(self, step: FloatArray) -> FloatArray:
         """Their linear prediction."""
         return np.concatenate([self._limited.inequalities_after(step), self._distances.after(step)])
-
-
-def _positions(unknowns: Unknowns, basis: Basis, phases: FloatArray) -> StateMap:
-    """Positions of all joints at some phases."""
-    tables = basis.tables(phases, 0)
-    joints = np.arange(tables.shape[2])
-    rows = Rows(np.zeros_like(joints), joints, np.ones(joints.size))
-    hermite = hermite_tables(phases.tobytes())[:1]
-    return StateMap(unknowns, hermite, tables[..., 0], tables[..., 1:] * basis.scales, rows)

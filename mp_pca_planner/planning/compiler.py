@@ -20,9 +20,8 @@ import numpy as np
 
 from ..arrays import FloatArray
 from ..primitives.basis import Basis
-from ..primitives.boundary import hermite_functions
 from ..robot.model import Robot
-from .conditions import Condition
+from .conditions import Condition, ConditionEquations
 from .objectives import QUANTITIES, Effort, Nodes, Objective, Residuals
 from .unknowns import N_RATES, QuadratureTables, StateMap, Unknowns
 
@@ -76,6 +75,8 @@ class MotionProgram:
         Typical changes of the unknowns.
     precision : array, shape (n_unknowns, n_unknowns)
         ρΛ⁻¹ of the scaled weights; zeros, the initial value, mean no naturalness.
+    equations : ConditionEquations
+        The conditions as equations of the unknowns.
     """
 
     def __init__(
@@ -91,11 +92,11 @@ class MotionProgram:
         self._robot = robot
         self._tables = tables
         self._objectives = tuple(objectives)
-        self._conditions = tuple(conditions)
         self.unknowns = unknowns
         self.scales = self.unknowns.scales
         self.expected = self.unknowns.from_weights(expected)
         self.precision = np.zeros((self.scales.size, self.scales.size))
+        self.equations = ConditionEquations(unknowns, tables.basis, conditions)
         self._last: tuple[FloatArray, Linearisation] | None = None
         functions = tables.functions.transpose(1, 0, 2, 3)
         self._states = StateMap(self.unknowns, tables.hermite, tables.mean, functions)
@@ -123,12 +124,23 @@ class MotionProgram:
 
     def effort_costs(self, candidates: FloatArray) -> FloatArray:
         """J of candidates x, shape (n_candidates, n_unknowns), without derivatives."""
-        states = np.stack([self.states(x)[:3] for x in candidates], axis=1)
-        _, n_candidates, n_nodes, n_joints = states.shape
-        tau = self._robot.inverse_dynamics(*states.reshape(3, -1, n_joints))
+        return self._running_costs(candidates, [(1.0, Effort())])
+
+    def _running_costs(
+        self, candidates: FloatArray, objectives: Sequence[tuple[float, Objective]]
+    ) -> FloatArray:
+        """Weighted sums of objectives of candidates, shape (n_candidates,)."""
+        q, v, a, jerk = np.concatenate([self.states(x) for x in candidates], axis=1)
+        tau = self._robot.inverse_dynamics(q, v, a)
+        ends = self.unknowns.boundary[0], self.unknowns.boundary[3]
+        nodes = Nodes(self._robot, q, v, a, jerk, tau, *ends)
+        squares = sum(
+            weight * np.sum(objective.residuals(nodes).values ** 2, axis=1)
+            for weight, objective in objectives
+        )
         durations = np.array([self.unknowns.duration_at(x) for x in candidates])
-        squares = np.sum(tau.reshape(n_candidates, n_nodes, n_joints) ** 2, axis=2)
-        return np.asarray(0.5 * durations * (squares @ self._tables.quadrature))
+        by_candidate = np.reshape(squares, (len(candidates), self.n_nodes))
+        return np.asarray(0.5 * durations * (by_candidate @ self._tables.quadrature))
 
     def linearise(self, x: FloatArray) -> Linearisation:
         """The residual and its Jacobian; those of the last x are cached."""
@@ -181,11 +193,7 @@ class MotionProgram:
     def costs(self, candidates: FloatArray) -> FloatArray:
         """The whole objective of candidates x, shape (n_candidates, n_unknowns)."""
         natural = np.array([self.naturalness(x) for x in candidates])
-        if all(isinstance(objective, Effort) for _, objective in self._objectives):
-            weight = sum(weight for weight, _ in self._objectives)
-            return np.asarray(weight * self.effort_costs(candidates) + natural)
-        residuals = (self.linearise(x).residual for x in candidates)
-        return np.asarray([0.5 * float(r @ r) for r in residuals] + natural)
+        return np.asarray(self._running_costs(candidates, self._objectives) + natural)
 
     def naturalness(self, x: FloatArray) -> float:
         """The naturalness term ½ρ(w−ŵ)ᵀΛ⁻¹(w−ŵ)."""
@@ -200,47 +208,3 @@ class MotionProgram:
         """The states from rows of them, shape (4, n_nodes, n_joints)."""
         by_joint = by_row.reshape(N_RATES, self._robot.n_joints, self.n_nodes)
         return by_joint.transpose(0, 2, 1)
-
-    def equalities(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Residuals of the conditions, shape (m,), and their derivatives, shape (m, n_unknowns)."""
-        errors, rows = [np.zeros(0)], [np.zeros((0, x.size))]
-        place = self.unknowns.first_place
-        for condition, (phase, slope) in zip(self._conditions, self._phases(x), strict=True):
-            q, by_unknown, by_phase = self._positions_at(phase, x)
-            if condition.phase is None:
-                by_unknown[:, place] = by_phase * slope
-                place += 1
-            error, by_position = condition.target.error(q)
-            errors.append(error)
-            rows.append(by_position @ by_unknown)
-        return np.concatenate(errors), np.concatenate(rows)
-
-    def phases(self, x: FloatArray) -> list[float]:
-        """The phases of the conditions."""
-        return [phase for phase, _ in self._phases(x)]
-
-    def _phases(self, x: FloatArray) -> list[tuple[float, float]]:
-        """The phases of the conditions, and their derivatives by their places."""
-        places = iter(x[self.unknowns.first_place :])
-        return [c.phase_at(next(places) if c.phase is None else 0.0) for c in self._conditions]
-
-    def _positions_at(
-        self, phase: float, x: FloatArray
-    ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Positions at a phase, their derivatives by the unknowns and by the phase."""
-        basis, unknowns, at = self._tables.basis, self.unknowns, np.array([phase])
-        boundary, growth = unknowns.boundary_at(x)
-        weights = unknowns.weights(x)
-        q, by_phase = (
-            hermite_functions(at, d)[0] @ boundary + basis.shape(weights, at, d)[0]
-            for d in range(2)
-        )
-        hermite = hermite_functions(at)[0]
-        rows = np.zeros((q.size, x.size))
-        rows[:, : unknowns.n_weights] = basis.functions(at)[0] * basis.scales
-        moved = hermite[unknowns.free_rows][:, None, None] * np.eye(q.size)
-        ends = unknowns.scales[unknowns.ends] * unknowns.growth(x)[unknowns.ends]
-        rows[:, unknowns.ends] = moved.transpose(1, 0, 2).reshape(q.size, -1) * ends
-        if unknowns.duration_is_free:
-            rows[:, unknowns.n_linear] = unknowns.log_duration_slope(x) * (hermite @ growth)
-        return q, rows, by_phase

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -12,7 +13,9 @@ from numpy.typing import NDArray
 
 from ..arrays import FloatArray
 from ..motion.goal import Pose
+from ..primitives.basis import Basis
 from ..robot.model import Robot
+from .unknowns import StateMap, Unknowns, state_map
 
 
 class Target(Protocol):
@@ -90,3 +93,54 @@ class Condition:
         low, high = self.window
         share = 0.5 * (1.0 + np.tanh(0.5 * place))
         return low + (high - low) * share, (high - low) * share * (1.0 - share)
+
+
+class ConditionEquations:
+    """The conditions of a motion as equations of its unknowns.
+
+    Parameters
+    ----------
+    unknowns : Unknowns
+        The unknowns.
+    basis : Basis
+        The basis of the motion.
+    conditions : sequence of Condition
+        The conditions; the phases that are free are the last unknowns, in the same order.
+    """
+
+    def __init__(self, unknowns: Unknowns, basis: Basis, conditions: Sequence[Condition]) -> None:
+        self._unknowns, self._basis, self._conditions = unknowns, basis, tuple(conditions)
+        fixed = [one.phase for one in conditions if one.phase is not None]
+        self._map = self._map_at(fixed) if 0 < len(fixed) == len(conditions) else None
+
+    def _map_at(self, phases: Sequence[float]) -> StateMap:
+        return state_map(self._unknowns, self._basis, np.array(phases), 1)
+
+    def phases(self, x: FloatArray) -> list[float]:
+        """The phases of the conditions."""
+        return [phase for phase, _ in self._phases(x)]
+
+    def _phases(self, x: FloatArray) -> list[tuple[float, float]]:
+        """The phases of the conditions, and their derivatives by their places."""
+        places = iter(x[self._unknowns.first_place :])
+        return [c.phase_at(next(places) if c.phase is None else 0.0) for c in self._conditions]
+
+    def residuals(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Residuals of the conditions, shape (m,), and their derivatives, shape (m, n_unknowns)."""
+        errors, rows = [np.zeros(0)], [np.zeros((0, x.size))]
+        if not self._conditions:
+            return errors[0], rows[0]
+        phases, place = self._phases(x), self._unknowns.first_place
+        states = self._map or self._map_at([phase for phase, _ in phases])
+        values = states.values(x)
+        jacobian = states.jacobian(x, values).reshape(2, -1, len(phases), x.size)
+        q, v = values.reshape(2, -1, len(phases))
+        for i, (condition, (_, slope)) in enumerate(zip(self._conditions, phases, strict=True)):
+            by_unknown = jacobian[0, :, i]
+            if condition.phase is None:
+                by_unknown[:, place] = self._unknowns.duration_at(x) * v[:, i] * slope
+                place += 1
+            error, by_position = condition.target.error(q[:, i])
+            errors.append(error)
+            rows.append(by_position @ by_unknown)
+        return np.concatenate(errors), np.concatenate(rows)

@@ -24,6 +24,7 @@ from .unknowns import (
     N_RATES,
     QuadratureTables,
     Rows,
+    Slopes,
     StateMap,
     hermite_tables,
 )
@@ -152,6 +153,7 @@ class LimitedProgram:
     ) -> None:
         self.program = program
         self._tables = tables
+        self._states: StateMap | None
         if limits is None:
             self._leave_unbounded()
             return
@@ -169,14 +171,12 @@ class LimitedProgram:
         rows = Rows(quantities[of_states], joints[of_states], units[of_states])
         highest = int(rows.orders.max(initial=0))
         self._states = StateMap(program.unknowns, *tables.states(highest), rows)
-        # Without a free duration, these constraints are linear in the unknowns.
-        self._linear = None if program.unknowns.duration_is_free else self._expand(program.expected)
         self._effort_joints, self._effort_units = joints[of_efforts], units[of_efforts]
 
     def _leave_unbounded(self) -> None:
         self.lower = self.upper = self._effort_units = np.zeros(0)
         self._group_of_row = self._effort_joints = np.zeros(0, dtype=np.intp)
-        self._linear = (np.zeros(0), np.zeros((0, self.program.scales.size)))
+        self._states = None
 
     @property
     def groups(self) -> NDArray[np.intp]:
@@ -211,31 +211,10 @@ class LimitedProgram:
         """Objective and bounded quantities at scaled weights x, with their derivatives."""
         return LimitedPoint(self, x, self.program.linearise(x))
 
-    def _expand(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Bounded states as c + R·x near x: c, shape (n_states,), and R, (n_states, n)."""
-        states = self._states.values(x)
-        rows = self._states.jacobian(x, states)
-        return states.ravel() - rows @ x, rows
-
     def _efforts(self, node_efforts: FloatArray) -> FloatArray:
         """Bounded efforts from those at the nodes, shape (n_effort_joints, n_points)."""
         shares = node_efforts[:, self._effort_joints] / self._effort_units
         return np.asarray(shares.T @ self._tables.from_nodes.T)
-
-    def _rows(
-        self, chosen: NDArray[np.intp], state_rows: FloatArray, at: Linearisation
-    ) -> FloatArray:
-        n_states = len(state_rows)
-        linear = chosen < n_states
-        if linear.all():
-            return state_rows[chosen]
-        rows = np.empty((chosen.size, state_rows.shape[1]))
-        rows[linear] = state_rows[chosen[linear]]
-        row, point = np.divmod(chosen[~linear] - n_states, self._tables.n_points)
-        from_nodes = self._tables.from_nodes[point] / self._effort_units[row, None]
-        by_joint = at.effort_jacobian.transpose(1, 0, 2)[self._effort_joints[row]]
-        rows[~linear] = (from_nodes[:, None] @ by_joint)[:, 0]
-        return rows
 
 
 class LimitedPoint:
@@ -263,31 +242,49 @@ class LimitedPoint:
         pull = owner.program.precision @ deviation
         self.cost = 0.5 * float(at.residual @ at.residual + pull @ deviation)
         self.gradient = at.residual @ at.jacobian + pull
-        self._constant, self._state_rows = owner._linear or owner._expand(x)
-        self.inequalities = self._values(x, at.efforts)
-        self.equalities, self.equality_rows = owner.program.equalities(x)
+        self._states = np.zeros((0, 0)) if owner._states is None else owner._states.values(x)
+        efforts = owner._efforts(at.efforts).ravel()
+        self.inequalities = np.concatenate([self._states.ravel(), efforts])
+        self.equalities, self.equality_rows = owner.program.equations.residuals(x)
 
     @cached_property
     def hessian(self) -> FloatArray:
         """The known part of the Hessian."""
         return np.asarray(self._at.jacobian.T @ self._at.jacobian + self._owner.program.precision)
 
+    @cached_property
+    def _slopes(self) -> Slopes | None:
+        """Derivatives of the bounded states."""
+        states = self._owner._states
+        return None if states is None else states.slopes(self._x, self._states)
+
     def inequality_rows(self, chosen: NDArray[np.intp]) -> FloatArray:
         """Derivatives of the chosen inequalities, shape (n_chosen, n)."""
-        return self._owner._rows(chosen, self._state_rows, self._at)
+        n_states = self._states.size
+        of_states = chosen < n_states
+        rows = np.empty((chosen.size, self._x.size))
+        if self._slopes is not None:
+            rows[of_states] = self._slopes.rows(chosen[of_states])
+        if not of_states.all():
+            rows[~of_states] = self._effort_rows(chosen[~of_states] - n_states)
+        return rows
+
+    def _effort_rows(self, chosen: NDArray[np.intp]) -> FloatArray:
+        tables, units = self._owner._tables, self._owner._effort_units
+        row, point = np.divmod(chosen, tables.n_points)
+        from_nodes = tables.from_nodes[point] / units[row, None]
+        by_joint = self._at.effort_jacobian.transpose(1, 0, 2)[self._owner._effort_joints[row]]
+        return np.asarray((from_nodes[:, None] @ by_joint)[:, 0])
 
     def inequalities_after(self, step: FloatArray) -> FloatArray:
-        """Their linear prediction, exact but for the efforts."""
-        by_unknown = self._at.effort_jacobian.reshape(-1, step.size)
-        change = (by_unknown @ step).reshape(self._at.efforts.shape)
-        return self._values(self._x + step, self._at.efforts + change)
-
-    def _values(self, x: FloatArray, node_efforts: FloatArray) -> FloatArray:
-        n_states = len(self._constant)
-        values = np.empty(self._owner.lower.size)
-        np.add(self._constant, self._state_rows @ x, out=values[:n_states])
+        """Their linear prediction, exact but for the efforts and a free duration."""
+        values, n_states = self.inequalities.copy(), self._states.size
+        if self._slopes is not None:
+            values[:n_states] += self._slopes.changes(step)
         if n_states < values.size:
-            values[n_states:] = self._owner._efforts(node_efforts).ravel()
+            by_unknown = self._at.effort_jacobian.reshape(-1, step.size)
+            change = (by_unknown @ step).reshape(self._at.efforts.shape)
+            values[n_states:] += self._owner._efforts(change).ravel()
         return values
 
 

@@ -6,12 +6,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from html import escape
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..arrays import FloatArray
-from ..exceptions import GoalError
+from ..exceptions import GoalError, PlannerError
 from ..motion.trajectory import Trajectory
 from ..motion.validation import LimitCheck
 from .motion import Motion
@@ -20,6 +20,9 @@ from .search_options import SearchOptions
 from .solver import SolverOptions
 from .starts import MOST_STARTS
 from .unknowns import DEFAULT_NODES
+
+if TYPE_CHECKING:
+    from .planner import Planner
 
 BASES = ("pca", "bspline")
 DEMONSTRATED, SHORTEST, FREE = "demonstrated", "shortest", "free"
@@ -212,6 +215,8 @@ class Plan:
     mode : str
         How the segments of a goal of several targets were joined: 'real_time' (without
         optimisation) or 'optimal'. Empty for a single goal.
+    planner : Planner or None
+        The planner that made it.
     """
 
     status: str
@@ -235,6 +240,7 @@ class Plan:
     naturalness: float
     solve_time: float
     mode: str = ""
+    planner: Planner | None = None
 
     def __repr__(self) -> str:
         names = ", ".join(dict.fromkeys(self.primitives))
@@ -248,11 +254,27 @@ class Plan:
         cells = "".join(f"<tr><th>{name}</th><td>{escape(f'{v}')}</td></tr>" for name, v in rows)
         return f"<table>{cells}</table>"
 
-    def plot(self, axes: Any = None) -> Any:
+    def plot(self, axes: Any = None, **options: Any) -> Any:
         """Plot the trajectory, see :func:`.figures.plot_plan`; returns the Axes."""
         from ..plotting.figures import plot_plan
 
-        return plot_plan(self, axes)
+        return plot_plan(self, axes, **options)
+
+    def show(self, *, port: int = 8080) -> Any:
+        """Show the robot, its primitives and this motion in the browser; returns the page.
+
+        See :func:`.show`.
+
+        Raises
+        ------
+        PlannerError
+            If no planner made this plan, or see :func:`.show`.
+        """
+        from ..view.content import show
+
+        if self.planner is None:
+            raise PlannerError("a plan that no planner made can't be shown: use Planner.plan")
+        return show(self.planner, self, port=port)
 
     @property
     def is_executable(self) -> bool:

@@ -39,7 +39,8 @@ class PlanAssembly:
     def plan(self, planned: Planned, reason: str, solve_time: float) -> Plan:
         """The plan, with its status, message and values."""
         attempt = planned.attempt
-        request, trajectory = attempt.request, attempt.trajectory
+        request = attempt.request
+        trajectory = attempt.trajectory.with_efforts(attempt.check.efforts)
         via_error, goal_error = _errors(attempt, self._setup.robot)
         status, message = self._judge.verdict(planned, max(via_error, goal_error))
         motions = attempt.motions

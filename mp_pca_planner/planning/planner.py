@@ -6,13 +6,22 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 
 from ..exceptions import GoalError, PrimitiveError, quote_names
 from ..motion.collision import CollisionModel, package_folders
-from ..motion.goal import JointGoal, JointState, SequenceGoal
-from ..motion.targets import GoalLike, StateLike, as_goal, as_state
+from ..motion.goal import (
+    GoalLike,
+    JointGoal,
+    JointState,
+    SequenceGoal,
+    StateLike,
+    as_goal,
+    as_state,
+)
 from ..motion.validation import require_effort_limits
 from ..primitives.primitive import MovementPrimitive
+from ..primitives.primitive_library import PrimitiveLibrary
 from ..robot.limits import JointLimits
 from ..robot.model import Robot
 from ..robot.world import World
@@ -37,7 +46,7 @@ class Planner:
     ----------
     robot : Robot
         The model, with the joints of the primitives in their order. Not shared between threads.
-    primitives : sequence of MovementPrimitive
+    primitives : PrimitiveLibrary or sequence of MovementPrimitive
         At least one; names must differ.
     limits : JointLimits, optional
         Limits of the joints; those of the robot description unless given.
@@ -69,7 +78,7 @@ class Planner:
         collision: CollisionModel | None = None,
         world: World | None = None,
     ) -> None:
-        self.robot, self.primitives = robot, primitives
+        self.robot, self.primitives = robot, PrimitiveLibrary.of(primitives)
         self.limits = robot.limits() if limits is None else limits
         self.options = PlannerOptions() if options is None else options
         if world is not None and collision is None:
@@ -77,18 +86,12 @@ class Planner:
             collision = CollisionModel(robot, package_dirs=folders, world=world)
         elif world is not None and collision is not None:
             collision.set_world(world)
-        names = [p.name for p in self.primitives]
-        if not names:
-            raise PrimitiveError("the planner needs at least one primitive, got none")
-        twice = sorted({name for name in names if names.count(name) > 1})
-        if twice:
-            raise PrimitiveError(f"several primitives are called {quote_names(twice)}")
-        for primitive in self.primitives:
-            if primitive.joint_names != self.robot.joint_names:
-                raise PrimitiveError(
-                    f"primitive '{primitive.name}' moves {quote_names(primitive.joint_names)}, but "
-                    f"the planner was set up for {quote_names(self.robot.joint_names)}"
-                )
+        if self.primitives.joint_names != self.robot.joint_names:
+            raise PrimitiveError(
+                f"primitive '{next(iter(self.primitives.names))}' moves "
+                f"{quote_names(self.primitives.joint_names)}, but the planner was set up for "
+                f"{quote_names(self.robot.joint_names)}"
+            )
         require_effort_limits(self.robot, self.limits)
         if any(uses_efforts(objective, self.robot) for _, objective in self.options.objectives):
             others = "choose an objective without efforts, such as jerk"
@@ -98,13 +101,13 @@ class Planner:
         self._resolver = GoalResolver(setup, self._selector)
         self._sequences = SequenceResolver(setup, self._selector)
         fallback = FallbackPlanner(setup)
-        self._chooser = BasisChooser(setup, self.primitives)
+        self._chooser = BasisChooser(setup)
         self._single = SinglePlanner(setup, self._resolver, fallback, self._chooser)
         self._several = SeveralPlanner(setup, fallback, self._chooser)
         self._assembly = PlanAssembly(setup, self._resolver)
 
     def __repr__(self) -> str:
-        names = ", ".join(f"'{primitive.name}'" for primitive in self.primitives)
+        names = quote_names(self.primitives.names)
         return f"Planner of {self.robot!r}, primitives {names}"
 
     @property
@@ -190,7 +193,7 @@ class Planner:
             planned, attempts = self._single.serve(requests, began, budget)
         solved_at = max(attempts[-1].solved_at, planned.attempt.solved_at)
         reason = selection_reason(goal, planned.attempt, attempts)
-        return self._assembly.plan(planned, reason, solved_at - began)
+        return replace(self._assembly.plan(planned, reason, solved_at - began), planner=self)
 
     @one_blas_thread()
     def precompute(self, max_time: float = float("inf")) -> None:
@@ -210,6 +213,8 @@ class Planner:
             return
         deadline = time.perf_counter() + max_time
         for primitive in self.primitives:
+            if Budget(deadline).is_over():
+                break
             found = self._single.precompute(primitive, deadline)
             if found.memories:
                 self._chooser.warm_starts[primitive.name] = found

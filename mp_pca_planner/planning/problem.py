@@ -36,6 +36,7 @@ from .selection import effort_of
 from .sequence_request import SequenceRequest
 from .setup import Setup
 from .starts import StartPoint
+from .time_scaling import keeps_limits
 from .unknowns import GOAL_POSITION, Unknowns
 
 
@@ -63,12 +64,19 @@ class Part:
     limited: LimitedProgram = field(init=False)
     clearances: Clearances | None = None
 
+    def is_expected_within(self, limits: JointLimits) -> bool:
+        """Whether the expected motion keeps the limits at the nodes, and its duration is known."""
+        free = self.program.unknowns.duration_is_free
+        if free and not self.program.precision.diagonal()[self.program.unknowns.n_linear] > 0.0:
+            return False
+        at = self.program.linearise(self.program.expected)
+        return keeps_limits(limits, at.states, at.efforts)
+
     def bound(self, limits: JointLimits | None, robot: Robot) -> None:
         """Add the limits as constraints."""
         known = [state for state in self.ends if state is not None]
         # Only fixed ends reduce the margin.
-        n = robot.n_joints
-        states = np.zeros((len(known), 4, n))
+        states = np.zeros((len(known), 4, robot.n_joints))
         if known:
             q, v, a = (
                 np.array([getattr(state, kind) for state in known])
@@ -120,9 +128,10 @@ class PlanningProblem(ABC):
 
     @property
     def is_near_expected(self) -> bool:
-        """Whether motions stay near the expected one, so that limits are rarely active."""
+        """Whether motions stay near an expected one within limits, which are rarely active then."""
         certain = all(basis.precision is not None for basis in self.bases)
-        return certain and self.naturalness >= self.setup.options.search.near_expected
+        near = certain and self.naturalness >= self.setup.options.search.near_expected
+        return near and all(part.is_expected_within(self.setup.limits) for part in self.parts)
 
     @abstractmethod
     def program(self) -> Program:
@@ -174,8 +183,7 @@ class PlanningProblem(ABC):
     def separate(self, collisions: Sequence[Collision], motions: Sequence[Motion]) -> bool:
         """Add clearance constraints after collisions; return whether any were added."""
         collision = self.setup.collision
-        duration = sum(motion.duration for motion in motions)
-        met = collision_at_end(collisions, self.request, duration)
+        met = collision_at_end(collisions, self.request, sum(one.duration for one in motions))
         if collision is None or met is not None:
             return False
         began = 0.0
@@ -270,12 +278,12 @@ class SingleProblem(PlanningProblem):
 
     def phases(self, x: FloatArray) -> tuple[float, ...]:
         """The phases of vias and of the pose."""
-        return tuple(self._program.phases(x))
+        return tuple(self._program.equations.phases(x))
 
     def efforts(self, x: FloatArray) -> tuple[float, float]:
         """Efforts ½∫‖τ‖²dt of the motion and of the expected one [N²·m²·s]."""
-        found, expected = self._program.effort_costs(np.array([x, self._program.expected]))
-        return float(found), float(expected)
+        both = self._program.effort_costs(np.array([x, self._program.expected]))
+        return float(both[0]), float(both[1])
 
     def naturalness_cost(self, x: FloatArray) -> float:
         """The naturalness term of the weights."""
@@ -329,15 +337,14 @@ class ChainProblem(PlanningProblem):
                 program, basis, request.expected[i], setup.options.search
             )
             self.parts.append(Part(program, basis, (here.fixed_state, there.fixed_state)))
-        self._chain = self._joined_parts([])
+        self._programs = [part.program for part in self.parts]
+        self._chain = ChainProgram(self._junctions, self._programs, [])
         self.starts = [StartPoint(self._chain.start)]
-
-    def _joined_parts(self, wholes: Sequence[Program]) -> ChainProgram:
-        return ChainProgram(self._junctions, [part.program for part in self.parts], wholes)
 
     def program(self) -> ChainProgram:
         """The segments, joined."""
-        return self._joined_parts([part.whole(self.setup.collision) for part in self.parts])
+        wholes = [part.whole(self.setup.collision) for part in self.parts]
+        return ChainProgram(self._junctions, self._programs, wholes)
 
     def motions(self, x: FloatArray) -> tuple[Motion, ...]:
         """The segments."""
@@ -357,8 +364,8 @@ class ChainProblem(PlanningProblem):
 
     def naturalness_cost(self, x: FloatArray) -> float:
         """The sum of the naturalness terms of the segments."""
-        local = zip(self.parts, self._chain.locals(x), strict=True)
-        return sum(part.program.naturalness(own) for part, own in local)
+        parts = zip(self.parts, self._chain.locals(x), strict=True)
+        return sum(part.program.naturalness(own) for part, own in parts)
 
 
 def collision_at_end(

@@ -15,6 +15,7 @@ from ..motion.goal import JointGoal, JointState, Pose, PoseGoal, Via
 from ..primitives.boundary import hermite_functions
 from ..primitives.conditional_model import ConditionalDistribution
 from ..primitives.primitive import MovementPrimitive
+from ..primitives.primitive_library import PrimitiveLibrary
 from .conditions import Condition, JointTarget, PoseTarget, Target
 from .plan import SHORTEST, PlannerOptions
 from .pose_search import configurations_at, starts_near
@@ -137,7 +138,7 @@ class GoalResolver:
             goals, pose = self._pose_goals(goal.pose, here, selector.primitives), goal.pose
 
         def score(there: JointState) -> float:
-            return float(selector.scores(here.positions, there.positions, goal.duration).min())
+            return selector.least_score(here.positions, there.positions, goal.duration)
 
         # Several primitives are tried for one configuration, but not in the search for the shortest
         # duration, nor for each of several configurations.
@@ -179,11 +180,11 @@ class GoalResolver:
             )
 
     def _pose_goals(
-        self, pose: Pose, here: JointState, candidates: Sequence[MovementPrimitive]
+        self, pose: Pose, here: JointState, candidates: PrimitiveLibrary
     ) -> list[JointState]:
         """Configurations that reach the pose, from ends of demonstrations and the start."""
-        ends = np.concatenate([p.boundary_states[:, 3] for p in candidates])
-        starts = [*starts_near(self._setup.robot, pose, ends), here.positions]
+        known = candidates.ends[:, 1]
+        starts = [*starts_near(self._setup.robot, pose, known), here.positions]
         found = configurations_at(self._setup.robot, self._setup.limits, pose, starts)
         return [JointState(here.joint_names, unwrapped(q, here, self._setup.robot)) for q in found]
 

@@ -103,8 +103,7 @@ class SequenceResolver:
         For poses, the configurations with the least sum of squared in-span scores are chosen, by
         dynamic programming.
         """
-        known = np.concatenate([p.boundary_states[:, [0, 3]] for p in selector.primitives])
-        known = known.reshape(-1, self.robot.n_joints)
+        known = selector.primitives.ends.reshape(-1, self.robot.n_joints)
         routes = [_Route(0.0, (here,))]
         for number, target in enumerate(goal.targets, first_number):
             if isinstance(target, Pose):
@@ -195,5 +194,5 @@ class _Route:
 
     def to(self, there: JointState, selector: Selector) -> _Route:
         """The route continued to a state."""
-        scores = selector.scores(self.states[-1].positions, there.positions)
-        return _Route(self.cost + float(scores.min()) ** 2, (*self.states, there))
+        score = selector.least_score(self.states[-1].positions, there.positions)
+        return _Route(self.cost + score**2, (*self.states, there))

@@ -68,6 +68,8 @@ class SearchOptions:
         Therefore this number of their standard deviations counts as one (benchmarks/sequences.py).
     min_spread : float
         Least standard deviation of a joint in that cost [rad or m].
+    n_kept_tables : int
+        Number of primitives whose precomputed tables stay in memory, those used last.
     warm_start_score : float
         Largest in-span score of a request that uses warm starts. Requests like the demonstrations
         have at most 2. Those between arbitrary configurations have 6 and more, and may end in poor
@@ -95,4 +97,5 @@ class SearchOptions:
     bend_spread: float = 18.0
     min_spread: float = 0.01
     n_warm_starts: int = 20
+    n_kept_tables: int = 500
     warm_start_score: float = 3.0

@@ -3,27 +3,29 @@
 """Selection of the best primitive for a request, without solving for all of them.
 
 The in-span score is a first filter: only primitives whose demonstrations are about as near to the
-request as those of the nearest primitive remain. It is computed for all primitives at once, from
-stacked statistics. The remaining ones are ranked by the cost of their expected motion, compiled but
-not optimised. The reduction of the cost by optimisation differs by a few percent between
-primitives. Therefore the planner solves for all primitives whose expected costs differ from the
-least one by less.
+request as those of the nearest primitive remain. An index finds them among many
+(:mod:`.request_index`). The remaining ones are ranked by the cost of their expected motion,
+compiled but not optimised. The reduction of the cost by optimisation differs by a few percent
+between primitives. Therefore the planner solves for all primitives whose expected costs differ from
+the least one by less.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import FloatArray
-from ..exceptions import GoalError, quote_names, unknown_name
+from ..exceptions import quote_names
 from ..motion.goal import JointState
 from ..primitives.conditional_model import ConditionalDistribution
-from ..primitives.covariances import marginal_precision
 from ..primitives.primitive import MovementPrimitive
+from ..primitives.primitive_library import PrimitiveLibrary
+from ..primitives.request_index import RequestIndex
 from ..robot.model import Robot
 from .motion import Motion
 from .objectives import Effort, Nodes, Objective
@@ -49,6 +51,8 @@ class SelectionOptions:
         Largest number of primitives with which motions are planned.
     max_named : int
         Largest number of primitives that a message names.
+    n_kept_tables : int
+        Number of primitives whose precomputed tables stay in memory, those used last.
     """
 
     relative_score: float = 1.25
@@ -57,6 +61,7 @@ class SelectionOptions:
     usual_error: float = 0.05
     max_contenders: int = 5
     max_named: int = 8
+    n_kept_tables: int = 1000
 
 
 _OPTIONS = SelectionOptions()
@@ -159,7 +164,7 @@ class Selector:
     ----------
     robot : Robot
         The model.
-    primitives : sequence of MovementPrimitive
+    primitives : PrimitiveLibrary or sequence of MovementPrimitive
         At least one.
     objectives : sequence of (float, Objective)
         Running costs and their weights, as in :class:`.PlannerOptions`.
@@ -172,17 +177,12 @@ class Selector:
         objectives: Sequence[tuple[float, Objective]] = ((1.0, Effort()),),
     ) -> None:
         self._robot = robot
-        self.primitives = tuple(primitives)
+        self.primitives = library = PrimitiveLibrary.of(primitives)
         self._objectives = tuple(objectives)
-        self._means = np.array([p.model.mean for p in primitives])
-        n = 2 * robot.n_joints
-        self._precisions = {
-            size: np.array(
-                [marginal_precision(p.model.request_precision, size) for p in primitives]
-            )
-            for size in (n, n + 1)
-        }
-        self._tables: dict[int, QuadratureTables] = {}
+        self._index = RequestIndex(library.means, library.precisions, robot.continuous)
+        self._tables = lru_cache(_OPTIONS.n_kept_tables)(
+            lambda i: QuadratureTables(library[i].basis)
+        )
 
     def among(self, name: str | None) -> Selector:
         """The selector for the primitive of that name; the selector for all if no name is given.
@@ -192,17 +192,14 @@ class Selector:
         GoalError
             If no primitive has that name.
         """
-        self.check_name(name)
         if name is None:
             return self
-        found = [p for p in self.primitives if p.name == name]
-        return Selector(self._robot, found, self._objectives)
+        return Selector(self._robot, [self.primitives.named(name)], self._objectives)
 
     def check_name(self, name: str | None) -> None:
         """Reject a name that no primitive has, see :meth:`among`."""
-        names = [p.name for p in self.primitives]
-        if name is not None and name not in names:
-            raise GoalError(unknown_name("primitive", name, names))
+        if name is not None:
+            self.primitives.check_name(name)
 
     def scores(
         self, start: FloatArray, goal: FloatArray, duration: float | None = None
@@ -216,13 +213,14 @@ class Selector:
         duration : float, optional
             Duration [s], if it is requested.
         """
-        requests = np.concatenate([start, goal]) + np.tile(self._turns(start), 2)
-        if duration is not None:
-            requests = np.insert(requests, requests.shape[1], np.log(duration), axis=1)
-        size = requests.shape[1]
-        deviations = requests - self._means[:, :size]
-        distances = np.einsum("pi,pij,pj->p", deviations, self._precisions[size], deviations)
-        return np.asarray(np.sqrt(distances / size))
+        return self._index.scores(_request(start, goal, duration))
+
+    def least_score(
+        self, start: FloatArray, goal: FloatArray, duration: float | None = None
+    ) -> float:
+        """The least in-span score of all primitives, see :meth:`scores`."""
+        _, scores = self._index.nearest(_request(start, goal, duration), 1)
+        return float(scores[0])
 
     def choose(
         self, start: FloatArray, goal: FloatArray, duration: float | None = None
@@ -236,36 +234,33 @@ class Selector:
         duration : float, optional
             Duration [s]; the one that each primitive predicts unless given.
         """
-        scores = self.scores(start, goal, duration)
-        order = np.argsort(scores, kind="stable")
-        chosen = order[is_near(scores[order])][: _OPTIONS.max_considered]
-        turns = self._turns(start)
+        request = _request(start, goal, duration)
+        chosen, scores = self._index.nearest(request, _OPTIONS.max_considered)
+        chosen, scores = chosen[is_near(scores)], scores[is_near(scores)]
+        turns = self._index.turns(start, chosen)
+        names = self._robot.joint_names
+        ends = JointState(names, start), JointState(names, goal)
         found = []
-        for i in chosen:
+        for i, score, turn in zip(chosen.tolist(), scores.tolist(), turns, strict=True):
             primitive = self.primitives[i]
-            expected = primitive.model.predict(start + turns[i], goal + turns[i], duration)
-            alone = len(chosen) == 1
-            cost = float("nan") if alone else self._cost(int(i), start, goal, expected)
-            found.append(Considered(primitive, expected, float(scores[i]), cost))
+            expected = primitive.model.predict(start + turn, goal + turn, duration)
+            cost = float("nan") if len(chosen) == 1 else self._cost(i, ends, expected)
+            found.append(Considered(primitive, expected, score, cost))
         found.sort(key=lambda one: one.cost)
         return Selection(tuple(found), len(self.primitives))
 
-    def _turns(self, start: FloatArray) -> FloatArray:
-        """Full turns to the demonstrations of each primitive, shape (n_primitives, n_joints)."""
-        turns = np.round((self._means[:, : len(start)] - start) / (2.0 * np.pi))
-        return np.where(self._robot.continuous, 2.0 * np.pi * turns, 0.0)
-
     def _cost(
-        self, i: int, start: FloatArray, goal: FloatArray, expected: ConditionalDistribution
+        self, i: int, ends: tuple[JointState, JointState], expected: ConditionalDistribution
     ) -> float:
-        names = self._robot.joint_names
-        basis = self.primitives[i].basis
-        if i not in self._tables:
-            self._tables[i] = QuadratureTables(basis)
-        ends = JointState(names, start), JointState(names, goal)
+        tables = self._tables(i)
         # Without time scaling, because tables for each request would dominate the computing time.
-        motion = Motion(*ends, expected.duration, basis, expected.weights)
-        return cost_of(self._robot, motion, self._tables[i], self._objectives)
+        motion = Motion(*ends, expected.duration, tables.basis, expected.weights)
+        return cost_of(self._robot, motion, tables, self._objectives)
+
+
+def _request(start: FloatArray, goal: FloatArray, duration: float | None) -> FloatArray:
+    """A request of the index."""
+    return np.concatenate([start, goal, [] if duration is None else [np.log(duration)]])
 
 
 def is_near(scores: FloatArray) -> NDArray[np.bool_]:

@@ -40,7 +40,7 @@ class Setup:
     collision: CollisionModel | None
 
     def sample(self, motions: Sequence[Motion]) -> Trajectory:
-        """The points of a trajectory through some segments, with their efforts if known."""
+        """The points of a trajectory through some segments, without efforts."""
         times, states, began = [], [], 0.0
         for i, motion in enumerate(motions):
             own = motion.sample_times(self.options.sample_period)[min(i, 1) :]
@@ -48,8 +48,7 @@ class Setup:
             states.append(np.stack(motion.evaluate(own)))
             began += motion.duration
         q, v, a = np.concatenate(states, axis=1)
-        tau = self.robot.known_efforts(q, v, a)
-        return Trajectory(self.robot.joint_names, np.concatenate(times), q, v, a, tau)
+        return Trajectory(self.robot.joint_names, np.concatenate(times), q, v, a)
 
     def check(self, trajectory: Trajectory) -> LimitCheck:
         """Comparison of a trajectory with the limits."""

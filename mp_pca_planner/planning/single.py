@@ -7,6 +7,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from functools import lru_cache
 from itertools import chain
 
 import numpy as np
@@ -42,8 +43,8 @@ class BasisChooser:
 
     Parameters
     ----------
-    setup, primitives
-        Robot, options and primitives of the planner.
+    setup : Setup
+        Robot and options of the planner.
 
     Attributes
     ----------
@@ -51,15 +52,15 @@ class BasisChooser:
         Precomputed motions by the name of their primitive.
     """
 
-    def __init__(self, setup: Setup, primitives: Sequence[MovementPrimitive]) -> None:
+    def __init__(self, setup: Setup) -> None:
         self._setup = setup
-        robot, options = setup.robot, setup.options
         self.warm_starts: dict[str, WarmStarts] = {}
-        splines = options.basis == "bspline"
-        self._tables = {
-            p.name: self._made(BSplineBasis(robot.n_joints) if splines else p.basis)
-            for p in primitives
-        }
+        self._tables = lru_cache(setup.options.search.n_kept_tables)(self._tables_of)
+
+    def _tables_of(self, primitive: MovementPrimitive) -> tuple[QuadratureTables, LimitTables]:
+        splines = self._setup.options.basis == "bspline"
+        n_joints = self._setup.robot.n_joints
+        return self._made(BSplineBasis(n_joints) if splines else primitive.basis)
 
     def _made(self, basis: Basis) -> tuple[QuadratureTables, LimitTables]:
         tables = QuadratureTables(basis, self._setup.options.n_nodes)
@@ -84,14 +85,15 @@ class BasisChooser:
 
         With the time scaling of the request, unless `is_paced` is false.
         """
-        tables = self._tables[request.primitive.name]
-        if self._setup.options.basis == "bspline":
-            return spline_basis(*tables)
         primitive, ends = request.primitive, (request.start.positions, request.goal.positions)
         expected = request.expected
+        if self._setup.options.basis == "bspline":
+            return spline_basis(*self._tables(primitive))
         if is_paced and np.any(expected.pace):
             # The basis of a motion with its own time scaling is not known in advance.
             tables = self._made(primitive.paced_basis(*ends, expected.pace))
+        else:
+            tables = self._tables(primitive)
         known = expected.in_span_score <= self._setup.options.search.warm_start_score
         starts = self.warm_starts.get(primitive.name) if known else None
         return component_basis(*tables, primitive, expected, np.concatenate(ends), starts)
@@ -216,13 +218,12 @@ class SinglePlanner:
         """The expected duration, longer if the expected motion exceeds limits otherwise [s]."""
         usual, search = request.expected.duration, self._setup.options.search
         motion = Motion(request.start, request.goal, usual, basis.basis, basis.expected)
-        # Jerks are often largest at the ends.
-        phases = np.array([0.0, 1.0])
-        ends = hermite_functions(phases, 3) @ motion.boundary
-        ends = (ends + basis.basis.shape(basis.expected, phases, 3)) / usual**3
         states = node_states(motion, basis.tables)
-        states = np.concatenate([states, states[:, [0, -1]]], axis=1)
-        states[3, -2:] = ends
+        if np.isfinite(self._setup.limits.jerk).any():  # often largest at the ends
+            phases = np.array([0.0, 1.0])
+            ends = hermite_functions(phases, 3) @ motion.boundary
+            states = np.concatenate([states, states[:, [0, -1]]], axis=1)
+            states[3, -2:] = (ends + basis.basis.shape(basis.expected, phases, 3)) / usual**3
         stretch = least_stretch(self._setup.robot, self._setup.limits, states)
         stretch *= search.scaling_margin
         return usual * stretch if 1.0 < stretch <= search.max_stretch else usual

@@ -74,6 +74,13 @@ def kinematic_stretch(limits: JointLimits, rates: FloatArray) -> float:
     )
 
 
+def keeps_limits(limits: JointLimits, states: FloatArray, efforts: FloatArray) -> bool:
+    """Whether positions to jerks, shape (4, n_steps, n_joints), and efforts are within limits."""
+    inside = np.all((limits.lower <= states[0]) & (states[0] <= limits.upper))
+    weak = np.all(np.abs(efforts) <= limits.effort)
+    return bool(inside and weak and kinematic_stretch(limits, states[1:]) <= 1.0)
+
+
 def _effort_parts(
     robot: Robot, q: FloatArray, v: FloatArray, a: FloatArray
 ) -> tuple[FloatArray, FloatArray]:

@@ -208,6 +208,48 @@ class Rows(NamedTuple):
     units: FloatArray
 
 
+class Slopes(NamedTuple):
+    """Derivatives of n_states states by the unknowns at one x, as factors.
+
+    Attributes
+    ----------
+    columns : array, shape (n_states, n_linear)
+        Derivatives of states by phase, by the unknowns on which the motion depends linearly.
+    growth : array, shape (n_linear,)
+        Factors of the columns.
+    rates : array, shape (n_states,)
+        Factors of the states.
+    by_duration : array, shape (n_states,), or None
+        Derivatives by the unknown of the duration, if that is free.
+    n_unknowns : int
+        Number of unknowns.
+    """
+
+    columns: FloatArray
+    growth: FloatArray
+    rates: FloatArray
+    by_duration: FloatArray | None
+    n_unknowns: int
+
+    def changes(self, step: FloatArray) -> FloatArray:
+        """Changes of the states with a step of the unknowns, to first order."""
+        changes = self.columns @ (self.growth * step[: self.growth.size])
+        changes *= self.rates
+        if self.by_duration is not None:
+            changes += step[self.growth.size] * self.by_duration
+        return np.asarray(changes)
+
+    def rows(self, chosen: NDArray[np.intp] | slice = slice(None)) -> FloatArray:
+        """Derivatives of the chosen states, shape (n_chosen, n_unknowns)."""
+        columns = self.columns[chosen]
+        rows = np.zeros((len(columns), self.n_unknowns))
+        np.multiply(columns, self.growth, out=rows[:, : self.growth.size])
+        rows *= self.rates[chosen, None]
+        if self.by_duration is not None:
+            rows[:, self.growth.size] = self.by_duration[chosen]
+        return rows
+
+
 class StateMap:
     """States at some phases as functions of the unknowns.
 
@@ -245,14 +287,11 @@ class StateMap:
         for row in unknowns.free_rows:
             moved = END_SCALES[row] * self._hermite[:, :, row, None] * own
             columns = np.concatenate([columns, moved], axis=2)
-        if unknowns.duration_is_free:
-            self._columns = columns
-            return
-        rates = self._rates(unknowns.duration)
-        rows_of_all = np.zeros((*columns.shape[:2], unknowns.scales.size))
-        np.multiply(columns, rates[:, :, None], out=rows_of_all[:, :, : unknowns.n_linear])
-        self._constant = rows_of_all.reshape(self._mean.size, unknowns.scales.size)
-        self._fixed = (self._boundary_part(unknowns.boundary) + self._mean) * rates
+        self._columns = columns.reshape(self._mean.size, columns.shape[2])
+        if not unknowns.duration_is_free:
+            rates = self._rates(unknowns.duration)
+            self._fixed = (self._boundary_part(unknowns.boundary) + self._mean) * rates
+            self._constant = self._slopes(np.ones(unknowns.n_linear), rates, None)
 
     def _rates(self, duration: float) -> FloatArray:
         """Factors of the derivatives by phase, shape (n_rows, 1)."""
@@ -261,24 +300,42 @@ class StateMap:
     def _boundary_part(self, boundary: FloatArray) -> FloatArray:
         return np.asarray((self._hermite @ boundary.T[self._joints][:, :, None])[:, :, 0])
 
+    def _slopes(
+        self, growth: FloatArray, rates: FloatArray, by_duration: FloatArray | None
+    ) -> Slopes:
+        of_states = np.repeat(rates[:, 0], self._mean.shape[1])
+        return Slopes(self._columns, growth, of_states, by_duration, self._unknowns.scales.size)
+
     def values(self, x: FloatArray) -> FloatArray:
         """The states, shape (n_rows, n_phases)."""
         if not self._unknowns.duration_is_free:
-            return np.asarray(self._fixed + (self._constant @ x).reshape(self._fixed.shape))
+            return np.asarray(self._fixed + self._constant.changes(x).reshape(self._fixed.shape))
         boundary, _ = self._unknowns.boundary_at(x)
         weights = x[: self._unknowns.n_weights]
-        shape = self._mean + self._columns[:, :, : weights.size] @ weights
+        shape = self._mean + (self._columns[:, : weights.size] @ weights).reshape(self._mean.shape)
         rates = self._rates(self._unknowns.duration_at(x))
         return np.asarray((self._boundary_part(boundary) + shape) * rates)
 
-    def jacobian(self, x: FloatArray, values: FloatArray) -> FloatArray:
-        """Their derivatives at x, shape (n_rows * n_phases, n_unknowns)."""
+    def slopes(self, x: FloatArray, values: FloatArray) -> Slopes:
+        """Their derivatives at x, where they have the given values."""
         unknowns = self._unknowns
         if not unknowns.duration_is_free:
             return self._constant
         rates, (_, growth) = self._rates(unknowns.duration_at(x)), unknowns.boundary_at(x)
-        columns = np.zeros((*values.shape, x.size))
-        columns[:, :, : unknowns.n_linear] = self._columns * unknowns.growth(x) * rates[:, :, None]
         by_log_duration = self._boundary_part(growth) * rates - self._orders * values
-        columns[:, :, unknowns.n_linear] = unknowns.log_duration_slope(x) * by_log_duration
-        return columns.reshape(values.size, x.size)
+        by_duration = unknowns.log_duration_slope(x) * by_log_duration.ravel()
+        return self._slopes(unknowns.growth(x), rates, by_duration)
+
+    def jacobian(self, x: FloatArray, values: FloatArray) -> FloatArray:
+        """The same as an array, shape (n_rows * n_phases, n_unknowns)."""
+        return self.slopes(x, values).rows()
+
+
+def state_map(unknowns: Unknowns, basis: Basis, phases: FloatArray, highest: int) -> StateMap:
+    """States of all joints at some phases, order by order of their derivatives."""
+    tables = basis.tables(phases, highest)
+    joints = np.tile(np.arange(tables.shape[2]), highest + 1)
+    orders = np.repeat(np.arange(highest + 1), tables.shape[2])
+    hermite = hermite_tables(phases.tobytes())[: highest + 1]
+    rows = Rows(orders, joints, np.ones(joints.size))
+    return StateMap(unknowns, hermite, tables[..., 0], tables[..., 1:] * basis.scales, rows)

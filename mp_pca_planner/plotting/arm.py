@@ -11,7 +11,7 @@ import numpy as np
 
 from ..arrays import FloatArray
 from ..exceptions import printable
-from .style import BLACK, COLOURS, Line, add_header, line
+from .style import BLACK, COLOURS, GREY, Line, add_header, line
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -19,6 +19,11 @@ if TYPE_CHECKING:
 
 _START: Line = {"marker": "o", "markersize": 8, "markerfacecolor": "white"}
 _END: Line = {"marker": "s", "markersize": 8}
+_GOALS: tuple[Line, ...] = (
+    {"colour": "#CFE6F5", "style": "", "marker": "o", "markersize": 4},
+    {"colour": COLOURS[0], "style": "", "marker": "o", "markersize": 6},
+    {"colour": COLOURS[1], "style": "", "marker": "^", "markersize": 8},
+)
 # Coordinates and labels of the horizontal axes of the front view and of the side view.
 _VIEWS = (
     (1, "front view, from +x", "y [m] (left of the body →)"),
@@ -92,6 +97,38 @@ def arm_figure(figure: Figure, motions: Mapping[str, FloatArray], title: str, ti
             if i == 0:
                 axes.set_title(view)
         grid[i, 0].set_ylabel(f"{printable(label)}\nz [m]")
+
+
+def goals_figure(
+    figure: Figure, chain: FloatArray, goals: Mapping[str, FloatArray], tip: str
+) -> None:
+    """Plot a motion of an arm from the front and from the side, among places of its tip.
+
+    Parameters
+    ----------
+    figure : Figure
+        An empty figure, see :func:`.styled_figure`.
+    chain : array, shape (n_steps, n_points, 3)
+        Origins of the frames along the arm in the base frame [m], evenly spaced in time.
+    goals : mapping of str to array, shape (n_goals, 3)
+        By label, places of the tip [m]: of the region in span, of good and of weak goals.
+    tip : str
+        Name of the frame at the end of the arm.
+    """
+    box = _view_box(np.concatenate([chain.reshape(-1, 3), *goals.values()]))
+    side, front, up = box[:, 1] - box[:, 0]
+    entries = [
+        line(f"a demonstration: path of {tip}", BLACK, (0, (3, 2)), 1.5),
+        *(line(name, **style) for name, style in zip(goals, _GOALS, strict=True)),
+    ]
+    add_header(figure, "", entries, max(3.1 * (front + side) / up + 2.0, 7.0), 4.0)
+    grid = figure.subplots(1, 2, width_ratios=[front, side])
+    for axes, (horizontal, view, name) in zip(grid, _VIEWS, strict=True):
+        for places, entry in zip(goals.values(), entries[1:], strict=True):
+            axes.plot(*places[:, [horizontal, 2]].T, **entry)
+        plot_arm(axes, chain, horizontal, GREY)
+        axes.set(xlim=box[horizontal], ylim=box[2], xlabel=name, title=view)
+    grid[0].set_ylabel("z [m]")
 
 
 def _view_box(points: FloatArray) -> FloatArray:

@@ -13,7 +13,7 @@ import numpy as np
 from ..arrays import FloatArray
 from ..evaluation.case_study import OURS, PAPER, CaseStudy
 from ..evaluation.naturalness import BSPLINES, DEFAULT_RHO, EXPECTED, Comparison, planned
-from ..evaluation.paper import N_COMPONENTS
+from ..evaluation.paper import PAPER_OPTIONS
 from ..robot.model import Robot
 from .arm import arm_figure
 from .case_study_tables import less_than_paper, tables, verdict
@@ -30,7 +30,7 @@ def draw_pictures(study: CaseStudy, robot: Robot, frames: Sequence[str]) -> dict
         angle_components_figure(
             figure,
             study.motions[0].joint_names,
-            [found.truncated(N_COMPONENTS).components for found in study.components],
+            [found.truncated(PAPER_OPTIONS.n_components).components for found in study.components],
             "Principal components of the joint angles (paper: Fig. 2)",
         )
     with picture(pictures["figures_3_4"]) as figure:

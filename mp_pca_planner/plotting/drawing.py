@@ -5,22 +5,19 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..exceptions import PlannerError
 from ..files import write_whole
-from ..motion.trajectory import Trajectory
-from ..robot.limits import JointLimits
-from .motion import motion_figure
 from .style import require_matplotlib, styled_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["draw_motion", "picture", "require_matplotlib"]
+__all__ = ["picture", "require_matplotlib"]
 
 
 @contextmanager
@@ -49,19 +46,3 @@ def picture(path: str | Path | io.BytesIO, *, force: bool = False) -> Iterator[F
         figure.savefig(content, format="png")
     if not isinstance(path, io.BytesIO):
         write_whole(Path(path), content.getvalue(), overwrite=force)
-
-
-def draw_motion(
-    path: str | Path,
-    trajectory: Trajectory,
-    *,
-    title: str,
-    label: str = "planned",
-    others: Mapping[str, Trajectory] | None = None,
-    limits: JointLimits | None = None,
-    prismatic: Collection[str] = (),
-    force: bool = False,
-) -> None:
-    """Draw a motion, and others to compare it with; see :func:`.motion_figure`."""
-    with picture(path, force=force) as figure:
-        motion_figure(figure, {label: trajectory, **(others or {})}, title, limits, prismatic)

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from ..planning.plan import Plan
 from ..primitives.primitive import MovementPrimitive
 from ..robot.limits import JointLimits
-from .motion import QUANTITIES, motion_figure, plot_motion
+from .motion import QUANTITIES, plot_motion
+from .plan import plan_figure
 from .primitive import plot_components, primitive_figure
 from .style import styled_figure
 
@@ -25,6 +26,7 @@ def plot_plan(
     plan: Plan,
     axes: Axes | Sequence[Axes] | None = None,
     *,
+    primitives: Sequence[MovementPrimitive] = (),
     limits: JointLimits | None = None,
     prismatic: Collection[str] = (),
 ) -> NDArray[np.object_]:
@@ -36,7 +38,9 @@ def plot_plan(
         The plan.
     axes : Axes or sequence of Axes, optional
         Where to plot positions, velocities and efforts, as many as there are Axes, each of all
-        joints. By default a new pyplot figure of at most twelve panels.
+        joints. By default a new pyplot figure of at most twelve panels, with vias and warnings.
+    primitives : sequence of MovementPrimitive
+        Primitives whose nearest demonstrations are shown in a new figure.
     limits : JointLimits, optional
         Limits to show in a new figure if the motion is near them.
     prismatic : collection of str
@@ -50,10 +54,7 @@ def plot_plan(
     trajectory = plan.trajectory
     if axes is None:
         with styled_figure(interactive=True) as figure:
-            title = f"'{plan.primitive}': {plan.message}"
-            return np.array(
-                motion_figure(figure, {"planned": trajectory}, title, limits, prismatic)
-            )
+            return np.array(plan_figure(figure, plan, primitives, limits, prismatic))
     given = np.atleast_1d(np.asarray(axes, dtype=object)).ravel()
     for one, quantity in zip(given, QUANTITIES, strict=False):
         plot_motion(one, trajectory, quantity, prismatic=prismatic)

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,8 +14,8 @@ from ..arrays import FloatArray
 from ..exceptions import PlannerError, printable
 from ..motion.trajectory import Trajectory
 from ..robot.limits import JointLimits
-from .style import BLACK, COLOURS, MAX_COLUMNS, STYLES, Line, add_header, label_left, line
-from .units import METRES, MILLIMETRES, Unit, unit_of
+from .style import BLACK, COLOURS, GREY, MAX_COLUMNS, STYLES, Line, add_header, label_left, line
+from .units import unit_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -29,6 +30,36 @@ _MIN_SPAN = {"positions": 0.02, "velocities": 0.02, "efforts": 0.2}
 # would flatten the curve.
 _NEAR_LIMIT = 0.25
 _LIMIT = line("limit (where near)", BLACK, (0, (2, 2)), 1.5)
+_BEHIND = line("nearest demonstrations, re-timed", GREY, "-", 0.8, zorder=1.5, alpha=0.6)
+_VIA = line("via", BLACK, "", marker="D", markersize=8, markerfacecolor="white", zorder=3)
+_WARNING = line("", COLOURS[1], "", marker="^", markersize=11)
+
+Curve = tuple[FloatArray, FloatArray]
+"""Times [s] and positions [rad or m], shapes (n_times,) and (n_times, n_joints)."""
+
+
+@dataclass(frozen=True)
+class MotionContext:
+    """What a figure shows beside motions.
+
+    Attributes
+    ----------
+    behind : sequence of Curve
+        Curves behind the positions, such as demonstrations.
+    vias : array, shape (n_vias,)
+        Times at which the first motion passes its vias [s].
+    warnings : sequence of str
+        Warnings above the panels.
+    """
+
+    behind: Sequence[Curve] = ()
+    vias: FloatArray = field(default_factory=lambda: np.zeros(0))
+    warnings: Sequence[str] = ()
+
+    def entries(self) -> list[Line]:
+        """Entries of the legend."""
+        entries = [_BEHIND] * bool(self.behind) + [_VIA] * bool(self.vias.size)
+        return entries + [_WARNING | {"label": warning} for warning in self.warnings]
 
 
 def plot_motion(
@@ -75,10 +106,11 @@ def motion_figure(
     title: str,
     limits: JointLimits | None = None,
     prismatic: Collection[str] = (),
+    context: MotionContext | None = None,
 ) -> list[list[Axes]]:
     """Plot motions of the same joints, at most twelve panels.
 
-    Each column shows one joint, or several if there are more than four.
+    Each column shows one joint, or several of one unit if there are more than four.
 
     Parameters
     ----------
@@ -92,6 +124,8 @@ def motion_figure(
         Limits of the same joints, drawn if the motions are near them.
     prismatic : collection of str
         Joints that are measured in metres; the others are shown in degrees.
+    context : MotionContext, optional
+        What is shown beside the motions.
 
     Returns
     -------
@@ -107,14 +141,15 @@ def motion_figure(
     duration = max(motion.duration for motion in motions.values())
     if duration == 0.0:
         raise PlannerError("a motion of one point can't be drawn: at least two are needed")
-    groups = [list(x) for x in np.array_split(names, min(len(names), MAX_COLUMNS))]
+    groups = _groups(names, prismatic)
     quantities = [q for q in QUANTITIES if any(getattr(m, q) is not None for m in motions.values())]
     is_single = len(groups[0]) == 1
     entries = [
         line(label, COLOURS[i % len(COLOURS)] if is_single else BLACK, STYLES[i % len(STYLES)])
         for i, label in enumerate(motions)
     ]
-    header = entries if limits is None else [*entries, _LIMIT]
+    context = MotionContext() if context is None else context
+    header = [*entries, *([] if limits is None else [_LIMIT]), *context.entries()]
     width, height = 3.5 * max(len(groups), 2), 2.3 * len(quantities)
     add_header(figure, title, header, width, height)
     grid = figure.subplots(len(quantities), len(groups), squeeze=False, sharex=True)
@@ -127,11 +162,48 @@ def motion_figure(
             _show_limits(axes, quantity, group, limits, prismatic)
             if not prismatic:
                 label_left(axes)
+        _show_context(column[0], context, next(iter(motions.values())), group, prismatic)
         for axes in column[:-1]:
             axes.set_xlabel("")
         _name_joints(column[0], group)
     grid[0, 0].set_xlim(0.0, duration)
     return [list(column) for column in grid.T]
+
+
+def _groups(names: Sequence[str], prismatic: Collection[str]) -> list[list[str]]:
+    """The joints of each column, all of them of one unit if there are several."""
+    if len(names) <= MAX_COLUMNS:
+        return [[name] for name in names]
+    sliding = [name for name in names if name in prismatic]
+    turning = [name for name in names if name not in prismatic]
+    n_sliding = round(MAX_COLUMNS * len(sliding) / len(names))
+    if sliding and turning:
+        n_sliding = min(max(n_sliding, 1), len(sliding), MAX_COLUMNS - 1)
+    n_turning = min(MAX_COLUMNS - n_sliding, len(turning))
+    columns = [(turning, n_turning), (sliding, n_sliding)]
+    return [list(group) for some, n in columns if n for group in np.array_split(some, n)]
+
+
+def _show_context(
+    axes: Axes,
+    context: MotionContext,
+    motion: Trajectory,
+    names: Sequence[str],
+    prismatic: Collection[str],
+) -> None:
+    """Draw curves behind the positions of some joints, and the vias of a motion on them."""
+    factor, _ = _scale("positions", names, prismatic)
+    for i, name in enumerate(names):
+        joint = motion.joint_names.index(name)
+        colour = _BEHIND if len(names) == 1 else _BEHIND | {"color": COLOURS[i % len(COLOURS)]}
+        for times, positions in context.behind:
+            values = factor * positions[:, joint]
+            axes.plot(times, values, **colour | {"label": None})
+            low, high = axes.get_ylim()
+            axes.set_ylim(min(low, values.min()), max(high, values.max()))
+        for via in context.vias:
+            passed = np.interp(via, motion.times, motion.positions[:, joint])
+            axes.plot(via, factor * passed, **_VIA | {"label": None})
 
 
 def _lines(style: object, names: Sequence[str]) -> list[Line]:
@@ -141,8 +213,7 @@ def _lines(style: object, names: Sequence[str]) -> list[Line]:
 
 def _scale(quantity: str, names: Sequence[str], prismatic: Collection[str]) -> tuple[float, str]:
     """Factor from SI units, and label of the axis."""
-    unit: Unit = unit_of(names, prismatic)
-    unit = METRES if unit is MILLIMETRES else unit
+    unit = unit_of(names, prismatic)
     return {
         "positions": (unit.factor, f"position [{unit.name}]"),
         "velocities": (unit.factor, f"velocity [{unit.speed}]"),

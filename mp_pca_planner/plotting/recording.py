@@ -45,17 +45,15 @@ def recording_figure(
     if overview is None:
         raise PlannerError(f"recording '{report.name}' can't be drawn: its report has no overview")
     joints = [palette_line(name, i, 1.4) for i, name in enumerate(report.joint_names)]
-    # The legend of more than 14 joints would be larger than the panels.
-    entries = [*(joints if len(joints) <= 14 else []), _MOTION, _REST]
     unit = unit_of(report.joint_names, prismatic)
-    add_header(figure, "", entries, 8.0, 3.6)
+    add_header(figure, "", [*joints, _MOTION, _REST], 12.0, 3.6)
     above, below = figure.subplots(2, 1, sharex=True, height_ratios=[3, 2])
     for values, style in zip(overview.positions.T, joints, strict=True):
         above.plot(overview.times, unit.factor * values, **style)
     below.plot(overview.times, unit.factor * overview.speed, color=BLACK, linewidth=1.4)
     for threshold in (report.thresholds.rest, report.thresholds.moving):
         below.axhline(unit.factor * threshold, color=GREY, linestyle="--", linewidth=1.0)
-    rests = _runs(overview.speed <= report.thresholds.rest)
+    rests = runs(overview.speed <= report.thresholds.rest)
     for axes in (above, below):
         for first, last in rests:
             axes.axvspan(*overview.times[[first, last]], color=_REST["color"], linewidth=0)
@@ -70,7 +68,7 @@ def recording_figure(
     below.set_ylim(bottom=0.0)
 
 
-def _runs(mask: NDArray[np.bool_]) -> list[tuple[int, int]]:
+def runs(mask: NDArray[np.bool_]) -> list[tuple[int, int]]:
     """First and last index of each run of true values."""
     edges = np.flatnonzero(np.diff(np.concatenate(([False], mask, [False]))))
     return [(int(first), int(end) - 1) for first, end in edges.reshape(-1, 2)]

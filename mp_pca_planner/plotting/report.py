@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from ..arrays import FloatArray
-from ..control.statement import control_statement
+from ..control.law import control_statement
 from ..evaluation.paper import TABLE_2
 from ..exceptions import PrimitiveError
 from ..primitives.alignment import aligned_positions
@@ -23,11 +23,14 @@ from ..primitives.primitive import MovementPrimitive
 from ..recordings.demonstration import Demonstration
 from ..recordings.load import RecordingReport, RecordingSet
 from ..recordings.repair import REPAIRS
+from ..robot.model import Robot
+from .arm import goals_figure
 from .page import figure_address, render
 from .primitive import PHASES, primitive_figure
 from .recording import recording_figure
 from .units import primitive_unit, prismatic_joints
 from .variance import is_arm_of_paper, variance_table
+from .verdict import Verdict, goals_in_span, verdict_on
 
 REPORT_SAMPLES = 301
 """Number of samples of a motion for curves and leave-one-out predictions."""
@@ -60,7 +63,10 @@ class ReportOptions:
 
 
 def report_page(
-    recordings: RecordingSet, primitive: MovementPrimitive, options: PrimitiveOptions
+    recordings: RecordingSet,
+    primitive: MovementPrimitive,
+    options: PrimitiveOptions,
+    robot: Robot | None = None,
 ) -> str:
     """Make the page.
 
@@ -72,6 +78,8 @@ def report_page(
         The primitive of all its demonstrations, in this order.
     options :
         How it was built.
+    robot :
+        The robot of its joints, for a picture.
 
     Raises
     ------
@@ -87,11 +95,14 @@ def report_page(
     left_out = _evenly(len(motions), min(limits.max_left_out, affordable))
     angles = primitive.metadata["angle_variance_ratio"]
     errors, why_no_errors = _held_out(motions, options, left_out)
+    verdict = verdict_on(primitive, errors, left_out, robot)
     return render(
         "report.html",
         title=f"Movement primitive '{primitive.name}'",
         limits=limits,
         primitive=primitive,
+        verdict=verdict,
+        goals=None if robot is None else _goals_address(primitive, robot, verdict),
         motions=motions,
         unit=primitive_unit(primitive),
         residual=_rms(primitive.fit_residual),
@@ -116,6 +127,22 @@ def report_page(
             for report in recordings.reports[: limits.max_recordings_drawn]
         ],
     )
+
+
+def _goals_address(primitive: MovementPrimitive, robot: Robot, verdict: Verdict) -> str:
+    """The figure of the robot among the goals of its demonstrations."""
+    tip = robot.frame_names[-1]
+    ends = primitive.boundary_states[:, [0, 3]]
+    typical, *_ = primitive.nearest_demonstrations(ends.mean(axis=0))
+    times = np.linspace(0.0, primitive.durations[typical], PHASES.size)
+    chain = robot.chain_positions(primitive.reproduction(int(typical), times), tip)
+    shown = {
+        "goals in span": goals_in_span(primitive),
+        "goals, predicted well": ends[~verdict.is_weak, 1],
+        "goals, predicted badly": ends[verdict.is_weak, 1],
+    }
+    places = {name: robot.frame_positions(q, [tip])[:, 0] for name, q in shown.items()}
+    return figure_address(partial(goals_figure, chain=chain, goals=places, tip=tip))
 
 
 def _rms(values: FloatArray, axis: int | None = None) -> Any:

@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from ..exceptions import printable
 
@@ -25,3 +25,13 @@ def table(rows: Sequence[Sequence[str]], *, header: Sequence[str]) -> str:
 def percent(share: float) -> str:
     """A share as a percentage with two decimals, as in [P] Table 2."""
     return f"{100.0 * share:.2f}"
+
+
+Column = tuple[str, str, float]
+"""Name of a value, its format, and the factor of its unit."""
+
+
+def cells(values: Mapping[str, float | None], columns: Mapping[str, Column]) -> list[str]:
+    """Values of a row as text, one for each column by its header; a dash for None."""
+    chosen = [(values[name], form, factor) for name, form, factor in columns.values()]
+    return ["–" if x is None else format(factor * x, form) for x, form, factor in chosen]

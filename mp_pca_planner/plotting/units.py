@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Units of displayed values: degrees, or millimetres for prismatic joints."""
+"""Units of displayed values: degrees, or metres for prismatic joints."""
 
 from __future__ import annotations
 
@@ -35,9 +35,12 @@ class Unit(NamedTuple):
         """A value [rad or m] as text in this unit."""
         return f"{self.factor * value:.{self.decimals}f}"
 
+    def text(self, value: float) -> str:
+        """A value [rad or m] as a round number in this unit."""
+        return f"{self.factor * value:.{self.decimals - 2}f}"
+
 
 DEGREES = Unit("deg", "deg/s", "N·m", float(np.rad2deg(1.0)))
-MILLIMETRES = Unit("mm", "mm/s", "N", 1e3)
 METRES = Unit("m", "m/s", "N", 1.0, 4)
 MIXED = Unit("rad or m", "rad/s or m/s", "N·m or N", 1.0, 4)
 
@@ -55,7 +58,7 @@ def unit_of(joint_names: Collection[str], prismatic: Collection[str]) -> Unit:
     n_prismatic = sum(name in prismatic for name in joint_names)
     if n_prismatic == 0:
         return DEGREES
-    return MILLIMETRES if n_prismatic == len(joint_names) else MIXED
+    return METRES if n_prismatic == len(joint_names) else MIXED
 
 
 def prismatic_joints(primitive: MovementPrimitive) -> tuple[str, ...]:

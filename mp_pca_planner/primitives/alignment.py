@@ -135,24 +135,34 @@ def own_phases(warp: FloatArray, phases: FloatArray) -> FloatArray:
     return np.asarray(np.clip(_curve(warp)(phases), 0.0, 1.0))
 
 
-def aligned_phases(warp: FloatArray, shares: FloatArray) -> FloatArray:
-    """Aligned phases at shares of a demonstration's duration: the inverse of `own_phases`.
+def aligned_phases(warps: FloatArray, shares: FloatArray) -> FloatArray:
+    """Aligned phases at shares of demonstrations' durations: the inverse of `own_phases`.
 
     Parameters
     ----------
-    warp : array, shape (n_warp_phases,)
-        The demonstration's warp.
+    warps : array, shape (..., n_warp_phases)
+        The warp of a demonstration, or of several ones.
     shares : array, shape (n_steps,)
-        Shares of its duration in [0, 1].
+        Shares of the durations in [0, 1].
+
+    Returns
+    -------
+    phases : array, shape (..., n_steps)
+        Aligned phases in [0, 1].
     """
-    curve = _curve(warp)
-    low, high = np.zeros(len(shares)), np.ones(len(shares))
+    rows = warps.reshape(-1, warps.shape[-1])
+    curve = _curve(rows.T)
+    piece = np.array([np.searchsorted(row[1:-1], shares, side="right") for row in rows])
+    cubics = curve.c[:, piece, np.arange(len(rows))[:, None]]
+    low, high = np.zeros(piece.shape), np.full(piece.shape, curve.x[1])
     for _ in range(52):  # the bits of a phase
         middle = (low + high) / 2.0
-        is_later = curve(middle) < shares
+        values = ((cubics[0] * middle + cubics[1]) * middle + cubics[2]) * middle + cubics[3]
+        is_later = values < shares
         low, high = np.where(is_later, middle, low), np.where(is_later, high, middle)
     # The slope of a warp may vanish at its ends, where bisection would stop too early.
-    return np.select([shares <= 0.0, shares >= 1.0], [0.0, 1.0], high)
+    phases = np.select([shares <= 0.0, shares >= 1.0], [0.0, 1.0], curve.x[piece] + high)
+    return np.asarray(phases.reshape(*warps.shape[:-1], len(shares)))
 
 
 def aligned_positions(

@@ -16,8 +16,7 @@ from ..recordings.demonstration import Demonstration
 from .conditional_model import ConditionalModel
 from .motion_statistics import MotionStatistics, shape_functions
 from .options import PrimitiveOptions as PrimitiveOptions
-from .pace import fit_paces
-from .pca import components_for_share, fit_components
+from .pca import components_for_share, fit_components, largest_signs
 from .primitive import MovementPrimitive
 
 _DEFAULTS = PrimitiveOptions()
@@ -57,6 +56,35 @@ def build_primitive(
     )
 
 
+def options_to_update(primitive: MovementPrimitive) -> PrimitiveOptions:
+    """The options that a primitive was built with, if its demonstrations can change.
+
+    Raises
+    ------
+    PrimitiveError
+        If its demonstrations can't change, with the reason.
+    """
+    why = f"primitive '{primitive.name}' can't be updated: "
+    if primitive.statistics is None:
+        raise PrimitiveError(
+            f"{why}it holds no statistics of its demonstrations, because it was refined or built "
+            "by an older release; build it again from the recordings"
+        )
+    stored = dict(primitive.metadata.get("options", {}))
+    try:
+        for key in ("components", "phases"):
+            stored[f"n_{key}"] = stored.pop(key)
+        options = PrimitiveOptions(**stored)
+    except (KeyError, TypeError):
+        raise PrimitiveError(f"{why}its metadata lacks the options it was built with") from None
+    if options.align == "dtw":
+        raise PrimitiveError(
+            f"{why}the alignment 'dtw' needs all motions at once; build it again from all "
+            "recordings"
+        )
+    return options
+
+
 def build_from_statistics(
     statistics: MotionStatistics,
     name: str,
@@ -77,9 +105,9 @@ def build_from_statistics(
     PrimitiveError
         If nothing moves.
     """
-    if statistics.stacked("extent").max() < _MIN_EXTENT:
+    if statistics.extents.max() < _MIN_EXTENT:
         raise PrimitiveError(f"primitive '{name}' can't be built: no joint moves in any motion")
-    shapes, remainders = statistics.stacked("shape"), statistics.stacked("shape_remainder")
+    shapes, remainders = statistics.shapes, statistics.shape_remainders
     directions, explained_variance = _fit_directions(shapes, options)
     mean = shapes.mean(axis=0)
     weights = _project(shapes - mean, directions)
@@ -95,18 +123,19 @@ def build_from_statistics(
         explained_variance=explained_variance,
         total_variance=_total_variance(shapes, remainders),
         weights=weights,
-        boundary_states=statistics.stacked("boundary_state"),
-        durations=statistics.stacked("duration"),
-        warps=statistics.stacked("warp"),
+        boundary_states=statistics.boundary_states,
+        durations=statistics.durations,
+        warps=statistics.warps,
         fit_residual=np.sqrt((np.sum(left**2, axis=2) + remainders) / options.n_phases),
         model=_fit_model(statistics, directions),
+        statistics=statistics,
     )
 
 
 def _facts(statistics: MotionStatistics, options: PrimitiveOptions) -> dict[str, Any]:
     """Metadata of a primitive, of JSON types."""
-    angles = statistics.stacked("angles")
-    total = _total_variance(angles, statistics.stacked("angle_remainder"))
+    angles = statistics.angles
+    total = _total_variance(angles, statistics.angle_remainders)
     # Shares of the first four components of the joint angles over time: [P], Table 2.
     shares = {
         name: (fit_components(angles[:, joint]).explained_variance[:4] / total[joint]).tolist()
@@ -130,17 +159,13 @@ def _facts(statistics: MotionStatistics, options: PrimitiveOptions) -> dict[str,
 
 def _fit_model(statistics: MotionStatistics, directions: FloatArray) -> ConditionalModel:
     """Regress the weights, time scalings and durations on the requests."""
-    shapes, states = statistics.stacked("shape"), statistics.stacked("boundary_state")
-    # The functions of the shapes are alternately even and odd.
-    reversed_shapes = shapes * (-1.0) ** np.arange(shapes.shape[2])
-    return ConditionalModel.fit(
-        np.column_stack([states[:, 0], states[:, 3], np.log(statistics.stacked("duration"))]),
-        _project(shapes, directions),
-        _project(reversed_shapes, directions),
-        -_project(shapes.mean(axis=0), directions),
-        fit_paces(statistics.stacked("warp")),
-        [motion.label for motion in statistics.motions],
-    )
+    requests, *shapes = statistics.requests_and_shapes()
+    n_components, n_joints, n_functions = directions.shape
+    rows = directions.reshape(n_components, n_joints * n_functions)  # there may be no component
+    there, back = (x @ rows.T for x in shapes)
+    straight = -rows @ shapes[0].mean(axis=0)
+    labels = [motion.label for motion in statistics.motions]
+    return ConditionalModel.fit(requests, there, back, straight, statistics.paces, labels)
 
 
 def _project(shapes: FloatArray, directions: FloatArray) -> FloatArray:
@@ -165,18 +190,16 @@ def _fit_directions(shapes: FloatArray, options: PrimitiveOptions) -> tuple[Floa
     """
     n, n_joints, n_functions = shapes.shape
     values, _ = shape_functions(options.degree, options.n_phases)
-    # Distances between samples equal those between coefficients. The largest entries of the sampled
-    # components fix their signs.
-    samples = shapes @ values.T
     together = n_joints if options.coupling == "arm" else 1
     directions, variances = [], []
     for first in range(0, n_joints, together):
         block = slice(first, first + together)
-        components = fit_components(samples[:, block].reshape(n, -1))
+        # Distances between coefficients equal those between samples.
+        components = fit_components(shapes[:, block].reshape(n, -1))
         kept = options.n_components or components_for_share(components, options.variance)
-        found = components.components[:kept]
+        found = components.components[:kept].reshape(-1, together, n_functions)
         directions.append(np.zeros((len(found), n_joints, n_functions)))
-        directions[-1][:, block] = found.reshape(-1, together, options.n_phases) @ values
+        directions[-1][:, block] = found * largest_signs(found @ values.T)
         variances.append(components.explained_variance[:kept])
     return np.concatenate(directions), np.concatenate(variances)
 

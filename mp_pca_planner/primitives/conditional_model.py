@@ -12,6 +12,7 @@ minimum-jerk motion.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -69,6 +70,8 @@ class FitOptions:
 
 
 _FIT = FitOptions()
+UNIT_NOISE = _FIT.noises[0]
+"""Variance of the noise of a demonstration, in units of the prior variance of shapes."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,7 +165,7 @@ class ConditionalModel:
         labels : sequence of str
             Activity of each.
         """
-        kept = slice(None, None, -(-len(requests) // _FIT.max_demonstrations))
+        kept = _thinned(requests)
         used, activities = requests[kept], np.asarray(labels)[kept]
         partitions: list[Groups] = [[np.arange(len(used))[:, None]]]
         if np.any(activities != activities[0]):
@@ -198,11 +201,10 @@ class ConditionalModel:
         similar, distance = self._features(request)
         # Novelty of the request, from 0 to 1, by the shortest kernel.
         novelty = 1.0 + _CONSTANT - similar[-1, 0].max()
-        shape, pace = (
-            np.tensordot(similar, x[:, 0] + novelty * (x[:, -1] - x[:, 0]), axes=3)
-            for x in (self.shape_coefficients, self.pace_coefficients)
-        )
-        weights = self.straight_weights + np.sqrt(distance) * shape
+        near, far = self._coefficients
+        both = similar.ravel() @ (near + novelty * far if far.any() else near)
+        shape, pace = both[: self.straight_weights.size], both[self.straight_weights.size :]
+        weights = self.straight_weights + math.sqrt(distance) * shape
         covariance, precision = self.weight_covariance, self.weight_precision
         return ConditionalDistribution(weights, covariance, precision, pace, expected, score)
 
@@ -219,13 +221,54 @@ class ConditionalModel:
     def _end_features(self) -> _Features:
         return _Features(self.requests[:, :-1])
 
+    @cached_property
+    def _coefficients(self) -> tuple[FloatArray, FloatArray]:
+        """Of shapes and time scalings near the demonstrations, and their change far from them."""
+        both = np.concatenate([self.shape_coefficients, self.pace_coefficients], axis=-1)
+        near, far = (both[:, i].reshape(-1, both.shape[-1]) for i in (0, -1))
+        return near, far - near
+
+    @cached_property
+    def _reach(self) -> float:
+        """Largest deviation of the logarithm of an expected duration from the mean."""
+        return float(_MAX_DEVIATIONS * self.requests[:, -1].std())
+
     def _expected_duration(self, ends: FloatArray) -> float:
         similar, distance = self._end_features(ends)
-        residual = np.tensordot(similar, self.duration_coefficients[:, 0], axes=3).item()
+        residual = float(similar.ravel() @ self.duration_coefficients[:, 0].ravel())
         # Bounded, because a distant request may extrapolate the trend to implausible durations.
-        reach = _MAX_DEVIATIONS * self.requests[:, -1].std()
-        deviation = np.clip(np.log(distance) / 2.0 + residual, -reach, reach)
-        return float(np.exp(self.mean[-1] + deviation))
+        deviation = min(max(math.log(distance) / 2.0 + residual, -self._reach), self._reach)
+        return math.exp(self.mean[-1] + deviation)
+
+
+def left_out_squares(
+    requests: FloatArray, shapes: FloatArray, reversed_shapes: FloatArray
+) -> FloatArray:
+    """Squared errors of shapes that are left out and predicted from the others.
+
+    Parameters
+    ----------
+    requests : array, shape (n_demonstrations, 2 n_joints + 1)
+        q0, qT [rad or m] and log T; the time grows with the cube of their number.
+    shapes, reversed_shapes : array, shape (n_demonstrations, n_functions)
+        Coefficients of the shapes, and of the same motions in reversed time.
+
+    Returns
+    -------
+    squares : array, shape (n_demonstrations,)
+        Sums of squares over the coefficients.
+    """
+    similar, distances = zip(*map(_Features(requests), requests), strict=True)
+    roots = np.sqrt(distances)[:, None]
+    partition: Groups = [np.arange(len(requests))[:, None]]
+    _, residuals = _fit(similar, shapes / roots, reversed_shapes / roots, [partition])
+    return np.asarray(np.sum((residuals * roots) ** 2, axis=1))
+
+
+def _thinned(requests: FloatArray) -> slice | NDArray[np.intp]:
+    """The demonstrations to fit, whatever the order of all."""
+    step = -(-len(requests) // _FIT.max_demonstrations)
+    return np.lexsort(requests.T[::-1])[::step] if step > 1 else slice(None)
 
 
 class _Features:
@@ -266,15 +309,43 @@ class _Features:
         distance : float
             Bounded from below, in units of the geometric mean of all.
         """
-        apart = np.linalg.norm(self._both_directions - request, axis=2) / self._spread
+        deviations = self._both_directions - request
+        apart = np.sqrt(np.einsum("dni,dni->dn", deviations, deviations)) / self._spread
         ratios = np.sqrt(5.0) * np.multiply.outer(INVERSE_LENGTHS, apart)
         square = (self._squared_distance(request) + self._floor) / self._unit
         covariances = (1.0 + ratios + ratios**2 / 3.0) * np.exp(-ratios) + _CONSTANT
-        return covariances, float(np.sqrt(square))
+        return covariances, math.sqrt(square)
 
     def _squared_distance(self, requests: FloatArray) -> FloatArray:
         # Each joint counts twice, which only changes the unit.
-        return np.asarray(np.sum((requests - requests[..., self._swapped]) ** 2, axis=-1))
+        change = requests - requests[..., self._swapped]
+        return np.asarray(np.einsum("...i,...i->...", change, change))
+
+
+def remaining_covariance(demonstrated: FloatArray, requests: FloatArray) -> FloatArray:
+    """Covariance of the shapes of requests that demonstrations leave, in units of the prior's.
+
+    That of a Gaussian process with the middle one of the kernels and the least noise (Rasmussen and
+    Williams, equation 2.24), without the common offset. It does not depend on the shapes, so it is
+    known before a motion is demonstrated.
+
+    Parameters
+    ----------
+    demonstrated : array, shape (n_demonstrations, 2 n_joints)
+        Start and goal of each demonstration [rad or m].
+    requests : array, shape (n_requests, 2 n_joints)
+        Start and goal of each request.
+
+    Returns
+    -------
+    covariance : array, shape (n_requests, n_requests)
+        On its diagonal, 0 is at a demonstration and 1 far from all.
+    """
+    every = np.concatenate([demonstrated, requests])
+    features, n = _Features(every), len(demonstrated)
+    prior = np.array([features(one)[0][1, 0] - _CONSTANT for one in every])
+    gram = prior[:n, :n] + UNIT_NOISE * np.eye(n)
+    return np.asarray(prior[n:, n:] - prior[n:, :n] @ np.linalg.solve(gram, prior[:n, n:]))
 
 
 def _fit(

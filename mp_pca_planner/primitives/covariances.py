@@ -44,15 +44,16 @@ def marginal_precision(precision: FloatArray, size: int) -> FloatArray:
 
     Parameters
     ----------
-    precision : array, shape (n_entries, n_entries)
+    precision : array, shape (..., n_entries, n_entries)
         Inverse covariance of requests.
     size : int
         n_entries, or one less.
     """
-    if size == len(precision):
+    if size == precision.shape[-1]:
         return precision
-    mixed = precision[-1, :-1]
-    return np.asarray(precision[:-1, :-1] - np.outer(mixed, mixed) / precision[-1, -1])
+    mixed = precision[..., -1:, :-1]
+    products = np.swapaxes(mixed, -1, -2) * mixed
+    return np.asarray(precision[..., :-1, :-1] - products / precision[..., -1:, -1:])
 
 
 def in_span_score(given: FloatArray, mean: FloatArray, precision: FloatArray) -> float:

@@ -9,18 +9,20 @@ import io
 import json
 import zipfile
 from collections.abc import Mapping
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from .. import __version__
-from ..arrays import FloatArray
+from ..arrays import FloatArray, frozen_array
 from ..exceptions import PrimitiveFileError
 from ..files import open_regular, reading, write_whole
 from ..json_content import check_form, load_json
 from .conditional_model import ConditionalModel
+from .motion_statistics import MotionSource, MotionStatistics
+from .pace import PACE_DEGREE
 from .primitive import MovementPrimitive
 from .primitive_values import ARRAY_SHAPES
 
@@ -36,10 +38,26 @@ _METADATA = {
     "coupling": str,
     "angle_variance_ratio": {str: [float]},
     "demonstrations": [
-        {"recording": str, "label": str, "start_time_s": float, "end_time_s": float}
+        {
+            "recording": str,
+            "label": str,
+            "start_time_s": float,
+            "end_time_s": float,
+            "checksum?": str,
+        }
     ],
     "prismatic_joints?": [str],
     "refined_from?": dict,
+}
+
+# Arrays of the statistics beside those of the primitive; None: any size.
+_STATISTICS: dict[str, tuple[int | None, ...]] = {
+    "extents": (),
+    "paces": (PACE_DEGREE,),
+    "shapes": (None, None),
+    "shape_remainders": (None,),
+    "angles": (None, None),
+    "angle_remainders": (None,),
 }
 
 
@@ -58,7 +76,9 @@ def save_primitive(
 
 def primitive_bytes(primitive: MovementPrimitive) -> bytes:
     """The content of a primitive file; the same primitive gives the same bytes."""
-    arrays = primitive.arrays()
+    arrays, statistics = primitive.arrays(), primitive.statistics
+    if statistics is not None:
+        arrays |= {name: getattr(statistics, name) for name in _STATISTICS}
     metadata = {
         **primitive.metadata,
         "format": FORMAT_NAME,
@@ -112,7 +132,7 @@ def _primitive(arrays: dict[str, FloatArray], metadata: dict[str, Any]) -> Movem
     check_form(metadata, _METADATA, "it")
     of_model = {field.name for field in fields(ConditionalModel)}
     model = ConditionalModel(**{key: arrays[key] for key in of_model})
-    own = {key: arrays[key] for key in ARRAY_SHAPES if key not in of_model}
+    own: dict[str, Any] = {key: arrays[key] for key in ARRAY_SHAPES if key not in of_model}
     primitive = MovementPrimitive(
         metadata["name"],
         tuple(metadata["joint_names"]),
@@ -123,7 +143,38 @@ def _primitive(arrays: dict[str, FloatArray], metadata: dict[str, Any]) -> Movem
     )
     if len(metadata["demonstrations"]) != len(primitive.durations):
         raise PrimitiveFileError("its metadata must name each of its demonstrations")
-    return primitive
+    if not set(_STATISTICS) <= set(arrays):
+        return primitive
+    return replace(primitive, statistics=_statistics(arrays, primitive))
+
+
+def _statistics(arrays: dict[str, FloatArray], primitive: MovementPrimitive) -> MotionStatistics:
+    size, joints = len(primitive.durations), (primitive.n_joints,)
+    of_joints = ("shapes", "shape_remainders", "angles", "angle_remainders")
+    expected = {
+        name: (size, *(joints + shape[1:] if name in of_joints else shape))
+        for name, shape in _STATISTICS.items()
+    }
+    return MotionStatistics(
+        joint_names=primitive.joint_names,
+        motions=tuple(
+            MotionSource(
+                d["recording"],
+                d["label"],
+                d.get("checksum", ""),
+                d["start_time_s"],
+                d["end_time_s"],
+            )
+            for d in primitive.metadata["demonstrations"]
+        ),
+        durations=primitive.durations,
+        boundary_states=primitive.boundary_states,
+        warps=primitive.warps,
+        **{
+            name: frozen_array(arrays[name], shape, f"array '{name}'", PrimitiveFileError)
+            for name, shape in expected.items()
+        },
+    )
 
 
 def _read(path: str | Path) -> tuple[dict[str, FloatArray], str]:

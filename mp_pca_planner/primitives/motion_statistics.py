@@ -9,29 +9,34 @@ the primitive.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Iterable, Sequence
+from dataclasses import dataclass, fields, replace
 from functools import lru_cache
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.polynomial import legendre
+from numpy.typing import NDArray
 
 from ..arrays import FloatArray
-from ..exceptions import PrimitiveError
-from ..recordings.demonstration import Demonstration
+from ..exceptions import PrimitiveError, unknown_name
 from .alignment import align, aligned_positions
 from .basis import end_vanishing_coefficients, legendre_values
 from .boundary import boundary_values, hermite_functions
 from .options import PrimitiveOptions
+from .pace import fit_paces
+
+# The node loads primitives, but needs neither recordings nor the parts of SciPy that they need.
+if TYPE_CHECKING:
+    from ..recordings.demonstration import Demonstration
 
 # Highest degree of the polynomials that represent joint angles over time. Only the first components
 # are reported, which are much smoother.
 _ANGLE_DEGREE = 30
 
 
-@dataclass(frozen=True, eq=False)
-class MotionSummary:
-    """One demonstration, without its samples.
+class MotionSource(NamedTuple):
+    """Where a demonstration comes from.
 
     Attributes
     ----------
@@ -39,22 +44,6 @@ class MotionSummary:
         Of the demonstration.
     start_time, end_time : float
         When it starts and ends, in seconds after the first message of the recording.
-    duration : float
-        Its duration [s].
-    extent : float
-        Largest range of a joint [rad or m].
-    boundary_state : array, shape (6, n_joints)
-        q, q̇, q̈ at the start, then at the end.
-    warp : array, shape (n_warp_phases,)
-        See :func:`.align`.
-    shape : array, shape (n_joints, n_functions)
-        Coefficients of the motion less its boundary part, see :func:`shape_functions`.
-    shape_remainder : array, shape (n_joints,)
-        Sum of squares over the phases of the residual of these coefficients.
-    angles : array, shape (n_joints, n_angle_functions)
-        Coefficients of the joint angles over time.
-    angle_remainder : array, shape (n_joints,)
-        The same for the joint angles over time.
     """
 
     recording: str
@@ -62,30 +51,54 @@ class MotionSummary:
     checksum: str
     start_time: float
     end_time: float
-    duration: float
-    extent: float
-    boundary_state: FloatArray
-    warp: FloatArray
-    shape: FloatArray
-    shape_remainder: FloatArray
-    angles: FloatArray
-    angle_remainder: FloatArray
+
+    @property
+    def identity(self) -> tuple[str, float, float]:
+        """Equal for the same part of the same recording, whatever its name and label."""
+        return self.checksum, round(self.start_time, 6), round(self.end_time, 6)
 
 
 @dataclass(frozen=True, eq=False)
 class MotionStatistics:
-    """Summaries of demonstrations of the same joints.
+    """Statistics of demonstrations of the same joints.
 
     Attributes
     ----------
     joint_names : tuple of str
         Their joints.
-    motions : tuple of MotionSummary
-        Summary of each.
+    motions : tuple of MotionSource
+        Source of each.
+    durations : array, shape (n_demonstrations,)
+        Their durations [s].
+    extents : array, shape (n_demonstrations,)
+        Norms over the joints of the distances that each covers [rad or m].
+    boundary_states : array, shape (n_demonstrations, 6, n_joints)
+        q, q̇, q̈ at the start, then at the end.
+    warps : array, shape (n_demonstrations, n_warp_phases)
+        See :func:`.align`.
+    paces : array, shape (n_demonstrations, PACE_DEGREE)
+        See :func:`.fit_paces`.
+    shapes : array, shape (n_demonstrations, n_joints, n_functions)
+        Coefficients of the motions less their boundary parts, see :func:`shape_functions`.
+    shape_remainders : array, shape (n_demonstrations, n_joints)
+        Sums of squares over the phases of the residuals of these coefficients.
+    angles : array, shape (n_demonstrations, n_joints, n_angle_functions)
+        Coefficients of the joint angles over time.
+    angle_remainders : array, shape (n_demonstrations, n_joints)
+        The same for the joint angles over time.
     """
 
     joint_names: tuple[str, ...]
-    motions: tuple[MotionSummary, ...]
+    motions: tuple[MotionSource, ...]
+    durations: FloatArray
+    extents: FloatArray
+    boundary_states: FloatArray
+    warps: FloatArray
+    paces: FloatArray
+    shapes: FloatArray
+    shape_remainders: FloatArray
+    angles: FloatArray
+    angle_remainders: FloatArray
 
     @classmethod
     def of(
@@ -106,10 +119,29 @@ class MotionStatistics:
         PrimitiveError
             If they have different joints.
         """
+        from ..recordings.segmentation import extent
+
         _check_joints([(d.joint_names, d.recording) for d in demonstrations])
         warps = align(demonstrations, options.align)
-        motions = (_summarise(d, w, options) for d, w in zip(demonstrations, warps, strict=True))
-        return cls(demonstrations[0].joint_names, tuple(motions))
+        pairs = zip(demonstrations, warps, strict=True)
+        columns = zip(*(_summarise(d, w, options) for d, w in pairs), strict=True)
+        states, shapes, remainders, angles, angle_remainders = map(np.array, columns)
+        return cls(
+            joint_names=demonstrations[0].joint_names,
+            motions=tuple(
+                MotionSource(d.recording, d.label, d.checksum, d.start_time, d.end_time)
+                for d in demonstrations
+            ),
+            durations=np.array([d.duration for d in demonstrations]),
+            extents=np.array([extent(d.positions) for d in demonstrations]),
+            boundary_states=states,
+            warps=warps,
+            paces=fit_paces(warps),
+            shapes=shapes,
+            shape_remainders=remainders,
+            angles=angles,
+            angle_remainders=angle_remainders,
+        )
 
     @classmethod
     def merged(cls, parts: Iterable[MotionStatistics]) -> MotionStatistics:
@@ -118,16 +150,104 @@ class MotionStatistics:
         Raises
         ------
         PrimitiveError
-            If they have different joints.
+            If they have different joints, or were made with other options.
         """
         ordered = list(parts)
         _check_joints([(x.joint_names, x.motions[0].recording) for x in ordered])
+        if len({(x.shapes.shape[2], x.angles.shape[2]) for x in ordered}) > 1:
+            raise PrimitiveError("statistics of different --degree or --phases can't be merged")
         motions = tuple(motion for part in ordered for motion in part.motions)
-        return cls(ordered[0].joint_names, motions)
+        arrays = {
+            name: np.concatenate([getattr(part, name) for part in ordered]) for name in _ARRAYS
+        }
+        return cls(ordered[0].joint_names, motions, **arrays)
 
-    def stacked(self, name: str) -> FloatArray:
-        """An attribute of all motions, shape (n_demonstrations, ...)."""
-        return np.array([getattr(motion, name) for motion in self.motions])
+    def requests_and_shapes(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Requests (q0, qT, log T), shapes, and shapes of the reversed motions, as rows."""
+        ends = self.boundary_states[:, 0], self.boundary_states[:, 3]
+        # The functions of the shapes are alternately even and odd.
+        reversed_shapes = self.shapes * (-1.0) ** np.arange(self.shapes.shape[2])
+        there, back = (x.reshape(len(self.motions), -1) for x in (self.shapes, reversed_shapes))
+        return np.column_stack([*ends, np.log(self.durations)]), there, back
+
+    def chosen(self, which: Sequence[int] | NDArray[np.intp]) -> MotionStatistics:
+        """The statistics of some of the demonstrations, by index."""
+        arrays = {name: getattr(self, name)[which] for name in _ARRAYS}
+        return replace(self, motions=tuple(self.motions[i] for i in which), **arrays)
+
+    def ordered(self, joint_names: tuple[str, ...]) -> MotionStatistics:
+        """The same motions with the same joints in another order."""
+        order = [self.joint_names.index(name) for name in joint_names]
+        return replace(
+            self,
+            joint_names=joint_names,
+            boundary_states=self.boundary_states[:, :, order],
+            shapes=self.shapes[:, order],
+            shape_remainders=self.shape_remainders[:, order],
+            angles=self.angles[:, order],
+            angle_remainders=self.angle_remainders[:, order],
+        )
+
+    def added(self, new: MotionStatistics) -> MotionStatistics:
+        """These and the new ones; a motion that is in already is counted once.
+
+        Raises
+        ------
+        PrimitiveError
+            See :meth:`merged`.
+        """
+        known = {motion.identity for motion in self.motions}
+        fresh = [i for i, motion in enumerate(new.motions) if motion.identity not in known]
+        return MotionStatistics.merged([self, new.chosen(fresh)] if fresh else [self])
+
+    def of_recording(self, name: str) -> list[int]:
+        """Indices of the demonstrations of a recording; none if there is no such recording.
+
+        Parameters
+        ----------
+        name :
+            Its name, or its checksum, or the first 8 or more digits of that.
+
+        Raises
+        ------
+        PrimitiveError
+            If several recordings have this name.
+        """
+        found = [
+            i
+            for i, motion in enumerate(self.motions)
+            if motion.recording == name or (len(name) >= 8 and motion.checksum.startswith(name))
+        ]
+        checksums = sorted({self.motions[i].checksum for i in found})
+        if len(checksums) > 1:
+            raise PrimitiveError(
+                f"several recordings are called '{name}': name one by its checksum, "
+                + " or ".join(checksum[:12] for checksum in checksums)
+            )
+        return found
+
+    def without(self, names: Collection[str]) -> MotionStatistics:
+        """These without the demonstrations of some recordings, see :meth:`of_recording`.
+
+        Raises
+        ------
+        PrimitiveError
+            If there is no such recording, or none would be left.
+        """
+        gone: set[int] = set()
+        for name in names:
+            found = self.of_recording(name)
+            if not found:
+                known = sorted({motion.recording for motion in self.motions})
+                raise PrimitiveError(unknown_name("recording", name, known))
+            gone.update(found)
+        kept = [i for i in range(len(self.motions)) if i not in gone]
+        if not kept:
+            raise PrimitiveError("nothing would be left: at least one recording must stay")
+        return self.chosen(kept)
+
+
+_ARRAYS = tuple(x.name for x in fields(MotionStatistics)[2:])
 
 
 @lru_cache(maxsize=8)
@@ -166,34 +286,21 @@ def _angle_functions(n_phases: int) -> FloatArray:
 
 def _summarise(
     demonstration: Demonstration, warp: FloatArray, options: PrimitiveOptions
-) -> MotionSummary:
+) -> tuple[FloatArray, ...]:
+    """Boundary state, shape and angles of a demonstration, the latter two with their remainders."""
     phases = np.linspace(0.0, 1.0, options.n_phases)
     positions = aligned_positions(demonstration, warp, phases)
     curves = (demonstration.positions, demonstration.velocities, demonstration.accelerations)
     state = np.array([curve[end] for end in (0, -1) for curve in curves])
     if options.align != "linear":
         state[[1, 2, 4, 5]] = 0.0  # a re-timed motion counts as one from rest to rest
-    duration = demonstration.duration
-    boundary = boundary_values(tuple(state[:3]), tuple(state[3:]), duration)
+    boundary = boundary_values(tuple(state[:3]), tuple(state[3:]), demonstration.duration)
     functions, _ = shape_functions(options.degree, options.n_phases)
-    shape, remainder = _project(positions - hermite_functions(phases) @ boundary, functions)
-    angles, angle_remainder = _project(
-        demonstration.time_normalised(options.n_phases), _angle_functions(options.n_phases)
-    )
-    return MotionSummary(
-        recording=demonstration.recording,
-        label=demonstration.label,
-        checksum=demonstration.checksum,
-        start_time=demonstration.start_time,
-        end_time=demonstration.end_time,
-        duration=duration,
-        extent=float(np.ptp(positions, axis=0).max()),
-        boundary_state=state,
-        warp=warp,
-        shape=shape,
-        shape_remainder=remainder,
-        angles=angles,
-        angle_remainder=angle_remainder,
+    angles = demonstration.time_normalised(options.n_phases)
+    return (
+        state,
+        *_project(positions - hermite_functions(phases) @ boundary, functions),
+        *_project(angles, _angle_functions(options.n_phases)),
     )
 
 

@@ -55,7 +55,9 @@ def fit_paces(
     shares = np.linspace(0.0, 1.0, 101)
     integral = partial(cumulative_trapezoid, x=shares, axis=1, initial=0)
     is_even = np.all(warps == np.linspace(0.0, 1.0, warps.shape[1]), axis=1)
-    targets = np.array([aligned_phases(warp, shares) for warp in warps])
+    # In parts that fit into the cache of the processor.
+    parts = np.array_split(warps, len(warps) // 100 + 1)
+    targets = np.concatenate([aligned_phases(part, shares) for part in parts])
     functions = legendre.legvander(2.0 * shares - 1.0, PACE_DEGREE)[:, 1:]
     paces = np.zeros((len(warps), PACE_DEGREE))
     ridge = price * len(shares) * np.eye(PACE_DEGREE)
@@ -116,31 +118,40 @@ class PacedBasis(Basis):
     def aligned_phases(self, phases: FloatArray, derivative: int = 0) -> FloatArray:
         """σ(p), or a derivative, at shares p of the duration, shape (n_steps,)."""
         values = legendre_values(self._series, phases, derivative)
-        return np.asarray(np.clip(values, 0.0, 1.0)) if derivative == 0 else values
+        return _within(values) if derivative == 0 else values
 
     def shapes(self, weights: FloatArray, phases: FloatArray, highest: int) -> FloatArray:
         """Shape and derivatives up to the highest one, shape (highest + 1, n_steps, n_joints)."""
-        values = self._going.shapes(weights, self.aligned_phases(phases), highest)
-        return np.asarray(self._by_phase(values[..., None], phases)[..., 0])
+        courses = self._courses(phases, highest)
+        values = self._going.shapes(weights, _within(courses[0, :, 0]), highest)
+        return np.asarray(self._by_phase(values[..., None], courses)[..., 0])
 
     def tables(self, phases: FloatArray, highest: int) -> FloatArray:
         """All values and derivatives, shape (highest + 1, n_steps, n_joints, 1 + n_weights)."""
-        return self._by_phase(self._going.tables(self.aligned_phases(phases), highest), phases)
+        courses = self._courses(phases, highest)
+        return self._by_phase(self._going.tables(_within(courses[0, :, 0]), highest), courses)
 
-    def _by_phase(self, values: FloatArray, phases: FloatArray) -> FloatArray:
+    def _courses(self, phases: FloatArray, highest: int) -> FloatArray:
+        """σ and the minimum-jerk course, and derivatives, shape (highest + 1, n_steps, 2)."""
+        if highest > 3:
+            raise ValueError(f"derivative must be 0 to 3, got {highest}")
+        both = np.array([self._series, _minimum_jerk_series(self._series.size)])
+        return legendre_derivatives(both, phases, highest)
+
+    def _by_phase(self, values: FloatArray, courses: FloatArray) -> FloatArray:
         """Derivatives by p of values that are given with their derivatives by σ at σ(p).
 
         In the result, the first column is relative to h(p).
         """
-        highest = len(values) - 1
-        if highest > 3:
-            raise ValueError(f"derivative must be 0 to 3, got {highest}")
-        even_too = np.array([self._series, _minimum_jerk_series(self._series.size)])
-        found = legendre_derivatives(even_too, phases, highest)
-        rates = found[:, :, :1, None]
-        chained = np.array([_chained(values, rates, d) for d in range(highest + 1)])
-        chained[..., 0] -= found[:, :, 1:] * self._displacement
+        rates = courses[:, :, :1, None]
+        chained = np.array([_chained(values, rates, d) for d in range(len(values))])
+        chained[..., 0] -= courses[:, :, 1:] * self._displacement
         return chained
+
+
+def _within(phases: FloatArray) -> FloatArray:
+    """Phases without rounding errors beyond 0 and 1."""
+    return np.clip(phases, 0.0, 1.0)
 
 
 @lru_cache(maxsize=1)

@@ -75,10 +75,16 @@ def fit_components(samples: FloatArray) -> PrincipalComponents:
     _, singular, rows = np.linalg.svd(deviations, full_matrices=False)
     variance = singular**2 / (n - 1)
     keep = variance > _RANK_TOLERANCE * variance[0]
-    rows = rows[keep]
-    largest = np.abs(rows).argmax(axis=1)
-    rows = rows * np.sign(rows[np.arange(len(rows)), largest])[:, None]
+    rows = rows[keep] * largest_signs(rows[keep])
     return PrincipalComponents(mean, rows, variance[keep], float(variance.sum()))
+
+
+def largest_signs(components: FloatArray) -> FloatArray:
+    """Signs of the entries largest in magnitude, shape (n_components, 1, ...)."""
+    rows = components.reshape(len(components), np.prod(components.shape[1:], dtype=int))
+    largest = np.abs(rows).argmax(axis=1)
+    signs = np.sign(rows[np.arange(len(rows)), largest])
+    return np.asarray(signs.reshape(-1, *np.ones(components.ndim - 1, dtype=int)))
 
 
 def components_for_share(components: PrincipalComponents, share: float) -> int:

@@ -10,8 +10,8 @@ from typing import Any
 
 from ..robot.model import Robot
 from .bags import write_joint_states
+from .demonstration import RecordingSet
 from .load import load_recordings
-from .reports import RecordingSet
 from .synthetic import continuous_recording, generate_motions
 
 

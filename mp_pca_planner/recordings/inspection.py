@@ -1,57 +1,15 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Inspection of a recording: topics, markers, joint states, and the defects of these."""
+"""Inspection of a recording: topics, joint states, and the defects of these."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from ..exceptions import RecordingError, UnusableRecordingError
-from .bags import (
-    Bag,
-    BagFormat,
-    Topic,
-    find_recordings,
-    open_bag,
-    recording_format,
-    recording_names,
-)
+from .bags import BagFormat, Topic, find_recordings, open_bag, recording_format, recording_names
 from .reading import read_clean
-from .repair import CleanRecording
-
-
-@dataclass(frozen=True)
-class MarkerFinding:
-    """Samples of a marker in a recording.
-
-    Attributes
-    ----------
-    topic : str
-        Its topic, as ``--markers`` expects it or, for points and poses, its own.
-    name : str
-        Name in the recording.
-    rate : float or None
-        Usual rate of its samples [Hz], if there are several.
-    n_samples : int
-        Samples with finite numbers.
-    missing_share : float
-        Share of the frames of its topic (MarkerArray), or of its own samples, without it.
-    n_gaps : int
-        Number of steps that are too long for interpolation, so that the marker is missing.
-    """
-
-    topic: str
-    name: str
-    rate: float | None
-    n_samples: int
-    missing_share: float
-    n_gaps: int
-
-
-MarkerFinder = Callable[[Bag], tuple[MarkerFinding, ...]]
-"""Finds the markers of a bag, see :func:`mp_pca_planner.mocap.markers.find_markers`."""
 
 
 @dataclass(frozen=True)
@@ -66,8 +24,6 @@ class RecordingInspection:
         Its storage format.
     topics : tuple of Topic
         All topics with their types and counts; empty if it can't be read.
-    markers : tuple of MarkerFinding
-        Markers and frames on its other topics.
     topic : str or None
         The topic of joint states that was inspected.
     n_messages : int
@@ -88,7 +44,6 @@ class RecordingInspection:
     path: str
     format: BagFormat
     topics: tuple[Topic, ...] = ()
-    markers: tuple[MarkerFinding, ...] = ()
     topic: str | None = None
     n_messages: int = 0
     joint_names: tuple[str, ...] = ()
@@ -105,7 +60,6 @@ def inspect_recording(
     *,
     state_field: str | None = None,
     salvage: bool = False,
-    find_markers: MarkerFinder | None = None,
 ) -> RecordingInspection:
     """Inspect a recording; defects that make it unusable are reported, not raised.
 
@@ -119,8 +73,6 @@ def inspect_recording(
         The field of the topic's messages that is a JointState; needs `topic`.
     salvage :
         Inspects the messages before the damage of a damaged recording.
-    find_markers :
-        Finds the markers; by default none are reported.
 
     Raises
     ------
@@ -130,40 +82,22 @@ def inspect_recording(
     paths = find_recordings([path])
     if len(paths) > 1:
         raise RecordingError(f"there are {len(paths)} recordings at '{path}': inspect one of them")
-    found: CleanRecording | UnusableRecordingError | None = None
     inspection = RecordingInspection(
         recording_names(paths)[0], str(paths[0]), recording_format(paths[0])
     )
     try:
         with open_bag(paths[0], salvage=salvage) as bag:
             inspection = replace(inspection, topics=bag.topics)
-            markers, notes = _markers(bag, find_markers)
-            inspection = replace(inspection, markers=markers, notes=notes)
-            found = read_clean(bag, topic, state_field=state_field)
+            clean = read_clean(bag, topic, state_field=state_field)
+        found, refusal = vars(clean) | {"duration": clean.duration}, None
+    except UnusableRecordingError as error:
+        found, refusal = error.findings, str(error)
     except RecordingError as error:
-        inspection = replace(inspection, refusal=str(error))
-        found = error if isinstance(error, UnusableRecordingError) else None
-    if found is None:
-        return inspection
+        return replace(inspection, refusal=str(error))
+    facts = ("topic", "n_messages", "rate", "duration", "repairs", "notes")
     return replace(
         inspection,
-        topic=found.topic,
-        n_messages=found.n_messages,
-        joint_names=found.listed_joints,
-        rate=getattr(found, "rate", None),
-        duration=getattr(found, "duration", None),
-        repairs=found.repairs,
-        notes=(*found.notes, *inspection.notes),
+        joint_names=found["listed_joints"],
+        refusal=refusal,
+        **{fact: found[fact] for fact in facts if fact in found},
     )
-
-
-def _markers(
-    bag: Bag, find_markers: MarkerFinder | None
-) -> tuple[tuple[MarkerFinding, ...], tuple[str, ...]]:
-    """Markers, and a note if they can't be read: the joint states may be good nevertheless."""
-    if find_markers is None:
-        return (), ()
-    try:
-        return find_markers(bag), ()
-    except RecordingError as error:
-        return (), (f"its markers can't be read: {error}",)

@@ -21,27 +21,19 @@ from numpy.typing import ArrayLike
 
 from ..arrays import FloatArray
 from ..exceptions import RecordingError
-from ..motion.interpolation import interpolate_at
+from ..input_limits import INPUT_LIMITS
+from ..motion.interpolation import interpolate_at, segment_ends
 from .bags import NS_PER_S, Bag, Stored, Topic
 from .joint_states import listed_names
-from .repair.clock import SIMULATION_TIME, YEAR_NS
-from .repair.joints import choose_joints
+from .repair.messages import SIMULATION_TIME, choose_joints, is_simulation_time
 from .repair.recording import (
-    MIN_SAMPLES,
     CleanRecording,
     Piece,
-    counted,
+    RepairOptions,
+    findings,
     findings_on_refusal,
     motion_notes,
-    refuse_stillness,
 )
-from .repair.samples import MAX_POSITION
-
-MAX_DURATION = 1000.0
-"""Largest duration of a commanded motion [s], which bounds the number of samples."""
-
-SAMPLE_RATE = 200.0
-"""Rate at which commanded motions are sampled [Hz]; smoothing keeps no higher rate."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,7 +146,9 @@ def _row(values: ArrayLike, n_joints: int) -> FloatArray:
 
 
 def repair_trajectories(
-    raw: RawTrajectories, joints: Sequence[str] | None = None
+    raw: RawTrajectories,
+    joints: Sequence[str] | None = None,
+    options: RepairOptions | None = None,
 ) -> CleanRecording:
     """Sample commanded motions, a piece each, and count every repair.
 
@@ -164,52 +158,47 @@ def repair_trajectories(
         What was recorded.
     joints :
         Names of the joints to take; by default those that all messages list.
+    options :
+        Rate of the samples, and the least number of them.
 
     Raises
     ------
     UnusableRecordingError
         If a joint is unknown, no message is a motion, or nothing moves.
     """
+    options = options or RepairOptions()
     repairs: Counter[str] = Counter(malformed=raw.n_malformed)
     with findings_on_refusal(raw, repairs):
-        return _repaired(raw, joints, repairs)
-
-
-def _repaired(
-    raw: RawTrajectories, joints: Sequence[str] | None, repairs: Counter[str]
-) -> CleanRecording:
-    names = choose_joints([motion.joint_names for motion in raw.motions], raw.topic, joints)
-    motions = [m for m in raw.motions if set(names) <= set(m.joint_names)]
-    repairs["missing_joints"] += len(raw.motions) - len(motions)
-    if not motions:
-        raise RecordingError("no trajectory lists all of the chosen joints together")
-    finite = [motion for motion in motions if _is_finite(motion)]
-    repairs["non_finite"] += len(motions) - len(finite)
-    started, notes = _started(finite)
-    pieces = _pieces(started, names, repairs)
-    if not pieces:
-        raise RecordingError(
-            f"none of the {raw.n_messages} trajectories on '{raw.topic}' is a motion; expected "
-            "two points or more, finite numbers, and no other trajectory that starts at once"
+        names = choose_joints([motion.joint_names for motion in raw.motions], raw.topic, joints)
+        motions = [m for m in raw.motions if set(names) <= set(m.joint_names)]
+        repairs["missing_joints"] += len(raw.motions) - len(motions)
+        if not motions:
+            raise RecordingError("no trajectory lists all of the chosen joints together")
+        finite = [motion for motion in motions if _is_finite(motion)]
+        repairs["non_finite"] += len(motions) - len(finite)
+        started, notes = _started(finite)
+        pieces = _pieces(started, names, options, repairs)
+        if not pieces:
+            raise RecordingError(
+                f"none of the {raw.n_messages} trajectories on '{raw.topic}' is a motion; expected "
+                "two points or more, finite numbers, and no other trajectory that starts at once"
+            )
+        notes = (*notes, *motion_notes(names, pieces, options))
+        return CleanRecording(
+            joint_names=names,
+            pieces=tuple(pieces),
+            rate=options.commanded_rate,
+            sample_rate=options.commanded_rate,
+            pieces_are_motions=True,
+            **findings(raw, repairs, notes),
         )
-    refuse_stillness(pieces)
-    return CleanRecording(
-        joint_names=names,
-        pieces=tuple(pieces),
-        rate=SAMPLE_RATE,
-        sample_rate=SAMPLE_RATE,
-        duration=float(pieces[-1].times[-1] - pieces[0].times[0]),
-        repairs=counted(repairs),
-        notes=(*raw.notes, *notes, *motion_notes(names, pieces)),
-        topic=raw.topic,
-        n_messages=raw.n_messages,
-        listed_joints=raw.listed_joints,
-        pieces_are_motions=True,
-    )
 
 
 def _pieces(
-    started: Sequence[tuple[float, CommandedMotion]], names: Sequence[str], repairs: Counter[str]
+    started: Sequence[tuple[float, CommandedMotion]],
+    names: Sequence[str],
+    options: RepairOptions,
+    repairs: Counter[str],
 ) -> list[Piece]:
     """Sample each motion up to its end or to the start of the next one."""
     pieces = []
@@ -217,7 +206,7 @@ def _pieces(
     for (start, motion), following in zip(started, [*nexts, math.inf], strict=True):
         end = start + float(motion.times[-1])
         repairs["replaced"] += following < end
-        piece = _sampled(motion, names, start, min(end, following))
+        piece = _sampled(motion, names, start, min(end, following), options)
         if piece is not None:
             pieces.append(piece)
         else:
@@ -228,8 +217,8 @@ def _pieces(
 def _is_finite(motion: CommandedMotion) -> bool:
     """Whether all numbers are finite, and the duration and positions plausible."""
     return bool(
-        motion.times[-1] - motion.times[0] < MAX_DURATION
-        and (np.abs(motion.positions) < MAX_POSITION).all()
+        motion.times[-1] - motion.times[0] < INPUT_LIMITS.commanded_duration
+        and (np.abs(motion.positions) < INPUT_LIMITS.position).all()
         and not np.isinf(motion.velocities).any()
         and not np.isinf(motion.accelerations).any()
     )
@@ -242,7 +231,7 @@ def _started(
     stamped = [m for m in motions if m.header_stamp > 0]
     notes: tuple[str, ...] = ()
     starts = [m.header_stamp if m.header_stamp > 0 else m.receive_stamp for m in motions]
-    if any(abs(m.header_stamp - m.receive_stamp) > YEAR_NS for m in stamped):
+    if any(is_simulation_time(m.header_stamp, m.receive_stamp) for m in stamped):
         if len(stamped) == len(motions):
             notes = (SIMULATION_TIME,)
         else:
@@ -253,20 +242,17 @@ def _started(
 
 
 def _sampled(
-    motion: CommandedMotion, names: Sequence[str], start: float, end: float
+    motion: CommandedMotion, names: Sequence[str], start: float, end: float, options: RepairOptions
 ) -> Piece | None:
     """Samples of a motion from its first point to its end; None if these are too few."""
     first = start + float(motion.times[0])
-    n_samples = round((end - first) * SAMPLE_RATE) + 1
-    if motion.times.size < 2 or n_samples < MIN_SAMPLES:
+    n_samples = round((end - first) * options.commanded_rate) + 1
+    if motion.times.size < 2 or n_samples < options.min_samples:
         return None
     columns = [motion.joint_names.index(name) for name in names]
     times = np.linspace(first, end, n_samples)
-    positions = interpolate_at(
-        np.clip(times - start, motion.times[0], motion.times[-1]),
-        motion.times,
-        motion.positions[:, columns],
-        motion.velocities[:, columns],
-        motion.accelerations[:, columns],
-    )
+    points = (motion.positions, motion.velocities, motion.accelerations)
+    ends = segment_ends(motion.times, *(values[:, columns] for values in points))
+    instants = np.clip(times - start, motion.times[0], motion.times[-1])
+    positions, _, _ = interpolate_at(instants, motion.times, ends)
     return Piece(times, positions)

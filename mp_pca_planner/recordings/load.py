@@ -15,23 +15,29 @@ import numpy as np
 
 from ..exceptions import RecordingError, unknown_name
 from . import bags, cutting
+from .cache import ReadingCache
 from .cluster import map_on_cluster
-from .demonstration import Demonstration
+from .demonstration import (
+    Demonstration,
+    MarkerResidual,
+    Overview,
+    RecordingReport,
+    RecordingSet,
+    Refusal,
+    Segment,
+)
 from .joint_states import RawJointStates
 from .processes import Outcome, map_in_processes
 from .reading import read_clean
 from .repair import CleanRecording, RepairOptions, repair
-from .reports import MarkerResidual, Overview, RecordingReport, RecordingSet, Refusal, Segment
 from .segmentation import (
     SegmentationOptions,
-    SpeedThresholds,
     extent,
     joint_speed,
     least_extent_of_set,
-    speed_thresholds,
 )
 from .segments_file import SegmentRow, read_segments
-from .smoothing import SmoothingOptions, SmoothPiece, smooth
+from .smoothing import SmoothingOptions, SmoothPiece
 
 __all__ = ["LoadOptions", "RecordingReport", "RecordingSet", "load_recordings"]
 
@@ -84,6 +90,8 @@ class LoadOptions:
     summarise : callable or None
         Called with the demonstrations of each recording, in the process that reads it: a function
         of a module, or a :func:`functools.partial` of one. Its results are in `summaries`.
+    cache : ReadingCache or None
+        Keeps what is read, except joint states from markers.
     most_samples : int or None
         Largest number of samples kept of each demonstration, after `summarise` was called;
         0 keeps no demonstrations. By default all samples are kept.
@@ -108,6 +116,7 @@ class LoadOptions:
     overviews: bool = False
     summarise: Callable[[Sequence[Demonstration]], Any] | None = None
     most_samples: int | None = None
+    cache: ReadingCache | None = None
 
     def __post_init__(self) -> None:
         if self.segment not in SEGMENTATIONS:
@@ -124,6 +133,7 @@ def load_recordings(
     jobs: int = 1,
     dask: str | None = None,
     progress: Callable[[int, int], None] | None = None,
+    known_extents: Sequence[float] = (),
     **options: Any,
 ) -> RecordingSet:
     """Load the demonstrated motions of recordings.
@@ -139,6 +149,8 @@ def load_recordings(
         :func:`.cluster.map_on_cluster`. The result is the same.
     progress :
         Called with the bytes of recordings done and in all.
+    known_extents :
+        Extents of further motions of the set, which are not loaded again [rad or m].
     **options :
         The fields of :class:`LoadOptions`.
 
@@ -153,10 +165,12 @@ def load_recordings(
         raise RecordingError(f"the number of jobs must be 1 or more, got {jobs}")
     tasks = _tasks(bags.find_recordings(paths), settings)
     loaded = _load_all(tasks, jobs, dask, progress)
-    again = _tasks_again(tasks, loaded)
+    again = _tasks_again(tasks, loaded, known_extents)
     repeated = _load_all(list(again.values()), jobs, dask, None)
     for index, one in zip(again, repeated, strict=True):
         loaded[index] = one
+    if settings.cache is not None:
+        settings.cache.prune()
     return RecordingSet(
         *(tuple(x for one in loaded for x in getattr(one, f.name)) for f in fields(RecordingSet))
     )
@@ -231,7 +245,7 @@ def _load_all(
 
 
 def _tasks_again(
-    tasks: Sequence[_LoadTask], loaded: Sequence[RecordingSet]
+    tasks: Sequence[_LoadTask], loaded: Sequence[RecordingSet], known_extents: Sequence[float]
 ) -> dict[int, _LoadTask]:
     """Recordings with movements that count as rest relative to the motions of the set, by index."""
     found = {
@@ -241,7 +255,7 @@ def _tasks_again(
     }
     if not found:
         return {}
-    extents = [extent for own in found.values() for extent in own]
+    extents = [*known_extents, *(extent for own in found.values() for extent in own)]
     least = least_extent_of_set(extents, tasks[0].options.segmentation)
     return {
         index: replace(tasks[index], least_extent=least)
@@ -290,11 +304,9 @@ def _load(task: _LoadTask, progress: Callable[[float], None] | None = None) -> R
         if task.segments == ():
             raise RecordingError("the table of segments names no motion in it")
         clean, residuals = _clean(task.path, options, progress)
-        pieces = [smooth(piece, clean.sample_rate, options.smoothing) for piece in clean.pieces]
-        speed = np.concatenate([joint_speed(piece.velocities) for piece in pieces])
-        thresholds = speed_thresholds(speed, options.segmentation)
-        cuts, clean = _cut(task, clean, pieces, thresholds)
-        motions = cutting.demonstrations(cuts, clean, task.name, bags.checksum(task.path))
+        smoothed = cutting.SmoothRecording.of(clean, options.smoothing, options.segmentation)
+        cuts, clean = _cut(task, smoothed)
+        motions = cutting.demonstrations(cuts, clean, task.name, _checksum(task.path, options))
     except RecordingError as error:
         return RecordingSet(refused=(Refusal(task.name, str(error)),))
     segments = (Segment(m.start_time, m.end_time, m.label, extent(m.positions)) for m in motions)
@@ -310,9 +322,9 @@ def _load(task: _LoadTask, progress: Callable[[float], None] | None = None) -> R
         checksum=motions[0].checksum,
         repairs=clean.repairs,
         motions=tuple(segments),
-        thresholds=thresholds,
+        thresholds=smoothed.thresholds,
         notes=clean.notes,
-        overview=_overview(pieces) if options.overviews else None,
+        overview=_overview(smoothed.pieces) if options.overviews else None,
         marker_residuals=residuals,
     )
     summaries = () if options.summarise is None else (options.summarise(motions),)
@@ -327,8 +339,24 @@ def _clean(
     if options.markers is not None:
         raw, residuals = options.markers.joint_states(path, salvage=options.salvage)
         return repair(raw, None, options.repair), residuals
+    read = partial(_read, path, options, progress)
+    if options.cache is None:
+        return read(), {}
+    chosen = (options.topic, options.joints, options.state_field, options.salvage, options.repair)
+    return options.cache.clean(path, repr(chosen), read), {}
+
+
+def _checksum(path: Path, options: LoadOptions) -> str:
+    """SHA-256 of the stored bytes, which are not read if they did not change."""
+    return bags.checksum(path) if options.cache is None else options.cache.checksum(path)
+
+
+def _read(
+    path: Path, options: LoadOptions, progress: Callable[[float], None] | None
+) -> CleanRecording:
+    """Read joint states, and repair them."""
     with bags.open_bag(path, salvage=options.salvage) as bag:
-        clean = read_clean(
+        return read_clean(
             bag,
             options.topic,
             options.joints,
@@ -336,28 +364,18 @@ def _clean(
             options=options.repair,
             progress=progress,
         )
-    return clean, {}
 
 
 def _cut(
-    task: _LoadTask,
-    clean: CleanRecording,
-    pieces: Sequence[SmoothPiece],
-    thresholds: SpeedThresholds,
+    task: _LoadTask, recording: cutting.SmoothRecording
 ) -> tuple[list[cutting.Cut], CleanRecording]:
     """Cut a recording into its motions; return them with additional notes and repairs."""
-    options = task.options.segmentation
-    notes: tuple[str, ...] = ()
     if task.segments is not None:
-        return cutting.cut_by_hand(pieces, task.segments), clean
-    if clean.pieces_are_motions or task.options.segment == "none":
-        cuts = cutting.cut_whole_pieces(pieces, thresholds)
-    else:
-        cuts, notes = cutting.cut_at_rests_and_valleys(pieces, thresholds, options)
-    kept = cutting.without_rest(cuts, clean.pieces, task.least_extent, options)
-    n_rest = len(cuts) - len(kept)
-    repairs = {**clean.repairs, "rest": n_rest} if n_rest else clean.repairs
-    return kept, replace(clean, repairs=repairs, notes=clean.notes + notes)
+        return cutting.cut_by_hand(recording.pieces, task.segments), recording.clean
+    is_whole = recording.clean.pieces_are_motions or task.options.segment == "none"
+    return cutting.cut_motions(
+        recording, task.options.segmentation, task.least_extent, is_whole=is_whole
+    )
 
 
 def _overview(pieces: Sequence[SmoothPiece]) -> Overview:

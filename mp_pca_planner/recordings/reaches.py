@@ -48,6 +48,10 @@ class ReachOptions:
         Shortest duration [s].
     rate : float
         Samples per second [Hz].
+    n_phases : int
+        Phases of a path at which it is computed.
+    max_draws : int
+        Random draws after which the limits leave no reach.
     """
 
     max_reach: float = 2.0
@@ -63,24 +67,15 @@ class ReachOptions:
     haste: tuple[float, float] = (0.6, 0.95)
     min_duration: float = 0.4
     rate: float = 100.0
+    n_phases: int = 101
+    max_draws: int = 1000
 
 
 OPTIONS = ReachOptions()
 
-MAX_DRAWS = 1000
-"""Random draws after which the limits leave no reach."""
-
-PHASES = np.linspace(0.0, 1.0, 101)
-
 
 def random_reaches(
-    robot: Robot,
-    limits: JointLimits,
-    n_motions: int,
-    seed: int,
-    *,
-    task: int = 0,
-    options: ReachOptions = OPTIONS,
+    robot: Robot, limits: JointLimits, n_motions: int, seed: int, *, task: int = 0
 ) -> list[Demonstration]:
     """Generate reaches that keep the limits of a robot.
 
@@ -96,8 +91,6 @@ def random_reaches(
         Chooses the motions. The first ones don't depend on their number.
     task : int
         Chooses the postures that they connect, and their detours.
-    options : ReachOptions
-        Distributions of the reaches.
 
     Raises
     ------
@@ -106,7 +99,7 @@ def random_reaches(
     """
     if n_motions < 1:
         raise RecordingError(f"the number of motions must be at least 1, got {n_motions}")
-    arm = _Arm(robot, limits, options)
+    arm = _Arm(robot, limits)
     kind = _ReachTask(arm, np.random.default_rng([task, robot.n_joints]))
     return [kind.reach(np.random.default_rng([seed, task, i]), i) for i in range(n_motions)]
 
@@ -128,9 +121,9 @@ def random_ends(
     RecordingError
         If none are found.
     """
-    arm = _Arm(robot, limits, OPTIONS)
-    share = progress(PHASES[:, None], np.array([0.5]))
-    for _ in range(MAX_DRAWS):
+    arm = _Arm(robot, limits)
+    share = progress(_phases(), np.array([0.5]))
+    for _ in range(OPTIONS.max_draws):
         start, goal = (arm.posture(rng, 0.9) for _ in range(2))
         haste = rng.uniform(*OPTIONS.haste)
         if np.abs(goal - start).max() < 0.1 * np.max(arm.half_range):
@@ -144,21 +137,20 @@ def random_ends(
 class _Arm:
     """A robot within limits: postures that it can hold, and durations of paths."""
 
-    def __init__(self, robot: Robot, limits: JointLimits, options: ReachOptions) -> None:
+    def __init__(self, robot: Robot, limits: JointLimits) -> None:
         robot.require_inertias("postures that the joints can hold")
-        self.robot, self.options = robot, options
-        self._limits = limits
+        self.robot, self._limits = robot, limits
         bounded = np.isfinite(limits.upper) & np.isfinite(limits.lower)
         self._middle = np.zeros(robot.n_joints)
         self._middle[bounded] = (limits.lower[bounded] + limits.upper[bounded]) / 2.0
         width = limits.upper - limits.lower
-        half = np.minimum(width / 2.0, options.max_reach)
-        self.half_range = np.where(np.isfinite(width), half, options.continuous_reach)
+        half = np.minimum(width / 2.0, OPTIONS.max_reach)
+        self.half_range = np.where(np.isfinite(width), half, OPTIONS.continuous_reach)
 
     def posture(self, rng: np.random.Generator, part: float) -> FloatArray:
         """A configuration in a part of the range that the joints can hold."""
         zero = np.zeros((1, self.robot.n_joints))
-        for _ in range(MAX_DRAWS):
+        for _ in range(OPTIONS.max_draws):
             q = self._middle + part * rng.uniform(-1.0, 1.0, zero.size) * self.half_range
             if self._has_strength(self.robot.inverse_dynamics(q[None], zero, zero)):
                 return q
@@ -179,7 +171,7 @@ class _Arm:
         if np.any(q < self._limits.lower) or np.any(q > self._limits.upper):
             return None
         fastest = float((np.abs(slope).max(axis=0) / (haste * self._limits.velocity)).max())
-        duration = max(self.options.min_duration, fastest)
+        duration = max(OPTIONS.min_duration, fastest)
         # Thirty steps of a tenth multiply it by 17: a longer motion is no reach.
         for _ in range(30):
             a = bend / duration**2
@@ -190,17 +182,17 @@ class _Arm:
         return None
 
     def _has_strength(self, tau: FloatArray) -> bool:
-        return bool(np.all(np.abs(tau) <= self.options.haste[1] * self._limits.effort))
+        return bool(np.all(np.abs(tau) <= OPTIONS.haste[1] * self._limits.effort))
 
 
 class _ReachTask:
     """Two postures, and the common detours and timing of all reaches between them."""
 
     def __init__(self, arm: _Arm, rng: np.random.Generator) -> None:
-        options, n = arm.options, arm.robot.n_joints
+        options, n = OPTIONS, arm.robot.n_joints
         self._arm = arm
         longest = 2.0 * options.postures * np.linalg.norm(arm.half_range)
-        for _ in range(MAX_DRAWS):
+        for _ in range(OPTIONS.max_draws):
             self._ends = [arm.posture(rng, options.postures) for _ in range(2)]
             if np.linalg.norm(self._ends[1] - self._ends[0]) > options.min_distance * longest:
                 break
@@ -208,18 +200,18 @@ class _ReachTask:
         self._peak_shift = rng.normal(0.0, options.joint_peak_shift, n)
 
     def reach(self, rng: np.random.Generator, number: int) -> Demonstration:
-        for _ in range(MAX_DRAWS):
+        for _ in range(OPTIONS.max_draws):
             path = self._path(rng)
-            duration = self._arm.duration(path, rng.uniform(*self._arm.options.haste))
+            duration = self._arm.duration(path, rng.uniform(*OPTIONS.haste))
             if duration is not None:
-                return self._demonstration(PHASES * duration, path, number)
+                return self._demonstration(_phases()[:, 0] * duration, path, number)
         raise RecordingError(
             f"no reach of {path.shape[1]} joints was found that keeps the limits of the robot: "
             "there may be some of fewer joints, such as those of one arm"
         )
 
     def _path(self, rng: np.random.Generator) -> FloatArray:
-        options, column = self._arm.options, PHASES[:, None]
+        options, column = OPTIONS, _phases()
         spread = options.spread * self._arm.half_range
         start, goal = (end + rng.uniform(-1.0, 1.0, end.size) * spread for end in self._ends)
         distance = goal - start
@@ -231,7 +223,7 @@ class _ReachTask:
 
     def _demonstration(self, knots: FloatArray, path: FloatArray, number: int) -> Demonstration:
         curve = CubicSpline(knots, path, bc_type="clamped")
-        times = np.linspace(0.0, knots[-1], round(knots[-1] * self._arm.options.rate) + 1)
+        times = np.linspace(0.0, knots[-1], round(knots[-1] * OPTIONS.rate) + 1)
         return Demonstration(
             self._arm.robot.joint_names,
             times,
@@ -240,3 +232,8 @@ class _ReachTask:
             start_time=0.0,
             end_time=float(times[-1]),
         )
+
+
+def _phases() -> FloatArray:
+    """Phases at which paths are computed, shape (n_phases, 1)."""
+    return np.linspace(0.0, 1.0, OPTIONS.n_phases)[:, None]

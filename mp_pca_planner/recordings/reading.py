@@ -46,7 +46,7 @@ def read_clean(
     if topic is None or state_field is None:
         chosen = _chosen_topic(bag, topic)
         if chosen.type == JOINT_TRAJECTORY:
-            return repair_trajectories(read_trajectories(bag, chosen), joints)
+            return repair_trajectories(read_trajectories(bag, chosen), joints, options)
         topic = chosen.name
     raw = bag.joint_states(topic, field=state_field, progress=progress)
     return repair(raw, joints, options)

@@ -14,12 +14,9 @@ from typing import Any
 
 from ..exceptions import RecordingError, quote_names, unknown_name
 from ..files import read_text, reading
+from ..input_limits import INPUT_LIMITS
 
 COLUMNS = ("recording", "start_time_s", "end_time_s")
-MAX_SEGMENTS = 10_000
-"""Most rows of a file: learning takes minutes from so many motions."""
-MAX_TIME = 1e9
-"""Latest time in a recording [s], 30 years."""
 
 
 @dataclass(frozen=True)
@@ -74,8 +71,8 @@ def read_segments(path: str | Path, recordings: Collection[str]) -> dict[str, li
                 f"{quote_names(COLUMNS)}"
             )
         for number, row in enumerate(rows):
-            if number == MAX_SEGMENTS:
-                raise RecordingError(f"'{path}' has more than {MAX_SEGMENTS:,} rows: divide it")
+            if number == INPUT_LIMITS.segments:
+                raise RecordingError(f"'{path}' has more than {number:,} rows: divide it")
             where = f"'{path}', line {rows.line_num}"
             name = row["recording"] or ""
             if name not in recordings:
@@ -90,10 +87,11 @@ def read_segments(path: str | Path, recordings: Collection[str]) -> dict[str, li
 
 def _segment(row: dict[str, str], where: str) -> SegmentRow:
     start, end = (_seconds(row[name], name, where) for name in COLUMNS[1:])
-    if not 0.0 <= start < end <= MAX_TIME:
+    latest = INPUT_LIMITS.segment_time
+    if not 0.0 <= start < end <= latest:
         raise RecordingError(
             f"{where}: a motion must start at 0 s or later and end after its start, "
-            f"at {MAX_TIME:g} s at the latest, got {start:g} s to {end:g} s"
+            f"at {latest:g} s at the latest, got {start:g} s to {end:g} s"
         )
     return SegmentRow(start, end, row.get("label") or "", where)
 

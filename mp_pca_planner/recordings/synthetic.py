@@ -157,9 +157,7 @@ class SyntheticRecording:
         return 1_700_000_000_000_000_000 + np.round(1e9 * self.times).astype(np.int64)
 
 
-def generate_motions(
-    n_motions: int, seed: int, *, rate: float = 200.0, style: ArmRaisingStyle = STYLE
-) -> list[SyntheticMotion]:
+def generate_motions(n_motions: int, seed: int, *, rate: float = 200.0) -> list[SyntheticMotion]:
     """Generate arm-raising motions: from hanging or resting to raised, in front or to the side.
 
     Parameters
@@ -171,8 +169,6 @@ def generate_motions(
     rate : float
         Samples per second [Hz], at least 20 to show the tremor. The samples divide a motion
         evenly, which makes its own rate a little different.
-    style : ArmRaisingStyle
-        Distributions of the motions.
 
     Returns
     -------
@@ -187,7 +183,46 @@ def generate_motions(
     if n_motions < 1:
         raise RecordingError(f"the number of motions must be at least 1, got {n_motions}")
     generators = (np.random.default_rng([seed, i]) for i in range(n_motions))
-    return [_raise_arm(generator, rate, style) for generator in generators]
+    return [_raise_arm(generator, rate) for generator in generators]
+
+
+def generate_kinds(
+    n_motions: int, n_kinds: int, seed: int, *, first: int = 0
+) -> list[SyntheticMotion]:
+    """Generate motions of different kinds of the same arm, one of each kind in turn.
+
+    The ends, the detour and the duration of a kind are drawn at random, and vary a little from
+    motion to motion.
+
+    Parameters
+    ----------
+    n_motions : int
+        Number of motions.
+    n_kinds : int
+        Number of kinds; motion i is of kind i modulo this number.
+    seed : int
+        Chooses the kinds and the motions. The first ones don't depend on their number.
+    first : int
+        Index of the first motion.
+    """
+    return [_motion_of_kind(i, i % n_kinds, seed) for i in range(first, first + n_motions)]
+
+
+def _motion_of_kind(index: int, kind: int, seed: int) -> SyntheticMotion:
+    rng = np.random.default_rng([seed, 0, kind])
+    ends = rng.uniform([-2.0, -1.0, -0.5, -2.2], [0.2, 1.2, 1.5, -0.2], (2, 4))
+    detour, detour_peak = rng.normal(0.0, 0.35, 4), rng.uniform(0.4, 0.6)
+    usual_duration = rng.uniform(0.8, 2.0)
+    rng = np.random.default_rng([seed, 1, index])
+    start, goal = ends + rng.normal(0.0, 0.08, ends.shape)
+    detour = detour * rng.uniform(0.7, 1.3) + rng.normal(0.0, 0.04, detour.shape)
+    duration = usual_duration * float(np.exp(rng.normal(0.0, 0.1)))
+    phases = np.linspace(0.0, 1.0, round(200.0 * duration) + 1)[:, None]
+    peaks = np.full(4, rng.uniform(0.44, 0.52))
+    positions = (
+        start + (goal - start) * progress(phases, peaks) + detour * bell(phases, detour_peak)
+    )
+    return SyntheticMotion(phases[:, 0] * duration, positions)
 
 
 def continuous_recording(
@@ -196,7 +231,6 @@ def continuous_recording(
     rest: Range = (0.3, 0.8),
     *,
     seed: int,
-    style: ArmRaisingStyle = STYLE,
 ) -> SyntheticRecording:
     """Measure a person who does motions one after the other.
 
@@ -210,8 +244,6 @@ def continuous_recording(
         Shortest and longest rest [s] before, between and after the motions; not negative.
     seed : int
         Chooses the rests, the motions back and the noise.
-    style : ArmRaisingStyle
-        Distributions of the motions back, the tremor and the noise.
 
     Returns
     -------
@@ -226,14 +258,14 @@ def continuous_recording(
     for i, motion in enumerate(motions):
         if i > 0:
             ends = motions[i - 1].positions[-1], motion.positions[0]
-            back = _move(*ends, style.peak_downward, rng, rate, style)
+            back = _move(*ends, STYLE.peak_downward, rng, rate)
             return_spans.append(timeline.append(back))
             timeline.rest(rng.uniform(*rest))
         motion_spans.append(timeline.append(motion))
         timeline.rest(rng.uniform(*rest))
     times, positions = timeline.sampled(rate)
-    positions += _tremor(times, style.tremor_at_rest, rng, style)
-    positions += rng.normal(0.0, style.sensor_noise, positions.shape)
+    positions += _tremor(times, STYLE.tremor_at_rest, rng)
+    positions += rng.normal(0.0, STYLE.sensor_noise, positions.shape)
     return SyntheticRecording(
         JOINT_NAMES,
         times,
@@ -268,17 +300,14 @@ class _Timeline:
         return times, np.asarray(curve(times), dtype=np.float64)
 
 
-def _raise_arm(rng: np.random.Generator, rate: float, style: ArmRaisingStyle) -> SyntheticMotion:
-    start = _posture(style.hanging if rng.random() < 0.6 else style.resting, rng, style)
-    goal = _posture(style.raised, rng, style)
-    return _move(start, goal, style.peak_upward, rng, rate, style)
+def _raise_arm(rng: np.random.Generator, rate: float) -> SyntheticMotion:
+    start = _posture(STYLE.hanging if rng.random() < 0.6 else STYLE.resting, rng)
+    return _move(start, _posture(STYLE.raised, rng), STYLE.peak_upward, rng, rate)
 
 
-def _posture(
-    ranges: tuple[Range, ...], rng: np.random.Generator, style: ArmRaisingStyle
-) -> FloatArray:
+def _posture(ranges: tuple[Range, ...], rng: np.random.Generator) -> FloatArray:
     azimuth, elevation, turn, elbow = np.deg2rad([rng.uniform(*bounds) for bounds in ranges])
-    turn += style.turn_with_azimuth * min(azimuth, 0.0) * np.cos(elevation)
+    turn += STYLE.turn_with_azimuth * min(azimuth, 0.0) * np.cos(elevation)
     # Direction of the upper arm, Ry(q1) Rx(q2) (0, 0, -1) in the frame of the shoulder, solved
     # for q1 and q2. The azimuths of all postures are on the side where q1 is negative. In the
     # URDF the axis of shoulder1 is turned by -50 degrees about the vertical.
@@ -288,27 +317,22 @@ def _posture(
 
 
 def _move(
-    start: FloatArray,
-    goal: FloatArray,
-    peak_range: Range,
-    rng: np.random.Generator,
-    rate: float,
-    style: ArmRaisingStyle,
+    start: FloatArray, goal: FloatArray, peak_range: Range, rng: np.random.Generator, rate: float
 ) -> SyntheticMotion:
     distance = goal - start
-    usual = style.base_duration + style.duration_per_radian * np.linalg.norm(distance)
-    duration = np.clip(usual * rng.uniform(*style.haste), *style.duration_range)
+    usual = STYLE.base_duration + STYLE.duration_per_radian * np.linalg.norm(distance)
+    duration = np.clip(usual * rng.uniform(*STYLE.haste), *STYLE.duration_range)
     phases = np.linspace(0.0, 1.0, round(duration * rate) + 1)[:, None]
-    peaks = rng.uniform(*peak_range) + np.array(style.peak_shift)
-    peaks += rng.uniform(-style.peak_shift_spread, style.peak_shift_spread, peaks.shape)
-    spread = rng.uniform(1.0 - style.detour_spread, 1.0 + style.detour_spread, distance.shape)
-    detour = (np.array(style.detour) @ distance) * spread
+    peaks = rng.uniform(*peak_range) + np.array(STYLE.peak_shift)
+    peaks += rng.uniform(-STYLE.peak_shift_spread, STYLE.peak_shift_spread, peaks.shape)
+    spread = rng.uniform(1.0 - STYLE.detour_spread, 1.0 + STYLE.detour_spread, distance.shape)
+    detour = (np.array(STYLE.detour) @ distance) * spread
     times = phases[:, 0] * duration
     positions = (
         start
         + distance * progress(phases, peaks)
-        + detour * bell(phases, rng.uniform(*style.detour_peak))
-        + _tremor(times, style.tremor_in_motion, rng, style) * bell(phases, 0.5)
+        + detour * bell(phases, rng.uniform(*STYLE.detour_peak))
+        + _tremor(times, STYLE.tremor_in_motion, rng) * bell(phases, 0.5)
     )
     return SyntheticMotion(times, positions)
 
@@ -328,12 +352,10 @@ def bell(phases: FloatArray, peak: float) -> FloatArray:
     return np.asarray(rise * ((1.0 - phases) / (1.0 - peak)) ** (6.0 * (1.0 - peak)))
 
 
-def _tremor(
-    times: FloatArray, amplitude: float, rng: np.random.Generator, style: ArmRaisingStyle
-) -> FloatArray:
+def _tremor(times: FloatArray, amplitude: float, rng: np.random.Generator) -> FloatArray:
     """Three sinusoids a joint with a common amplitude [rad], shape (n_steps, n_joints)."""
     shape = (3, len(JOINT_NAMES))
-    frequencies = rng.uniform(*style.tremor_band, shape)
+    frequencies = rng.uniform(*STYLE.tremor_band, shape)
     offsets = rng.uniform(0.0, 2.0 * np.pi, shape)
     waves = np.sin(2.0 * np.pi * frequencies * times[:, None, None] + offsets)
     return np.asarray(amplitude * waves.mean(axis=1))

@@ -10,6 +10,7 @@ import numpy as np
 import pinocchio as pin
 
 from ..arrays import FloatArray
+from .effort_slopes import EffortSlopes
 from .pinocchio_model import PinocchioModel
 
 
@@ -26,6 +27,7 @@ class Dynamics(PinocchioModel):
         # Views of the results, made once: making them takes as long as the call itself.
         self._results = (data.dtau_dq, data.dtau_dv, data.M, data.tau)
         self._pool: Any = pin.ModelPool(model, 1) if hasattr(pin, "rneaInParallel") else None
+        self._slopes: EffortSlopes | None = None
 
     def inverse_dynamics(self, q: FloatArray, v: FloatArray, a: FloatArray) -> FloatArray:
         """Efforts of a motion, NaN where the inertia of a moving link is not known.
@@ -53,6 +55,27 @@ class Dynamics(PinocchioModel):
         """Efforts of a motion as :meth:`inverse_dynamics`, or None if one is NaN."""
         tau = self.inverse_dynamics(q, v, a)
         return None if np.isnan(tau).any() else tau
+
+    def effort_slopes(
+        self, q: FloatArray, v: FloatArray, a: FloatArray, jerk: FloatArray
+    ) -> FloatArray:
+        """Upper bounds of the rates of change of efforts, see :meth:`.EffortSlopes.bounds`.
+
+        Parameters
+        ----------
+        q, v, a, jerk : array, shape (n_steps, n_joints)
+            Largest magnitudes of positions [rad or m] and their derivatives in each of several
+            intervals.
+
+        Returns
+        -------
+        slopes : array, shape (n_steps, n_joints)
+            Bounds of the magnitude of dτ/dt [N·m/s or N/s].
+        """
+        if self._slopes is None:
+            self._slopes = EffortSlopes(self._model)
+        q, v, a, jerk = (self._order.sorted(x) for x in (q, v, a, jerk))
+        return self._order.restored(self._slopes.bounds(q, v, a, jerk))
 
     def inverse_dynamics_derivatives(
         self, q: FloatArray, v: FloatArray, a: FloatArray

@@ -46,6 +46,38 @@ class Kinematics(PinocchioModel):
                 points[k, i] = self._data.oMf[frame].translation
         return points
 
+    def chain_positions(self, q: FloatArray, frame: str) -> FloatArray:
+        """Positions of the joints from the base to a frame, and of the frame, along a motion.
+
+        Parameters
+        ----------
+        q : array, shape (n_steps, n_joints)
+            Joint positions [rad or m].
+        frame : str
+            Name of the frame (link).
+
+        Returns
+        -------
+        points : array, shape (n_steps, n_points, 3)
+            Origin of the base, of each moving joint up to the frame, and of the frame [m].
+
+        Raises
+        ------
+        RobotError
+            If there is no such frame.
+        """
+        (end,) = self._frame_ids([frame])
+        joints = [joint_of(self._model.frames[end])]
+        while joints[-1] > 0:
+            joints.append(int(self._model.parents[joints[-1]]))
+        points = np.empty((len(q), len(joints) + 1, 3))
+        for k, configuration in enumerate(self._order.sorted(q)):
+            pin.framesForwardKinematics(self._model, self._data, configuration)
+            for i, joint in enumerate(reversed(joints)):
+                points[k, i] = self._data.oMi[joint].translation
+            points[k, -1] = self._data.oMf[end].translation
+        return points
+
     def attached_poses(
         self, q: FloatArray, frames: Sequence[str], origins: FloatArray
     ) -> FloatArray:

@@ -13,7 +13,7 @@ import numpy as np
 
 from ..arrays import FloatArray, unique_names
 from ..exceptions import LimitsError, unknown_name
-from ..files import MAX_YAML_BYTES, load_yaml, read_text, reading
+from ..files import load_yaml, read_text, reading
 
 _KEYS = {
     "lower": "min_position",
@@ -129,7 +129,7 @@ def read_limits_file(path: str | Path, joint_names: Sequence[str]) -> dict[str, 
     """
     where = f"limits file '{path}'"
     with reading(where, LimitsError):
-        content = load_yaml(read_text(path, MAX_YAML_BYTES))
+        content = load_yaml(read_text(path))
         joints = content.get("joint_limits") if isinstance(content, dict) else None
         if not isinstance(joints, dict):
             raise LimitsError(

@@ -13,7 +13,7 @@ import numpy as np
 
 from ..arrays import FloatArray, frozen_array
 from ..exceptions import WorldError, printable, unknown_name
-from ..files import MAX_YAML_BYTES, load_yaml, read_text, reading
+from ..files import load_yaml, read_text, reading
 from .world import (
     ANY,
     MAX_SHAPES,
@@ -44,7 +44,7 @@ def read_scene(path: str | Path) -> World:
         try:
             if Path(path).suffix == ".scene":
                 return _TextScene(read_text(path)).world()
-            return _yaml_world(load_yaml(read_text(path, MAX_YAML_BYTES)))
+            return _yaml_world(load_yaml(read_text(path)))
         except WorldError as error:
             raise WorldError(f"{where}: {error}") from None
 

@@ -17,7 +17,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from ..exceptions import RobotError, quote_names, unknown_name
-from ..files import MAX_TEXT_BYTES
+from ..input_limits import INPUT_LIMITS
 
 MAX_LINKS = 2000
 """Most links of a robot; far longer chains overflow the stack of Pinocchio's parser."""
@@ -141,8 +141,8 @@ def parse_xml(text: str, source: str) -> ET.Element:
     RobotError
         If the text is no XML, too long or nested too deeply.
     """
-    if len(text) > MAX_TEXT_BYTES:
-        raise RobotError(f"{source} has more than {MAX_TEXT_BYTES:,} characters")
+    if len(text) > INPUT_LIMITS.text_bytes:
+        raise RobotError(f"{source} has more than {INPUT_LIMITS.text_bytes:,} characters")
     try:
         root = ET.fromstring(text)
     except ET.ParseError as error:

@@ -26,9 +26,9 @@ from ..exceptions import GoalError
 from ..resources import config_file
 from .messages import OVERTAKEN, UNDER_WAY, to_stamp_text
 from .node import NODE_NAME
-from .own_context import NoAnswerError as NoAnswerError
-from .own_context import NodeInOwnContext
-from .qos import LATCHED
+from .process import NoAnswerError as NoAnswerError
+from .process import NodeInOwnContext
+from .subscriptions import LATCHED
 
 # A client that is busy for a while must not lose messages.
 DEPTH = 10_000

@@ -4,32 +4,85 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
+import numpy as np
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PoseStamped
 from sensor_msgs.msg import JointState as JointStateMessage
 from trajectory_msgs.msg import JointTrajectory
 
+from ..exceptions import GoalError, unknown_name
 from ..execution.assembly import Model
 from ..execution.avoidance import ObstacleAvoidance
 from ..execution.goal_planner import UnexecutablePlanError
-from ..execution.goal_statistics import GoalStatistics
-from ..execution.motion_server import MakeGoal, MotionServer
+from ..execution.motion_server import GoalStatistics, MakeGoal, MotionServer
 from ..execution.preemptive_worker import CancelledError, IsCancelled, PreemptiveWorker
 from ..execution.served_goal import Served
-from ..motion.goal import Goal, JointGoal, JointState, SequenceGoal
+from ..motion.goal import Goal, JointGoal, JointState, Pose, PoseGoal, SequenceGoal
+from ..planning.plan import Plan
 from ..planning.states import in_order
 from ..robot.model import Robot
 from . import messages
 from .guarded_node import LOG_PERIOD, GuardedNode
 from .last_motion import LastMotion
 from .planning_setup import PlanningSetup
-from .qos import EVERY, GOALS
-from .reference_frame import stated_in
-from .subscriptions import GroupExecutor, ThreadGroup
+from .subscriptions import EVERY, GOALS, GroupExecutor, ThreadGroup
+
+
+def stated_in(goal: PoseGoal, reference: str, robot: Robot) -> Callable[[JointState], PoseGoal]:
+    """Return the conversion of a goal from a reference frame to the frame of the base.
+
+    Parameters
+    ----------
+    goal : PoseGoal
+        Its pose is relative to the reference frame.
+    reference : str
+        A link of the robot; empty: its base. For a moving link, its pose at the start of the
+        motion counts: "10 cm forward" in the frame of a tool.
+    robot : Robot
+        The robot with the links.
+
+    Raises
+    ------
+    GoalError
+        If there is no such link.
+
+    Returns
+    -------
+    :
+        Takes the start state of the motion and returns the goal in the frame of the base.
+    """
+    if not reference:
+        return lambda _: goal
+    if reference not in robot.frame_names:
+        reason = unknown_name("link of the robot", reference, robot.frame_names)
+        raise GoalError(
+            f"the goal is stated in the frame '{reference}', but {reason}; an empty frame_id "
+            "means the base"
+        )
+    # The origin of the reference frame and the ends of its axes give its pose.
+    points = robot.attach_points([reference] * 4, np.vstack([np.zeros(3), np.eye(3)]))
+
+    def make_goal(start: JointState) -> PoseGoal:
+        index = [start.joint_names.index(name) for name in robot.joint_names]
+        (ends,), _ = points.positions_and_jacobians(start.positions[None, index])
+        axes = (ends[1:] - ends[0]).T
+        pose = goal.pose
+        orientation = pose.orientation
+        if orientation is not None:
+            # Imported late for a fast start of the node.
+            from scipy.spatial.transform import Rotation
+
+            turned = Rotation.from_matrix(axes) * Rotation.from_quat(orientation)
+            orientation = turned.as_quat()
+        position = ends[0] + axes @ pose.position
+        return replace(goal, pose=Pose(pose.frame, position, orientation))
+
+    return make_goal
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,20 +229,20 @@ class GoalTopics:
     def _report(self, served: Served, request: _Request) -> None:
         plan, stamp = served.plan, request.stamp
         if served.under_way:
-            self._statistics.under_way()
+            self._statistics.count("under_way")
             self._reports.publish(messages.to_under_way_report(plan, served.under_way, stamp))
             return
         # A cost may follow the report at once.
         self._last_motion.replace(served)
-        trial = served.trial.facts if served.trial else None
-        primitives = served.model.planner.primitives
-        ignored = request.ignored_joints
-        self._reports.publish(messages.to_plan_report(plan, stamp, trial, primitives, ignored))
+        names = plan.primitives if isinstance(plan, Plan) else (plan.primitive,)
+        used = [served.model.planner.primitives.named(name) for name in dict.fromkeys(names)]
+        report = messages.to_plan_report(plan, stamp, used, request.ignored_joints)
+        self._reports.publish(report)
         times = f"{served.motion.duration:.3g} s long, planned in {1e3 * plan.solve_time:.3g} ms"
         self._node.get_logger().info(messages.to_text(f"goal served: {plan.message} ({times})"))
 
     def _reject(self, report: DiagnosticStatus) -> None:
-        self._statistics.refused()
+        self._statistics.count("refused")
         self._node.get_logger().warning(
             f"goal refused: {report.message}", throttle_duration_sec=LOG_PERIOD
         )
@@ -204,7 +257,7 @@ class GoalTopics:
         except Exception as error:
             self._reject(messages.to_refusal(self._node.explain(error), request.stamp))
         else:
-            self._statistics.overtaken()
+            self._statistics.count("overtaken")
             self._reports.publish(messages.to_overtaken_report(request.stamp))
 
 

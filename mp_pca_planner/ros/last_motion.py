@@ -6,17 +6,23 @@ from __future__ import annotations
 
 import math
 import threading
+import xml.etree.ElementTree as ET
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 
+import numpy as np
+from geometry_msgs.msg import Point, Pose, Quaternion, Vector3
+from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
+from ..arrays import FloatArray
 from ..exceptions import GoalError
 from ..execution.execution_monitor import NEVER_STARTED, REPLACED
-from ..execution.kept_motion import keep_motion
 from ..execution.parameters import ParameterError
 from ..execution.served_goal import Served
-from .preview import to_preview
+from ..motion.trajectory import Trajectory
+from ..robot.model import Robot
 
 
 class LastMotion:
@@ -51,11 +57,6 @@ class LastMotion:
             self._is_over = True
             if outcome != NEVER_STARTED:
                 self.erase_preview()
-
-    @property
-    def facts(self) -> dict[str, str | float]:
-        """The measured cost, for the diagnostics."""
-        return {"trial_cost": "none" if self.cost is None else self.cost}
 
     def report_cost(self, cost: float) -> None:
         """Record the measured cost, and learn from it if the motion is a trial.
@@ -107,7 +108,150 @@ class LastMotion:
             raise ParameterError(
                 "motions can't be saved: set the parameter 'save_folder' to a folder"
             )
+        # Imported late, because SciPy's optimisers are slow to import.
+        from ..execution.trial_store import keep_motion
+
         if self._served is None:
             raise GoalError("there is no motion to save: none was published")
+        # Imported late for a fast start of the node.
+
         cost = {} if self.cost is None else {"trial_cost": self.cost}
         return keep_motion(self._served, Path(folder), {"kept_by": kept_by, **cost})
+
+
+def to_preview(trajectory: Trajectory, robot: Robot, end_effector: str, urdf: str) -> MarkerArray:
+    """Draw a motion in the frame of the robot's base link.
+
+    Parameters
+    ----------
+    trajectory : Trajectory
+        The motion.
+    robot : Robot
+        A robot with the same joints in the same order.
+    end_effector : str
+        The link whose path is drawn.
+    urdf : str
+        The description of the robot; lines join its links, and its visual shapes are drawn.
+    """
+    path = Marker(ns="path", type=Marker.LINE_STRIP, color=ColorRGBA(r=0.1, g=0.5, b=1.0, a=1.0))
+    points = robot.frame_positions(_spread(trajectory, 60), [end_effector])
+    path.scale.x, path.points = 0.005, _points(points[:, 0])
+    path.pose.orientation.w = 1.0
+    shown, description = _spread(trajectory, 6), ET.fromstring(urdf)
+    # From orange to green.
+    colours = [
+        ColorRGBA(r=r, g=g, b=b, a=0.6)
+        for r, g, b in np.linspace([1.0, 0.6, 0.1], [0.1, 0.8, 0.3], len(shown)).tolist()
+    ]
+    markers = [
+        path,
+        *skeleton_markers(robot, description, shown, colours),
+        *shape_markers(robot, description, shown, colours),
+    ]
+    for marker in markers:
+        # Without a stamp it is drawn where the frame is now.
+        marker.header.frame_id = robot.frame_names[0]
+    return MarkerArray(markers=markers)
+
+
+def skeleton_markers(
+    robot: Robot, description: ET.Element, q: FloatArray, colours: list[ColorRGBA]
+) -> list[Marker]:
+    """Lines between the links of a robot in configurations, see :func:`shape_markers`."""
+    # Parent and child of each joint.
+    ends = [end.get("link", "") for end in description.findall("joint/*[@link]")]
+    markers = []
+    for k, (points, colour) in enumerate(zip(robot.frame_positions(q, ends), colours, strict=True)):
+        marker = Marker(ns="ghosts", id=k, type=Marker.LINE_LIST, color=colour)
+        marker.scale.x, marker.points = 0.01, _points(points)
+        marker.pose.orientation.w = 1.0
+        markers.append(marker)
+    return markers
+
+
+def shape_markers(
+    robot: Robot, description: ET.Element, q: FloatArray, colours: list[ColorRGBA]
+) -> list[Marker]:
+    """Markers of the visual shapes of a robot in configurations, without a frame.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot.
+    description : Element
+        Its description; shapes that are malformed, or on links it does not have, are left out.
+    q : array, shape (n_poses, n_joints)
+        The configurations [rad or m].
+    colours : list of ColorRGBA
+        A colour for each of them.
+    """
+    drawn = []
+    for link in description.findall("link"):
+        name = link.get("name", "")
+        for visual in link.findall("visual") if name in robot.frame_names else ():
+            with suppress(ValueError):
+                drawn += [(name, _origin(visual), *shape) for shape in _shapes(visual)]
+    origins = np.reshape([origin for _, origin, *_ in drawn], (-1, 6))
+    poses = robot.attached_poses(q, [name for name, *_ in drawn], origins)
+    markers: list[Marker] = []
+    for row, colour in zip(poses.tolist(), colours, strict=True):
+        for (_, _, kind, scale, mesh), (x, y, z, *turn) in zip(drawn, row, strict=True):
+            marker = Marker(ns="ghost_shapes", id=len(markers), type=kind, color=colour)
+            marker.scale = Vector3(x=scale[0], y=scale[1], z=scale[2])
+            marker.mesh_resource = mesh
+            orientation = Quaternion(x=turn[0], y=turn[1], z=turn[2], w=turn[3])
+            marker.pose = Pose(position=Point(x=x, y=y, z=z), orientation=orientation)
+            markers.append(marker)
+    return markers
+
+
+def _shapes(visual: ET.Element) -> list[tuple[int, FloatArray, str]]:
+    """Kind of marker, scale [m] and mesh of a visual element, none if a marker can't show it.
+
+    Raises
+    ------
+    ValueError
+        If it is malformed.
+    """
+    shape = visual.find("geometry/*")
+    if shape is None:
+        return []
+    if shape.tag == "box":
+        return [(Marker.CUBE, _numbers(shape, "size", 3), "")]
+    if shape.tag in ("sphere", "cylinder"):
+        diameter = 2.0 * _numbers(shape, "radius", 1)[0]
+        if shape.tag == "sphere":
+            return [(Marker.SPHERE, np.full(3, diameter), "")]
+        length = _numbers(shape, "length", 1)[0]
+        return [(Marker.CYLINDER, np.array([diameter, diameter, length]), "")]
+    name = shape.get("filename", "")
+    if shape.tag != "mesh" or not name:
+        return []
+    address = f"file://{name}" if name.startswith("/") else name
+    return [(Marker.MESH_RESOURCE, _numbers(shape, "scale", 3, "1 1 1"), address)]
+
+
+def _origin(visual: ET.Element) -> FloatArray:
+    """Place on the link: x, y, z [m], roll, pitch, yaw [rad]; `ValueError` if malformed."""
+    origin = visual.find("origin")
+    if origin is None:
+        return np.zeros(6)
+    return np.concatenate([_numbers(origin, name, 3, "0 0 0") for name in ("xyz", "rpy")])
+
+
+def _numbers(element: ET.Element, name: str, count: int, default: str = "") -> FloatArray:
+    text = element.get(name, default)
+    values = np.array([float(word) for word in text.split()])
+    if len(values) != count or not np.isfinite(values).all():
+        raise ValueError(f"{name} is '{text}'")
+    return values
+
+
+def _spread(trajectory: Trajectory, n: int) -> FloatArray:
+    """Positions at evenly spaced times, shape (n, n_joints)."""
+    times = np.linspace(0.0, trajectory.duration, n)
+    return np.column_stack([np.interp(times, trajectory.times, q) for q in trajectory.positions.T])
+
+
+def _points(positions: FloatArray) -> list[Point]:
+    return [Point(x=x, y=y, z=z) for x, y, z in positions.tolist()]

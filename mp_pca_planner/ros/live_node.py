@@ -19,9 +19,8 @@ from .client import report_values
 from .messages import to_trajectory
 from .monitor import Monitor
 from .node import NODE_NAME
-from .own_context import NoAnswerError
-from .qos import EVERY, NEWEST
-from .subscriptions import PolledSubscription
+from .process import NoAnswerError
+from .subscriptions import EVERY, NEWEST, PolledSubscription
 
 _STOP_TIMEOUT = 2.0  # [s]
 

@@ -6,19 +6,23 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 
 from builtin_interfaces.msg import Duration, Time
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from geometry_msgs.msg import PoseStamped
-from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor
+from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState as JointStateMessage
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from ..control.statement import control_statement
+from ..control.law import control_statement
 from ..exceptions import GoalError, printable, quote_names
-from ..execution.adaptation import AdaptedPlan
 from ..execution.execution_monitor import ExecutionReport
+from ..execution.goal_planner import AdaptedPlan
 from ..execution.parameters import Declaration
+from ..files import reading
+from ..input_limits import INPUT_LIMITS
 from ..motion.goal import JointGoal, JointState, Pose, PoseGoal, SequenceGoal
 from ..motion.trajectory import Trajectory
 from ..planning.plan import Plan
@@ -33,9 +37,6 @@ OVERTAKEN = "overtaken"
 
 NANOSECONDS = 10**9
 """Nanoseconds in a second."""
-
-MAX_ITEMS = 1000
-"""Most joints, and most points, that a goal may have."""
 
 
 def to_goal(message: JointStateMessage, duration: float) -> JointGoal:
@@ -102,7 +103,7 @@ def to_sequence_goal(message: JointTrajectory) -> SequenceGoal:
     for k, point in enumerate(message.points, start=1):
         _check_point(k, point, message.joint_names)
         targets.append(JointState(message.joint_names, point.positions))
-    times = tuple(_seconds(point.time_from_start) or None for point in message.points)
+    times = tuple(to_seconds(point.time_from_start) or None for point in message.points)
     stops = tuple(bool(point.velocities) for point in message.points)
     return SequenceGoal(tuple(targets), times, message.header.frame_id or None, stops)
 
@@ -164,6 +165,14 @@ def to_pose_message(pose: Pose) -> PoseStamped:
     return message
 
 
+def read_states(content: bytes) -> JointStateMessage:
+    """Deserialise joint states; a message that is malformed or far too large has no joints."""
+    if len(content) <= INPUT_LIMITS.state_bytes:
+        with suppress(GoalError), reading("a state", GoalError):
+            return deserialize_message(content, JointStateMessage)
+    return JointStateMessage()
+
+
 def to_state(message: JointStateMessage, joint_names: Sequence[str]) -> JointState:
     """Read the state of some joints, the others may hold anything.
 
@@ -213,8 +222,9 @@ def _check_finite(text: str, values: Iterable[tuple[str, float]]) -> None:
 
 
 def _check_count(verb: str, n: int, things: str) -> None:
-    if n > MAX_ITEMS:
-        raise GoalError(f"the goal {verb} {n} {things}, at most {MAX_ITEMS} are accepted")
+    most = INPUT_LIMITS.goal_items
+    if n > most:
+        raise GoalError(f"the goal {verb} {n} {things}, at most {most} are accepted")
 
 
 def to_trajectory(message: JointTrajectory) -> Trajectory:
@@ -228,7 +238,7 @@ def to_trajectory(message: JointTrajectory) -> Trajectory:
     points = message.points
     return Trajectory(
         message.joint_names,
-        [_seconds(p.time_from_start) for p in points],
+        [to_seconds(p.time_from_start) for p in points],
         [p.positions for p in points],
         [p.velocities for p in points],
         [p.accelerations for p in points],
@@ -236,14 +246,14 @@ def to_trajectory(message: JointTrajectory) -> Trajectory:
     )
 
 
-def _seconds(duration: Duration) -> float:
-    return float(duration.sec + duration.nanosec / NANOSECONDS)
+def to_seconds(time: Duration | Time) -> float:
+    """Convert a duration or a time of ROS [s]."""
+    return float(time.sec + time.nanosec / NANOSECONDS)
 
 
 def to_plan_report(
     plan: Plan | AdaptedPlan,
     goal_stamp: Time,
-    more: Mapping[str, str | float | int] | None = None,
     primitives: Sequence[MovementPrimitive] = (),
     ignored_joints: Sequence[str] = (),
 ) -> DiagnosticStatus:
@@ -255,10 +265,8 @@ def to_plan_report(
         The plan.
     goal_stamp :
         Stamp of the goal.
-    more : mapping, optional
-        Further values.
     primitives : sequence of MovementPrimitive
-        Those of the planner: of the ones used, the control laws are reported.
+        Those that were used; what is known of their control laws is reported.
     ignored_joints : sequence of str
         Joints of the goal that the primitives don't move.
     """
@@ -269,10 +277,8 @@ def to_plan_report(
             "them"
         )
     level = DiagnosticStatus.WARN if found else DiagnosticStatus.OK
-    used = plan.primitives if isinstance(plan, Plan) else (plan.primitive,)
-    laws = {f"control_law.{p.name}": control_statement(p) for p in primitives if p.name in used}
-    values = {**plan.summary(), **laws, **(more or {})}
-    return _report(level, "; ".join(found) or plan.message, goal_stamp, values)
+    laws = {f"control_law.{p.name}": control_statement(p) for p in primitives}
+    return _report(level, "; ".join(found) or plan.message, goal_stamp, {**plan.summary(), **laws})
 
 
 def to_under_way_report(
@@ -285,14 +291,9 @@ def to_under_way_report(
 
 def to_execution_report(report: ExecutionReport) -> DiagnosticStatus:
     """Report the execution of a published motion; the stamp of its goal identifies it."""
-    values: dict[str, str | float | int] = {
-        "outcome": report.outcome,
-        "progress": report.progress,
-        "error": report.error,
-        "largest_deviation": report.largest_deviation,
-        "deviation_time": report.deviation_time,
-        "goal_stamp": to_stamp_text(report.goal),
-    }
+    names = ("outcome", "progress", "error", "largest_deviation", "deviation_time")
+    values = {name: getattr(report, name) for name in names}
+    values["goal_stamp"] = to_stamp_text(report.goal)
     level = DiagnosticStatus.OK if report.is_good else DiagnosticStatus.ERROR
     return to_status("mp_pca_planner: execution", level, report.message, values)
 
@@ -348,9 +349,5 @@ def to_descriptor(declaration: Declaration) -> ParameterDescriptor:
     if isinstance(declaration.default, float):
         descriptor.floating_point_range = [
             FloatingPointRange(from_value=declaration.low, to_value=declaration.high)
-        ]
-    elif isinstance(declaration.default, int) and not isinstance(declaration.default, bool):
-        descriptor.integer_range = [
-            IntegerRange(from_value=int(declaration.low), to_value=int(declaration.high))
         ]
     return descriptor

@@ -13,16 +13,11 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import JointState
-from std_msgs.msg import String
 from trajectory_msgs.msg import JointTrajectory
 
-from ..exceptions import PlannerError
-from ..robot.limits import JointLimits
-from ..robot.model import Robot
 from .node import NODE_NAME
-from .own_context import NodeInOwnContext
-from .qos import LATCHED, STATES
-from .subscriptions import PolledSubscription
+from .process import NodeInOwnContext
+from .subscriptions import STATES, PolledSubscription
 
 
 @dataclass
@@ -33,8 +28,6 @@ class NodeView:
     ----------
     states : dict
         Position [rad or m], velocity (NaN where none is given) and time of receipt, by joint.
-    limits : JointLimits or None
-        Those of the robot description.
     goal : tuple of (str, float), or None
         A description of the newest goal, and its time of receipt.
     report, diagnostics : tuple of (DiagnosticStatus, float), or None
@@ -42,7 +35,6 @@ class NodeView:
     """
 
     states: dict[str, tuple[float, float, float]] = field(default_factory=dict)
-    limits: JointLimits | None = None
     goal: tuple[str, float] | None = None
     report: tuple[DiagnosticStatus, float] | None = None
     diagnostics: tuple[DiagnosticStatus, float] | None = None
@@ -74,7 +66,6 @@ class Monitor(NodeInOwnContext):
         self._status_name = f"{parent}/{planner}: planner"
         topics: tuple[tuple[type, str, Callable[[Any], None], QoSProfile | int], ...] = (
             (JointState, "joint_states", self._on_state, STATES),
-            (String, "robot_description", self._on_description, LATCHED),
             (JointState, f"{planner}/goal", self._on_goal, 10),
             (PoseStamped, f"{planner}/goal_pose", self._on_goal, 10),
             (JointTrajectory, f"{planner}/goal_sequence", self._on_goal, 10),
@@ -97,12 +88,6 @@ class Monitor(NodeInOwnContext):
         velocities = message.velocity or [float("nan")] * len(message.name)
         for name, q, v in zip(message.name, message.position, velocities, strict=False):
             self.seen.states[name] = (q, v, time.monotonic())
-
-    def _on_description(self, message: String) -> None:
-        try:
-            self.seen.limits = Robot(message.data).limits()
-        except PlannerError:  # the planner reports the reason
-            self.seen.limits = None
 
     def _on_goal(self, message: JointState | PoseStamped | JointTrajectory) -> None:
         if isinstance(message, JointTrajectory):

@@ -7,10 +7,12 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Mapping
+from functools import partial
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock, ClockType
+from rclpy.lifecycle import LifecycleNodeMixin, LifecycleState, TransitionCallbackReturn
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, String
@@ -21,22 +23,18 @@ from visualization_msgs.msg import MarkerArray
 from ..exceptions import quote_names
 from ..execution.avoidance import ObstacleAvoidance
 from ..execution.execution_monitor import ExecutionReport
-from ..execution.goal_statistics import GoalStatistics
 from ..execution.measured import MeasuredStates
-from ..execution.motion_server import MotionServer
+from ..execution.motion_server import GoalStatistics, MotionServer
 from ..execution.parameters import ParameterError
 from ..execution.start_state import StartStates
 from ..motion.trajectory import Trajectory
 from .goal_topics import GoalTopics
 from .guarded_node import LOG_PERIOD, GuardedNode
 from .last_motion import LastMotion
-from .messages import to_execution_report, to_status, to_text
-from .node_parameters import NodeParameters
+from .messages import read_states, to_execution_report, to_seconds, to_state, to_status, to_text
 from .obstacle_topic import ObstacleTopic
-from .planning_setup import PlanningSetup
-from .qos import EVERY, LATCHED, NEWEST, STATES
-from .state_reader import SerializedStateReader
-from .subscriptions import PolledSubscription
+from .planning_setup import NodeParameters, PlanningSetup
+from .subscriptions import EVERY, LATCHED, NEWEST, STATES, PolledSubscription
 from .trajectory_bytes import serialize_trajectory
 
 NODE_NAME = "mp_pca_planner"
@@ -69,9 +67,7 @@ class PlannerNode(GuardedNode):
         self._statistics = GoalStatistics()
         self._polling, self._polled = threading.Lock(), time.monotonic()
         self._clocks_are_known = False
-        self._states = StartStates(
-            SerializedStateReader(), time.monotonic, self._seconds, self._poll_states
-        )
+        self._states = StartStates(MeasuredStates(time.monotonic, self._seconds, self._poll_states))
         self._declared = NodeParameters(self)
         topic = self.resolve_topic_name("robot_description")
         self._setup = PlanningSetup(self._declared, self.explain, self._states.expect, topic)
@@ -208,10 +204,14 @@ class PlannerNode(GuardedNode):
         with self._polling:
             now, wall_clock = time.monotonic(), time.time_ns()
             longest, self._polled = now - self._polled, now
-            for message, facts in self._joint_states.poll():
+            measured = self._states.measured
+            for content, facts in self._joint_states.poll():
                 age = (wall_clock - facts["received_timestamp"]) * 1e-9
+                message = read_states(content)
+                read = partial(to_state, message, measured.joint_names)
                 # At most the time since the last poll, because the wall clock may have been set.
-                self._states.measured.receive(message, min(max(age, 0.0), longest))
+                age = min(max(age, 0.0), longest)
+                measured.receive(message.name, read, to_seconds(message.header.stamp), age)
 
     def _send(self, trajectory: Trajectory, *, stamp: float | None, last_point_only: bool) -> None:
         # Stops have no efforts.
@@ -230,9 +230,10 @@ class PlannerNode(GuardedNode):
 
     def _publish_diagnostics(self) -> None:
         name = f"{self.get_fully_qualified_name()}: planner"
-        values = self._last_motion.facts | self._obstacles.facts
-        measured, counts = self._states.measured, self._statistics
-        array = DiagnosticArray(status=[_status(name, self._setup, measured, counts, values)])
+        cost = self._last_motion.cost
+        values = {"trial_cost": "none" if cost is None else cost, **self._obstacles.facts}
+        status = _status(name, self._setup, self._states.measured, self._statistics, values)
+        array = DiagnosticArray(status=[status])
         array.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics.publish(array)
 
@@ -247,7 +248,7 @@ def _status(
     name: str,
     setup: PlanningSetup,
     measured: MeasuredStates,
-    counts: GoalStatistics,
+    statistics: GoalStatistics,
     more: Mapping[str, str | float | int],
 ) -> DiagnosticStatus:
     """Diagnostics on the node's inputs and on the goals that it served."""
@@ -259,15 +260,51 @@ def _status(
     values = {
         "model": quote_names(context.robot.joint_names) if context else "none",
         "library": setup.library,
-        "goals_served": counts.n_served,
-        "goals_refused": counts.n_refused,
-        "goals_under_way": counts.n_under_way,
-        "goals_overtaken": counts.n_overtaken,
+        **{f"goals_{outcome}": n for outcome, n in statistics.counts.items()},
         **more,
-        **counts.solve_time_percentiles(),
+        **statistics.solve_time_percentiles(),
         "joint_states_age_s": "none" if age is None else round(age, 3),
         "joint_states_incomplete": measured.n_incomplete,
         "joint_states_unusable": measured.n_unusable,
     }
     level = DiagnosticStatus.WARN if problem else DiagnosticStatus.OK
     return to_status(name, level, problem or "ready for goals", values)
+
+
+_INACTIVE = "the node is not active: configure and activate it with ~/change_state"
+
+
+class LifecyclePlannerNode(LifecycleNodeMixin, PlannerNode):
+    """A `PlannerNode` that loads primitives when configured and publishes motions when active.
+
+    Its topics exist in every state: goals that arrive while it is not active are rejected in
+    ``~/plan_report``.
+    """
+
+    def __init__(self) -> None:
+        PlannerNode.__init__(self, hold=_INACTIVE)
+        LifecycleNodeMixin.__init__(self)
+
+    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Load the primitives; it fails if they can't be used."""
+        return super().on_configure(state) if self.load() else TransitionCallbackReturn.FAILURE
+
+    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Serve goals from now on."""
+        self.accept_goals()
+        return super().on_activate(state)
+
+    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Cancel goals and reject further ones; a running motion continues."""
+        self.reject_goals(_INACTIVE)
+        return super().on_deactivate(state)
+
+    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Drop the primitives."""
+        self._setup.unload()
+        return super().on_cleanup(state)
+
+    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Reject goals permanently."""
+        self.reject_goals(_INACTIVE)
+        return super().on_shutdown(state)

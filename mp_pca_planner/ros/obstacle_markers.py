@@ -16,8 +16,6 @@ from ..exceptions import WorldError, printable
 from ..robot.world import MAX_SHAPES, MAX_TRIANGLES, Box, Cylinder, Mesh, Obstacle, Shape, Sphere
 from ..robot.world_meshes import read_mesh
 
-# Relative difference up to which diameters are the same.
-_SAME = 1e-6
 _ACCEPTED = "CUBE, SPHERE, CYLINDER, CUBE_LIST, SPHERE_LIST, TRIANGLE_LIST and MESH_RESOURCE"
 
 
@@ -87,7 +85,7 @@ def _points(marker: Marker) -> FloatArray:
 
 
 def _diameter(scale: Any, what: str) -> float:
-    if np.ptp(scale) > _SAME * np.abs(scale).max():
+    if np.ptp(scale) > 1e-6 * np.abs(scale).max():
         numbers = ", ".join(f"{number:g}" for number in scale)
         raise WorldError(f"the diameters of {what} must be equal, got {numbers}")
     return float(scale[0])

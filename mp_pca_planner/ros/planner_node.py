@@ -19,9 +19,6 @@ DONE, FAILED, REFUSED = 0, 1, 2
 _PROGRAM = "mp_pca_planner planner_node"
 _ROS_ARGUMENTS = "--ros-args"
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
-# Least resources of a node: threads, most of them for DDS, and address space [bytes].
-_N_THREADS = 24
-_ADDRESS_SPACE = 3 * 2**29
 
 
 class _ShortageError(Exception):
@@ -69,21 +66,22 @@ def _check_resources() -> None:
 
     DDS does not survive a thread that it can't start: it hangs, or aborts the process.
     """
+    n_threads, address_space = 24, 3 * 2**29  # most of the threads are those of DDS
     try:
-        mmap.mmap(-1, _ADDRESS_SPACE, flags=mmap.MAP_PRIVATE, prot=0).close()
+        mmap.mmap(-1, address_space, flags=mmap.MAP_PRIVATE, prot=0).close()
     except OSError as error:
         raise _ShortageError(
-            f"the node needs {_ADDRESS_SPACE / 2**30:g} GiB of address space, and the system "
+            f"the node needs {address_space / 2**30:g} GiB of address space, and the system "
             f"refuses it ({error.strerror}): raise the limit (ulimit -v)"
         ) from None
     end = threading.Event()
-    threads = [threading.Thread(target=end.wait, daemon=True) for _ in range(_N_THREADS)]
+    threads = [threading.Thread(target=end.wait, daemon=True) for _ in range(n_threads)]
     try:
         for thread in threads:
             thread.start()
     except RuntimeError:
         raise _ShortageError(
-            f"the node needs {_N_THREADS} threads, and the system refuses them: raise the limits "
+            f"the node needs {n_threads} threads, and the system refuses them: raise the limits "
             "of processes (ulimit -u, pids of the container) and of memory (ulimit -v)"
         ) from None
     finally:
@@ -107,8 +105,7 @@ def _run(
 
     start_ros(arguments)
     try:
-        from .lifecycle_node import LifecyclePlannerNode
-        from .node import PlannerNode
+        from .node import LifecyclePlannerNode, PlannerNode
 
         node = LifecyclePlannerNode() if is_managed else PlannerNode()
         # Meanwhile, the nodes of the robot discover this one.

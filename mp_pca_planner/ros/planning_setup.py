@@ -1,20 +1,123 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""The planning context of the node, made of primitives, robot description and parameters."""
+"""The parameters of the node, and its planning context.
+
+The context is made of primitives, robot description and parameters.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any
 
+from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
+from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from ..exceptions import GoalError, quote_names
+from ..exceptions import GoalError, quote_names, unknown_name
 from ..execution.assembly import Model, assemble_model
-from ..execution.parameters import Settings
-from ..primitives.primitive import MovementPrimitive
-from ..primitives.primitive_library import load_primitives
+from ..execution.parameters import (
+    DECLARATIONS,
+    LIMITS_PREFIX,
+    Declaration,
+    ParameterError,
+    Settings,
+    check_limit_names,
+    limit_declarations,
+)
+from ..primitives.primitive_library import PrimitiveLibrary, load_primitives
 from ..robot.model import Robot
-from .node_parameters import NodeParameters
+from .messages import to_descriptor
+
+# Parameters that rclpy declares.
+_NAMES_OF_ROS = ("use_sim_time", "qos_overrides.", "start_type_description_service")
+
+
+class NodeParameters:
+    """Declares and reads the parameters of a node that allows undeclared ones.
+
+    Parameters
+    ----------
+    node : Node
+        The node.
+
+    Attributes
+    ----------
+    is_declaring : bool
+        Whether a parameter is set because it is being declared.
+
+    Raises
+    ------
+    ParameterError
+        If a given value is not accepted.
+    """
+
+    def __init__(self, node: Node) -> None:
+        self._node = node
+        with node.handle:
+            self._given: dict[str, Parameter] = node.handle.get_parameters(Parameter)
+        self.is_declaring = False
+        self._declare(DECLARATIONS)
+
+    def settings(self, changes: Iterable[Parameter] = ()) -> Settings:
+        """Return the present values, some of which are about to change."""
+        present: dict[str, Any] = dict(self._node.get_parameters_by_prefix(""))
+        values = {name: parameter.value for name, parameter in present.items()}
+        values |= {parameter.name: parameter.value for parameter in changes}
+        # An empty list in a parameter file leaves its parameter without a value.
+        return Settings.from_values({k: v for k, v in values.items() if v is not None})
+
+    def declare_limits(self, joint_names: Sequence[str]) -> None:
+        """Declare the limits of the joints of the primitives.
+
+        Raises
+        ------
+        ParameterError
+            If limits are given for other joints, or are out of range.
+        """
+        if joint_names:
+            check_limit_names(self._given, joint_names)
+        limits = limit_declarations(joint_names)
+        self._declare([d for d in limits if not self._node.has_parameter(d.name)])
+
+    def forget_limits_except(self, joint_names: Sequence[str]) -> None:
+        """Undeclare the limits of all joints except these."""
+        names = {declaration.name for declaration in limit_declarations(joint_names)}
+        for name in self._node.get_parameters_by_prefix(""):
+            if name.startswith(LIMITS_PREFIX) and name not in names:
+                self._node.undeclare_parameter(name)
+
+    def check_names(self, names: Sequence[str], joint_names: Sequence[str]) -> None:
+        """Raise a `ParameterError` if one of the names is unknown."""
+        if joint_names:
+            check_limit_names(names, joint_names)
+        for name in names:
+            if not self._node.has_parameter(name) and not name.startswith(_NAMES_OF_ROS):
+                valid = self._node.get_parameters_by_prefix("")
+                raise ParameterError(unknown_name("parameter", name, valid))
+
+    def unknown(self) -> list[str]:
+        """Describe the given parameters that are unknown; a file may serve several nodes."""
+        valid = [declaration.name for declaration in DECLARATIONS]
+        known = (*_NAMES_OF_ROS, LIMITS_PREFIX)
+        return [
+            unknown_name("parameter", name, valid)
+            for name in self._given
+            if name not in valid and not name.startswith(known)
+        ]
+
+    def _declare(self, declarations: Sequence[Declaration]) -> None:
+        self.is_declaring = True
+        try:
+            for declaration in declarations:
+                default = declaration.default
+                value = list(default) if isinstance(default, tuple) else default
+                descriptor = to_descriptor(declaration)
+                self._node.declare_parameter(declaration.name, value, descriptor)
+        except (InvalidParameterTypeException, InvalidParameterValueException):
+            raise declaration.refusal(self._given[declaration.name].value) from None
+        finally:
+            self.is_declaring = False
 
 
 class PlanningSetup:
@@ -60,7 +163,7 @@ class PlanningSetup:
         self.settings: Settings = parameters.settings()
         self.context: Model | None = None
         self.problem, self.hold = "", ""
-        self._primitives: tuple[MovementPrimitive, ...] = ()
+        self._primitives: PrimitiveLibrary | None = None
         self._description = ""
         self._context_problem = ""
         _check_description(self.settings)
@@ -68,7 +171,7 @@ class PlanningSetup:
     @property
     def library(self) -> str:
         """The names of the primitives, for messages."""
-        return quote_names(primitive.name for primitive in self._primitives)
+        return quote_names(self._primitives.names if self._primitives else ())
 
     @property
     def missing(self) -> str:
@@ -115,7 +218,7 @@ class PlanningSetup:
 
     def unload(self) -> None:
         """Drop the primitives."""
-        self._adopt(())
+        self._adopt(None)
 
     def use_description(self, urdf: str) -> bool:
         """Use a robot description of the topic; returns whether it makes a difference.
@@ -150,12 +253,12 @@ class PlanningSetup:
             _check_description(new)
         primitives = self._primitives
         if new.primitives != old.primitives:
-            primitives = load_primitives(new.primitive_paths) if new.primitive_paths else ()
+            primitives = load_primitives(new.primitive_paths) if new.primitive_paths else None
         if new != old:
             self._adopt(primitives, changes)
 
     def _adopt(
-        self, primitives: tuple[MovementPrimitive, ...], changes: Sequence[Parameter] = ()
+        self, primitives: PrimitiveLibrary | None, changes: Sequence[Parameter] = ()
     ) -> None:
         """Use these primitives and changed parameters.
 
@@ -192,5 +295,5 @@ def _check_description(settings: Settings) -> None:
         Robot(settings.robot_description, source="parameter 'robot_description'")
 
 
-def _joint_names(primitives: Sequence[MovementPrimitive]) -> tuple[str, ...]:
-    return primitives[0].joint_names if primitives else ()
+def _joint_names(primitives: PrimitiveLibrary | None) -> tuple[str, ...]:
+    return primitives.joint_names if primitives else ()

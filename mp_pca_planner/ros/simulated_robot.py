@@ -16,16 +16,13 @@ from std_msgs.msg import String
 from trajectory_msgs.msg import JointTrajectory
 
 from ..exceptions import SimulationError
-from ..simulation.message import NANOSECONDS, TrajectoryMessage, TrajectoryPoint
-from ..simulation.robot import SimulatedRobot
+from ..simulation.controller import NANOSECONDS, TrajectoryMessage, TrajectoryPoint
+from ..simulation.robot import CYCLE_NS, SimulatedRobot
 from .process import spin_until
 from .process import start_ros as start_ros
-from .qos import LATCHED
+from .subscriptions import LATCHED
 
 NODE_NAME = "simulated_robot"
-
-# The robot advances in steps of this time.
-_CYCLE_NS = 1_000_000
 
 
 def to_controller_message(message: JointTrajectory) -> TrajectoryMessage:
@@ -79,7 +76,7 @@ class SimulatedRobotNode(Node):
     def advance(self) -> float:
         """Bring the robot up to the present time; returns the time until its next state [s]."""
         robot, now = self._robot, self.get_clock().now().nanoseconds
-        while robot.time_ns + _CYCLE_NS <= now:
+        while robot.time_ns + CYCLE_NS <= now:
             robot.step()
             if robot.state_time_ns != self._published:
                 self._publish()
@@ -89,7 +86,7 @@ class SimulatedRobotNode(Node):
         if not self._keep_record and len(robot.record) > 10_000:
             robot.record.clear()
         # Messages are handled on receipt; the cycles until then are made up for afterwards.
-        return (robot.time_ns + max(robot.state_period_ns, _CYCLE_NS) - now) / NANOSECONDS
+        return (robot.time_ns + max(robot.state_period_ns, CYCLE_NS) - now) / NANOSECONDS
 
     def _publish(self) -> None:
         robot = self._robot

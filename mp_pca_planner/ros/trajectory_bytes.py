@@ -8,11 +8,12 @@ NumPy writes the numbers in their serialised form. Message objects and rclpy's s
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from functools import lru_cache
 from typing import Any
 
 import numpy as np
+from rclpy.serialization import serialize_message
+from trajectory_msgs.msg import JointTrajectory
 
 from ..exceptions import TrajectoryError
 from ..motion.trajectory import Trajectory
@@ -55,18 +56,19 @@ def serialize_trajectory(
     stamps = np.rint(trajectory.times * NANOSECONDS).astype(np.int64)
     if np.any(np.diff(stamps) <= 0):
         raise TrajectoryError("points of a trajectory must be at least 1 ns apart")
-    columns = {
-        "positions": trajectory.positions,
-        "velocities": trajectory.velocities,
-        "accelerations": trajectory.accelerations,
-    }
+    names = ("positions", "velocities", "accelerations")
+    columns = dict(zip(names, trajectory.states, strict=True))
     if efforts is not None:
         columns["effort"] = efforts
     first = trajectory.n_steps - 1 if last_point_only else 0
-    # The header ends with an empty frame_id, a text of one zero.
-    message = _stamp(stamp) + _count(0, 1) + bytes(1)
-    message += _strings(len(message), trajectory.joint_names)
-    message += _count(len(message), trajectory.n_steps - first)
+    stamped = JointTrajectory(joint_names=list(trajectory.joint_names))
+    since = stamped.header.stamp
+    since.sec, since.nanosec = divmod(round((stamp or 0.0) * NANOSECONDS), NANOSECONDS)
+    # Without points, a message ends with their number. It begins with the encapsulation (plain CDR,
+    # little-endian), and alignment is relative to the end of that.
+    head = serialize_message(stamped)
+    encapsulation, message = head[:4], head[4:-4]
+    message += (trajectory.n_steps - first).to_bytes(4, "little")
     # The start of a point determines the alignment of its fields; all but the first are equal.
     for part in (slice(first, first + 1), slice(first + 1, None)):
         kind = _point_type(len(message) % 8, trajectory.n_joints, with_efforts)
@@ -76,14 +78,7 @@ def serialize_trajectory(
             points[name] = values[part]
         points["sec"], points["nanosec"] = np.divmod(stamps[part], NANOSECONDS)
         message += points.tobytes()
-    # The encapsulation: plain CDR, little-endian. Alignment is relative to its end.
-    return bytes([0, 1, 0, 0]) + message
-
-
-def _stamp(stamp: float | None) -> bytes:
-    """A time of ROS; without a stamp it is 0, and the controller starts on receipt."""
-    seconds, nanoseconds = divmod(round((stamp or 0.0) * NANOSECONDS), NANOSECONDS)
-    return seconds.to_bytes(4, "little", signed=True) + nanoseconds.to_bytes(4, "little")
+    return encapsulation + message
 
 
 @lru_cache(maxsize=16)
@@ -105,17 +100,3 @@ def _point_type(start: int, n_joints: int, with_efforts: bool) -> np.dtype[np.vo
     return np.dtype(
         {"names": names, "formats": formats, "offsets": offsets, "itemsize": end - start}
     )
-
-
-def _strings(start: int, texts: Sequence[str]) -> bytes:
-    """A sequence of strings that starts `start` bytes after the encapsulation."""
-    written = _count(start, len(texts))
-    for text in texts:
-        encoded = text.encode() + bytes(1)
-        written += _count(start + len(written), len(encoded)) + encoded
-    return written
-
-
-def _count(start: int, n: int) -> bytes:
-    """A number of elements, aligned."""
-    return bytes(-start % 4) + n.to_bytes(4, "little")

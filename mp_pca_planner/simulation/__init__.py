@@ -4,7 +4,7 @@
 
 A robot in virtual time, whose clock advances by 1 ms with each step::
 
-    robot = SimulatedRobot(Path("arm.urdf"), names, start, seed=1)
+    robot = SimulatedRobot(Robot.from_file("arm.urdf"), start, seed=1)
     robot.send(trajectory)
     robot.faults.held = True
     while robot.time < 1002.0:
@@ -12,8 +12,7 @@ A robot in virtual time, whose clock advances by 1 ms with each step::
     robot.record.q, robot.record.clock, robot.rejections
 """
 
-from .faults import Faults
-from .rejection import ControllerOptions
-from .robot import SimulatedRobot
+from .controller import ControllerOptions
+from .robot import Faults, SimulatedRobot
 
 __all__ = ["ControllerOptions", "Faults", "SimulatedRobot"]

@@ -9,12 +9,13 @@ late, as those of industrial arms do.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy.linalg import lapack
 
 from ..arrays import FloatArray
-from ..exceptions import SimulationError
+from ..exceptions import MissingDependencyError, SimulationError
 from ..robot.model import Robot
 
 PERIOD = 1e-3
@@ -173,3 +174,75 @@ def _solve(matrix: FloatArray, right: FloatArray) -> FloatArray:
             "the robot description a valid inertial"
         )
     return np.asarray(solution)
+
+
+# The drives' torques are explicit, which is stable in shorter steps only.
+_SUBSTEPS = 5
+_MIN_MASS = 1e-9  # mass and inertia of a link [kg, kg·m²]
+
+
+class MujocoPlant(Plant):
+    """An arm computed by MuJoCo.
+
+    Raises
+    ------
+    MissingDependencyError
+        If MuJoCo is not installed.
+    """
+
+    def _load(self, robot: Robot) -> None:
+        mujoco = _mujoco()
+        pin_model, self._joints = robot.pinocchio_model()
+        spec = mujoco.MjSpec()
+        spec.option.timestep = PERIOD / _SUBSTEPS
+        spec.option.gravity = pin_model.gravity.linear
+        _add_links(spec, pin_model, mujoco)
+        self._model = spec.compile()
+        self._model.dof_armature[self._joints] = self.drives.inertia
+        self._data = mujoco.MjData(self._model)
+        self._data.qpos[self._joints], self._data.qvel[self._joints] = self.q, self.v
+
+    def _move(self, command: FloatArray, rate: FloatArray, gravity: FloatArray) -> None:
+        d, data, there, mujoco = self.drives, self._data, self._joints, _mujoco()
+        due = command - d.lag * rate
+        for _ in range(_SUBSTEPS):
+            q, v = data.qpos[there], data.qvel[there]
+            tau = gravity + d.kp * (due - q) + d.kd * (rate - v)
+            data.qfrc_applied[there] = np.clip(tau, -d.effort, d.effort)
+            mujoco.mj_step(self._model, data)
+        self.q, self.v = data.qpos[there], data.qvel[there]
+
+
+def _mujoco() -> Any:
+    try:
+        import mujoco
+    except ModuleNotFoundError as error:
+        purpose = "the physics engine 'mujoco'"
+        raise MissingDependencyError(str(error.name), "sim", purpose) from error
+    return mujoco
+
+
+def _add_links(spec: Any, model: Any, mujoco: Any) -> None:
+    """Add a body for every joint of a Pinocchio model, in its order."""
+    import pinocchio as pin
+
+    bodies, data, neutral = [spec.worldbody], model.createData(), pin.neutral(model)
+    for i in range(1, model.njoints):
+        placement, inertia = model.jointPlacements[i], model.inertias[i]
+        # MuJoCo rejects links without mass, which are usual between the joints of a shoulder.
+        full = inertia.inertia + _MIN_MASS * np.eye(3)
+        body = bodies[model.parents[i]].add_body(
+            pos=placement.translation,
+            quat=np.roll(pin.Quaternion(placement.rotation).coeffs(), 1),
+            mass=max(inertia.mass, _MIN_MASS),
+            ipos=inertia.lever,
+            fullinertia=[*np.diag(full), full[0, 1], full[0, 2], full[1, 2]],
+            explicitinertial=True,
+        )
+        bodies.append(body)
+        column = model.joints[i].idx_v
+        subspace = pin.computeJointJacobian(model, data, neutral, i)[:, column]
+        turns = bool(subspace[3:].any())
+        kind = mujoco.mjtJoint.mjJNT_HINGE if turns else mujoco.mjtJoint.mjJNT_SLIDE
+        axis = subspace[3:] if turns else subspace[:3]
+        body.add_joint(type=kind, axis=axis)

@@ -1,13 +1,16 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""A simulated robot and its trajectory controller, stepped together in virtual time."""
+"""A simulated robot and its trajectory controller, stepped together in virtual time.
+
+Faults are set on demand, and every cycle is recorded.
+"""
 
 from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Sequence
-from pathlib import Path
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,17 +19,130 @@ from ..arrays import FloatArray, frozen_array
 from ..exceptions import SimulationError, unknown_name
 from ..motion.trajectory import Trajectory
 from ..robot.model import Robot
-from .controller import TrajectoryController
-from .faults import Faults
-from .message import NANOSECONDS, TrajectoryMessage, to_message
-from .mujoco_plant import MujocoPlant
-from .plant import PERIOD, PinocchioPlant
-from .record import Record
-from .rejection import ControllerOptions
+from .controller import (
+    NANOSECONDS,
+    ControllerOptions,
+    TrajectoryController,
+    TrajectoryMessage,
+    to_message,
+)
+from .plant import PERIOD, MujocoPlant, PinocchioPlant
 
-_CYCLE = round(PERIOD * NANOSECONDS)
-_START = 1000 * NANOSECONDS  # start of the virtual clock; a stamp of 0 means "on arrival"
-_SCALING_TIME = 0.05  # time constant of each of the three filters of the speed scaling [s]
+
+@dataclass
+class Faults:
+    """Faults of a simulated robot; every attribute may be set at any time.
+
+    Attributes
+    ----------
+    speed_scaling : float
+        Speed of the trajectory's clock, 0 to 1. The robot follows a change smoothly, in about
+        0.4 s, as real robots do.
+    held : bool
+        Whether the robot is held: a speed scaling of 0 until it is released.
+    silent : bool
+        Whether no joint states are published.
+    delay, jitter : float
+        Transport time of a message, and its largest random addition [s].
+    active : bool
+        Whether the controller is active; it rejects messages unless it is.
+    drop : float
+        Probability that a message is lost.
+    payload : float
+        Mass at the end effector that gravity compensation does not include [kg].
+    noise : float
+        Standard deviation of measured positions [rad or m]; that of velocities is 100/s times it.
+
+    Raises
+    ------
+    SimulationError
+        If a name is unknown or a value out of range.
+    """
+
+    speed_scaling: float = 1.0
+    held: bool = False
+    silent: bool = False
+    delay: float = 0.0
+    jitter: float = 0.0
+    active: bool = True
+    drop: float = 0.0
+    payload: float = 0.0
+    noise: float = 0.0
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        if name not in self.__dataclass_fields__:
+            raise SimulationError(unknown_name("fault", name, self.__dataclass_fields__))
+        if name in ("held", "silent", "active"):
+            if not isinstance(value, bool):
+                raise SimulationError(f"{name} is {value!r}, expected true or false")
+        else:
+            high = {"payload": 1000.0, "noise": 0.1}.get(name, 1.0)
+            if isinstance(value, str) or not 0.0 <= value <= high:
+                raise SimulationError(f"{name} is {value}, expected a number from 0 to {high:g}")
+        object.__setattr__(self, name, value)
+
+
+class Record:
+    """One row per cycle of the controller.
+
+    Attributes
+    ----------
+    times, clock, scaling : array, shape (n_cycles,)
+        Time of each cycle [s], time for which commands have advanced along trajectories [s],
+        and speed scaling.
+    q, v, a : array, shape (n_cycles, n_joints)
+        Commanded positions [rad or m], and the trajectory's velocities and accelerations there,
+        by its own clock [/s, /s²].
+    measured : array, shape (n_cycles, n_joints)
+        Positions before the command, without noise [rad or m].
+    cuts : list of int
+        Cycles whose commands may jump: the controller was restarted,
+        deactivated, or held the measured position.
+    """
+
+    def __init__(self, n_joints: int) -> None:
+        self._n = n_joints
+        self._size = 0
+        self._rows = np.empty((4096, 3 + 4 * n_joints))
+        self._columns: dict[str, int | slice] = {"times": 0, "clock": 1, "scaling": 2}
+        for k, name in enumerate(("q", "v", "a", "measured")):
+            self._columns[name] = slice(3 + k * n_joints, 3 + (k + 1) * n_joints)
+        self.cuts: list[int] = []
+
+    def __len__(self) -> int:
+        return self._size
+
+    def __getattr__(self, name: str) -> FloatArray:
+        if name.startswith("_") or name not in self._columns:
+            raise AttributeError(name)
+        return self._rows[: self._size, self._columns[name]]
+
+    def append(
+        self, stamps: tuple[float, float, float], command: FloatArray, measured: FloatArray
+    ) -> None:
+        """Add a cycle: its time, clock and scaling; q, v and a in a row; measured positions."""
+        if self._size == len(self._rows):
+            self._rows = np.concatenate([self._rows, np.empty_like(self._rows)])
+        row = self._rows[self._size]
+        row[:3] = stamps
+        row[3 : -self._n] = command
+        row[-self._n :] = measured
+        self._size += 1
+
+    def clear(self) -> None:
+        """Discard all cycles."""
+        self._size = 0
+        self.cuts.clear()
+
+    def arrays(self) -> dict[str, FloatArray]:
+        """Every array by name, for :func:`numpy.savez`."""
+        arrays = {name: getattr(self, name) for name in self._columns}
+        return arrays | {"cuts": np.array(self.cuts)}
+
+
+CYCLE_NS = round(PERIOD * NANOSECONDS)
+"""Time of one step of the robot [ns]."""
+
 _PLANTS = {"pinocchio": PinocchioPlant, "mujoco": MujocoPlant}
 
 
@@ -35,10 +151,8 @@ class SimulatedRobot:
 
     Parameters
     ----------
-    urdf : str, Path or Robot
-        The robot description: its text, its file, or the model.
-    joint_names : sequence of str
-        Joints of the controller, n_joints of them.
+    robot : Robot
+        The arm.
     start : array, shape (n_joints,)
         Positions at the start, at rest [rad or m].
     options : ControllerOptions
@@ -48,7 +162,7 @@ class SimulatedRobot:
     plant : str
         The physics engine, ``pinocchio`` or ``mujoco``.
     time_ns : int
-        First time of the virtual clock [ns].
+        First time of the virtual clock [ns], over 0: a stamp of 0 means "on arrival".
     state_rate : float
         Rate of joint states [Hz], up to 1000.
 
@@ -56,6 +170,8 @@ class SimulatedRobot:
     ----------
     joint_names : tuple of str
         Joints of the controller.
+    time_ns, state_time_ns : int
+        The present time, and the stamp of the newest joint state [ns].
     faults : Faults
         Present faults; set its attributes at any time.
     record : Record
@@ -72,26 +188,20 @@ class SimulatedRobot:
     Raises
     ------
     SimulationError
-        If there is no such physics engine, or the rate is not over 0.
-    RobotError
-        If the description or the start can't be used.
+        If there is no such physics engine, the rate is not over 0, or the start can't be used.
     """
 
     def __init__(
         self,
-        urdf: str | Path | Robot,
-        joint_names: Sequence[str],
+        robot: Robot,
         start: ArrayLike,
         options: ControllerOptions | None = None,
         *,
         seed: int = 0,
         plant: str = "pinocchio",
-        time_ns: int = _START,
+        time_ns: int = 10**12,
         state_rate: float = 500.0,
     ) -> None:
-        if isinstance(urdf, Path):
-            urdf = Robot.from_file(urdf, joint_names)
-        robot = urdf if isinstance(urdf, Robot) else Robot(urdf, joint_names)
         if plant not in _PLANTS:
             raise SimulationError(unknown_name("physics engine", plant, _PLANTS))
         if not 0.0 < state_rate <= 1000.0:
@@ -105,7 +215,7 @@ class SimulatedRobot:
         self.taken: list[tuple[int, int]] = []
         self._plant = _PLANTS[plant](robot, q)
         self._controller = TrajectoryController(self.joint_names, q, options, robot.continuous)
-        self._now = self._state_time = time_ns
+        self.time_ns = self.state_time_ns = time_ns
         self.state_period_ns = round(NANOSECONDS / state_rate)
         self._filters = [1.0, 1.0, 1.0]
         self._payload = 0.0
@@ -117,12 +227,7 @@ class SimulatedRobot:
     @property
     def time(self) -> float:
         """The present time [s]."""
-        return self._now / NANOSECONDS
-
-    @property
-    def time_ns(self) -> int:
-        """The present time [ns]."""
-        return self._now
+        return self.time_ns / NANOSECONDS
 
     def send(
         self, trajectory: Trajectory, stamp: float | None = None, *, last_point_only: bool = False
@@ -147,7 +252,7 @@ class SimulatedRobot:
             self.rejections.append((self.time, "the message was lost"))
             return
         delay = self.faults.delay + late * self.faults.jitter
-        due = self._now + round(delay * NANOSECONDS)
+        due = self.time_ns + round(delay * NANOSECONDS)
         # Messages of one publisher keep their order.
         if self._under_way:
             due = max(due, self._under_way[-1][0])
@@ -155,14 +260,14 @@ class SimulatedRobot:
 
     def step(self) -> None:
         """Advance by 1 ms."""
-        self._now += _CYCLE
+        self.time_ns += CYCLE_NS
         controller, faults = self._controller, self.faults
         if faults.active != controller.is_active:
             self._activate(faults.active)
         if faults.payload != self._payload:
             self._payload = faults.payload
             self._plant.set_payload(self._payload)
-        while self._under_way and self._under_way[0][0] <= self._now:
+        while self._under_way and self._under_way[0][0] <= self.time_ns:
             self._deliver(self._under_way.popleft()[1])
         self._measured = self._measure()
         target = 0.0 if faults.held else faults.speed_scaling
@@ -170,14 +275,14 @@ class SimulatedRobot:
             self._filters = _smoothed(self._filters, target)
         controller.speed_scaling = self._filters[-1]
         n_holds = controller.n_holds
-        command = controller.update(self._now, _CYCLE, self._measured)
+        command = controller.update(self.time_ns, CYCLE_NS, self._measured)
         if controller.n_holds != n_holds:
             # The command is repeated in this cycle, and replaced by what is measured in the next.
             self.record.cuts += [len(self.record), len(self.record) + 1]
         clock = controller.clock_ns / NANOSECONDS
         self.record.append((self.time, clock, controller.speed_scaling), command, self._plant.q)
-        if not faults.silent and self._now - self._state_time >= self.state_period_ns:
-            self._state, self._state_time = self._measured, self._now
+        if not faults.silent and self.time_ns - self.state_time_ns >= self.state_period_ns:
+            self._state, self.state_time_ns = self._measured, self.time_ns
         positions = command[: len(self.joint_names)]
         # Drives ignore NaN.
         if math.isfinite(positions.sum()):
@@ -185,12 +290,7 @@ class SimulatedRobot:
 
     def newest_state(self) -> tuple[float, FloatArray, FloatArray]:
         """The newest joint state that was published: its stamp [s], positions, velocities."""
-        return self._state_time / NANOSECONDS, *self._state
-
-    @property
-    def state_time_ns(self) -> int:
-        """Stamp of the newest joint state [ns]."""
-        return self._state_time
+        return self.state_time_ns / NANOSECONDS, *self._state
 
     def measured_state(self) -> tuple[FloatArray, FloatArray]:
         """Positions and velocities measured in the last cycle, each of shape (n_joints,)."""
@@ -206,7 +306,7 @@ class SimulatedRobot:
 
     def _deliver(self, message: TrajectoryMessage) -> None:
         self.n_received += 1
-        reason = self._controller.receive(message, self._now)
+        reason = self._controller.receive(message, self.time_ns)
         if reason is not None:
             self.rejections.append((self.time, reason))
         else:
@@ -222,12 +322,12 @@ class SimulatedRobot:
 
 
 def _smoothed(filters: list[float], target: float) -> list[float]:
-    """The next values of three first-order filters, which reach the target in about 0.4 s.
+    """The next values of three filters with time constants of 50 ms, for about 0.4 s in all.
 
     The first two derivatives of the last one are bounded. A step of the speed scaling would be a
     step of the velocity, which no planner can prevent.
     """
-    share, before, result = PERIOD / _SCALING_TIME, target, []
+    share, before, result = PERIOD / 0.05, target, []
     for value in filters:
         before = value + share * (before - value)
         result.append(before)

@@ -18,7 +18,7 @@ from ..motion.collision import CollisionModel, package_folders
 from ..planning.plan import Plan
 from ..planning.planner import Planner
 from ..primitives.primitive import MovementPrimitive
-from ..recordings.reports import RecordingSet
+from ..recordings.demonstration import RecordingSet
 from ..robot.limits import JointLimits
 from ..robot.model import Robot
 from ..robot.world import World
@@ -104,8 +104,7 @@ def read_content(
 def first_ends(primitive: MovementPrimitive, limits: JointLimits) -> tuple[FloatArray, FloatArray]:
     """Start and goal of the demonstration nearest to the mean, within the limits."""
     ends = primitive.boundary_states[:, [0, 3]]
-    spread = ends.std(axis=0) + 1e-9
-    nearest = np.argmin(np.sum(((ends - ends.mean(axis=0)) / spread) ** 2, axis=(1, 2)))
+    nearest, *_ = primitive.nearest_demonstrations(ends.mean(axis=0))
     start, goal = np.clip(ends[nearest], limits.lower, limits.upper)
     return start, goal
 

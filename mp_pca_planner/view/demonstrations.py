@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from ..primitives.primitive import MovementPrimitive
-from ..recordings.reports import RecordingSet
+from ..recordings.demonstration import RecordingSet
 from .motion import ShownMotion
 
 _UNLABELLED = "without a label"

@@ -30,7 +30,7 @@ import yaml
 from mp_pca_planner.control.closed_loop import ControlLoop, Sampling, simulate
 from mp_pca_planner.control.law import FEEDFORWARD_PD, ControlLaw, pair_law, paired_law
 from mp_pca_planner.learning.executions import measure_execution
-from mp_pca_planner.learning.primitive_around import primitive_around
+from mp_pca_planner.learning.refined_motion import primitive_around
 from mp_pca_planner.learning.refinement import refine
 from mp_pca_planner.learning.trials import TrialLearner
 from mp_pca_planner.motion.goal import JointGoal, JointState

@@ -13,7 +13,6 @@ from patience import EVER
 
 from mp_pca_planner.cli.main import main
 from mp_pca_planner.evaluation.check import RigidArm, judge
-from mp_pca_planner.evaluation.collocation import SplineProgram, slsqp_method
 from mp_pca_planner.evaluation.method import Method, PeerResult
 from mp_pca_planner.evaluation.own import planner_methods
 from mp_pca_planner.evaluation.problems import (
@@ -24,6 +23,7 @@ from mp_pca_planner.evaluation.problems import (
     robot_file,
 )
 from mp_pca_planner.evaluation.run import PEERS, compare, ratios, set_up, unsolved
+from mp_pca_planner.evaluation.spline_peers import SplineProgram, slsqp_method
 from mp_pca_planner.evaluation.without_optimisation import minimum_jerk_method
 from mp_pca_planner.exceptions import MissingDependencyError
 from mp_pca_planner.planning.plan import PlannerOptions

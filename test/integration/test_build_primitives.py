@@ -376,7 +376,7 @@ def test_report_is_one_page_that_shows_what_was_found(
         assert name in page.text
     assert "broken" in page.text and facts["refused"][0]["reason"] in page.text
     assert "minimum-jerk" in page.text
-    assert "The arm of the paper" not in page.text  # this is another arm
+    assert "paper's arm" not in page.text  # this is another arm
     for report in load_recordings([bags]).reports:
         assert f"rest below {np.rad2deg(report.thresholds.rest):.2f} deg/s" in page.text
 
@@ -398,7 +398,7 @@ def urdf(*types: str) -> str:
     ("types", "unit", "factor"),
     [
         (("revolute", "continuous"), "deg", np.rad2deg(1.0)),
-        (("prismatic", "prismatic"), "mm", 1e3),
+        (("prismatic", "prismatic"), "m", 1.0),
         (("prismatic", "revolute"), "rad or m", 1.0),
     ],
 )
@@ -416,7 +416,9 @@ def test_prismatic_joints_are_not_shown_in_degrees(
     shown, _, name = line.partition("motions to ")[2].removesuffix(" RMS").partition(" ")
     assert name == unit
     assert float(shown) == pytest.approx(rms, abs=0.006)
-    assert f"Errors [{unit} RMS]" in read_page(page).text
+    text = page.read_text(encoding="utf-8")
+    assert f"Errors [{unit} RMS]" in text and f" {name} RMS in path" in text
+    assert "The robot in a demonstration" in text
     stdout = io.StringIO()
     with contextlib.redirect_stdout(stdout):
         assert main(["inspect", str(output)]) == 0

@@ -13,6 +13,7 @@ from argparse import ArgumentParser
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import yaml
 from patience import HANG
@@ -22,6 +23,12 @@ from mp_pca_planner.cli.main import COMMANDS
 from mp_pca_planner.cli.options import options_of, parse
 from mp_pca_planner.cli.parser import Options
 from mp_pca_planner.execution.parameters import DECLARATIONS
+from mp_pca_planner.motion.trajectory import Trajectory
+from mp_pca_planner.primitives.file import _METADATA
+from mp_pca_planner.primitives.library_journal import _LINE
+from mp_pca_planner.primitives.primitive_values import ARRAY_SHAPES
+from mp_pca_planner.recordings.segments_file import COLUMNS
+from mp_pca_planner.simulation.robot import Record
 
 ROOT = Path(__file__).parents[2]
 SCRIPT = ROOT / "scripts/run_documentation.py"
@@ -204,6 +211,15 @@ def test_reference_has_every_parameter_and_every_public_name(reference: dict[str
     assert [name for name in mp_pca_planner.__all__ if f"\n## {name}\n" not in python] == []
 
 
+def test_file_formats_name_all_that_is_in_the_files() -> None:
+    zero = np.zeros((2, 1))
+    motion = Trajectory(["a"], [0.0, 1.0], zero, zero, zero, zero)
+    names = {*ARRAY_SHAPES, *_METADATA, *motion.columns(), *_LINE, *Record(1).arrays()}
+    page = text_of(ROOT / "doc/formats.md")
+    assert ",".join(COLUMNS) in page
+    assert [name for name in names if f"`{name.rstrip('?')}`" not in page] == ["refined_from?"]
+
+
 def test_recorded_results_state_their_origin_and_become_tables(reference: dict[str, Any]) -> None:
     page = reference["results_page"]()
     records = sorted((ROOT / "doc/results").glob("*.json"))
@@ -215,3 +231,28 @@ def test_recorded_results_state_their_origin_and_become_tables(reference: dict[s
         for title, table in record["tables"].items():
             assert f"### {title}" in page
             assert all(len(row) == len(table["header"]) for row in table["rows"])
+
+
+def test_tables_of_benchmarks_have_a_command_and_are_those_recorded(
+    reference: dict[str, Any],
+) -> None:
+    page = text_of(ROOT / "doc/benchmarks.md")
+    assert reference["with_results"](page) == page
+    commands = runpy.run_path(str(ROOT / "scripts/record_results.py"))["COMMANDS"]
+    marked = re.findall(r"<!-- table (\w+)", page)
+    assert len(marked) > 10 and set(marked) <= set(commands)
+    assert {file.stem for file in (ROOT / "doc/results").glob("*.json")} <= set(commands)
+    outside = re.sub(r"<!-- table .*?<!-- end -->", "", page, flags=re.DOTALL)
+    assert not re.search(r"^\|", outside, re.MULTILINE)
+
+
+def test_commands_of_benchmarks_are_accepted() -> None:
+    for command in runpy.run_path(str(ROOT / "scripts/record_results.py"))["COMMANDS"].values():
+        python, *words = shlex.split(command)
+        assert python == "python3"
+        if words[0] == "-m":
+            parse(words[2], [*words[3:], "--json"])
+            continue
+        source = text_of(ROOT / words[0])
+        assert "benchmark_parser(__doc__)" in source
+        assert all(f'"{word}"' in source for word in words if word.startswith("--"))

@@ -27,7 +27,7 @@ ROS_COMMANDS = ["cli.call_service", "cli.demo", "cli.send_goal", "cli.simulate"]
 SOURCES = sorted((ROOT / PACKAGE).rglob("*.py"))
 
 LAYERS = [
-    {"exceptions", "arrays", "files", "json_content", "resources"},
+    {"exceptions", "arrays", "files", "input_limits", "json_content", "resources"},
     {"robot"},
     {"motion"},
     {"recordings", "mocap", "primitives"},
@@ -35,12 +35,17 @@ LAYERS = [
     {"control", "learning"},
     {"execution"},
     {"simulation", "evaluation"},
-    {"plotting", "view"},
+    {"plotting", "teaching", "view"},
     {"cli", "ros", "__main__"},
 ]
 
 # Values have methods that pass them on to a later room, which is imported in the method.
-HANDED_ON = {("motion", "recordings"), ("motion", "ros"), ("planning", "plotting")}
+HANDED_ON = {
+    ("motion", "recordings"),
+    ("motion", "ros"),
+    ("planning", "plotting"),
+    ("planning", "view"),
+}
 
 # Where rosdep calls a dependency otherwise than Python does.
 ROSDEP_NAMES = {

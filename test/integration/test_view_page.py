@@ -16,7 +16,7 @@ from patience import HANG
 
 from mp_pca_planner.exceptions import PlannerError, RobotError
 from mp_pca_planner.planning.planner import Planner
-from mp_pca_planner.recordings.reports import RecordingSet
+from mp_pca_planner.recordings.demonstration import RecordingSet
 from mp_pca_planner.resources import config_file
 from mp_pca_planner.robot.model import Robot
 from mp_pca_planner.robot.world import Obstacle, Sphere, World
@@ -159,7 +159,7 @@ def test_a_plan_is_shown_from_python():
     planner = Planner(arm_robot(), [arm_primitive()])
     goal, start = arm_primitive().boundary_states[3, [3, 0]]
     plan = planner.plan(goal, start)
-    with show(planner, plan, port=0) as page:
+    with plan.show(port=0) as page:
         until(lambda: page.plan.is_settled)
         request = page.plan.answer.request
         np.testing.assert_allclose([request.start, request.goal], [start, goal], atol=1e-9)

@@ -18,8 +18,7 @@ from visualization_msgs.msg import Marker
 
 from mp_pca_planner.motion.trajectory import Trajectory
 from mp_pca_planner.resources import config_file
-from mp_pca_planner.ros.ghosts import ghost_markers, visual_shapes
-from mp_pca_planner.ros.preview import to_preview
+from mp_pca_planner.ros.last_motion import shape_markers, to_preview
 
 URDF = config_file("human_arm.urdf").read_text(encoding="utf-8")
 MESHES = """
@@ -48,7 +47,7 @@ def numbers(message: object, fields: str) -> list[float]:
 
 def test_shapes_stand_where_their_links_are() -> None:
     robot, q = arm_robot(), MOTION.positions[[0, -1]]
-    first, *others = ghost_markers(robot, visual_shapes(MESHES), q, [ColorRGBA(), ColorRGBA()])
+    first, *others = shape_markers(robot, ET.fromstring(MESHES), q, [ColorRGBA(), ColorRGBA()])
     origin = Rotation.from_euler("xyz", [0.4, -0.5, 0.6]).as_matrix()
     corners = np.array([0.1, 0.2, 0.3]) + np.vstack([np.zeros(3), origin.T])
     points = robot.attach_points(["wrist"] * 4, corners)
@@ -61,7 +60,7 @@ def test_shapes_stand_where_their_links_are() -> None:
 
 def test_shapes_have_the_sizes_of_the_description_and_wrong_ones_are_left_out() -> None:
     robot = arm_robot()
-    markers = ghost_markers(robot, visual_shapes(MESHES), MOTION.positions[:1], [ColorRGBA()])
+    markers = shape_markers(robot, ET.fromstring(MESHES), MOTION.positions[:1], [ColorRGBA()])
     found = [
         (marker.type, marker.mesh_resource, *numbers(marker.scale, "xyz")) for marker in markers
     ]

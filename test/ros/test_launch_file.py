@@ -142,7 +142,7 @@ def test_launched_node_uses_arguments_before_the_file_of_parameters_and_ends_wit
         "namespace:=left",
         "duration:=1.25",
         "publish_effort:=true",
-        "n_starts:=2",
+        "naturalness:=0.5",
         "start_from:=measured",
         "stamp_trajectories:=false",  # with stamps, motions begin with a hold
     )
@@ -182,7 +182,7 @@ def test_launched_node_uses_arguments_before_the_file_of_parameters_and_ends_wit
         ("rviz:=perhaps", "['true', 'false']"),
         ("robot_description_file:=missing.urdf", "missing.urdf"),
         ("robot_description_file:=missing.xacro", "xacro"),
-        ("n_starts:=many", "n_starts:=many is not accepted: it must be a whole number"),
+        ("duration:=many", "duration:=many is not accepted: it must be a number"),
         ("collision:=1", "collision:=1 is not accepted: it must be true or false"),
     ],
 )

@@ -22,7 +22,7 @@ from sensor_msgs.msg import JointState as JointStateMessage
 from std_msgs.msg import Header
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from mp_pca_planner.control.statement import control_statement
+from mp_pca_planner.control.law import control_statement
 from mp_pca_planner.exceptions import GoalError, TrajectoryError
 from mp_pca_planner.execution.parameters import DECLARATIONS
 from mp_pca_planner.motion.goal import JointGoal, JointState, Pose, SequenceGoal
@@ -265,10 +265,9 @@ def test_report_of_an_unusual_plan_is_a_warning(
 
 
 def test_report_states_the_control_law_of_the_primitive_used(plan: Plan) -> None:
-    used, other = arm_primitive(), arm_primitive("joint", 2)
-    report = to_plan_report(replace(plan, primitives=(used.name,)), STAMP, primitives=(used, other))
+    report = to_plan_report(plan, STAMP, [arm_primitive()])
     laws = {key: value for key, value in values(report).items() if key.startswith("control_law")}
-    assert laws == {f"control_law.{used.name}": control_statement(used)}
+    assert laws == {f"control_law.{arm_primitive().name}": control_statement(arm_primitive())}
 
 
 def test_refusal_is_an_error_with_the_plan_if_there_is_one(plan: Plan) -> None:

@@ -316,7 +316,7 @@ def test_motions_in_which_the_robot_hits_itself_go_around_or_are_refused(
     with parameters(client, naturalness=0.0):
         shown = arm_primitive().boundary_states[:, [0, 3]]
         through_chest = next(ends for ends in shown if collisions(*ends))
-        with parameters(client, collision=True, n_starts=2):
+        with parameters(client, collision=True):
             assert not collisions(*through_chest)
             assert "kept apart" in client.reports[-1].message
             into_chest = rest_at(client, primitives).send(goal_message([0.0, 0.0, 1.5, -2.0]))
@@ -343,9 +343,6 @@ def test_goal_velocity_is_served_only_if_the_controller_accepts_it(client: NodeC
         ("duration", float("nan"), ["duration"]),
         ("duration", 2, ["DOUBLE"]),
         ("sample_period", 0.0, ["sample_period"]),
-        ("n_starts", 6, ["n_starts", "5"]),
-        ("n_starts", 1.0, ["INTEGER"]),
-        ("basis", "fourier", ["fourier", "pca", "bspline"]),
         ("start_from", "", ["measured", "commanded"]),
         ("primitives", ["/nowhere.npz"], ["/nowhere.npz", "No such file"]),
         ("limits_file", "/nowhere.yaml", ["/nowhere.yaml"]),
@@ -463,14 +460,6 @@ def test_sequence_stops_where_velocities_of_zero_ask_for_it(client: NodeClient) 
     assert [bool(speeds[k] == 0.0) for k in at] == [False, True, True]
     message.points[1].velocities = [0.0]
     assert_refused(client.send(message), "point 2", "1 velocities")
-
-
-def test_sequence_is_joined_in_real_time_if_the_parameter_says_so(client: NodeClient) -> None:
-    with parameters(client, sequence_mode="real_time"):
-        answer = client.send(sequence_message(VIA, GOAL))
-    assert answer.trajectory is not None
-    assert answer.values["mode"] == "real_time"
-    assert answer.values["iterations"] == "0"
 
 
 def test_sequence_whose_time_for_planning_is_short_is_served_with_a_warning(
@@ -841,8 +830,8 @@ def test_goal_that_comes_again_is_learned_by_trials_also_across_a_kill(
         finally:
             process.kill()
             process.wait(timeout=HANG)
-    assert (planned.values["trial"], planned.values["best_trial_cost"]) == ("1", "none")
-    assert (varied.values["trial"], varied.values["best_trial_cost"]) == ("2", "10.0")
+    assert planned.values["message"].startswith("trial 1,")
+    assert varied.values["message"].startswith("trial 2,")
     assert np.abs(first[len(first) // 2] - second[len(second) // 2]).max() > 1e-3
     assert second[0].tolist() == START
     assert second[-1].tolist() == GOAL
@@ -851,7 +840,7 @@ def test_goal_that_comes_again_is_learned_by_trials_also_across_a_kill(
         client.wait_for_model()
         client.publish_state(JOINTS, START)
         third, _ = try_once(client, 6.0)
-        assert (third.values["trial"], third.values["best_trial_cost"]) == ("3", "4.0")
+        assert third.values["message"].startswith("trial 3,")
         no_folder = Parameter("save_folder", value="").to_parameter_msg()
         assert "'save_folder' to a folder" in client.set_parameters(no_folder)[0].reason
         kept = client.call("save_motion")

@@ -4,12 +4,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from mp_pca_planner.execution.measured import MeasuredStates
 from mp_pca_planner.execution.parameters import Settings
 from mp_pca_planner.execution.published_motion import Joined
 from mp_pca_planner.execution.start_state import StartStates
@@ -20,25 +20,12 @@ JOINTS = ("a",)
 SETTINGS = Settings(state_timeout=0.5, commanded_tolerance=0.1)
 
 
-class Reader:
-    """Messages are positions in digits."""
-
-    def names_all(self, message: bytes, joint_names: Sequence[str]) -> bool:
-        return True
-
-    def read(self, message: bytes, joint_names: Sequence[str]) -> JointState:
-        return JointState(joint_names, [float(message)])
-
-    def stamp(self, message: bytes) -> float:
-        return 0.0
-
-
 class World:
     """A clock that goes on by `tick` [s] whenever it is read, and a robot that keeps to it."""
 
     def __init__(self) -> None:
         self.now, self.tick = 100.0, 0.0
-        self.states = StartStates(Reader(), self.clock, self.clock)
+        self.states = StartStates(MeasuredStates(self.clock, self.clock))
         self.states.expect(JOINTS)
 
     def clock(self) -> float:
@@ -46,7 +33,7 @@ class World:
         return self.now
 
     def measure(self, q: float) -> None:
-        self.states.measured.receive(f"{q:.17g}".encode())
+        self.states.measured.receive(JOINTS, lambda: JointState(JOINTS, [q]))
 
 
 def minimum_jerk(start: float, goal: float, duration: float) -> Trajectory:

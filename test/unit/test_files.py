@@ -16,7 +16,6 @@ import pytest
 
 from mp_pca_planner.exceptions import PlannerError
 from mp_pca_planner.files import (
-    MAX_YAML_BYTES,
     check_writable,
     load_yaml,
     read_bytes,
@@ -27,6 +26,7 @@ from mp_pca_planner.files import (
     write_together,
     write_whole,
 )
+from mp_pca_planner.input_limits import INPUT_LIMITS
 
 # Reading
 
@@ -71,7 +71,7 @@ BOMB = "a: &a [x, x]\n" + "".join(
         ("a: \0", "character"),
         ('a: "\\ud800"', "Unicode|UTF-8"),
         ("{a: 1}: 2", "unhashable"),
-        (" " * (MAX_YAML_BYTES + 1), "larger than 1,048,576 bytes"),
+        (" " * (INPUT_LIMITS.yaml_bytes + 1), "larger than 1,048,576 bytes"),
     ],
 )
 def test_hostile_yaml_is_refused(text, words):

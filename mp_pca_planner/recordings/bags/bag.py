@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from ...exceptions import DamagedRecordingError, RecordingError, quote_names
-from ..joint_states import RawJointStates, joined, slice_in_parts
+from ..joint_states import RawJointStates, slice_joint_states
 from .discovery import BagFormat, recording_format
 from .files import RecordingFiles, damage_reported
 from .serialisation import JOINT_STATE, JOINT_TRAJECTORY, BagTypes
@@ -179,13 +179,14 @@ class Bag:
         def gathered(stored: Iterator[Stored]) -> RawJointStates:
             if extract:
                 stored = ((source, t, extract[source](data)) for source, t, data in stored)
-            parts: list[RawJointStates] = []
             with self._damage_reported():
-                for part in slice_in_parts(topic, stored, ros1=self.format == "rosbag1"):
-                    parts.append(part)
-                    if progress is not None:
-                        progress(sum(part.n_messages for part in parts) / n_all)
-            return replace(joined(parts), notes=self.notes)
+                raw = slice_joint_states(
+                    topic,
+                    stored,
+                    ros1=self.format == "rosbag1",
+                    progress=lambda n_done: progress and progress(n_done / n_all),
+                )
+            return replace(raw, notes=self.notes)
 
         return self.read(chosen, gathered)
 
@@ -211,7 +212,7 @@ class Bag:
                 f"'{self.path}' is damaged: its index says {indexed} messages on the topic, "
                 f"{count} can be read"
             )
-        self.notes = self._files.notes(keys, indexed)
+        self.notes = self._files.notes
 
     def _before_damage(self, topics: Collection[Topic]) -> Iterator[Stored]:
         """Messages before the damage; the damage may also be within a message."""
@@ -253,20 +254,6 @@ def _hint_at_salvage(salvage: bool) -> Iterator[None]:
             raise
         hint = "recovering it (--recover) takes what is before the damage, if there is any"
         raise DamagedRecordingError(f"{error}; {hint}") from error.__cause__
-
-
-def list_topics(path: Path, *, salvage: bool = False) -> tuple[Topic, ...]:
-    """List the topics of a recording, in order of name, see :func:`open_bag`."""
-    with open_bag(path, salvage=salvage) as bag:
-        return bag.topics
-
-
-def read_joint_states(
-    path: Path, topic: str, *, field: str | None = None, salvage: bool = False
-) -> RawJointStates:
-    """Read all joint states of a topic, see :meth:`Bag.joint_states`."""
-    with open_bag(path, salvage=salvage) as bag:
-        return bag.joint_states(topic, field=field)
 
 
 def choose_topic(topics: Sequence[Topic], topic: str | None = None) -> Topic:

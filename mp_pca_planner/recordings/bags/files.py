@@ -8,17 +8,22 @@ import tempfile
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import dataclass
 from pathlib import Path, PurePath
 
 from ...exceptions import DamagedRecordingError, RecordingError, quote_names
 from ...files import load_yaml, read_bytes
 from .discovery import METADATA, PACKED_SUFFIXES, BagFormat, bag_files, translated_os_errors
-from .mcap import McapFile
-from .rosbag1 import Rosbag1File
-from .sqlite import Sqlite3File
-from .storage import Channel, DamageError, Key, StorageFile, StoredMessage
-from .unpacking import ZSTD_MAGIC, copy_unpacked, unpacked
+from .formats import McapFile, Rosbag1File, Sqlite3File
+from .storage import (
+    ZSTD_MAGIC,
+    Channel,
+    DamageError,
+    Key,
+    StorageFile,
+    StoredMessage,
+    copy_unpacked,
+    unpacked,
+)
 
 METADATA_VERSION = 9
 """Newest supported version of metadata.yaml."""
@@ -30,25 +35,6 @@ _READERS: dict[str, Callable[[Path], StorageFile]] = {
 }
 
 
-@dataclass(frozen=True)
-class FolderMetadata:
-    """Content of metadata.yaml.
-
-    Attributes
-    ----------
-    files : tuple of Path
-        The storage files, in order.
-    counts : Counter
-        Number of messages by topic and type.
-    packs_messages : bool
-        Whether each message is compressed by itself.
-    """
-
-    files: tuple[Path, ...]
-    counts: Counter[Key]
-    packs_messages: bool
-
-
 class RecordingFiles:
     """The storage files of a recording.
 
@@ -58,12 +44,17 @@ class RecordingFiles:
         The recording.
     bag_format :
         Its storage format.
+
+    Attributes
+    ----------
+    notes : tuple of str
+        Notes on them, one sentence each.
     """
 
     def __init__(self, path: Path, bag_format: BagFormat) -> None:
         self._path, self._format = path, bag_format
         self._files: list[StorageFile] = []
-        self._metadata: FolderMetadata | None = None
+        self.notes: tuple[str, ...] = ()
 
     def open_by_index(self, stack: ExitStack) -> Counter[Channel]:
         """Open the files; return the number of messages of each channel, by their indices.
@@ -84,8 +75,12 @@ class RecordingFiles:
                 file.read(1)
         counts: Counter[Channel] = Counter()
         with damage_reported(self._path, self._format):
-            self._metadata = _read_metadata(self._path) if self._path.is_dir() else None
-            files = bag_files(self._path) if self._metadata is None else self._metadata.files
+            files = bag_files(self._path)
+            if (self._path / METADATA).exists():
+                files = _read_metadata(self._path)
+            elif self._path.is_dir():
+                note = f"{METADATA} is missing: the files are read in the order of their numbers"
+                self.notes = (note,)
             self._files = [_READERS[part.suffix](part) for part in _plain_files(files, stack)]
             for part in self._files:
                 # Channels without messages are included.
@@ -105,28 +100,11 @@ class RecordingFiles:
 
     def messages(self, keys: Collection[Key] | None = None) -> Iterator[StoredMessage]:
         """Messages of some channels (all by default), each unpacked."""
-        may_be_packed = self._metadata is None or self._metadata.packs_messages
         for file in self._files:
-            if not may_be_packed:
-                yield from file.messages(keys)
-                continue
             for channel, stamp, data in file.messages(keys):
                 # CDR never begins with the magic number of zstd.
                 is_packed = data.startswith(ZSTD_MAGIC)
                 yield channel, stamp, unpacked("zstd", data) if is_packed else data
-
-    def notes(self, keys: Collection[Key], indexed: int) -> tuple[str, ...]:
-        """Differences between metadata.yaml and the number of messages by the index."""
-        if not self._path.is_dir():
-            return ()
-        if self._metadata is None:
-            return (f"{METADATA} is missing: the files are read in the order of their numbers",)
-        stated = sum(self._metadata.counts[key] for key in keys)
-        if stated == indexed:
-            return ()
-        return (
-            f"{METADATA} states {stated} messages on the topic, {indexed} are stored: all are used",
-        )
 
 
 @contextmanager
@@ -166,8 +144,8 @@ def _plain_files(
         yield target
 
 
-def _read_metadata(folder: Path) -> FolderMetadata | None:
-    """Read metadata.yaml; None if there is none.
+def _read_metadata(folder: Path) -> list[Path]:
+    """The storage files that metadata.yaml lists, in order.
 
     The metadata of rosbags parses YAML in pure Python, which takes longer than reading a short
     recording.
@@ -177,24 +155,18 @@ def _read_metadata(folder: Path) -> FolderMetadata | None:
     DamageError
         If a file is missing, or the storage format is unknown.
     """
-    try:
-        text = read_bytes(folder / METADATA)
-    except FileNotFoundError:
-        return None
-    content = load_yaml(text)["rosbag2_bagfile_information"]
+    content = load_yaml(read_bytes(folder / METADATA))["rosbag2_bagfile_information"]
     if content["version"] > METADATA_VERSION:
         raise DamageError(f"version {content['version']} of {METADATA} is not known")
-    counts: Counter[Key] = Counter()
     for topic in content["topics_with_message_count"]:
-        about = topic["topic_metadata"]
-        if about["serialization_format"] != "cdr":
-            raise DamageError(f"messages are stored as {about['serialization_format']}")
-        counts[about["name"], about["type"]] += topic["message_count"]
-    files = tuple(folder / PurePath(name).name for name in content["relative_file_paths"])
+        kind = topic["topic_metadata"]["serialization_format"]
+        if kind != "cdr":
+            raise DamageError(f"messages are stored as {kind}")
+    files = [folder / PurePath(name).name for name in content["relative_file_paths"]]
     missing = [file.name for file in files if not file.is_file()]
     if missing:
         raise DamageError(f"files are missing: {quote_names(missing)}")
     mode = (content.get("compression_mode") or "none").lower()
     if mode != "none" and content.get("compression_format") != "zstd":
         raise DamageError(f"compression by {content.get('compression_format')!r} is not known")
-    return FolderMetadata(files, counts, mode == "message")
+    return files

@@ -1,34 +1,36 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Types of messages, their serialisation, and writers of bags, by the library rosbags."""
+"""Types of messages, their serialisation, and bags to write, by the library rosbags."""
 
 from __future__ import annotations
 
+import os
 import sqlite3
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import fields, is_dataclass
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Writer2
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
+from ...arrays import frozen_array, unique_names
 from ...exceptions import RecordingError, unknown_name
-from ..byte_layout import ENCAPSULATION, MAX_PADDING, NS_PER_S, most_spare_bytes
-from .discovery import FORMAT_OF_SUFFIX, BagFormat
+from ...files import exists_already, replace_path, take_free_name, workspace_beside
+from ...input_limits import INPUT_LIMITS
+from ...motion.trajectory import Trajectory
+from ..joint_states import ENCAPSULATION, NS_PER_S, most_spare_bytes
+from .discovery import FORMAT_OF_SUFFIX, BagFormat, recordings_in
 from .storage import Key
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
 JOINT_TRAJECTORY = "trajectory_msgs/msg/JointTrajectory"
 MARKER_ARRAY = "visualization_msgs/msg/MarkerArray"
-
-MAX_DEFINITION = 1 << 17
-"""Largest size of a definition of messages [characters]; large definitions of ROS have a third of
-that."""
 
 Types = Any
 """The typestore of rosbags, whose class is not public."""
@@ -52,12 +54,12 @@ def _defined_types(definition: str, name: str) -> Types:
     Raises
     ------
     RecordingError
-        If the definition is longer than :data:`MAX_DEFINITION`.
+        If the definition is longer than is accepted.
     """
-    if len(definition) > MAX_DEFINITION:
+    limit = INPUT_LIMITS.definition_characters
+    if len(definition) > limit:
         raise RecordingError(
-            f"the definition of {name} has {len(definition):,} characters; accepted are "
-            f"{MAX_DEFINITION:,}"
+            f"the definition of {name} has {len(definition):,} characters; accepted are {limit:,}"
         )
     types = get_typestore(Stores.EMPTY)
     types.register(get_types_from_msg(definition, name))
@@ -143,7 +145,8 @@ def _decode_cdr(types: Types, data: bytes, name: str) -> Any:
     decode = about.deserialize_cdr_le if data[1] else about.deserialize_cdr_be
     message, end = decode(data[ENCAPSULATION:], 0, about.cls, types)
     spare = len(data) - ENCAPSULATION - end
-    if spare < 0 or (spare > MAX_PADDING and spare > most_spare_bytes(_n_empty(message))):
+    # Nearly all messages have few spare bytes: then empty sequences are not counted.
+    if spare < 0 or (spare > most_spare_bytes(0) and spare > most_spare_bytes(_n_empty(message))):
         raise ValueError(f"size mismatch: {spare} bytes follow the message")
     return message
 
@@ -172,24 +175,28 @@ def _field_of_states(types: Types, name: str) -> str:
     return "" if name == JOINT_STATE else paths.get(JOINT_STATE, "")
 
 
-def header(bag_format: BagFormat, stamp_ns: int, frame_id: str = "") -> Any:
-    """Make the header of a message."""
+def to_cdr(data: bytes) -> bytes:
+    """A joint state of ROS 1 in the serialisation of ROS 2."""
+    return bytes(known_types("mcap").ros1_to_cdr(data, JOINT_STATE))
+
+
+def message_definition(name: str) -> str:
+    """Definition of a common type of ROS 2 and of those within it, as .msg text."""
+    text: str = known_types("mcap").generate_msgdef(name, ros_version=2)[0]
+    return text
+
+
+def _header(bag_format: BagFormat, stamp_ns: int) -> Any:
     types = known_types(bag_format).types
     stamp = types["builtin_interfaces/msg/Time"](*divmod(stamp_ns, NS_PER_S))
     sequence = {"seq": 0} if bag_format == "rosbag1" else {}
-    return types["std_msgs/msg/Header"](**sequence, stamp=stamp, frame_id=frame_id)
+    return types["std_msgs/msg/Header"](**sequence, stamp=stamp, frame_id="")
 
 
-def write_messages(
+def _write_messages(
     path: Path, bag_format: BagFormat, topic: str, kind: str, messages: Iterable[tuple[int, object]]
 ) -> Path:
-    """Write messages with their times of reception [ns] as a new bag; return the written path.
-
-    Raises
-    ------
-    OSError
-        If it can't be written.
-    """
+    """Write messages with their times of reception [ns] as a new bag; return the written path."""
     types = known_types(bag_format)
     encode = encoder(types, bag_format)
     bare = bag_format != "rosbag1" and path.suffix in FORMAT_OF_SUFFIX
@@ -208,3 +215,148 @@ def write_messages(
     except sqlite3.Error as error:
         raise OSError(str(error)) from None
     return target / f"{target.name}{path.suffix}" if bare else target
+
+
+def write_joint_states(
+    path: str | Path,
+    bag_format: BagFormat,
+    joint_names: Sequence[str],
+    stamps_ns: ArrayLike,
+    positions: ArrayLike,
+    velocities: ArrayLike | None = None,
+    efforts: ArrayLike | None = None,
+    *,
+    overwrite: bool = False,
+) -> None:
+    """Write joint states as a bag on the topic /joint_states, atomically.
+
+    Parameters
+    ----------
+    path :
+        Where to write. For `bag_format` "rosbag1" a file. For the others a rosbag2 folder, or
+        only its storage file if the path ends in .db3 or .mcap.
+    bag_format :
+        The format: "rosbag1", "sqlite3" or "mcap".
+    joint_names :
+        Names of the joints.
+    stamps_ns : array of int, shape (n_steps,)
+        Header stamps and times of reception [ns].
+    positions, velocities, efforts : array, shape (n_steps, n_joints)
+        Joint positions [rad or m], velocities [/s] and efforts [N·m or N]; the last two stay
+        empty unless given.
+    overwrite :
+        Whether an existing file or folder may be replaced.
+
+    Raises
+    ------
+    RecordingError
+        If the shapes disagree.
+    PlannerError
+        If there is something at the path already, or it can't be written.
+    """
+    names = unique_names(joint_names, "joints to write", RecordingError)
+    stamps = np.asarray(stamps_ns, dtype=np.int64)
+    if stamps.ndim != 1:
+        raise RecordingError("stamps to write must be one list of nanoseconds, one for each step")
+    fields = [
+        np.empty((stamps.size, 0))
+        if values is None
+        else frozen_array(values, (stamps.size, len(names)), what, RecordingError)
+        for what, values in (
+            ("positions to write", positions),
+            ("velocities to write", velocities),
+            ("efforts to write", efforts),
+        )
+    ]
+    kind = known_types(bag_format).types[JOINT_STATE]
+    messages = (
+        (int(stamp), kind(_header(bag_format, int(stamp)), list(names), *rows))
+        for stamp, *rows in zip(stamps, *fields, strict=True)
+    )
+    _write(Path(path), bag_format, "/joint_states", JOINT_STATE, messages, overwrite)
+
+
+def write_joint_trajectory(
+    path: str | Path,
+    trajectory: Trajectory,
+    *,
+    overwrite: bool = False,
+) -> None:
+    """Write a trajectory as a bag that holds it as one JointTrajectory message at time 0.
+
+    Parameters
+    ----------
+    path :
+        Where to write: a ROS 1 bag if it ends in .bag, a bare storage file if it ends in .db3 or
+        .mcap, else a rosbag2 folder (mcap).
+    trajectory :
+        The trajectory.
+    overwrite :
+        Whether an existing file or folder may be replaced.
+
+    Raises
+    ------
+    PlannerError
+        If there is something at the path already, or it can't be written.
+    """
+    target = Path(path)
+    bag_format = FORMAT_OF_SUFFIX.get(target.suffix, "mcap")
+    types = known_types(bag_format).types
+    empty = np.empty(0)
+    points = [
+        types["trajectory_msgs/msg/JointTrajectoryPoint"](
+            positions=trajectory.positions[step],
+            velocities=trajectory.velocities[step],
+            accelerations=trajectory.accelerations[step],
+            effort=empty if trajectory.efforts is None else trajectory.efforts[step],
+            time_from_start=types["builtin_interfaces/msg/Duration"](
+                *divmod(round(float(time) * NS_PER_S), NS_PER_S)
+            ),
+        )
+        for step, time in enumerate(trajectory.times)
+    ]
+    message = types[JOINT_TRAJECTORY](_header(bag_format, 0), list(trajectory.joint_names), points)
+    _write(target, bag_format, "/joint_trajectory", JOINT_TRAJECTORY, [(0, message)], overwrite)
+
+
+def _write(
+    target: Path,
+    bag_format: BagFormat,
+    topic: str,
+    kind: str,
+    messages: Iterable[tuple[int, object]],
+    overwrite: bool,
+) -> None:
+    """Write a bag under a temporary name and rename it when it is complete."""
+    if target.exists() and not overwrite:
+        raise exists_already(target)
+    if target.is_dir() and any(target.iterdir()) and recordings_in(target) != [target]:
+        raise RecordingError(f"'{target}' is a folder, but no recording: it is not overwritten")
+    if bag_format == "sqlite3" and set(str(target.absolute())) & set("?#%"):
+        raise RecordingError(
+            f"'{target}' can't be written as sqlite3: choose a path without '?', '#' and '%'"
+        )
+    try:
+        with workspace_beside(target) as workspace:
+            written = _write_messages(workspace / target.name, bag_format, topic, kind, messages)
+            _keep_on_disk(written)
+            (replace_path if overwrite else take_free_name)(written, target)
+            _sync(target.parent)
+    except FileExistsError:
+        raise exists_already(target) from None
+    except OSError as error:
+        raise RecordingError(f"'{target}' can't be written: {error.strerror or error}") from None
+
+
+def _keep_on_disk(path: Path) -> None:
+    """Flush a complete bag to disk, so that it survives a loss of power."""
+    for file in (*path.glob("*"), path):
+        _sync(file)
+
+
+def _sync(path: Path) -> None:
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)

@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Repair of recorded joint states, one kind of defects per module.
+"""Repair of recorded joint states, of messages and of the motion in them.
 
 A recording is read whole, then the repairs are applied in a fixed order. Each is counted under its
 name in `REPAIRS`.
@@ -13,23 +13,28 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..byte_layout import NS_PER_S
-from ..joint_states import RawJointStates
-from .clock import choose_clock, order_by_time
-from .joints import choose_joints, take_joints
-from .jumps import averaged, cut_at_gaps, cut_at_jumps, long_pieces, unwrap
-from .publishers import drop_equal_stamps, drop_zeros, refuse_late_contradictions
+from ..joint_states import NS_PER_S, RawJointStates
+from .messages import (
+    choose_clock,
+    choose_joints,
+    drop_equal_stamps,
+    drop_unusable,
+    drop_zeros,
+    order_by_time,
+    refuse_late_contradictions,
+    take_joints,
+)
+from .motion import averaged, cut_at_gaps, cut_at_jumps, long_pieces, unwrap, velocity_notes
 from .recording import (
     REPAIRS,
     CleanRecording,
     Piece,
-    counted,
+    RepairOptions,
+    Samples,
+    findings,
     findings_on_refusal,
     motion_notes,
-    refuse_stillness,
 )
-from .samples import RepairOptions, Samples, drop_unusable
-from .velocities import velocity_notes
 
 __all__ = ["REPAIRS", "CleanRecording", "Piece", "RepairOptions", "repair"]
 
@@ -41,9 +46,6 @@ SAMPLE_REPAIRS = (
     drop_zeros,
 )
 """Repairs before the recording is cut, in order."""
-
-PIECE_REPAIRS = (unwrap, cut_at_jumps)
-"""Repairs after it is cut at gaps, in order."""
 
 
 def repair(
@@ -69,43 +71,29 @@ def repair(
         If a joint is unknown, the time is unusable, samples are too few, publishers contradict
         each other, or nothing moves.
     """
+    options = options or RepairOptions()
     repairs: Counter[str] = Counter(malformed=raw.n_malformed)
     with findings_on_refusal(raw, repairs):
-        return _repaired(raw, joints, options or RepairOptions(), repairs)
-
-
-def _repaired(
-    raw: RawJointStates,
-    joints: Sequence[str] | None,
-    options: RepairOptions,
-    repairs: Counter[str],
-) -> CleanRecording:
-    names = choose_joints([layout.joint_names for layout in raw.layouts], raw.topic, joints)
-    samples, clock_notes = _samples(raw, names, repairs)
-    for repair_samples in SAMPLE_REPAIRS:
-        samples = repair_samples(samples, options, repairs)
-        samples.refuse_few()
-    pieces = cut_at_gaps(samples, options, repairs)
-    for repair_pieces in PIECE_REPAIRS:
-        pieces = repair_pieces(pieces, options, repairs)
-    checked = velocity_notes(raw, names)
-    rate = NS_PER_S / samples.period
-    # A rate that jitter puts just below a multiple still counts as that multiple.
-    n_averaged = max(1, int(rate * 1.001 // options.enough_rate))
-    pieces = long_pieces([averaged(piece, n_averaged) for piece in pieces], repairs)
-    refuse_stillness(pieces)
-    return CleanRecording(
-        joint_names=names,
-        pieces=tuple(pieces),
-        rate=rate,
-        sample_rate=rate / n_averaged,
-        duration=float(pieces[-1].times[-1] - pieces[0].times[0]),
-        repairs=counted(repairs),
-        notes=(*raw.notes, *clock_notes, *checked, *motion_notes(names, pieces)),
-        topic=raw.topic,
-        n_messages=raw.n_messages,
-        listed_joints=raw.listed_joints,
-    )
+        names = choose_joints([layout.joint_names for layout in raw.layouts], raw.topic, joints)
+        samples, clock_notes = _samples(raw, names, repairs)
+        for repair_samples in SAMPLE_REPAIRS:
+            samples = repair_samples(samples, options, repairs)
+            samples.refuse_few(options)
+        pieces = cut_at_gaps(samples, options, repairs)
+        pieces = cut_at_jumps(unwrap(pieces, options, repairs), options, repairs)
+        checked = velocity_notes(raw, names)
+        rate = NS_PER_S / samples.period
+        # A rate that jitter puts just below a multiple still counts as that multiple.
+        n_averaged = max(1, int(rate * 1.001 // options.enough_rate))
+        pieces = long_pieces([averaged(piece, n_averaged) for piece in pieces], options, repairs)
+        notes = (*clock_notes, *checked, *motion_notes(names, pieces, options))
+        return CleanRecording(
+            joint_names=names,
+            pieces=tuple(pieces),
+            rate=rate,
+            sample_rate=rate / n_averaged,
+            **findings(raw, repairs, notes),
+        )
 
 
 def _samples(

@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Repaired recordings: their pieces, the counted repairs and notes on what was found."""
+"""Recordings before and after their repair, the options of the repairs and their names."""
 
 from __future__ import annotations
 
@@ -11,9 +11,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...arrays import FloatArray
 from ...exceptions import RecordingError, UnusableRecordingError, quote_names
+from ..joint_states import NS_PER_S, IntArray
 
 REPAIRS = {
     "malformed": "message dropped: not one position for each name, a name listed twice, or "
@@ -39,12 +41,6 @@ REPAIRS = {
     "rest": "movement dropped: within the extent of noise and sway, taken for rest",
 }
 """Kinds of repairs, by the name under which they are counted."""
-
-MIN_SAMPLES = 10
-"""Least number of samples of a motion."""
-
-MIN_TRAVEL = 1e-3
-"""A joint that travels less than this is still; it is about the noise of encoders [rad or m]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,8 +78,6 @@ class CleanRecording:
         The usual rate [Hz]: one over the median period.
     sample_rate : float
         Rate of the samples in the pieces [Hz]; lower than `rate` where samples were averaged.
-    duration : float
-        Time from the first to the last sample [s].
     repairs : dict
         Counts of the repairs that were made, by their names in :data:`REPAIRS`.
     notes : tuple of str
@@ -102,13 +96,28 @@ class CleanRecording:
     pieces: tuple[Piece, ...]
     rate: float
     sample_rate: float
-    duration: float
     repairs: dict[str, int]
     notes: tuple[str, ...]
     topic: str
     n_messages: int
     listed_joints: tuple[str, ...]
     pieces_are_motions: bool = False
+
+    @property
+    def duration(self) -> float:
+        """Time from the first to the last sample [s]."""
+        return float(self.pieces[-1].times[-1] - self.pieces[0].times[0])
+
+
+def findings(raw: Any, repairs: Counter[str], notes: Sequence[str] = ()) -> dict[str, Any]:
+    """Fields of a :class:`CleanRecording` on the messages `raw`, and what was found in them."""
+    return {
+        "repairs": {kind: repairs[kind] for kind in REPAIRS if repairs[kind]},
+        "topic": raw.topic,
+        "n_messages": raw.n_messages,
+        "listed_joints": raw.listed_joints,
+        "notes": (*raw.notes, *notes),
+    }
 
 
 @contextmanager
@@ -117,26 +126,27 @@ def findings_on_refusal(raw: Any, repairs: Counter[str]) -> Iterator[None]:
     try:
         yield
     except RecordingError as error:
-        raise UnusableRecordingError(
-            str(error),
-            counted(repairs),
-            raw.topic,
-            raw.n_messages,
-            raw.listed_joints,
-            raw.notes,
-        ) from None
+        raise UnusableRecordingError(str(error), findings(raw, repairs)) from None
 
 
-def counted(repairs: Counter[str]) -> dict[str, int]:
-    """Counts of the repairs that were made, in the order of :data:`REPAIRS`."""
-    return {kind: repairs[kind] for kind in REPAIRS if repairs[kind]}
+def motion_notes(
+    names: tuple[str, ...], pieces: Sequence[Piece], options: RepairOptions
+) -> tuple[str, ...]:
+    """Notes on joints that never move, and on motions that are cut off at an end.
 
-
-def motion_notes(names: tuple[str, ...], pieces: Sequence[Piece]) -> tuple[str, ...]:
-    """Notes on joints that never move, and on motions that are cut off at an end."""
+    Raises
+    ------
+    RecordingError
+        If no joint moves.
+    """
     low = np.min([piece.positions.min(axis=0) for piece in pieces], axis=0)
     high = np.max([piece.positions.max(axis=0) for piece in pieces], axis=0)
-    still = [name for name, travel in zip(names, high - low, strict=True) if travel < MIN_TRAVEL]
+    travel = max(float(np.ptp(piece.positions, axis=0).max()) for piece in pieces)
+    if travel < options.min_travel:
+        raise RecordingError(
+            f"nothing moves: no chosen joint travels more than {travel:.2g} rad (or m)"
+        )
+    still = [n for n, moved in zip(names, high - low, strict=True) if moved < options.min_travel]
     notes = [f"joints that never move: {quote_names(still)}"] if still else []
     speeds = [_window_speeds(piece) for piece in pieces]
     # At a fifth of the highest speed a joint is within its motion.
@@ -156,16 +166,126 @@ def _window_speeds(piece: Piece) -> FloatArray:
     return np.asarray(distance / np.diff(piece.times[marks]), dtype=np.float64)
 
 
-def refuse_stillness(pieces: Sequence[Piece]) -> None:
-    """Reject pieces in which no joint moves.
+@dataclass(frozen=True)
+class RepairOptions:
+    """Thresholds of the repairs; the defaults suit arms recorded at 5 to 1000 Hz.
 
-    Raises
-    ------
-    RecordingError
-        If no joint travels `MIN_TRAVEL`.
+    Attributes
+    ----------
+    max_gap : float or None
+        Longest time without messages that is no gap [s], over 0. By default `gap_time`, or
+        `gap_periods` usual periods where these are longer.
+    gap_time, gap_periods : float
+        See `max_gap` [s, periods].
+    enough_rate : float
+        Arm motions need no higher sample rate [Hz]. Of a recording with at least twice this rate,
+        consecutive samples are averaged.
+    max_conflicts, min_conflicts : float, int
+        A second publisher is present if more than this share of the messages, and more than this
+        number, contradict others.
+    conflict : float
+        A late message contradicts the others if it is farther than this from their positions at
+        its time [rad or m].
+    max_turn_error : float
+        A jump is a full turn if it differs from one by less than this [rad].
+    min_jump, jump_ratio : float
+        A jump is longer than `min_jump` [rad or m] and than `jump_ratio` usual steps.
+    jump_speed, jump_isolation : float
+        A jump is faster than `jump_speed` [/s] and longer than `jump_isolation` times the steps
+        before and after it. A spike, which returns in the next sample, need not be as fast.
+    max_jumps : float
+        From this share of jumping samples on there are two publishers.
+    min_alternations : int
+        A publisher of zeros is present from this number of changes between zeros and positions on.
+    far_from_zero : float
+        Positions beside zeros are another publisher's if they exceed this [rad or m].
+    min_samples : int
+        Least number of samples of a motion.
+    min_travel : float
+        A joint that travels less than this is still; it is about the noise of encoders [rad or m].
+    commanded_rate : float
+        Rate at which commanded motions are sampled [Hz]; smoothing keeps no higher rate.
     """
-    travel = max(float(np.ptp(piece.positions, axis=0).max()) for piece in pieces)
-    if travel < MIN_TRAVEL:
-        raise RecordingError(
-            f"nothing moves: no chosen joint travels more than {travel:.2g} rad (or m)"
+
+    max_gap: float | None = None
+    gap_time: float = 0.5
+    gap_periods: float = 5
+    enough_rate: float = 100.0
+    max_conflicts: float = 0.01
+    min_conflicts: int = 10
+    conflict: float = 0.01
+    max_turn_error: float = 1.0
+    min_jump: float = 0.05
+    jump_ratio: float = 10.0
+    jump_speed: float = 20.0
+    jump_isolation: float = 5.0
+    max_jumps: float = 0.05
+    min_alternations: int = 10
+    far_from_zero: float = 0.05
+    min_samples: int = 10
+    min_travel: float = 1e-3
+    commanded_rate: float = 200.0
+
+    def longest_gap(self, period: float) -> float:
+        """Longest time between messages of this usual period that is no gap, both in [ns]."""
+        if self.max_gap is not None:
+            return self.max_gap * NS_PER_S
+        return max(self.gap_time * NS_PER_S, self.gap_periods * period)
+
+
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """Samples of one recording.
+
+    Attributes
+    ----------
+    times : array of int, shape (n_samples,)
+        Stamps, or times since the first message once they are in order [ns].
+    positions : array, shape (n_samples, n_joints)
+        Joint positions [rad or m].
+    received : array of int, shape (n_samples,)
+        Place of each sample in the order of reception.
+    first_stamp : int
+        Stamp of the recording's first message [ns].
+    """
+
+    times: IntArray
+    positions: FloatArray
+    received: IntArray
+    first_stamp: int
+
+    @property
+    def period(self) -> float:
+        """Median period [ns], whatever the order of the samples."""
+        steps = np.diff(np.sort(self.times))
+        return float(np.median(steps[steps > 0]))
+
+    def taken(self, rows: IntArray) -> Samples:
+        """Some of the samples, in the order of `rows`."""
+        return Samples(
+            taken(rows, self.times),
+            taken(rows, self.positions),
+            taken(rows, self.received),
+            self.first_stamp,
         )
+
+    def refuse_few(self, options: RepairOptions) -> None:
+        """Raise a RecordingError if there are too few different times."""
+        # Sorting is several times faster than np.unique, which hashes.
+        n_samples = min(1, self.times.size) + count(np.diff(np.sort(self.times)))
+        if n_samples < options.min_samples:
+            raise RecordingError(
+                f"there are {n_samples} usable samples, at least {options.min_samples} are needed"
+            )
+
+
+def count(mask: NDArray[Any]) -> int:
+    """Number of entries that are not zero."""
+    return int(np.count_nonzero(mask))
+
+
+def taken(rows: IntArray, values: NDArray[Any]) -> NDArray[Any]:
+    """Some rows of an array; the array itself where these are all, since it may be large."""
+    if rows.size == len(values) and np.array_equal(rows, np.arange(rows.size)):
+        return values
+    return values[rows]

@@ -14,7 +14,7 @@ import pytest
 
 from mp_pca_planner.cli.main import COMMANDS
 from mp_pca_planner.cli.options import parse
-from mp_pca_planner.control.errors import ErrorModel
+from mp_pca_planner.control.closed_loop import ErrorModel
 from mp_pca_planner.control.law import KINDS
 from mp_pca_planner.evaluation.problems import EXAMPLE_ROBOTS
 from mp_pca_planner.evaluation.run import PEERS

@@ -12,8 +12,7 @@ import yaml
 from arm import JOINTS, arm_primitive, arm_robot, mass_matrix
 
 from mp_pca_planner.cli.main import main
-from mp_pca_planner.control.closed_loop import ControlLoop, Sampling, simulate
-from mp_pca_planner.control.errors import ErrorModel
+from mp_pca_planner.control.closed_loop import ControlLoop, ErrorModel, Sampling, simulate, verify
 from mp_pca_planner.control.law import (
     COMPUTED_TORQUE,
     FEEDFORWARD_PD,
@@ -23,7 +22,6 @@ from mp_pca_planner.control.law import (
     paired_law,
 )
 from mp_pca_planner.control.stability import analyse
-from mp_pca_planner.control.verification import verify
 from mp_pca_planner.exceptions import ControlError, PrimitiveFileError
 from mp_pca_planner.motion.trajectory import Trajectory
 from mp_pca_planner.primitives.boundary import boundary_values, hermite_functions
@@ -117,7 +115,7 @@ def test_bound_holds_in_perturbed_simulations_and_is_not_vacuous(kind: str) -> N
     loop = ControlLoop(robot, law, motion, limits)
     known = analyse(loop, errors)
     assert known.holds
-    found = verify(loop, errors, known, 12, seed=3)
+    found = verify(loop, errors, known.error_bound, 12, seed=3)
     assert found.bound_held == 12
     assert found.saturated == 0
     assert known.error_bound is not None

@@ -16,8 +16,7 @@ from arm import arm_robot
 from scipy.interpolate import BPoly
 from test_control import arm_reach, reach
 
-from mp_pca_planner.control.closed_loop import ControlLoop, Sampling
-from mp_pca_planner.control.errors import ErrorModel
+from mp_pca_planner.control.closed_loop import ControlLoop, ErrorModel, Sampling
 from mp_pca_planner.control.law import COMPUTED_TORQUE, FEEDFORWARD_PD, KINDS, ControlLaw
 from mp_pca_planner.control.stability import analyse
 from mp_pca_planner.motion.trajectory import Trajectory

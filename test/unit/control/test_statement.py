@@ -11,8 +11,14 @@ import pytest
 from arm import JOINTS, arm_primitive
 
 from mp_pca_planner.cli.main import main
-from mp_pca_planner.control.law import FEEDFORWARD_PD, ControlLaw, pair_law, paired_law
-from mp_pca_planner.control.statement import NO_LAW, control_statement
+from mp_pca_planner.control.law import (
+    FEEDFORWARD_PD,
+    NO_LAW,
+    ControlLaw,
+    control_statement,
+    pair_law,
+    paired_law,
+)
 from mp_pca_planner.primitives.file import load_primitive, save_primitive
 from mp_pca_planner.resources import config_file
 

@@ -9,8 +9,7 @@ from scipy.optimize import minimize
 
 from mp_pca_planner.evaluation.naturalness import plan_like
 from mp_pca_planner.evaluation.paper import (
-    DEGREE,
-    N_COMPONENTS,
+    PAPER_OPTIONS,
     angle_components,
     free_bsplines,
     paper_basis,
@@ -25,7 +24,7 @@ START, GOAL = MOTIONS[0].positions[[0, -1]]
 
 def test_every_choice_of_weights_meets_the_end_points():
     basis = paper_basis(angle_components(MOTIONS[1:]), START, GOAL)
-    assert basis.n_weights == 4 * (N_COMPONENTS - 2)
+    assert basis.n_weights == 4 * (PAPER_OPTIONS.n_components - 2)
     rng = np.random.default_rng(1)
     for _ in range(5):
         weights = rng.normal(size=basis.n_weights)
@@ -35,7 +34,7 @@ def test_every_choice_of_weights_meets_the_end_points():
 
 def test_motions_are_polynomials_of_the_fourth_order():
     basis = paper_basis(angle_components(MOTIONS), START, GOAL)
-    assert basis.mean_coefficients.shape[1] == DEGREE + 1 == 5
+    assert basis.mean_coefficients.shape[1] == PAPER_OPTIONS.degree + 1 == 5
 
 
 def test_the_mean_is_the_likeliest_motion_between_the_ends():

@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import simpson
 
-from mp_pca_planner.execution.adaptation import AdaptedPlan, displaced, effort_cost
+from mp_pca_planner.execution.goal_planner import AdaptedPlan, displaced
 from mp_pca_planner.execution.published_motion import PublishedMotion
 from mp_pca_planner.motion.goal import JointState
 
@@ -90,8 +90,8 @@ def test_efforts_are_those_of_the_motion_and_their_cost_is_its_integral():
     efforts = [M @ a + h for q, v, a in states for M, h in [ROBOT.motion_equation(q, v)]]
     np.testing.assert_allclose(trajectory.efforts, efforts, atol=1e-9)
     integral = simpson(np.square(efforts).sum(axis=1), x=trajectory.times)
-    assert effort_cost(trajectory) == pytest.approx(0.5 * integral, rel=1e-4)
+    assert trajectory.effort_cost == pytest.approx(0.5 * integral, rel=1e-4)
     plan = AdaptedPlan(trajectory, check, "reach", 0.5, 0.01)
     summary = plan.summary()
-    assert summary["effort_cost"] == plan.effort_cost == effort_cost(trajectory)
+    assert summary["effort_cost"] == trajectory.effort_cost
     assert (summary["status"], summary["limit_violation"]) == ("solved", 0.0)

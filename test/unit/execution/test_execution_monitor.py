@@ -11,8 +11,7 @@ from dense import minimum_jerk_motion
 from mp_pca_planner.execution.execution_monitor import ExecutionMonitor
 from mp_pca_planner.execution.following import HELD, OFF, Following
 from mp_pca_planner.execution.options import ServingOptions
-from mp_pca_planner.execution.published_motion import PublishedMotion
-from mp_pca_planner.execution.tracking import Progress
+from mp_pca_planner.execution.published_motion import Progress, PublishedMotion
 
 DURATION, PERIOD = 2.0, 0.05
 ON_TIME, LAGGING = "on_time", "lagging"

@@ -4,7 +4,7 @@
 
 import pytest
 
-from mp_pca_planner.execution.goal_statistics import GoalStatistics
+from mp_pca_planner.execution.motion_server import GoalStatistics
 from mp_pca_planner.motion.goal import JointGoal, SequenceGoal
 
 
@@ -16,12 +16,11 @@ def test_nothing_is_known_before_the_first_goal() -> None:
 
 def test_served_refused_and_overtaken_goals_are_counted_apart() -> None:
     statistics = GoalStatistics()
-    statistics.overtaken()
+    statistics.count("overtaken")
     statistics.served(JointGoal, 0.1, 0.2)
-    statistics.refused()
-    statistics.refused()
-    counts = (statistics.n_served, statistics.n_refused, statistics.n_overtaken)
-    assert counts == (1, 2, 1)
+    statistics.count("refused")
+    statistics.count("refused")
+    assert statistics.counts == {"served": 1, "refused": 2, "under_way": 0, "overtaken": 1}
 
 
 def test_nine_of_ten_latencies_are_shorter_than_expected() -> None:
@@ -56,4 +55,4 @@ def test_old_times_are_forgotten_and_counts_are_not() -> None:
     for solve_time in [9.0] * 1000 + [1.0] * 1000:
         statistics.served(JointGoal, solve_time, solve_time)
     assert 1.0 <= statistics.expected_latency(JointGoal) < 9.0
-    assert statistics.n_served == 2000
+    assert statistics.counts["served"] == 2000

@@ -16,23 +16,13 @@ JOINTS = ("a", "b")
 REST_VELOCITY = FollowingOptions.rest_velocity
 
 
-class Reader:
-    """Messages are bytes in a notation that tests can write: ``a=1.0,b=2.0,stamp=5.0``."""
+def receive(states, stamp=0.0, age=0.0, **values):
+    def read():
+        names = states.joint_names
+        velocities = [values.get(f"v_{name}", 0.0) for name in names]
+        return JointState(names, [float(values[name]) for name in names], velocities)
 
-    def names_all(self, message, joint_names):
-        return set(joint_names) <= set(self._values(message))
-
-    def read(self, message, joint_names):
-        values = self._values(message)
-        velocities = [values.get(f"v_{name}", 0.0) for name in joint_names]
-        return JointState(joint_names, [values[name] for name in joint_names], velocities)
-
-    def stamp(self, message):
-        return self._values(message).get("stamp", 0.0)
-
-    def _values(self, message):
-        pairs = (pair.split("=") for pair in message.decode().split(","))
-        return {name: float(value) for name, value in pairs}
+    states.receive(values, read, stamp, age)
 
 
 class World:
@@ -40,7 +30,7 @@ class World:
 
     def __init__(self):
         self.receipt, self.motion = 100.0, 5.0
-        self.states = MeasuredStates(Reader(), lambda: self.receipt, lambda: self.motion)
+        self.states = MeasuredStates(lambda: self.receipt, lambda: self.motion)
         self.states.expect(JOINTS)
 
     def pass_time(self, seconds):
@@ -48,8 +38,7 @@ class World:
         self.motion += seconds
 
     def receive(self, age=0.0, **values):
-        message = ",".join(f"{name}={value}" for name, value in values.items())
-        self.states.receive(message.encode(), age)
+        receive(self.states, age=age, **values)
 
     def move(self, velocity, seconds=0.4, period=0.004, *, noise=0.0, delay=None, **reported):
         """Joint a moves evenly; its stamps lie behind by the delay, if there is one."""
@@ -193,6 +182,6 @@ def test_clocks_agree_where_no_message_has_a_stamp(world):
 
 
 def test_states_that_wait_elsewhere_are_fetched_before_the_newest_is_used():
-    states = MeasuredStates(Reader(), lambda: 0.0, lambda: 0.0, lambda: states.receive(b"a=7"))
+    states = MeasuredStates(lambda: 0.0, lambda: 0.0, lambda: receive(states, a=7.0))
     states.expect(("a",))
     assert states.newest(0.5).positions.tolist() == [7.0]

@@ -18,8 +18,7 @@ from virtual_node import VirtualNode
 
 from mp_pca_planner.exceptions import GoalError
 from mp_pca_planner.execution.assembly import assemble_model
-from mp_pca_planner.execution.goal_statistics import GoalStatistics
-from mp_pca_planner.execution.motion_server import MotionServer
+from mp_pca_planner.execution.motion_server import GoalStatistics, MotionServer
 from mp_pca_planner.execution.parameters import Settings
 from mp_pca_planner.execution.preemptive_worker import CancelledError
 from mp_pca_planner.motion.goal import JointGoal, JointState, Pose, PoseGoal, SequenceGoal

@@ -64,7 +64,7 @@ def test_settings_take_given_values_and_leave_the_others_at_their_defaults() -> 
     settings = Settings.from_values({"primitives": ["", "a.npz"], "duration": 2.0, "other": 1})
     assert settings.primitive_paths == ("a.npz",)
     assert settings.duration == 2.0
-    assert settings.basis == BY_NAME["basis"].default
+    assert settings.start_from == BY_NAME["start_from"].default
 
 
 def test_limits_of_zero_leave_the_limit_as_it_was() -> None:

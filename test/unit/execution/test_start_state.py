@@ -9,10 +9,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from dense import minimum_jerk_motion, spline
-from virtual_node import StateReader
+from virtual_node import receive
 
 from mp_pca_planner.exceptions import GoalError, TrajectoryError
 from mp_pca_planner.execution.following import UnconfirmedError
+from mp_pca_planner.execution.measured import MeasuredStates
 from mp_pca_planner.execution.options import FollowingOptions
 from mp_pca_planner.execution.parameters import Settings
 from mp_pca_planner.execution.published_motion import Joined
@@ -36,14 +37,13 @@ class World:
         self.clock_ahead = 0.0
         self.here = np.zeros(2)
         clock = lambda: self.now  # noqa: E731
-        self.states = StartStates(StateReader(), clock, clock, options=options)
+        self.states = StartStates(MeasuredStates(clock, clock, options=options))
         self.states.expect(JOINTS)
 
     def measure(self, positions, velocities=(0.0, 0.0)):
         self.here = np.asarray(positions)
-        stamp = [self.now + self.clock_ahead]
-        message = np.concatenate([stamp, self.here + self.load, velocities])
-        self.states.measured.receive(message.tobytes())
+        stamp = self.now + self.clock_ahead
+        receive(self.states.measured, stamp, self.here + self.load, velocities)
 
     def rest(self, duration=0.4, *, see=True):
         self.run(duration, lambda _: self.here, see=see)

@@ -10,8 +10,7 @@ from dense import minimum_jerk_motion, spline
 
 from mp_pca_planner.execution.measured import MeasuredSamples
 from mp_pca_planner.execution.options import FollowingOptions
-from mp_pca_planner.execution.published_motion import PublishedMotion
-from mp_pca_planner.execution.tracking import Progress, locate
+from mp_pca_planner.execution.published_motion import Progress, PublishedMotion, locate
 
 DURATION, NOW = 2.0, 11.0
 MOTION = PublishedMotion(

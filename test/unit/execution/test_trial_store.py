@@ -54,7 +54,7 @@ def test_trials_lower_the_cost_and_start_wherever_the_robot_is(model: Model) -> 
     for number in range(1, 21):
         start = START + 0.005 * random.uniform(-1.0, 1.0, 4)
         plan, trial = serve(store, model, start=start)
-        assert trial.number == trial.facts["trial"] == number
+        assert trial.number == number
         assert np.array_equal(plan.trajectory.positions[0], start)
         assert np.array_equal(plan.trajectory.positions[-1], GOAL)
         # A cost that the model knows nothing of: the elbow should be late.
@@ -73,7 +73,7 @@ def test_first_trial_is_the_planned_motion_and_repeats_until_its_cost_is_reporte
     planned = model.planner.plan(JointGoal(JointState(JOINTS, GOAL)), JointState(JOINTS, START))
     for _ in range(2):
         plan, trial = serve(store, model)
-        assert (trial.number, trial.best_cost) == (1, None)
+        assert trial.number == 1
         np.testing.assert_allclose(
             plan.trajectory.positions, planned.trajectory.positions, atol=1e-9
         )
@@ -83,7 +83,7 @@ def test_first_trial_is_the_planned_motion_and_repeats_until_its_cost_is_reporte
     with pytest.raises(LearningError, match="cost of trial 1 was reported before"):
         trial.record(2.0)
     second, trial = serve(store, model)
-    assert (trial.number, trial.best_cost) == (2, 3.0)
+    assert trial.number == 2
     assert np.abs(second.trajectory.positions - plan.trajectory.positions).max() > 1e-3
     trial.record(4.0)
     with pytest.raises(LearningError, match="none of 2 trials cost less"):
@@ -124,7 +124,6 @@ def test_process_that_was_killed_continues_with_the_next_trial(model: Model) -> 
         if number in (2, 5):
             _, again = serve(TrialStore(), model)
             assert again.number == number
-            assert again.best_cost == trial.best_cost == 1.0 / (number - 1)
             np.testing.assert_allclose(again.parameters, trial.parameters, atol=1e-12)
         trial.record(1.0 / number)
 

@@ -9,12 +9,12 @@ from patience import PATIENT
 from scipy.integrate import trapezoid
 
 from mp_pca_planner.exceptions import GoalError, PlannerError, TrajectoryError
-from mp_pca_planner.learning.primitive_around import primitive_around
 from mp_pca_planner.learning.refined_motion import (
     AMPLITUDE,
     LOG_DURATION,
     N_PARAMETERS,
     RefinedMotion,
+    primitive_around,
     segment_states,
 )
 from mp_pca_planner.learning.refinement import RefinementCost, RefinementOptions, refine

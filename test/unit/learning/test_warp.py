@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mp_pca_planner.learning.warp import N_WARP_PARAMETERS, evaluate_warp
+from mp_pca_planner.learning.refined_motion import N_WARP_PARAMETERS, evaluate_warp
 
 PHASES = np.linspace(0.0, 1.0, 201)
 parameters = st.lists(

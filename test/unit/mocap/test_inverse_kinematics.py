@@ -10,8 +10,8 @@ from arm import JOINTS, arm_robot
 from scipy.optimize import least_squares
 
 from mp_pca_planner.mocap.inverse_kinematics import (
+    MarkerProblem,
     MarkerSolverOptions,
-    marker_problem,
     solve,
     solve_each,
 )
@@ -44,12 +44,12 @@ def places(robot: Robot, q: np.ndarray, markers: tuple[MarkerPlacement, ...] = A
 
 
 def test_the_joint_angles_that_made_the_markers_are_found() -> None:
-    q = solve(marker_problem(arm_robot(), ARM, targets(), UNSMOOTHED), PERIOD)
+    q = solve(MarkerProblem(arm_robot(), ARM, targets(), UNSMOOTHED), PERIOD)
     np.testing.assert_allclose(q, motion(), atol=1e-7)
 
 
 def test_light_smoothing_changes_a_smooth_motion_by_little() -> None:
-    problem = marker_problem(arm_robot(), ARM, targets())
+    problem = MarkerProblem(arm_robot(), ARM, targets())
     q = solve(problem, PERIOD)
     np.testing.assert_allclose(q, motion(), atol=1e-3)
     assert np.nanmax(problem.residuals(np.arange(len(q)), q)) < 1e-4
@@ -57,7 +57,7 @@ def test_light_smoothing_changes_a_smooth_motion_by_little() -> None:
 
 def test_joints_in_any_order_get_the_same_angles() -> None:
     robot = Robot(_urdf(), JOINTS[::-1])
-    q = solve(marker_problem(robot, ARM, targets(), UNSMOOTHED), PERIOD)
+    q = solve(MarkerProblem(robot, ARM, targets(), UNSMOOTHED), PERIOD)
     np.testing.assert_allclose(q[:, ::-1], motion(), atol=1e-7)
 
 
@@ -71,7 +71,7 @@ def test_noisy_markers_give_the_least_squares_of_scipy() -> None:
     robot = arm_robot()
     noisy = targets()[:12] + 0.01 * np.random.default_rng(0).normal(size=(12, 3, 3))
     limits = robot.limits()
-    q = solve(marker_problem(robot, ARM, noisy, UNSMOOTHED), PERIOD)
+    q = solve(MarkerProblem(robot, ARM, noisy, UNSMOOTHED), PERIOD)
     for q_k, noisy_k, start in zip(q, noisy, motion(), strict=False):
         oracle = least_squares(
             lambda x, there=noisy_k: (places(robot, x[None])[0] - there).ravel(),
@@ -87,7 +87,7 @@ def test_smoothing_minimises_the_stated_sum() -> None:
     robot, smoothness = arm_robot(), 1e-4
     noisy = targets()[:8] + 0.01 * np.random.default_rng(0).normal(size=(8, 3, 3))
     options = MarkerSolverOptions(smoothness=smoothness)
-    q = solve(marker_problem(robot, ARM, noisy, options), PERIOD)
+    q = solve(MarkerProblem(robot, ARM, noisy, options), PERIOD)
 
     def stated(x: np.ndarray) -> np.ndarray:
         x = x.reshape(8, 4)
@@ -106,7 +106,7 @@ def test_weights_say_which_marker_to_believe() -> None:
     residuals = []
     for weight in (1.0, 1e-4):
         markers = (*ARM[:2], MarkerPlacement("wrist", "wrist", (0, 0, 0), weight=weight))
-        problem = marker_problem(arm_robot(), markers, wrong)
+        problem = MarkerProblem(arm_robot(), markers, wrong)
         q = solve(problem, PERIOD)
         residuals.append(np.median(problem.residuals(np.arange(len(q)), q), axis=0))
     assert residuals[1][0] < 0.1 * residuals[0][0]
@@ -117,7 +117,7 @@ def test_joint_limits_are_kept_where_markers_ask_for_more() -> None:
     robot = arm_robot()
     q_asked = motion()
     q_asked[40:80, 3] = 0.3  # an elbow bent the wrong way
-    q = solve(marker_problem(robot, ARM, places(robot, q_asked)), PERIOD)
+    q = solve(MarkerProblem(robot, ARM, places(robot, q_asked)), PERIOD)
     limits = robot.limits()
     assert np.all(q >= limits.lower)
     assert np.all(q <= limits.upper)
@@ -129,7 +129,7 @@ def test_a_marker_that_comes_and_goes_is_tolerated() -> None:
     seen = targets().copy()
     seen[10:30, 1] = np.nan  # elbow and wrist fix the arm while it is bent
     seen[50:60, 0] = np.nan
-    q = solve(marker_problem(arm_robot(), ARM, seen, UNSMOOTHED), PERIOD)
+    q = solve(MarkerProblem(arm_robot(), ARM, seen, UNSMOOTHED), PERIOD)
     np.testing.assert_allclose(q, motion(), atol=1e-6)
 
 
@@ -137,7 +137,7 @@ def test_frames_with_too_few_markers_are_gaps() -> None:
     seen = targets().copy()
     seen[20:25, 2] = np.nan  # nothing is left beyond the elbow
     seen[60] = np.nan
-    q = solve(marker_problem(arm_robot(), ARM, seen, UNSMOOTHED), PERIOD)
+    q = solve(MarkerProblem(arm_robot(), ARM, seen, UNSMOOTHED), PERIOD)
     gaps = np.flatnonzero(np.isnan(q).any(axis=1))
     assert gaps.tolist() == [20, 21, 22, 23, 24, 60]
     np.testing.assert_allclose(
@@ -146,7 +146,7 @@ def test_frames_with_too_few_markers_are_gaps() -> None:
 
 
 def test_joints_that_no_marker_shows_are_told() -> None:
-    problem = marker_problem(arm_robot(), ARM, targets()[:1])
+    problem = MarkerProblem(arm_robot(), ARM, targets()[:1])
     assert problem.open_joints(np.array([True, True, True])) == ()
     assert problem.open_joints(np.array([True, True, False])) == (3,)
     # An elbow alone does not show how the upper arm is turned about itself.
@@ -161,13 +161,13 @@ def test_turn_of_a_straight_arm_is_bridged_smoothly() -> None:
     q_true[:20, 3] = q_true[40:, 3] = -0.8
     q_true[20:40, 3] = -1e-9
     robot, markers = arm_robot(), (ARM[0], ARM[2])
-    q = solve(marker_problem(robot, markers, places(robot, q_true, markers)), PERIOD)
+    q = solve(MarkerProblem(robot, markers, places(robot, q_true, markers)), PERIOD)
     np.testing.assert_allclose(q[:, 2], q_true[:, 2], atol=0.05)
 
 
 def test_frames_far_apart_are_found_from_their_own_starts() -> None:
     chosen = np.array([0, 60, 119])
-    problem = marker_problem(arm_robot(), ARM, targets()[chosen])
+    problem = MarkerProblem(arm_robot(), ARM, targets()[chosen])
     np.testing.assert_allclose(solve_each(problem), motion()[chosen], atol=1e-5)
     np.testing.assert_allclose(
         solve_each(problem, motion()[chosen] + 0.1), motion()[chosen], atol=1e-5
@@ -176,5 +176,5 @@ def test_frames_far_apart_are_found_from_their_own_starts() -> None:
 
 def test_a_single_frame_and_two_are_solved() -> None:
     for n in (1, 2):
-        q = solve(marker_problem(arm_robot(), ARM, targets()[:n]), PERIOD)
+        q = solve(MarkerProblem(arm_robot(), ARM, targets()[:n]), PERIOD)
         np.testing.assert_allclose(q, motion()[:n], atol=1e-6)

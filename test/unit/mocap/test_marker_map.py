@@ -42,11 +42,11 @@ def test_everything_but_link_and_position_has_a_default(tmp_path: Path) -> None:
 def test_all_that_can_be_said_is_taken(tmp_path: Path) -> None:
     path = tmp_path / "map.yaml"
     path.write_text(
-        "base: fixed\nfit_origins: {elbow: position}\nmarkers:\n"
+        "base: identity\nfit_origins: {elbow: position}\nmarkers:\n"
         "  tip: {link: hand, position: [1, 2, 3], weight: 0.5, body: 7, offset: [0, 1, 0]}\n"
     )
     found = read_marker_map(path)
-    assert (found.base, dict(found.fit_origins)) == ("fixed", {"elbow": "position"})
+    assert (found.base, dict(found.fit_origins)) == ("identity", {"elbow": "position"})
     assert (found.markers[0].body, found.markers[0].weight) == ("7", 0.5)
     assert found.markers[0].offset.tolist() == [0.0, 1.0, 0.0]
 
@@ -67,7 +67,7 @@ def test_all_that_can_be_said_is_taken(tmp_path: Path) -> None:
         ("markers: {a: {link: x, position: [0, 0, b]}}", "position of marker 'a' must be numbers"),
         ("markers: {a: {link: x, position: [0, 0, 0], weight: 0}}", "weight of marker 'a' is 0"),
         ("markers: {a: {link: x, position: [0, 0, 0], wieght: 1}}", "did you mean 'weight'"),
-        (f"base: flying\nmarkers: {{{WRIST}}}", "'moving', 'fixed', 'identity'"),
+        (f"base: flying\nmarkers: {{{WRIST}}}", "'moving', 'identity'"),
         (f"fit_origins: {{e: size}}\nmarkers: {{{WRIST}}}", "'e' is called 'size'"),
         (f"fit_origins: [e]\nmarkers: {{{WRIST}}}", "fit_origins must map joints"),
         (f"scale: 1\nmarkers: {{{WRIST}}}", "no key is called 'scale'"),

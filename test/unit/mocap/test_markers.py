@@ -21,9 +21,7 @@ from scipy.spatial.transform import Rotation
 
 from mp_pca_planner.exceptions import RecordingError
 from mp_pca_planner.mocap.marker_map import MarkerPlacement
-from mp_pca_planner.mocap.markers import find_markers, read_markers
-from mp_pca_planner.recordings.bags import write_markers
-from mp_pca_planner.recordings.inspection import inspect_recording
+from mp_pca_planner.mocap.markers import read_markers
 
 STEP = S // 100
 N = 20
@@ -44,22 +42,6 @@ def test_marker_arrays_are_read_by_namespace(tmp_path: Path, bag_format: str) ->
     expected = EPOCH + STEP * np.arange(N)
     np.testing.assert_array_equal(found.header_stamps, expected)
     np.testing.assert_array_equal(found.receive_stamps, expected)
-
-
-def test_written_markers_are_read_back(tmp_path: Path) -> None:
-    written = PATHS[:2].transpose(1, 0, 2).copy()
-    written[3, 1, 0] = np.nan
-    stamps = EPOCH + STEP * np.arange(N)
-    write_markers(tmp_path / "bag", ("elbow", "wrist"), stamps, written)
-    found = read_markers(tmp_path / "bag", "/markers", placed("elbow", "wrist"))
-    written[3, 1] = np.nan
-    np.testing.assert_array_equal(found.positions, written)
-    np.testing.assert_array_equal(found.header_stamps, stamps)
-
-
-def test_markers_to_write_must_have_places(tmp_path: Path) -> None:
-    with pytest.raises(RecordingError, match=r"shape \(20, 1, 3\), got \(20, 2, 3\)"):
-        write_markers(tmp_path / "bag", ["elbow"], np.arange(N), PATHS[:2].transpose(1, 0, 2))
 
 
 def test_markers_of_one_namespace_are_told_apart_by_id(tmp_path: Path) -> None:
@@ -180,18 +162,14 @@ def test_a_body_with_an_orientation_gives_points_on_it(tmp_path: Path) -> None:
 
 
 def tf_bag(path: Path, hand_parent: str = "room", bag_format: str = "mcap", kind: str = TF) -> Path:
-    """A hand below a body that moves below a static room below the world."""
+    """A marker and a hand in a room, whose parent changes on the way."""
     messages = Messages(bag_format)
-    quarter = Rotation.from_euler("z", 90, degrees=True).as_quat()
-    room = messages.transform("world", "room", (1, 0, 0), EPOCH, quarter)
-    entries = [("/tf_static", kind, EPOCH, messages.make(kind, [room]))]
+    entries = []
     for k in range(N):
         stamp = EPOCH + k * STEP
-        parent = "room" if k < N // 2 else hand_parent
         frames = [
-            messages.transform("room", "body", PATHS[0, k], stamp, quarter),
-            messages.transform("body", "marker", PATHS[1, k], stamp),
-            messages.transform(parent, "hand", PATHS[2, k], stamp),
+            messages.transform("/room", "marker", PATHS[1, k], stamp),
+            messages.transform("room" if k < N // 2 else hand_parent, "/hand", PATHS[2, k], stamp),
         ]
         entries.append(("/tf", kind, stamp, messages.make(kind, frames)))
     return write_messages(path, messages, entries)
@@ -201,15 +179,10 @@ def tf_bag(path: Path, hand_parent: str = "room", bag_format: str = "mcap", kind
     ("bag_format", "kind"),
     [("rosbag1", TF), ("rosbag1", OLD_TF), ("sqlite3", TF), ("mcap", TF)],
 )
-def test_frames_are_resolved_to_the_root_of_their_tree(
-    tmp_path: Path, bag_format: str, kind: str
-) -> None:
+def test_frames_are_read_by_name(tmp_path: Path, bag_format: str, kind: str) -> None:
     path = tf_bag(tmp_path / "bag", bag_format=bag_format, kind=kind)
     found = read_markers(path, "/tf", placed("marker", "hand"))
-    quarter = Rotation.from_euler("z", 90, degrees=True)
-    in_room = np.stack([PATHS[0] + quarter.apply(PATHS[1]), PATHS[2]], axis=1)
-    expected = quarter.apply(in_room.reshape(-1, 3)) + np.eye(3)[0]
-    np.testing.assert_allclose(found.positions.reshape(-1, 3), expected, atol=1e-12)
+    np.testing.assert_allclose(found.positions, np.stack([PATHS[1], PATHS[2]], axis=1), atol=1e-12)
 
 
 def test_markers_before_the_damage_are_salvaged(tmp_path: Path, bag_format: str) -> None:
@@ -227,9 +200,9 @@ def test_markers_before_the_damage_are_salvaged(tmp_path: Path, bag_format: str)
     assert f"only the {n_frames} messages" in found.notes[0]
 
 
-def test_a_frame_with_two_parents_is_refused_by_name(tmp_path: Path) -> None:
+def test_a_marker_in_two_frames_is_refused_by_name(tmp_path: Path) -> None:
     path = tf_bag(tmp_path / "bag", hand_parent="elsewhere")
-    with pytest.raises(RecordingError, match="frame 'hand' has two parents in '/tf', 'room' and"):
+    with pytest.raises(RecordingError, match="'hand' is given in two frames in '/tf', 'room' and"):
         read_markers(path, "/tf", placed("hand"))
 
 
@@ -264,43 +237,3 @@ def test_a_marker_without_any_finite_position_is_refused_by_name(tmp_path: Path)
     path = write_messages(tmp_path / "bag", messages, entries)
     with pytest.raises(RecordingError, match="marker 'a' has no finite position"):
         read_markers(path, "/markers", placed("a"))
-
-
-def test_inspection_looks_into_markers(tmp_path: Path, bag_format: str) -> None:
-    wrist = np.array(PATHS[1])
-    wrist[8:12] = np.nan
-    path = write_marker_arrays(
-        tmp_path / "bag", {"elbow": PATHS[0], "wrist": wrist}, bag_format=bag_format
-    )
-    found = inspect_recording(path, find_markers=find_markers)
-    assert [(m.topic, m.name, m.n_samples, m.n_gaps) for m in found.markers] == [
-        ("/markers", "elbow", N, 0),
-        ("/markers", "wrist", N - 4, 1),
-    ]
-    assert [m.missing_share for m in found.markers] == pytest.approx([0.0, 4 / N])
-    assert [m.rate for m in found.markers] == pytest.approx([100.0, 100.0])
-    assert "no topic holds joint states" in str(found.refusal)
-
-
-def test_inspection_looks_into_frames(tmp_path: Path) -> None:
-    found = {
-        m.name: m
-        for m in inspect_recording(tf_bag(tmp_path / "bag"), find_markers=find_markers).markers
-    }
-    assert {name: m.n_samples for name, m in found.items()} == {
-        "room": 1,
-        "body": N,
-        "marker": N,
-        "hand": N,
-    }
-    assert found["room"].rate is None
-    assert found["hand"].rate == pytest.approx(100.0)
-
-
-def test_frames_that_can_not_be_used_do_not_hide_the_rest(tmp_path: Path) -> None:
-    found = inspect_recording(
-        tf_bag(tmp_path / "bag", hand_parent="elsewhere"), find_markers=find_markers
-    )
-    assert found.markers == ()
-    assert "frame 'hand' has two parents" in found.notes[0]
-    assert "no topic holds joint states" in str(found.refusal)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from mp_pca_planner.mocap.rigid_fit import fit_poses, fix_a_pose
+from mp_pca_planner.mocap.marker_joint_states import fit_poses, fix_a_pose
 
 RNG = np.random.default_rng(3)
 TURNS = Rotation.random(8, random_state=4)

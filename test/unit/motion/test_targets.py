@@ -6,8 +6,15 @@ import numpy as np
 import pytest
 
 from mp_pca_planner.exceptions import GoalError
-from mp_pca_planner.motion.goal import JointGoal, JointState, Pose, PoseGoal, SequenceGoal
-from mp_pca_planner.motion.targets import as_goal, as_state
+from mp_pca_planner.motion.goal import (
+    JointGoal,
+    JointState,
+    Pose,
+    PoseGoal,
+    SequenceGoal,
+    as_goal,
+    as_state,
+)
 
 JOINTS = ("a", "b")
 

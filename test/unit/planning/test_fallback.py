@@ -18,8 +18,7 @@ from test_collision import ACROSS_BASE, chain, chain_planner
 from test_planner import planner, request
 
 from mp_pca_planner.exceptions import GoalError
-from mp_pca_planner.learning.primitive_around import primitive_around
-from mp_pca_planner.learning.refined_motion import RefinedMotion
+from mp_pca_planner.learning.refined_motion import RefinedMotion, primitive_around
 from mp_pca_planner.motion.collision import CollisionModel
 from mp_pca_planner.motion.goal import JointGoal, JointState, Pose, PoseGoal, SequenceGoal, Via
 from mp_pca_planner.motion.validation import check_executable, check_limits

@@ -126,11 +126,11 @@ def test_conditions_have_the_derivatives_of_central_differences():
         Condition(PoseTarget(robot, pose), 1.0),
     ]
     program, x = compile_free(conditions=conditions)
-    errors, rows = program.equalities(x)
+    errors, rows = program.equations.residuals(x)
     assert errors.shape == (2 + 3 + 6,)
-    wanted = central_differences(lambda x: program.equalities(x)[0], x)
+    wanted = central_differences(lambda x: program.equations.residuals(x)[0], x)
     np.testing.assert_allclose(rows, wanted, atol=1e-7)
-    phases = program.phases(x)
+    phases = program.equations.phases(x)
     assert phases[0] == 0.4 and 0.4 < phases[1] < 0.8 and phases[2] == 1.0
 
 

@@ -6,6 +6,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from dataclasses import replace
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -14,19 +15,27 @@ import pytest
 from arm import arm_primitive, arm_robot
 
 from mp_pca_planner.exceptions import PlannerError
-from mp_pca_planner.motion.goal import JointGoal, JointState
+from mp_pca_planner.motion.goal import JointGoal, JointState, Via
 from mp_pca_planner.motion.trajectory import Trajectory
 from mp_pca_planner.planning.plan import Plan
 from mp_pca_planner.planning.planner import Planner
 from mp_pca_planner.plotting.arm import arm_figure
-from mp_pca_planner.plotting.drawing import draw_motion, picture
+from mp_pca_planner.plotting.drawing import picture
 from mp_pca_planner.plotting.figures import plot_plan, plot_primitive
 from mp_pca_planner.plotting.motion import motion_figure
+from mp_pca_planner.plotting.plan import N_DEMONSTRATIONS, plan_figure
 from mp_pca_planner.plotting.primitive import PHASES, primitive_figure
+from mp_pca_planner.plotting.recording import recording_figure
 from mp_pca_planner.plotting.style import add_header, line, styled_figure
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
 from mp_pca_planner.primitives.primitive import MovementPrimitive
-from mp_pca_planner.recordings.demonstration import Demonstration
+from mp_pca_planner.recordings.demonstration import (
+    Demonstration,
+    Overview,
+    RecordingReport,
+    Segment,
+)
+from mp_pca_planner.recordings.segmentation import SpeedThresholds
 from mp_pca_planner.robot.limits import JointLimits
 
 image = pytest.importorskip("matplotlib.image", reason="matplotlib is not installed")
@@ -89,6 +98,17 @@ def draw_arm(path: Path, motions: dict[str, np.ndarray]) -> None:
         arm_figure(figure, motions, "Arm", "wrist")
 
 
+def draw_motion(
+    path: Path,
+    motion: Trajectory,
+    others: dict[str, Trajectory] | None = None,
+    limits: JointLimits | None = None,
+    force: bool = False,
+) -> None:
+    with picture(path, force=force) as figure:
+        motion_figure(figure, {"planned": motion, **(others or {})}, "A motion", limits)
+
+
 def trajectory(n_joints: int = 2, scale: float = 1.0, with_efforts: bool = True) -> Trajectory:
     t = np.linspace(0.0, 0.8, 41)
     q = scale * np.outer(np.sin(2 * t), 1 + np.arange(n_joints))
@@ -139,10 +159,8 @@ def test_same_input_gives_the_same_picture(tmp_path: Path) -> None:
 
 def test_picture_of_a_motion_shows_the_motion_and_what_it_is_compared_with(tmp_path: Path) -> None:
     alone, compared = tmp_path / "alone.png", tmp_path / "compared.png"
-    draw_motion(alone, trajectory(), title="A motion")
-    draw_motion(
-        compared, trajectory(), title="A motion", others={"B-spline": trajectory(scale=0.7)}
-    )
+    draw_motion(alone, trajectory())
+    draw_motion(compared, trajectory(), {"B-spline": trajectory(scale=0.7)})
     assert n_pixels(alone, BLUE) > 1000
     assert n_pixels(alone, ORANGE) == 0
     assert n_pixels(compared, ORANGE) > 500
@@ -150,7 +168,7 @@ def test_picture_of_a_motion_shows_the_motion_and_what_it_is_compared_with(tmp_p
 
 def test_efforts_have_panels_only_if_there_are_efforts(tmp_path: Path) -> None:
     for name, with_efforts in (("with.png", True), ("without.png", False)):
-        draw_motion(tmp_path / name, trajectory(with_efforts=with_efforts), title="A motion")
+        draw_motion(tmp_path / name, trajectory(with_efforts=with_efforts))
     assert pixels(tmp_path / "with.png").shape[0] > pixels(tmp_path / "without.png").shape[0] + 100
 
 
@@ -158,7 +176,7 @@ def test_limits_are_drawn_where_the_motion_comes_near(tmp_path: Path) -> None:
     def black(max_velocity: float) -> int:
         limits = JointLimits(names(2), {"joint0": {"max_velocity": max_velocity}})
         path = tmp_path / f"{max_velocity}.png"
-        draw_motion(path, trajectory(), title="A motion", limits=limits)
+        draw_motion(path, trajectory(), limits=limits)
         return n_pixels(path, BLACK)
 
     # The fastest that joint0 gets is 2 rad/s; only the lines of the limit are pure black.
@@ -175,15 +193,15 @@ def test_prismatic_joints_are_drawn_in_metres() -> None:
     np.testing.assert_allclose(panels["velocity [m/s]"], motion.velocities[:, 1])
 
 
-def test_shapes_of_prismatic_joints_are_drawn_in_millimetres() -> None:
+def test_shapes_of_prismatic_joints_are_drawn_in_metres() -> None:
     shown = primitive(prismatic_joints=["joint1"])
     demonstrations = np.random.default_rng(1).normal(size=(3, PHASES.size, 2))
     with styled_figure() as figure:
         primitive_figure(figure, shown, demonstrations)
     panels = {axes.get_ylabel(): axes.lines[0].get_ydata() for axes in figure.axes}
-    np.testing.assert_allclose(panels["position [mm]"], 1e3 * demonstrations[0, :, 1])
+    np.testing.assert_allclose(panels["position [m]"], demonstrations[0, :, 1])
     np.testing.assert_allclose(panels["position [deg]"], np.rad2deg(demonstrations[0, :, 0]))
-    assert "shape [mm]" in panels and "shape [deg]" in panels
+    assert "shape [m]" in panels and "shape [deg]" in panels
 
 
 @pytest.mark.parametrize("n_joints", [1, 4, 7, 13, 40])
@@ -193,6 +211,40 @@ def test_motion_of_any_arm_has_at_most_twelve_panels_and_shows_every_joint(n_joi
         panels = motion_figure(figure, motions, "Motions")
     assert len(figure.axes) == 3 * len(panels) <= 12
     assert sum(len(axes.lines) for axes in figure.axes) == 2 * 3 * n_joints
+
+
+@pytest.mark.parametrize("n_sliding", [0, 1, 3, 7])
+def test_columns_of_many_joints_have_one_unit_each(n_sliding: int) -> None:
+    motion, sliding = trajectory(7), names(7)[:n_sliding]
+    with styled_figure() as figure:
+        panels = motion_figure(figure, {"a": motion}, "Motion", prismatic=sliding)
+    assert len(panels) == 4
+    shown = []
+    for above, middle, below in panels:
+        joints = [line.get_label() for line in above.lines]
+        shown += joints
+        labels = [axes.get_ylabel() for axes in (above, middle, below)]
+        metres = ["position [m]", "velocity [m/s]", "effort [N]"]
+        degrees = ["position [deg]", "velocity [deg/s]", "effort [N·m]"]
+        if set(joints) <= set(sliding):
+            assert labels == metres
+        else:
+            assert set(joints).isdisjoint(sliding)
+            # Without prismatic joints, the first column has the labels for all.
+            assert labels == degrees or (not sliding and labels == [""] * 3)
+    assert sorted(shown) == names(7)
+
+
+def all_legends_inside(figure: Any) -> bool:
+    """Whether every legend lies in its figure, and none on another's."""
+    figure.draw_without_rendering()
+    found = [*figure.legends, *(axes.get_legend() for axes in figure.axes)]
+    boxes = [legend.get_window_extent() for legend in found if legend is not None]
+    apart = all(not a.overlaps(b) for a, b in combinations(boxes, 2))
+    return apart and all(
+        box.x0 >= 0.0 and box.y0 >= 0.0 and box.x1 <= figure.bbox.x1 and box.y1 <= figure.bbox.y1
+        for box in boxes
+    )
 
 
 @pytest.mark.parametrize("length", [5, 30, 200])
@@ -208,8 +260,29 @@ def test_titles_and_legends_are_never_cut(length: int) -> None:
     assert axes.get_window_extent().height > 1.5 * figure.dpi
 
 
+@pytest.mark.parametrize(("n_joints", "length"), [(1, 6), (7, 20), (14, 6), (14, 40), (40, 12)])
+def test_legend_of_a_recording_names_every_joint_and_is_never_cut(
+    n_joints: int, length: int
+) -> None:
+    joints = tuple(f"{i}" + length * "m" for i in range(n_joints))
+    times = np.linspace(0.0, 9.0, 50)
+    positions = np.outer(np.sin(times), np.arange(1, n_joints + 1))
+    report = RecordingReport(
+        *("session", "session.mcap", "mcap", "/joint_states", 50, 5.0, 9.0, joints, "", {}),
+        motions=(Segment(1.0, 2.0), Segment(4.0, 6.0)),
+        thresholds=SpeedThresholds(0.2, 0.5),
+        notes=(),
+        overview=Overview(times, positions, np.abs(np.cos(times))),
+    )
+    with styled_figure() as figure:
+        recording_figure(figure, report)
+        assert all_legends_inside(figure)
+    texts = [text.get_text().replace("\n", "") for text in figure.legends[0].get_texts()]
+    assert texts == [*joints, "motion", "rest"]
+
+
 def test_joint_that_does_not_move_is_drawn(tmp_path: Path) -> None:
-    draw_motion(tmp_path / "m.png", trajectory(scale=0.0), title="No motion")
+    draw_motion(tmp_path / "m.png", trajectory(scale=0.0))
     assert n_pixels(tmp_path / "m.png", BLUE) > 1000
 
 
@@ -234,7 +307,7 @@ def test_names_are_shown_as_they_are() -> None:
 def test_motion_of_one_point_is_refused(tmp_path: Path) -> None:
     point = Trajectory(["joint0"], [0.0], [[1.0]], [[0.0]], [[0.0]])
     with pytest.raises(PlannerError, match="one point"):
-        draw_motion(tmp_path / "m.png", point, title="")
+        draw_motion(tmp_path / "m.png", point)
 
 
 def test_arm_has_a_row_for_each_motion(tmp_path: Path) -> None:
@@ -276,15 +349,15 @@ def test_existing_file_is_kept_unless_forced(tmp_path: Path) -> None:
     path = tmp_path / "m.png"
     path.write_text("precious", encoding="utf-8")
     with pytest.raises(PlannerError, match="exists already"):
-        draw_motion(path, trajectory(), title="A motion")
+        draw_motion(path, trajectory())
     assert path.read_text(encoding="utf-8") == "precious"
-    draw_motion(path, trajectory(), title="A motion", force=True)
+    draw_motion(path, trajectory(), force=True)
     assert pixels(path).size > 0
 
 
 def test_other_endings_than_png_are_refused(tmp_path: Path) -> None:
     with pytest.raises(PlannerError, match="pictures are PNG files"):
-        draw_motion(tmp_path / "motion.pdf", trajectory(), title="A motion")
+        draw_motion(tmp_path / "motion.pdf", trajectory())
 
 
 def run_python(code: str) -> subprocess.CompletedProcess[str]:
@@ -317,6 +390,63 @@ def test_pyplot_and_its_settings_are_left_alone(tmp_path: Path) -> None:
         "assert matplotlib.rcParams['font.size'] == before"
     )
     assert done.returncode == 0, done.stderr
+
+
+# Figures of plans
+
+
+def plan_between(start: int, goal: int, vias: tuple[float, ...] = (), scale: float = 1.0) -> Plan:
+    """A plan of the arm between ends of demonstrations, stretched about their mean."""
+    robot, shown = arm_robot(), arm_primitive()
+    ends = shown.boundary_states[[start, goal], [0, 3]]
+    q0, q1 = ends.mean(axis=0) + scale * (ends - ends.mean(axis=0))
+    via = [Via(JointState(robot.joint_names, q0 + 0.5 * (q1 - q0)), phase) for phase in vias]
+    wide = {n: {"max_position": 9.0, "min_position": -9.0} for n in robot.joint_names}
+    planner = Planner(robot, [shown], robot.limits(wide))
+    goal_state = JointGoal(JointState(robot.joint_names, q1), vias=tuple(via))
+    return planner.plan(goal_state, JointState(robot.joint_names, q0))
+
+
+def test_plan_shows_its_vias_where_it_passes_them() -> None:
+    found = plan_between(0, 0, vias=(0.4,))
+    with styled_figure() as figure:
+        panels = plan_figure(figure, found)
+        assert all_legends_inside(figure)
+    motion = found.trajectory
+    for joint, (above, *_) in enumerate(panels):
+        (via,) = (x for x in above.lines if x.get_marker() == "D")
+        expected = np.interp(0.4 * motion.duration, motion.times, motion.positions[:, joint])
+        np.testing.assert_allclose(via.get_xdata(), 0.4 * motion.duration)
+        np.testing.assert_allclose(via.get_ydata(), np.rad2deg(expected))
+    assert [x.get_text() for x in figure.legends[0].get_texts()] == ["planned", "via"]
+
+
+def test_plan_has_the_demonstrations_behind_it_that_are_nearest_to_it() -> None:
+    found, primitive = plan_between(3, 3), arm_primitive()
+    with styled_figure() as figure:
+        panels = plan_figure(figure, found, [primitive])
+    ends = primitive.boundary_states[:, [0, 3]]
+    away = np.linalg.norm((ends - ends[3]) / (ends.std(axis=0) + 1e-3), axis=(1, 2))
+    nearest = np.argsort(away)[:N_DEMONSTRATIONS]
+    assert nearest[0] == 3
+    for joint, (above, *_) in enumerate(panels):
+        planned, *behind = above.lines
+        assert len(behind) == N_DEMONSTRATIONS
+        assert all(x.get_zorder() < planned.get_zorder() for x in behind)
+        shown = np.array([x.get_ydata()[[0, -1]] for x in behind])
+        np.testing.assert_allclose(shown, np.rad2deg(ends[nearest][:, :, joint]), atol=1e-6)
+        assert {x.get_xdata()[-1] for x in behind} == {found.duration}
+
+
+def test_plan_far_from_the_demonstrations_carries_the_warning() -> None:
+    far = plan_between(0, 1, scale=6.0)
+    assert far.in_span_score > 3.0
+    for found, n_warnings in ((far, 1), (plan_between(0, 0), 0)):
+        with styled_figure() as figure:
+            plan_figure(figure, found, [arm_primitive()])
+            assert all_legends_inside(figure)
+        texts = [x.get_text().replace("\n", " ") for x in figure.legends[0].get_texts()]
+        assert sum("unlike the demonstrations" in text for text in texts) == n_warnings
 
 
 # Figures for notebooks

@@ -16,20 +16,20 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import EPOCH, FORMATS, S, reaching, stamped, write_bag
+from conftest import EPOCH, FORMATS, S, reaching, read_joint_states, stamped, write_bag
 from lz4.frame import compress as compress_lz4
 from test_salvage import compressed_bag
 
 from mp_pca_planner.exceptions import PlannerError, RecordingError
-from mp_pca_planner.recordings.bags import files, read_joint_states, unpacking, write_joint_states
+from mp_pca_planner.input_limits import INPUT_LIMITS, InputLimits
+from mp_pca_planner.recordings.bags import files, storage, write_joint_states
 from mp_pca_planner.recordings.inspection import inspect_recording
 from mp_pca_planner.recordings.load import load_recordings
-from mp_pca_planner.recordings.repair.joints import MAX_JOINTS
 
 MB = 1 << 20
 ZEROS = bytes(400 * MB)
 COMPRESS: dict[str, Callable[[bytes], bytes]] = {
-    "zstd": unpacking.zstd.compress,
+    "zstd": storage.zstd.compress,
     "lz4": compress_lz4,
     "bz2": bz2.compress,
 }
@@ -108,13 +108,13 @@ def test_chunk_of_ros_1_unpacks_to_what_it_declares(tmp_path: Path, compression:
 def test_bomb_of_any_compression_is_unpacked_to_the_limit_only(compression: str) -> None:
     stored = COMPRESS[compression](ZEROS[: 40 * MB])
     tracemalloc.start()
-    with pytest.raises(unpacking.UnpackingError, match="more than 1,000 bytes"):
-        unpacking.unpacked(compression, stored, 1000)
+    with pytest.raises(storage.UnpackingError, match="more than 1,000 bytes"):
+        storage.unpacked(compression, stored, 1000)
     _, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()
     assert peak < 10 * MB
     twice = 2 * COMPRESS[compression](b"ab")
-    assert unpacking.unpacked(compression, twice) == b"abab"
+    assert storage.unpacked(compression, twice) == b"abab"
 
 
 @pytest.mark.parametrize("salvage", [False, True])
@@ -122,13 +122,13 @@ def test_file_that_is_compressed_as_a_whole_does_not_fill_the_disk(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, salvage: bool
 ) -> None:
     (tmp_path / "bomb").mkdir()
-    (tmp_path / "bomb" / "bomb_0.mcap.zstd").write_bytes(unpacking.zstd.compress(ZEROS))
-    monkeypatch.setattr(unpacking, "MAX_UNPACKED", MB)
+    (tmp_path / "bomb" / "bomb_0.mcap.zstd").write_bytes(storage.zstd.compress(ZEROS))
+    monkeypatch.setattr(storage, "INPUT_LIMITS", InputLimits(unpacked_bytes=MB))
     sizes: list[int] = []
 
     def watched(source: Path, target: Path) -> None:
         try:
-            unpacking.copy_unpacked(source, target)
+            storage.copy_unpacked(source, target)
         finally:
             sizes.append(target.stat().st_size)
 
@@ -196,7 +196,7 @@ def test_more_joints_than_any_robot_has_are_refused_unless_some_are_chosen(tmp_p
     stamps = EPOCH + np.arange(len(motion)) * S // 5
     write_joint_states(tmp_path / "x", "mcap", names, stamps, motion * np.linspace(-1, 1, n))
     reason = refusal(tmp_path / "x")
-    assert f"{n} joints of '/joint_states' are more than the {MAX_JOINTS}" in reason
+    assert f"{n} joints of '/joint_states' are more than the {INPUT_LIMITS.joints}" in reason
     (chosen,) = load_recordings([tmp_path / "x"], joints=["joint_29999"]).demonstrations
     assert chosen.positions.shape[1] == 1
     (refused,) = load_recordings([tmp_path / "x"], joints=["jont_5"]).refused

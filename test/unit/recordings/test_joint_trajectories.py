@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from conftest import EPOCH, S, stamped, write_bag
+from conftest import EPOCH, S, list_topics, stamped, write_bag
 from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Writer2
@@ -19,9 +19,9 @@ from rosbags.typesys import Stores, get_typestore
 from scipy.interpolate import BPoly, CubicHermiteSpline
 
 from mp_pca_planner.exceptions import RecordingError
-from mp_pca_planner.motion.interpolation import interpolate_at
+from mp_pca_planner.motion.interpolation import interpolate_at, segment_ends
 from mp_pca_planner.motion.trajectory import Trajectory
-from mp_pca_planner.recordings.bags import list_topics, open_bag, write_joint_trajectory
+from mp_pca_planner.recordings.bags import open_bag, write_joint_trajectory
 from mp_pca_planner.recordings.inspection import inspect_recording
 from mp_pca_planner.recordings.joint_trajectories import read_trajectories, repair_trajectories
 from mp_pca_planner.recordings.load import load_recordings
@@ -80,17 +80,21 @@ def cleaned(path: Path, joints: Sequence[str] | None = None) -> CleanRecording:
         return repair_trajectories(read_trajectories(bag, bag.topics[0]), joints)
 
 
+def positions_at(instants: np.ndarray, times: np.ndarray, *points: np.ndarray) -> np.ndarray:
+    return interpolate_at(instants, times, segment_ends(times, *points))[0]
+
+
 def test_points_are_joined_by_what_they_hold() -> None:
     asked = np.linspace(0.0, 1.2, 77)
     missing = np.full((4, 2), np.nan)
-    straight = interpolate_at(asked, TIMES, POINTS, missing, missing)
+    straight = positions_at(asked, TIMES, POINTS, missing, missing)
     for joint in range(2):
         expected = np.interp(asked, TIMES, POINTS[:, joint])
         np.testing.assert_allclose(straight[:, joint], expected, atol=1e-12)
-    cubic = interpolate_at(asked, TIMES, POINTS, RATES, missing)
+    cubic = positions_at(asked, TIMES, POINTS, RATES, missing)
     np.testing.assert_allclose(cubic, CubicHermiteSpline(TIMES, POINTS, RATES)(asked), atol=1e-12)
     accelerations = np.random.default_rng(1).normal(size=(4, 2))
-    quintic = interpolate_at(asked, TIMES, POINTS, RATES, accelerations)
+    quintic = positions_at(asked, TIMES, POINTS, RATES, accelerations)
     curve = BPoly.from_derivatives(TIMES, np.stack([POINTS, RATES, accelerations], axis=1))
     np.testing.assert_allclose(quintic, curve(asked), atol=1e-12)
 
@@ -100,7 +104,7 @@ def test_a_segment_has_only_what_both_of_its_points_hold() -> None:
     velocities[2] = np.nan
     asked = np.array([0.2, 0.7, 1.1])
     missing = np.full((4, 2), np.nan)
-    found = interpolate_at(asked, TIMES, POINTS, velocities, missing)
+    found = positions_at(asked, TIMES, POINTS, velocities, missing)
     cubic = CubicHermiteSpline(TIMES, POINTS, RATES)(asked)
     np.testing.assert_allclose(found[0], cubic[0], atol=1e-12)
     np.testing.assert_allclose(found[1:], [(POINTS[1] + POINTS[2]) / 2, (POINTS[2:].mean(axis=0))])
@@ -123,7 +127,7 @@ def test_each_message_is_a_motion_as_the_controller_makes_it(
     missing = np.full((4, 2), np.nan)
     for piece, start in zip(clean.pieces, (0.0, 5.0), strict=True):
         assert (piece.times[0], piece.times[-1]) == pytest.approx((start, start + 1.2))
-        expected = interpolate_at(
+        expected = positions_at(
             piece.times - start,
             TIMES,
             POINTS,
@@ -143,7 +147,7 @@ def test_a_replaced_motion_ends_where_the_next_one_starts(tmp_path: Path, bag_fo
     assert clean.repairs == {"replaced": 2, "single_points": 1}
     spans = [(piece.times[0], piece.times[-1]) for piece in clean.pieces]
     np.testing.assert_allclose(spans, [(0.0, 0.7), (0.7, 1.4)], atol=1e-9)
-    half = interpolate_at(np.array([0.7]), TIMES, POINTS, *np.full((2, 4, 2), np.nan))
+    half = positions_at(np.array([0.7]), TIMES, POINTS, *np.full((2, 4, 2), np.nan))
     np.testing.assert_allclose(clean.pieces[0].positions[-1:], half, atol=1e-9)
 
 

@@ -9,13 +9,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import EPOCH, Message, S, reaching, stamped, write_bag
+from conftest import EPOCH, Message, S, reaching, read_joint_states, stamped, write_bag
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from mp_pca_planner.exceptions import RecordingError, UnusableRecordingError
-from mp_pca_planner.recordings.bags import read_joint_states
 from mp_pca_planner.recordings.joint_states import JointLayout, RawJointStates
 from mp_pca_planner.recordings.repair import REPAIRS, CleanRecording, RepairOptions, repair
 
@@ -391,7 +390,7 @@ def test_repairs_counted_before_a_refusal_are_kept(bag: Bag) -> None:
     messages[7].positions = [np.nan, 0.3]
     with pytest.raises(UnusableRecordingError, match="nothing moves") as caught:
         bag.repaired(messages)
-    assert caught.value.repairs == {"malformed": 1, "non_finite": 1}
+    assert caught.value.findings["repairs"] == {"malformed": 1, "non_finite": 1}
 
 
 def test_messages_without_stamp_among_stamped_ones_are_counted_and_dropped(bag: Bag) -> None:

@@ -14,8 +14,7 @@ from arm import JOINTS, arm_robot
 from mp_pca_planner.exceptions import MissingDependencyError, SimulationError
 from mp_pca_planner.resources import config_file
 from mp_pca_planner.robot.model import Robot
-from mp_pca_planner.simulation.mujoco_plant import MujocoPlant
-from mp_pca_planner.simulation.plant import PERIOD, Drives, PinocchioPlant
+from mp_pca_planner.simulation.plant import PERIOD, Drives, MujocoPlant, PinocchioPlant
 
 URDF = config_file("human_arm.urdf").read_text(encoding="utf-8")
 START = np.array([0.3, 0.4, -0.2, 0.9])

@@ -6,15 +6,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from arm import JOINTS
+from arm import JOINTS, arm_robot
 from referee import judge
 
 from mp_pca_planner.exceptions import SimulationError
 from mp_pca_planner.motion.trajectory import Trajectory
-from mp_pca_planner.resources import config_file
 from mp_pca_planner.simulation import ControllerOptions, Faults, SimulatedRobot
 
-URDF = config_file("human_arm.urdf").read_text(encoding="utf-8")
 START = np.array([0.1, 0.2, 0.0, 0.8])
 SHIFT = np.array([0.6, -0.4, 0.5, 0.7])
 DURATION = 1.0
@@ -27,7 +25,7 @@ LIMITS = {
 
 
 def robot(**options):
-    return SimulatedRobot(URDF, JOINTS, START, **options)
+    return SimulatedRobot(arm_robot(), START, **options)
 
 
 def motion(start=START, shift=SHIFT):

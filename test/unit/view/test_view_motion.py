@@ -8,7 +8,7 @@ from arm import arm_demonstrations, arm_primitive
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mp_pca_planner.recordings.reports import RecordingSet
+from mp_pca_planner.recordings.demonstration import RecordingSet
 from mp_pca_planner.view.components import bent_motion, component_names, variance_shares
 from mp_pca_planner.view.demonstrations import recorded, reproduced
 from mp_pca_planner.view.motion import Playback, ShownMotion

@@ -1,0 +1,31 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Tables of the benchmarks: as text, or with ``--json`` as scripts/record_results.py reads them."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Mapping, Sequence
+
+from mp_pca_planner.plotting.text import table
+
+Table = tuple[Sequence[str], Sequence[Sequence[str]]]
+"""A header and rows of text."""
+
+
+def benchmark_parser(documentation: str) -> argparse.ArgumentParser:
+    """A parser with the option ``--json``; its description is the first line of a text."""
+    parser = argparse.ArgumentParser(description=documentation.splitlines()[0])
+    parser.add_argument("--json", action="store_true", help="print the tables as JSON")
+    return parser
+
+
+def show(tables: Mapping[str, Table], *, as_json: bool) -> None:
+    """Print tables by their titles."""
+    if as_json:
+        named = {title: {"header": h, "rows": rows} for title, (h, rows) in tables.items()}
+        print(json.dumps({"tables": named}, ensure_ascii=False))
+        return
+    for title, (header, rows) in tables.items():
+        print(f"{title}\n{table(rows, header=header)}\n")

@@ -1,0 +1,70 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Limits on the input of the package, which comes from files and messages of others."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class InputLimits:
+    """Largest sizes and values that are accepted; a refusal states the limit.
+
+    Attributes
+    ----------
+    text_bytes : int
+        Text file: URDF, SRDF, CSV, JSON.
+    yaml_bytes, yaml_depth : int
+        YAML text, and its nesting depth of mappings and lists.
+    yaml_value_bytes : int
+        One value of YAML: parsing of integers takes time proportional to the square of their size.
+    json_digits : int
+        Integer of JSON: more digits exceed a float, and take long to convert.
+    definition_characters : int
+        Definition of messages in a bag; large definitions of ROS have a third of that.
+    unpacked_bytes : int
+        Unpacked chunk or message of a bag.
+    unpacked_ratio : int
+        A file unpacks to at most this many times its size, or to `unpacked_bytes` if that is more.
+        Joint states of a robot at rest reach a ratio of 100.
+    disk_share : float
+        Share of the free disk space that an unpacked file takes.
+    joints : int
+        Joints of a recording.
+    position : float
+        Recorded position [rad or m]; drivers mark unknown positions by huge numbers.
+    state_rate : float
+        Rate of recorded joint states [Hz].
+    commanded_duration : float
+        Duration of a recorded trajectory message [s].
+    goal_items : int
+        Joints, and points, of a goal of the node.
+    state_bytes : int
+        Message of joint states to the node: a thousand joints have a quarter of that.
+    segments : int
+        Rows of a table of segments: learning takes minutes from so many motions.
+    segment_time : float
+        Time in a recording [s], 30 years.
+    """
+
+    text_bytes: int = 16 << 20
+    yaml_bytes: int = 1 << 20
+    yaml_depth: int = 20
+    yaml_value_bytes: int = 1 << 16
+    json_digits: int = 300
+    definition_characters: int = 1 << 17
+    unpacked_bytes: int = 256 << 20
+    unpacked_ratio: int = 200
+    disk_share: float = 0.5
+    joints: int = 500
+    position: float = 1e6
+    state_rate: float = 5000.0
+    commanded_duration: float = 1000.0
+    goal_items: int = 1000
+    state_bytes: int = 2**18
+    segments: int = 10_000
+    segment_time: float = 1e9
+
+
+INPUT_LIMITS = InputLimits()

@@ -1,0 +1,351 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Kinds of motions in a heap of mixed ones.
+
+A motion and its return along the same path are of one kind, as in the conditional model. Motions
+are therefore compared by features that reversal in time does not change. A tree of Ward's method
+(Ward, J. Am. Stat. Assoc. 58, 1963) is cut from its leaves to its root. A branch is divided into
+kinds if two conditions hold:
+
+- The features are denser: the kinds' evidence, as normal distributions with their shares of the
+  motions, is higher than that of one kind (Heller and Ghahramani, "Bayesian hierarchical
+  clustering", ICML 2005; the shares as in the integrated completed likelihood of Biernacki, Celeux
+  and Govaert, IEEE PAMI 22, 2000).
+- Motions that are left out are predicted as well as before, from their ends and duration.
+
+The first one alone divides similar motions into too many kinds of few demonstrations. The second
+one alone divides without end, because a kind says something about the motions in it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.cluster.hierarchy import ClusterNode, linkage, to_tree
+from scipy.special import multigammaln
+from scipy.stats import multivariate_t
+
+from ..arrays import FloatArray
+from .conditional_model import left_out_squares
+from .motion_statistics import MotionStatistics
+from .pca import components_for_share, fit_components
+
+OUTLIER = -1
+"""Kind of motions that belong to none."""
+
+Indices = NDArray[np.intp]
+
+
+@dataclass(frozen=True)
+class KindOptions:
+    """Options of finding kinds.
+
+    Attributes
+    ----------
+    min_motions : int
+        Least number of motions of a kind; fewer are outliers.
+    shape_weight, duration_weight : float
+        Weights of the shapes and of the logarithms of the durations, relative to end points [rad].
+    variance : float
+        Share of the variance of the features that is compared.
+    prior_variance : float
+        Usual variance within a kind, as a share of that of all motions.
+    prior_weight : float
+        Weight of the mean of all motions in that of a kind, in motions.
+    tolerance : float
+        Largest mean square error of left-out motions after a division, relative to before.
+    max_left_out : int
+        Largest number of motions of a branch that are left out.
+    explained : float
+        Least probability, relative to the best kind, with which another one explains a motion.
+    max_clustered : int
+        Largest number of motions in the tree; the others join the kinds that are found. The time
+        and the memory of the tree grow with the square of their number.
+    """
+
+    min_motions: int = 3
+    shape_weight: float = 2.0
+    duration_weight: float = 0.3
+    variance: float = 0.9
+    prior_variance: float = 0.3
+    prior_weight: float = 0.05
+    tolerance: float = 1.1
+    max_left_out: int = 200
+    explained: float = 0.1
+    max_clustered: int = 2000
+
+
+_OPTIONS = KindOptions()
+
+
+@dataclass(frozen=True, eq=False)
+class Kinds:
+    """Motions by kind.
+
+    Attributes
+    ----------
+    assigned : array of int, shape (n_demonstrations,)
+        Kind of each motion, from 0 for the largest kind; `OUTLIER` for none.
+    explained_by : array of bool, shape (n_demonstrations, n_kinds)
+        Whether each kind explains each motion; none explains an outlier.
+    positions : array, shape (n_demonstrations, 2)
+        First two principal components of the features, a map of the motions.
+    """
+
+    assigned: Indices
+    explained_by: NDArray[np.bool_]
+    positions: FloatArray
+
+    def members(self, kind: int) -> Indices:
+        """Indices of the motions of a kind."""
+        return np.flatnonzero(self.assigned == kind)
+
+
+class _Group(NamedTuple):
+    """Number, mean and scatter of feature vectors."""
+
+    n: int
+    mean: FloatArray
+    scatter: FloatArray
+
+
+class _Division(NamedTuple):
+    """A branch of the tree, divided or not.
+
+    Attributes
+    ----------
+    evidence : float
+        Logarithm of the evidence of the parts.
+    kinds : tuple of sequences of int
+        Motions of each kind.
+    squares : array, shape (n_motions,)
+        Squared errors of left-out motions; NaN for those that were not left out.
+    """
+
+    evidence: float
+    kinds: tuple[Sequence[int], ...]
+    squares: FloatArray
+
+
+def find_kinds(
+    statistics: MotionStatistics, n_phases: int, options: KindOptions = _OPTIONS
+) -> Kinds:
+    """Find the kinds of motions.
+
+    Parameters
+    ----------
+    statistics : MotionStatistics
+        Of the motions, in any order.
+    n_phases : int
+        Phases at which their shapes were sampled.
+    options : KindOptions
+        Options.
+    """
+    features, n_compared = _features(statistics, n_phases, options)
+    step = -(-len(features) // options.max_clustered)
+    sample = np.lexsort(features.T[::-1])[::step]
+    links = linkage(features[sample], "ward") if len(sample) > 1 else None
+    features = features[:, :n_compared]
+    tree = _Tree(features[sample], statistics.chosen(sample), options)
+    kinds = sorted((np.sort(sample[x]) for x in tree.kinds(links)), key=lambda x: (-len(x), x[0]))
+    densities = np.column_stack([tree.density(features, features[x], len(sample)) for x in kinds])
+    assigned = densities.argmax(axis=1)
+    # As probable as a motion of a kind of its own.
+    alone = tree.density(features, features[:0], len(sample))
+    assigned[densities.max(axis=1) < alone] = OUTLIER
+    assigned[sample] = OUTLIER
+    for i, members in enumerate(kinds):
+        assigned[members] = i
+    least = densities.max(axis=1, keepdims=True) + np.log(options.explained)
+    explained_by = (densities >= least) & (assigned != OUTLIER)[:, None]
+    return Kinds(assigned, explained_by, features[:, :2])
+
+
+def _features(
+    statistics: MotionStatistics, n_phases: int, options: KindOptions
+) -> tuple[FloatArray, int]:
+    """Principal components of features that reversal in time does not change.
+
+    Returns
+    -------
+    features : array, shape (n_demonstrations, n_features)
+        At least two, with mean zero.
+    n_compared : int
+        Number of the first ones that have the share of the variance to be compared.
+    """
+    start, goal = statistics.boundary_states[:, 0], statistics.boundary_states[:, 3]
+    # The functions of the shapes are alternately even and odd.
+    even = statistics.shapes[:, :, ::2].reshape(len(start), -1) / np.sqrt(n_phases)
+    features = np.column_stack(
+        [
+            (start + goal) / np.sqrt(2.0),
+            np.abs(goal - start) / np.sqrt(2.0),
+            options.shape_weight * even,
+            options.duration_weight * np.log(statistics.durations),
+        ]
+    )
+    components = fit_components(features)
+    found = components.transform(features)
+    n_compared = components_for_share(components, options.variance) if found.size else 0
+    return np.pad(found, ((0, 0), (0, max(0, 2 - found.shape[1])))), max(2, n_compared)
+
+
+class _Tree:
+    """Motions in a tree, and the kinds into which it is cut.
+
+    Parameters
+    ----------
+    features : array, shape (n_motions, n_features)
+        Their features, with mean zero.
+    statistics : MotionStatistics
+        Their statistics.
+    options : KindOptions
+        Options.
+    """
+
+    def __init__(
+        self, features: FloatArray, statistics: MotionStatistics, options: KindOptions
+    ) -> None:
+        self._features, self._statistics, self._options = features, statistics, options
+        variances = features.var(axis=0)
+        floor = 1e-6 * float(variances.max(initial=0.0)) + 1e-12
+        self._prior = options.prior_variance * np.diag(variances + floor)
+        self._freedom = features.shape[1] + 2.0
+        # The same order in all branches, so that whole and parts leave out the same motions.
+        self._order = np.random.default_rng(0).permutation(len(features))
+
+    def kinds(self, links: FloatArray | None) -> tuple[Sequence[int], ...]:
+        """Motions of each kind, given the links of the tree of all; None for one motion."""
+        if links is None or len(self._features) < 2 * self._options.min_motions:
+            return (list(range(len(self._features))),)
+        return self._divided(to_tree(links)).kinds
+
+    def density(self, features: FloatArray, members: FloatArray, n_motions: int) -> FloatArray:
+        """Logarithms of the density that a kind predicts, times its share of the motions."""
+        group = _group(members) if len(members) else None
+        n, weight = len(members), self._options.prior_weight + len(members)
+        center, scatter = np.zeros(len(self._prior)), self._prior
+        if group is not None:
+            center = group.n * group.mean / weight
+            scatter = self._posterior_scatter(group)
+        freedom = self._freedom + n - len(center) + 1.0
+        shape = scatter * (weight + 1.0) / (weight * freedom)
+        log_share = np.log(max(n, 1) / n_motions)
+        return np.asarray(multivariate_t(center, shape, df=freedom).logpdf(features) + log_share)
+
+    def _posterior_scatter(self, group: _Group) -> FloatArray:
+        weight = self._options.prior_weight
+        pull = weight * group.n / (weight + group.n)
+        return self._prior + group.scatter + pull * np.outer(group.mean, group.mean)
+
+    def _evidence(self, group: _Group) -> float:
+        """Logarithm of the evidence of one kind, up to a term that all divisions share.
+
+        Murphy, "Machine Learning: A Probabilistic Perspective", 2012, equation 5.29.
+        """
+        size, weight = len(self._prior), self._options.prior_weight
+        after = self._freedom + group.n
+        log_ratio = multigammaln(after / 2.0, size) - multigammaln(self._freedom / 2.0, size)
+        log_before = np.linalg.slogdet(self._prior)[1]
+        log_after = np.linalg.slogdet(self._posterior_scatter(group))[1]
+        shrinkage = np.log(weight / (weight + group.n))
+        halves = self._freedom * log_before - after * log_after + size * shrinkage
+        return float(log_ratio + halves / 2.0)
+
+    def _divided(self, root: ClusterNode) -> _Division:
+        """Divide the tree into the kinds that meet both conditions."""
+        evidences = self._evidences(root)
+        reached, waiting = [], [root]
+        while waiting:
+            node = waiting.pop()
+            reached.append(node)
+            own, densest = evidences[node.id]
+            # Without a denser division below, it stays whole.
+            if node.count >= self._options.min_motions and densest > own:
+                waiting += [node.left, node.right]
+        divisions: dict[int, _Division] = {}
+        for node in reversed(reached):
+            divisions[node.id] = self._division(node, evidences[node.id][0], divisions)
+        return divisions[root.id]
+
+    def _evidences(self, root: ClusterNode) -> dict[int, tuple[float, float]]:
+        """Evidence of every branch as one kind, and of its densest division, by identifier."""
+        groups: dict[int, _Group] = {}
+        found: dict[int, tuple[float, float]] = {}
+        for node in _from_leaves(root):
+            if node.is_leaf():
+                groups[node.id] = _group(self._features[[node.id]])
+                own = parts = self._evidence(groups[node.id])
+            else:
+                groups[node.id] = _joined(groups.pop(node.left.id), groups.pop(node.right.id))
+                own = self._evidence(groups[node.id])
+                parts = found[node.left.id][1] + found[node.right.id][1] + _log_shares(node)
+            found[node.id] = own, max(own, parts)
+        return found
+
+    def _division(
+        self, node: ClusterNode, evidence: float, below: Mapping[int, _Division]
+    ) -> _Division:
+        """The best division of a branch, given those of its branches, if they matter."""
+        members = node.pre_order()
+        if node.count < self._options.min_motions:
+            return _Division(evidence, (), np.full(len(self._features), np.nan))
+        whole = _Division(evidence, (members,), self._squares(members))
+        if node.is_leaf() or node.left.id not in below:
+            return whole
+        first, second = below[node.left.id], below[node.right.id]
+        squares = np.where(np.isnan(first.squares), second.squares, first.squares)
+        parts = _Division(
+            first.evidence + second.evidence + _log_shares(node),
+            first.kinds + second.kinds,
+            squares,
+        )
+        # The motions that are left out of the whole are left out of the parts, except outliers.
+        both = ~np.isnan(squares + whole.squares)
+        is_predicted = squares[both].sum() < self._options.tolerance * whole.squares[both].sum()
+        return parts if parts.kinds and parts.evidence > evidence and is_predicted else whole
+
+    def _squares(self, members: Sequence[int]) -> FloatArray:
+        """Squared errors of left-out motions of a kind, see `_Division`."""
+        first = np.argsort(self._order[members])[: self._options.max_left_out]
+        used = np.asarray(members)[first]
+        statistics = self._statistics.chosen(used)
+        squares = np.full(len(self._features), np.nan)
+        squares[used] = left_out_squares(*statistics.requests_and_shapes())
+        squares[used] += statistics.shape_remainders.sum(axis=1)
+        return squares
+
+
+def _from_leaves(root: ClusterNode) -> list[ClusterNode]:
+    """All nodes of a tree, each after those below it, without recursion."""
+    found, waiting = [], [root]
+    while waiting:
+        node = waiting.pop()
+        found.append(node)
+        if not node.is_leaf():
+            waiting += [node.left, node.right]
+    return found[::-1]
+
+
+def _log_shares(node: ClusterNode) -> float:
+    """Logarithm of the probability of the division of motions, from the shares of both parts."""
+    counts = np.array([node.left.count, node.right.count])
+    return float(counts @ np.log(counts / counts.sum()))
+
+
+def _group(features: FloatArray) -> _Group:
+    mean = features.mean(axis=0)
+    deviations = features - mean
+    return _Group(len(features), mean, deviations.T @ deviations)
+
+
+def _joined(first: _Group, second: _Group) -> _Group:
+    n = first.n + second.n
+    apart = second.mean - first.mean
+    between = first.n * second.n / n * np.outer(apart, apart)
+    mean = first.mean + second.n / n * apart
+    return _Group(n, mean, first.scatter + second.scatter + between)

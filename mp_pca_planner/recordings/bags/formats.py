@@ -1,0 +1,363 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Readers of the storage formats: ROS 1 (format 2.0), mcap (https://mcap.dev/spec) and sqlite3.
+
+The library `mcap` was measured to read a quarter as many messages a second, to lose all messages
+of a chunk that is cut off, and to unpack lz4 without a bound.
+"""
+
+from __future__ import annotations
+
+import re
+import sqlite3
+import struct
+from collections import Counter
+from collections.abc import Container, Iterator
+from contextlib import closing, contextmanager
+from pathlib import Path
+from urllib.parse import quote
+from zlib import crc32
+
+from ...input_limits import INPUT_LIMITS
+from ..joint_states import NS_PER_S
+from .storage import (
+    Buffer,
+    Channel,
+    DamageError,
+    Key,
+    Pass,
+    StoredMessage,
+    by_reception,
+    mapped,
+    ros2_type,
+    total,
+)
+
+
+class ChunkedFile:
+    """A file of records, some of which are chunks of others, read from front to back.
+
+    Parameters
+    ----------
+    path :
+        The file.
+    """
+
+    MAGIC = b""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._channels: dict[int, Channel] = {}
+
+    def messages(self, keys: Container[Key] | None = None) -> Iterator[StoredMessage]:
+        """Messages up to the damage, or to the end; those of a chunk in order of reception."""
+        with mapped(self._path) as content:
+            state = Pass(keys, len(content))
+            for number, channel in self._channels.items():
+                state.add(number, channel)
+            yield from self._messages(content, self._start(content), state)
+
+    def _start(self, content: Buffer) -> int:
+        if content[: len(self.MAGIC)] != self.MAGIC:
+            raise DamageError(f"it does not begin with {self.MAGIC!r}")
+        return len(self.MAGIC)
+
+    def _messages(self, content: Buffer, position: int, state: Pass) -> Iterator[StoredMessage]:
+        raise NotImplementedError
+
+
+# Codes of records of ROS 1.
+_MESSAGE, _CHUNK, _CHUNK_INFO, _CONNECTION = b"\x02", b"\x05", b"\x06", b"\x07"
+
+_U32 = struct.Struct("<I")
+_TIME = struct.Struct("<II")
+
+Fields = dict[bytes, bytes]
+
+
+class Rosbag1File(ChunkedFile):
+    """A bag file of ROS 1, see :class:`.StorageFile`."""
+
+    MAGIC = b"#ROSBAG V2.0\n"
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(path)
+        self._chunks: dict[int, set[int]] = {}
+
+    def index(self) -> Counter[Channel]:
+        """Count messages by the records behind the last chunk."""
+        counts: Counter[int] = Counter()
+        with mapped(self._path) as content:
+            header, _, _, _ = next(_rosbag1_records(content, self._start(content)))
+            (position,) = struct.unpack("<Q", header[b"index_pos"])
+            if not position:
+                raise DamageError("it has no index")
+            for fields, _, start, end in _rosbag1_records(content, position):
+                if fields[b"op"] == _CONNECTION:
+                    self._channels[_number(fields)] = _connection(fields, content[start:end])
+                elif fields[b"op"] == _CHUNK_INFO:
+                    in_chunk = dict(struct.iter_unpack("<II", content[start:end]))
+                    (chunk,) = struct.unpack("<Q", fields[b"chunk_pos"])
+                    self._chunks[chunk] = set(in_chunk)
+                    counts.update(in_chunk)
+        expected = tuple(_U32.unpack(header[name])[0] for name in (b"conn_count", b"chunk_count"))
+        if (len(self._channels), len(self._chunks)) != expected:
+            raise DamageError("its index is cut off")
+        return total(self._channels, counts)
+
+    def _messages(self, content: Buffer, position: int, state: Pass) -> Iterator[StoredMessage]:
+        for fields, place, start, end in _rosbag1_records(content, position):
+            kind = fields.get(b"op")
+            if kind == _MESSAGE:
+                channel = state.channels.get(_number(fields))
+                if channel is not None:
+                    seconds, nanoseconds = _TIME.unpack(fields[b"time"])
+                    yield channel, seconds * NS_PER_S + nanoseconds, content[start:end]
+            elif kind == _CONNECTION:
+                state.add(_number(fields), _connection(fields, content[start:end]))
+            elif kind == _CHUNK and (
+                place not in self._chunks or self._chunks[place] & state.channels.keys()
+            ):
+                yield from self._chunk(fields, content[start:end], state)
+
+    def _chunk(self, fields: Fields, stored: bytes, state: Pass) -> Iterator[StoredMessage]:
+        (size,) = _U32.unpack(fields[b"size"])
+        records = state.unpack(fields[b"compression"].decode(), stored, size)
+        yield from by_reception(self._messages(records, 0, state))
+
+
+def _rosbag1_records(content: Buffer, position: int) -> Iterator[tuple[Fields, int, int, int]]:
+    """Header fields and position of each record, start and end of its data.
+
+    A truncated chunk is yielded before the error, because an uncompressed part can be read.
+    """
+    while position < len(content):
+        head, start = _sized(content, position)
+        fields = _fields(head)
+        (size,) = _U32.unpack_from(content, start)
+        end = start + _U32.size + size
+        is_cut_off = end > len(content)
+        if not is_cut_off or fields.get(b"op") == _CHUNK:
+            yield fields, position, start + _U32.size, end
+        if is_cut_off:
+            raise DamageError(f"the record at byte {position} is cut off")
+        position = end
+
+
+def _sized(content: Buffer, position: int) -> tuple[bytes, int]:
+    """The bytes after their number, and the position of their end."""
+    (size,) = _U32.unpack_from(content, position)
+    end = position + _U32.size + size
+    if end > len(content):
+        raise DamageError(f"the record at byte {position} is cut off")
+    return content[position + _U32.size : end], end
+
+
+def _fields(head: bytes) -> Fields:
+    fields, position = {}, 0
+    while position < len(head):
+        field, position = _sized(head, position)
+        name, _, value = field.partition(b"=")
+        fields[name] = value
+    return fields
+
+
+def _number(fields: Fields) -> int:
+    number: int = _U32.unpack(fields[b"conn"])[0]
+    return number
+
+
+def _connection(fields: Fields, data: bytes) -> Channel:
+    about = _fields(data)
+    return Channel(
+        re.sub("//+", "/", fields[b"topic"].decode()),
+        ros2_type(about[b"type"].decode()),
+        about.get(b"message_definition", b"").decode(),
+    )
+
+
+MCAP_HEAD = struct.Struct("<BQ")
+MCAP_MESSAGE_HEAD = struct.Struct("<HIQQ")
+
+
+class McapFile(ChunkedFile):
+    """A file of mcap, see :class:`.StorageFile`."""
+
+    MAGIC = b"\x89MCAP0\r\n"
+    # Codes of records.
+    HEADER, FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK = 0x01, 0x02, 0x03, 0x04, 0x05, 0x06
+    STATISTICS, DATA_END = 0x0B, 0x0F
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(path)
+        self._schemas: dict[int, tuple[str, str]] = {0: ("__schemaless__", "")}
+
+    def index(self) -> Counter[Channel]:
+        """Count messages by the statistics at the end, or one by one where there are none."""
+        counts: dict[int, int] | None = None
+        with mapped(self._path) as content:
+            for kind, start, end in mcap_records(content, *self._summary(content)):
+                if kind == self.CHANNEL:
+                    number, channel = self._channel(content, start)
+                    self._channels[number] = channel
+                elif kind == self.SCHEMA:
+                    self._add_schema(content, start)
+                elif kind == self.STATISTICS:
+                    counts = dict(struct.iter_unpack("<HQ", content[start + 46 : end]))
+        if counts is None or not set(counts) <= set(self._channels):
+            return Counter(channel for channel, _, _ in self.messages())
+        return total(self._channels, counts)
+
+    def _messages(self, content: Buffer, position: int, state: Pass) -> Iterator[StoredMessage]:
+        for kind, start, end in mcap_records(content, position, len(content)):
+            if kind == self.MESSAGE:
+                number, _, stamp, _ = MCAP_MESSAGE_HEAD.unpack_from(content, start)
+                channel = state.channels.get(number)
+                if channel is not None:
+                    if stamp >= 1 << 63:  # Larger numbers are no times.
+                        raise DamageError(f"a message was received at {stamp} ns")
+                    yield channel, stamp, content[start + MCAP_MESSAGE_HEAD.size : end]
+            elif kind == self.SCHEMA:
+                self._add_schema(content, start)
+            elif kind == self.CHANNEL:
+                state.add(*self._channel(content, start))
+            elif kind == self.CHUNK:
+                yield from self._chunk(content, start, state)
+            elif kind == self.DATA_END:
+                return
+
+    def _chunk(self, content: Buffer, start: int, state: Pass) -> Iterator[StoredMessage]:
+        size, checksum = struct.unpack_from("<QI", content, start + 16)
+        compression, place = mcap_text(content, start + 28)
+        (stored,) = struct.unpack_from("<Q", content, place)
+        records = state.unpack(compression, content[place + 8 : place + 8 + stored], size)
+        yield from by_reception(self._messages(records, 0, state))
+        if len(records) != size or (checksum and crc32(records) != checksum):
+            raise DamageError(f"the chunk at byte {start} is not as written")
+
+    def _summary(self, content: Buffer) -> tuple[int, int]:
+        """Start and end of the summary, which may be empty."""
+        footer = len(content) - MCAP_HEAD.size - 20 - len(self.MAGIC)
+        if footer < self._start(content) or content[-len(self.MAGIC) :] != self.MAGIC:
+            raise DamageError("it does not end as mcap")
+        kind, _, start = struct.unpack_from("<BQQ", content, footer)
+        if kind != self.FOOTER or start > footer:
+            raise DamageError("its footer is damaged")
+        return start or footer, footer
+
+    def _add_schema(self, content: Buffer, start: int) -> None:
+        (number,) = struct.unpack_from("<H", content, start)
+        name, place = mcap_text(content, start + 2)
+        encoding, place = mcap_text(content, place)
+        definition = mcap_text(content, place)[0] if encoding == "ros2msg" else ""
+        self._schemas[number] = (ros2_type(name), definition)
+
+    def _channel(self, content: Buffer, start: int) -> tuple[int, Channel]:
+        number, schema = struct.unpack_from("<HH", content, start)
+        return number, Channel(mcap_text(content, start + 4)[0], *self._schemas[schema])
+
+
+def mcap_records(content: Buffer, position: int, end: int) -> Iterator[tuple[int, int, int]]:
+    """Code of each record, start and end of its content.
+
+    A truncated chunk is yielded before the error, because an uncompressed part can be read.
+    """
+    while position < end:
+        kind, size = MCAP_HEAD.unpack_from(content, position)
+        start = position + MCAP_HEAD.size
+        is_cut_off = start + size > end
+        if not is_cut_off or kind == McapFile.CHUNK:
+            yield kind, start, start + size
+        if is_cut_off:
+            raise DamageError(f"the record at byte {position} is cut off")
+        position = start + size
+
+
+def mcap_text(content: Buffer, position: int) -> tuple[str, int]:
+    """The text after its length, and the position of its end."""
+    (size,) = struct.unpack_from("<I", content, position)
+    end = position + 4 + size
+    return content[position + 4 : end].decode(), end
+
+
+class Sqlite3File:
+    """An sqlite3 file of rosbag2, see :class:`.StorageFile`."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+
+    def index(self) -> Counter[Channel]:
+        """Count the rows of the messages."""
+        with _opened(self._path) as database:
+            counts = dict(
+                database.execute("SELECT topic_id, COUNT(*) FROM messages GROUP BY topic_id")
+            )
+            return total(_channels(database), counts)
+
+    def messages(self, keys: Container[Key] | None = None) -> Iterator[StoredMessage]:
+        """Messages up to the damage, or to the end."""
+        with _opened(self._path, cut_off=True) as database:
+            channels = _channels(database)
+            chosen = {n for n, c in channels.items() if keys is None or c.key in keys}
+            # Data of other topics, such as images, is not read. Columns may hold any type.
+            rows = database.execute(
+                "SELECT id, topic_id, timestamp, CASE WHEN typeof(timestamp) = 'integer' "
+                "AND timestamp >= 0 AND typeof(data) = 'blob' "
+                f"AND topic_id IN ({', '.join(map(str, chosen))}) THEN data END "
+                "FROM messages ORDER BY id"
+            )
+            last = 0
+            for row, number, stamp, data in rows:
+                # A page that is cut off is read as zeros.
+                if row <= last or number not in channels or (data is None and number in chosen):
+                    raise DamageError(f"there is no message behind row {last}")
+                last = row
+                if data is not None:
+                    yield channels[number], stamp, data
+
+
+@contextmanager
+def _opened(path: Path, *, cut_off: bool = False) -> Iterator[sqlite3.Connection]:
+    """Open a file that has bounded tables only, on request also one that is cut off.
+
+    Raises
+    ------
+    DamageError
+        If it has a view, which may have rows without end.
+    """
+    # For a file without permission, sqlite3 reports the same error as for a damaged one.
+    path.open("rb").close()
+    where = f"file:{quote(str(path.resolve()))}?immutable=1"
+    with closing(sqlite3.connect(where, uri=True)) as database:
+        # A computed column may have any size.
+        database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, INPUT_LIMITS.unpacked_bytes)
+        if cut_off:
+            # Otherwise sqlite3 rejects files with fewer pages than their header states.
+            database.execute("PRAGMA writable_schema=ON")
+        views = database.execute("SELECT name FROM sqlite_master WHERE type = 'view' LIMIT 1")
+        for (name,) in views:
+            raise DamageError(f"'{name}' is a view: bags have tables only")
+        yield database
+
+
+def _channels(database: sqlite3.Connection) -> dict[int, Channel]:
+    definitions = _definitions(database)
+    channels = {}
+    for number, name, kind in database.execute("SELECT id, name, type FROM topics"):
+        if (type(number), type(name), type(kind)) != (int, str, str):
+            raise DamageError(f"topic {number!r:.40} has a name or type that is no text")
+        channels[number] = Channel(name, ros2_type(kind), definitions.get(kind, ""))
+    return channels
+
+
+def _definitions(database: sqlite3.Connection) -> dict[str, str]:
+    """Definitions of types as .msg text; files of old versions have none."""
+    try:
+        return dict(
+            database.execute(
+                "SELECT topic_type, encoded_message_definition FROM message_definitions "
+                "WHERE encoding = 'ros2msg'"
+            )
+        )
+    except sqlite3.OperationalError:
+        return {}

@@ -1,0 +1,282 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Repair of messages: joints by name, stamps, and messages of a second publisher."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...arrays import FloatArray, unique_names
+from ...exceptions import RecordingError, quote_names, unknown_name
+from ...input_limits import INPUT_LIMITS
+from ..joint_states import NS_PER_S, IntArray, RawJointStates, listed_names
+from .recording import RepairOptions, Samples, count
+
+
+def choose_joints(
+    listed: Sequence[tuple[str, ...]], topic: str, joints: Sequence[str] | None
+) -> tuple[str, ...]:
+    """Choose the joints to take: the requested ones, else those that all messages list.
+
+    Parameters
+    ----------
+    listed :
+        Names of the joints in each message, or in each kind of messages.
+    topic :
+        Name of the topic.
+    joints :
+        Requested names.
+
+    Raises
+    ------
+    RecordingError
+        If there is no message, a name is unknown, no joint is in every message, or the joints
+        are more than are accepted.
+    """
+    if not listed:
+        raise RecordingError(f"there is no well-formed message on '{topic}'")
+    names = _common_joints(listed, topic) if joints is None else _known_joints(listed, joints)
+    if len(names) > INPUT_LIMITS.joints:
+        raise RecordingError(
+            f"{len(names)} joints of '{topic}' are more than the {INPUT_LIMITS.joints} accepted: "
+            "choose some of them (--joints)"
+        )
+    return names
+
+
+def _known_joints(listed: Sequence[tuple[str, ...]], joints: Sequence[str]) -> tuple[str, ...]:
+    known = listed_names(listed)
+    names = unique_names(joints, "chosen joints", RecordingError)
+    for name in names:
+        if name not in known:
+            raise RecordingError(unknown_name("joint", name, known))
+    return names
+
+
+def _common_joints(listed: Sequence[tuple[str, ...]], topic: str) -> tuple[str, ...]:
+    common = set.intersection(*map(set, listed))
+    if not common:
+        choices = "; ".join(quote_names(names) for names in list(dict.fromkeys(listed))[:10])
+        raise RecordingError(
+            f"no joint is in every message of '{topic}', choose joints that come together: "
+            f"{choices}"
+        )
+    return tuple(name for name in listed[0] if name in common)
+
+
+def take_joints(
+    raw: RawJointStates, names: tuple[str, ...], repairs: Counter[str]
+) -> tuple[IntArray, FloatArray]:
+    """Messages that list all of the joints, and their positions in the order of `names`.
+
+    Raises
+    ------
+    RecordingError
+        If no message lists them all.
+    """
+    messages: list[IntArray] = []
+    positions: list[FloatArray] = []
+    first_order: list[str] | None = None
+    for layout in raw.layouts:
+        if not set(names) <= set(layout.joint_names):
+            repairs["missing_joints"] += layout.messages.size
+            continue
+        order = [name for name in layout.joint_names if name in names]
+        first_order = first_order or order
+        if order != first_order:
+            repairs["reordered"] += layout.messages.size
+        messages.append(layout.messages)
+        columns = [layout.joint_names.index(name) for name in names]
+        own = layout.positions
+        positions.append(own if columns == list(range(own.shape[1])) else own[:, columns])
+    if not messages:
+        raise RecordingError(f"no message lists all of the joints {quote_names(names)} together")
+    if len(messages) == 1:
+        return messages[0], positions[0]
+    merged = np.concatenate(messages)
+    order_of_reception = np.argsort(merged)
+    return merged[order_of_reception], np.concatenate(positions)[order_of_reception]
+
+
+SIMULATION_TIME = (
+    "header stamps are not the time of day (simulation time, for example): they are used"
+)
+
+
+def choose_clock(raw: RawJointStates, messages: IntArray) -> tuple[IntArray, tuple[str, ...]]:
+    """Take the header stamps, or the times of reception if most messages have no stamp.
+
+    Returns
+    -------
+    stamps : array of int, shape (n_messages,)
+        Stamps of these messages [ns], 0 for those that have none.
+    notes : tuple of str
+        Notes on the stamps.
+
+    Raises
+    ------
+    RecordingError
+        If neither is a plausible time.
+    """
+    headers, received = raw.header_stamps[messages], raw.receive_stamps[messages]
+    stamped = headers > 0
+    if 2 * count(stamped) > stamped.size and _plausible(headers[stamped]):
+        if is_simulation_time(int(headers[stamped][0]), int(received[stamped][0])):
+            return headers, (SIMULATION_TIME,)
+        return headers, ()
+    if _plausible(received):
+        return received, ("no usable header stamps: times of reception are used",)
+    why = "span no plausible time" if stamped.any() else "are not set"
+    raise RecordingError(
+        f"there is no usable time: the header stamps {why}, and the {messages.size} messages were "
+        f"received within {np.ptp(received) / 1e6:.3g} ms; record them with stamps, or as they "
+        "happen"
+    )
+
+
+def is_simulation_time(header: int, received: int) -> bool:
+    """Whether a header stamp is more than a year away from the time of reception, both [ns]."""
+    return abs(header - received) > 365 * 24 * 3600 * NS_PER_S
+
+
+def _plausible(stamps: IntArray) -> bool:
+    """Whether joint states can have been recorded at these times."""
+    return bool(
+        stamps.size < 2 or stamps.size <= np.ptp(stamps) / NS_PER_S * INPUT_LIMITS.state_rate
+    )
+
+
+def drop_unusable(samples: Samples, options: RepairOptions, repairs: Counter[str]) -> Samples:
+    """Drop samples without a stamp or with an unusable position."""
+    # NaN compares false, too.
+    finite = np.all(np.abs(samples.positions) < INPUT_LIMITS.position, axis=1)
+    stamped = samples.times > 0
+    repairs["non_finite"] += count(~finite)
+    repairs["unstamped"] += count(finite & ~stamped)
+    return samples.taken(np.flatnonzero(finite & stamped))
+
+
+def order_by_time(samples: Samples, options: RepairOptions, repairs: Counter[str]) -> Samples:
+    """Sort samples by stamp; where the clock was set back, time continues from its last value.
+
+    Returns
+    -------
+    :
+        Samples with times since the recording's first message [ns], not decreasing.
+    """
+    max_gap = options.longest_gap(samples.period)
+    samples = _without_strays(samples, max_gap, repairs)
+    samples.refuse_few(options)
+    jumps = np.flatnonzero(np.diff(samples.times) < -max_gap) + 1
+    repairs["clock_jumps"] += jumps.size
+    times: list[IntArray] = []
+    rows: list[IntArray] = []
+    for part in np.split(np.arange(samples.times.size), jumps):
+        own = samples.times[part]
+        repairs["out_of_order"] += count(own < np.maximum.accumulate(own))
+        order = np.argsort(own, kind="stable")
+        start = -min(samples.first_stamp, int(own.min()))
+        if times:
+            # One nanosecond more than the longest gap, so that the pieces remain separate.
+            start = int(times[-1][-1]) + int(max_gap) + 1 - int(own.min())
+        times.append(own[order] + start)
+        rows.append(part[order])
+    return replace(samples.taken(np.concatenate(rows)), times=np.concatenate(times))
+
+
+def _without_strays(samples: Samples, max_gap: float, repairs: Counter[str]) -> Samples:
+    """Drop samples with a single wrong stamp between good ones, which would fake two jumps."""
+    stamps = samples.times
+    far = np.abs(np.diff(stamps)) > max_gap
+    near_across = np.abs(stamps[2:] - stamps[:-2]) <= max_gap
+    stray = np.zeros(stamps.size, dtype=bool)
+    stray[1:-1] = far[:-1] & far[1:] & near_across
+    repairs["stray_stamps"] += count(stray)
+    return samples.taken(np.flatnonzero(~stray))
+
+
+def refuse_late_contradictions(
+    samples: Samples, options: RepairOptions, repairs: Counter[str]
+) -> Samples:
+    """Reject late messages whose positions differ from those of the messages in order.
+
+    Two publishers whose stamps differ by their delays cause such messages. Late messages of a
+    single publisher agree with the others.
+
+    Raises
+    ------
+    RecordingError
+        If there are too many of them.
+    """
+    times, positions, received = samples.times, samples.positions, samples.received
+    earliest_behind = np.minimum.accumulate(received[::-1])[::-1]
+    late = np.append(received[:-1] > earliest_behind[1:], False)
+    if count(late) <= options.min_conflicts:
+        return samples
+    on_time = times[~late]
+    differs = np.zeros(count(late), dtype=bool)
+    for position in positions.T:
+        expected = np.interp(times[late], on_time, position[~late])
+        error = np.abs(position[late] - expected)
+        differs |= np.abs(error - 2.0 * np.pi * np.round(error / (2.0 * np.pi))) > options.conflict
+    # Zeros between positions are a second publisher's, too, but they can be dropped.
+    differs &= np.any(positions[late] != 0.0, axis=1)
+    # Where a block of messages is late, no message in order is near enough to compare with.
+    behind = np.clip(np.searchsorted(on_time, times[late]), 1, on_time.size - 1)
+    differs &= on_time[behind] - on_time[behind - 1] <= 3 * np.median(np.diff(on_time))
+    _refuse_conflicts(differs, times.size, options, "those that came before them")
+    return samples
+
+
+def drop_equal_stamps(samples: Samples, options: RepairOptions, repairs: Counter[str]) -> Samples:
+    """Keep one sample for each stamp: the first received, but none of zeros beside others.
+
+    Drivers that start before their robot publish zeros; such a second publisher is recognised.
+    For other contradictions the correct message is unknown; only a small number is accepted.
+
+    Raises
+    ------
+    RecordingError
+        If too many samples contradict others.
+    """
+    zero = np.all(samples.positions == 0.0, axis=1)
+    # Within equal stamps samples of zeros are last; the stable sort leaves the others as received.
+    order = np.lexsort((zero, samples.times))
+    same_stamp = np.flatnonzero(np.diff(samples.times) == 0) + 1
+    sample, before = order[same_stamp], order[same_stamp - 1]
+    differs = np.any(samples.positions[sample] != samples.positions[before], axis=1)
+    _refuse_conflicts(
+        differs & ~zero[sample], zero.size, options, "another one with the same stamp"
+    )
+    repairs["contradicting"] += count(differs)
+    repairs["repeated_stamps"] += count(~differs)
+    return samples.taken(np.delete(order, same_stamp))
+
+
+def _refuse_conflicts(
+    conflicts: NDArray[np.bool_], n_messages: int, options: RepairOptions, what: str
+) -> None:
+    n_conflicts = count(conflicts)
+    if n_conflicts > max(options.min_conflicts, options.max_conflicts * n_messages):
+        raise RecordingError(
+            f"{n_conflicts} messages contradict {what}: two publishers of the same joints; record "
+            "one of them"
+        )
+
+
+def drop_zeros(samples: Samples, options: RepairOptions, repairs: Counter[str]) -> Samples:
+    """Drop the zeros that a second publisher puts between positions."""
+    zero = np.all(samples.positions == 0.0, axis=1)
+    changes = np.flatnonzero(zero[1:] != zero[:-1])
+    # A robot that passes its zero is near it before and after.
+    beside = samples.positions[changes + zero[changes]]
+    alternations = count(np.max(np.abs(beside), axis=1) > options.far_from_zero)
+    if alternations < options.min_alternations:
+        return samples
+    repairs["zeros"] += count(zero)
+    return samples.taken(np.flatnonzero(~zero))

@@ -1,0 +1,256 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Repair of recorded motions: gaps, jumps, wrapped angles, and wrong velocities."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...arrays import FloatArray
+from ...exceptions import RecordingError, quote_names
+from ..joint_states import NS_PER_S, IntArray, RawJointStates
+from .messages import choose_clock
+from .recording import Piece, RepairOptions, Samples, count, taken
+
+
+def cut_at_gaps(samples: Samples, options: RepairOptions, repairs: Counter[str]) -> list[Piece]:
+    """Cut a recording where no message comes for longer than the longest gap."""
+    max_gap = options.longest_gap(samples.period)
+    times = samples.times / NS_PER_S
+    cuts = np.flatnonzero(np.diff(times) > max_gap / NS_PER_S) + 1
+    repairs["gaps"] += cuts.size - repairs["clock_jumps"]
+    return long_pieces(Piece(times, samples.positions).cut(cuts.tolist()), options, repairs)
+
+
+def long_pieces(
+    pieces: Sequence[Piece], options: RepairOptions, repairs: Counter[str]
+) -> list[Piece]:
+    """Drop pieces with too few samples.
+
+    Raises
+    ------
+    RecordingError
+        If none is left.
+    """
+    long = [piece for piece in pieces if piece.times.size >= options.min_samples]
+    repairs["short_pieces"] += len(pieces) - len(long)
+    if not long:
+        raise RecordingError(
+            f"it is all in pieces: there are gaps or jumps in {len(pieces) - 1} places, and "
+            f"nothing between them has the {options.min_samples} samples that are needed"
+        )
+    return long
+
+
+def averaged(piece: Piece, n_averaged: int) -> Piece:
+    """Means of `n_averaged` consecutive samples each; the last one may be of fewer."""
+    if n_averaged == 1:
+        return piece
+    starts = np.arange(0, piece.times.size, n_averaged)
+    sizes = np.diff(starts, append=piece.times.size)
+    return Piece(
+        np.add.reduceat(piece.times, starts) / sizes,
+        np.add.reduceat(piece.positions, starts) / sizes[:, None],
+    )
+
+
+def unwrap(pieces: Sequence[Piece], options: RepairOptions, repairs: Counter[str]) -> list[Piece]:
+    """Remove jumps by full turns; other jumps are not those of a wrapping angle."""
+    return [Piece(p.times, _unwrapped(p.positions, options, repairs)) for p in pieces]
+
+
+def _unwrapped(positions: FloatArray, options: RepairOptions, repairs: Counter[str]) -> FloatArray:
+    steps = np.diff(positions, axis=0)
+    if np.abs(steps).max(initial=0.0) < np.pi:
+        return positions
+    turns = np.round(steps / (2.0 * np.pi))
+    turns[np.abs(steps - 2.0 * np.pi * turns) >= options.max_turn_error] = 0.0
+    n_wrapped = count(turns)
+    if not n_wrapped:
+        return positions
+    repairs["wrapped"] += n_wrapped
+    unwrapped = positions.copy()
+    unwrapped[1:] -= 2.0 * np.pi * np.cumsum(turns, axis=0)
+    return unwrapped
+
+
+def cut_at_jumps(
+    pieces: Sequence[Piece], options: RepairOptions, repairs: Counter[str]
+) -> list[Piece]:
+    """Drop spikes, and cut where the positions jump and stay there.
+
+    Raises
+    ------
+    RecordingError
+        If there are too many jumps for one publisher, or no piece is long enough.
+    """
+    parts: list[Piece] = []
+    n_spikes = 0
+    for piece in pieces:
+        good = np.flatnonzero(~_spikes(piece.positions, options))
+        n_spikes += piece.times.size - good.size
+        smooth = Piece(taken(good, piece.times), taken(good, piece.positions))
+        parts += smooth.cut(_jumps(smooth, options))
+    n_samples = sum(piece.times.size for piece in pieces)
+    n_jumps = len(parts) - len(pieces)
+    if n_spikes + n_jumps > options.max_jumps * n_samples + 1:
+        raise RecordingError(
+            f"the positions jump {n_spikes + n_jumps} times in {n_samples} samples, faster than "
+            "any motor could: two publishers of the same joints; record one of them"
+        )
+    repairs["spikes"] += n_spikes
+    repairs["jumps"] += n_jumps
+    return long_pieces(parts, options, repairs)
+
+
+def _jump_length(position: FloatArray, options: RepairOptions) -> float:
+    """Shortest step of a joint that may be a jump, from its usual steps while it moves."""
+    # Where two publishers alternate, only steps over two or three messages show the motion.
+    usual = min(_usual_step(position, lag) for lag in (1, 2, 3))
+    return max(options.min_jump, options.jump_ratio * usual)
+
+
+def _usual_step(position: FloatArray, lag: int) -> float:
+    steps = np.abs(position[lag:] - position[:-lag]) / lag
+    moving = steps[steps > 1e-6]
+    return float(np.median(moving)) if moving.size else 0.0
+
+
+def _spikes(positions: FloatArray, options: RepairOptions) -> NDArray[np.bool_]:
+    """Samples that are far from both neighbours while these are near each other."""
+    spikes = np.zeros(len(positions), dtype=bool)
+    for position in positions.T:
+        across = np.abs(position[2:] - position[:-2])
+        aside = np.abs(position[1:-1] - 0.5 * (position[2:] + position[:-2]))
+        spikes[1:-1] |= (aside > _jump_length(position, options)) & (across < 0.5 * aside)
+    return spikes
+
+
+def _jumps(piece: Piece, options: RepairOptions) -> list[int]:
+    """Samples that follow a jump: a fast step between slow ones."""
+    jumps = np.zeros(piece.times.size - 1, dtype=bool)
+    for position in piece.positions.T:
+        steps = np.abs(np.diff(position))
+        beside = np.maximum(np.append(steps[1:], 0.0), np.append(0.0, steps[:-1]))
+        jumps |= (
+            (steps > _jump_length(position, options))
+            & (steps > options.jump_speed * np.diff(piece.times))
+            & (steps > options.jump_isolation * beside)
+        )
+    return (np.flatnonzero(jumps) + 1).tolist()
+
+
+@dataclass(frozen=True)
+class VelocityCheckOptions:
+    """Thresholds of the comparison.
+
+    Attributes
+    ----------
+    window : float
+        Mean velocities over this time are compared [s]; noise hides those over one period.
+    max_compared, min_compared : int
+        Number of windows; with fewer no verdict is given.
+    min_speed, max_speed : float
+        Joints are compared between these speeds [rad/s or m/s]: at rest there is only noise, and
+        a faster joint has wrapped or jumped.
+    max_stretch : float
+        A window longer than this share of the median window contains a gap.
+    max_scale_error : float
+        Accepted relative error of the scale.
+    min_correlation : float
+        With a lower correlation the velocities do not follow the positions.
+    """
+
+    window: float = 0.1
+    max_compared: int = 20000
+    min_compared: int = 20
+    min_speed: float = 0.02
+    max_speed: float = 20.0
+    max_stretch: float = 2.0
+    max_scale_error: float = 0.2
+    min_correlation: float = 0.8
+
+
+OPTIONS = VelocityCheckOptions()
+
+
+def velocity_notes(
+    raw: RawJointStates, joint_names: Sequence[str], options: VelocityCheckOptions = OPTIONS
+) -> tuple[str, ...]:
+    """Notes on missing and wrong velocities of some joints, one sentence each.
+
+    The messages of the most frequent layout are checked.
+    """
+    if raw.computed:
+        return ()
+    fitting = [layout for layout in raw.layouts if set(joint_names) <= set(layout.joint_names)]
+    layout = max(fitting, key=lambda layout: layout.messages.size)
+    n_messages = layout.messages.size
+    columns = [layout.joint_names.index(name) for name in joint_names]
+    n_missing = n_messages
+    if layout.velocities is not None:
+        n_missing -= count(np.asarray(np.isfinite(layout.velocities[:, columns]).all(axis=1)))
+    if n_missing == n_messages or layout.velocities is None:
+        return (f"velocities are empty or NaN in all {n_messages} messages",)
+    notes = []
+    if n_missing:
+        notes.append(f"velocities are empty or NaN in {n_missing} of {n_messages} messages")
+    stamps, _ = choose_clock(raw, layout.messages)
+    latest = np.maximum.accumulate(stamps)
+    rows = np.flatnonzero(np.append(True, stamps[1:] > latest[:-1]) & (stamps > 0))
+    verdicts: dict[str, list[str]] = {}
+    if rows.size >= options.min_compared:
+        for name, column in zip(joint_names, columns, strict=True):
+            values = layout.positions[rows, column], layout.velocities[rows, column]
+            verdict = _verdict(*_mean_velocities(stamps[rows], *values, options), options)
+            verdicts.setdefault(verdict, []).append(name)
+    verdicts.pop("", None)
+    notes += [
+        f"the velocities of {quote_names(names)} {verdict}: they are not used"
+        for verdict, names in verdicts.items()
+    ]
+    return tuple(notes)
+
+
+def _mean_velocities(
+    stamps: IntArray,
+    position: FloatArray,
+    velocity: NDArray[np.float32],
+    options: VelocityCheckOptions,
+) -> tuple[FloatArray, FloatArray]:
+    """Mean velocities of a joint over short windows: by its positions, and as recorded."""
+    width = max(1, round(options.window * NS_PER_S / float(np.median(np.diff(stamps)))))
+    starts = np.arange(0, stamps.size - width, max(1, stamps.size // options.max_compared))
+    times = (stamps[starts + width] - stamps[starts]) / NS_PER_S
+    true = (position[starts + width] - position[starts]) / times
+    # Weights of the trapezoidal rule, so that a window of one period is compared rightly, too.
+    recorded = np.zeros(starts.size)
+    for offset in range(width + 1):
+        recorded += (0.5 if offset in (0, width) else 1.0) * velocity[starts + offset]
+    recorded /= width
+    usable = times < options.max_stretch * np.median(times) if times.size else times > 0.0
+    usable &= np.isfinite(recorded)
+    usable &= (np.abs(true) > options.min_speed) & (np.abs(true) < options.max_speed)
+    return true[usable], recorded[usable]
+
+
+def _verdict(true: FloatArray, recorded: FloatArray, options: VelocityCheckOptions) -> str:
+    """The defect of the recorded velocities of a joint; '' if there is none."""
+    if true.size < options.min_compared:
+        return ""
+    if not recorded.any():
+        return "are zero while the positions change"
+    product, true_square, recorded_square = true @ recorded, true @ true, recorded @ recorded
+    scale = product / true_square
+    if abs(product) < options.min_correlation * np.sqrt(true_square * recorded_square):
+        return "do not follow the positions"
+    if abs(scale - 1.0) <= options.max_scale_error:
+        return ""
+    if abs(scale + 1.0) <= options.max_scale_error:
+        return "have the opposite sign"
+    return f"are {scale:.2g} times the derivative of the positions"

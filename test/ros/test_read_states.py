@@ -1,0 +1,61 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Joint states are read, ignored or refused, whatever their bytes are."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+pytest.importorskip("rclpy", reason="ROS 2 (rclpy) is not installed")
+
+from rclpy.serialization import serialize_message
+from sensor_msgs.msg import JointState
+
+from mp_pca_planner.exceptions import GoalError
+from mp_pca_planner.ros.messages import read_states, to_state
+
+WANTED = ("elbow", "shoulder")
+NUMBERS = st.floats(-1e3, 1e3) | st.sampled_from([np.nan, np.inf])
+
+
+@st.composite
+def joint_states(draw):
+    """Of a few publishers, some of whose messages can't be used."""
+    names = draw(
+        st.sampled_from(
+            [
+                ["shoulder", "elbow"],
+                ["gripper", "elbow", "shoulder"],
+                ["elbow", "elbow", "shoulder"],
+                ["elbow"],
+            ]
+        )
+    )
+    lengths = st.sampled_from([len(names), len(names), 0, 1])
+    position, velocity, effort = (
+        draw(st.lists(NUMBERS, min_size=n, max_size=n)) for n in (draw(lengths) for _ in range(3))
+    )
+    message = JointState(name=names, position=position, velocity=velocity, effort=effort)
+    message.header.stamp.sec = draw(st.integers(0, 1000))
+    message.header.frame_id = draw(st.sampled_from(["", "base", "base_link"]))
+    return bytes(serialize_message(message))
+
+
+@given(joint_states(), st.data())
+def test_damaged_states_are_ignored_or_refused(message, data):
+    size = data.draw(st.integers(0, len(message)))
+    damaged = bytearray(message[:size])
+    for _ in range(data.draw(st.integers(0, 5)) if size else 0):
+        damaged[data.draw(st.integers(0, size - 1))] = data.draw(st.integers(0, 255))
+    states = read_states(bytes(damaged))
+    try:
+        state = to_state(states, WANTED)
+    except GoalError:
+        return
+    assert np.isfinite([state.positions, state.velocities]).all()
+
+
+def test_states_that_are_far_too_large_are_ignored():
+    state = JointState(name=[*WANTED, *map(str, range(100_000))], position=[0.0] * 100_002)
+    assert read_states(bytes(serialize_message(state))).name == []
