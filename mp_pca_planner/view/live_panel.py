@@ -27,6 +27,11 @@ NAME = "Live"
 
 _PERIOD = 0.05  # time between two looks at the node [s]
 _TEXT_STEPS = 4  # text follows every so many of them
+_ON_PHONES = """<style>@media (max-width: 600px) {
+    button[style*="--mantine-color-red"] { position: fixed; bottom: 0; left: 0; right: 0;
+        width: auto; min-height: 3.5em; z-index: 1000; }
+    .mantine-ScrollArea-viewport { padding-bottom: 3.5em; }
+}</style>"""
 _MEASURED, _COMMANDED = (230, 159, 0), (230, 159, 0)
 
 
@@ -63,8 +68,8 @@ class LivePanel:
     def add_stop(self) -> None:
         """Add the stop buttons and their key.
 
-        One is in a window of its own, which stays where the panels are scrolled; phones have no
-        windows, so the other one is on top of the main panel.
+        One is in a window of its own, which stays where the panels are scrolled. Phones have no
+        windows: there, the other one stays at the bottom of the screen.
         """
         gui = self._stage.server.gui
         window = gui.add_panel()
@@ -72,6 +77,7 @@ class LivePanel:
             beside = gui.add_button("Stop (S)", color="red", icon=viser.Icon.HAND_STOP)
         window.float(x=15, y=-15, width=200)
         on_top = gui.add_button("Stop the robot", color="red", icon=viser.Icon.HAND_STOP)
+        gui.add_html(_ON_PHONES)
         self._answer = gui.add_html("")
         key = gui.add_command("Stop the robot", hotkey="S", icon=viser.Icon.HAND_STOP)
         # Without the lock of the page: nothing may delay a stop.
