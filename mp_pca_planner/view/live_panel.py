@@ -17,11 +17,14 @@ import viser
 from ..arrays import FloatArray
 from ..exceptions import PlannerError
 from ..robot.limits import JointLimits
+from ..robot.world import World
 from .drawing import DrawnPaths, DrawnRobot
+from .drawn_world import DrawnWorld
 from .live import LiveLink, LiveView
 from .live_words import figures_html, node_html, reports_html, states_html
 from .stage import Stage
 from .words import lines_html
+from .world_edit import WorldEditor
 
 NAME = "Live"
 
@@ -62,6 +65,7 @@ class LivePanel:
         self._measured = DrawnRobot(scene, "/measured", stage.shapes, _MEASURED, 0.6)
         self._measured.visible = False
         self._path = DrawnPaths(scene, "/commanded", _COMMANDED, 4.0)
+        self._drawn_world, self._obstacles = World(), DrawnWorld(stage, lambda _: None, "/measured")
         self._closed, self._stopping = threading.Event(), threading.Event()
         self._thread = threading.Thread(target=self._run, name="live", daemon=True)
 
@@ -175,6 +179,20 @@ class LivePanel:
         if motion is not self._drawn_motion:
             self._drawn_motion = motion
             self._path.show(*self._commanded())
+        if self.view.world is not self._drawn_world:
+            self._draw_world()
+
+    def _draw_world(self) -> None:
+        """Draw the obstacles of the node that have changed; those of unknown links are skipped."""
+        before = {one.name: one for one in self._drawn_world}
+        self._drawn_world = self.view.world
+        editor = WorldEditor(self._drawn_world)
+        known = ("", *self._stage.robot.frame_names)
+        for one in self._drawn_world:
+            if before.pop(one.name, None) is not one and one.frame in known:
+                self._obstacles.draw(one, editor.place(one.name), editor.parts(one.name))
+        for name in before:
+            self._obstacles.remove(name)
 
     def _commanded(self) -> list[FloatArray]:
         """The path of the commanded motion, if it is one of the robot's joints."""
