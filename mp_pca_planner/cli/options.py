@@ -199,10 +199,12 @@ def _add_input(add: Options) -> None:
     add("--robot URDF", "robot whose joints are used, or with which --joints are checked", Path)
     add("--markers TOPIC", "topic of markers to find joint angles from")
     add("--marker-map FILE.yaml", "places of the markers on the robot's links", Path)
+    add.flag("--no-cache", "neither keep what is read in ~/.cache nor use what is kept there")
     add("--max-gap S", "cut at longer gaps [s] (default: 0.5, or 5 usual periods)", seconds)
     workers = add.one_of()
     workers("--jobs N", "recordings to read at the same time", jobs, 1)
     workers("--dask ADDRESS", "scheduler (tcp://HOST:PORT) of a Dask cluster that reads them")
+    add("--resume FILE", "keep what was read in this file, and read only the rest", Path)
 
 
 def _add_segmentation(add: Options) -> None:

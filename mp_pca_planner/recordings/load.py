@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Generator, Iterable, Sequence
-from contextlib import closing
+from contextlib import closing, nullcontext
 from dataclasses import dataclass, field, fields, replace
 from functools import partial
 from pathlib import Path
@@ -15,6 +15,7 @@ import numpy as np
 
 from ..exceptions import RecordingError, unknown_name
 from . import bags, cutting
+from .cache import ReadingCache
 from .cluster import map_on_cluster
 from .demonstration import (
     Demonstration,
@@ -26,6 +27,7 @@ from .demonstration import (
     Segment,
 )
 from .joint_states import RawJointStates
+from .journal import Journal, key_of, open_journal
 from .processes import Outcome, map_in_processes
 from .reading import read_clean
 from .repair import CleanRecording, RepairOptions, repair
@@ -35,7 +37,7 @@ from .segmentation import (
     joint_speed,
     least_extent_of_set,
 )
-from .segments_file import SegmentRow, read_segments
+from .segments_file import SegmentRow, segments_by_hand
 from .smoothing import SmoothingOptions, SmoothPiece
 
 __all__ = ["LoadOptions", "RecordingReport", "RecordingSet", "load_recordings"]
@@ -89,6 +91,8 @@ class LoadOptions:
     summarise : callable or None
         Called with the demonstrations of each recording, in the process that reads it: a function
         of a module, or a :func:`functools.partial` of one. Its results are in `summaries`.
+    cache : ReadingCache or None
+        Keeps what is read, except joint states from markers.
     most_samples : int or None
         Largest number of samples kept of each demonstration, after `summarise` was called;
         0 keeps no demonstrations. By default all samples are kept.
@@ -113,6 +117,7 @@ class LoadOptions:
     overviews: bool = False
     summarise: Callable[[Sequence[Demonstration]], Any] | None = None
     most_samples: int | None = None
+    cache: ReadingCache | None = None
 
     def __post_init__(self) -> None:
         if self.segment not in SEGMENTATIONS:
@@ -130,6 +135,7 @@ def load_recordings(
     dask: str | None = None,
     progress: Callable[[int, int], None] | None = None,
     known_extents: Sequence[float] = (),
+    journal: str | Path | None = None,
     **options: Any,
 ) -> RecordingSet:
     """Load the demonstrated motions of recordings.
@@ -137,7 +143,8 @@ def load_recordings(
     Parameters
     ----------
     paths :
-        Bag files, rosbag2 folders, folders of bags, glob patterns; one of them or several.
+        Bag files, rosbag2 folders, folders of bags, glob patterns, and URLs of these (s3, gs,
+        https, file); one of them or several.
     jobs :
         Processes that read recordings at the same time. The result is always the same.
     dask :
@@ -147,6 +154,9 @@ def load_recordings(
         Called with the bytes of recordings done and in all.
     known_extents :
         Extents of further motions of the set, which are not loaded again [rad or m].
+    journal :
+        A file that keeps what was read of each recording, so that an interrupted run goes on where
+        it was. What it holds is not read again.
     **options :
         The fields of :class:`LoadOptions`.
 
@@ -160,11 +170,14 @@ def load_recordings(
     if jobs < 1:
         raise RecordingError(f"the number of jobs must be 1 or more, got {jobs}")
     tasks = _tasks(bags.find_recordings(paths), settings)
-    loaded = _load_all(tasks, jobs, dask, progress)
-    again = _tasks_again(tasks, loaded, known_extents)
-    repeated = _load_all(list(again.values()), jobs, dask, None)
+    with nullcontext() if journal is None else open_journal(journal) as known:
+        loaded = _load_all(tasks, jobs, dask, progress, known)
+        again = _tasks_again(tasks, loaded, known_extents)
+        repeated = _load_all(list(again.values()), jobs, dask, None, known)
     for index, one in zip(again, repeated, strict=True):
         loaded[index] = one
+    if settings.cache is not None:
+        settings.cache.prune()
     return RecordingSet(
         *(tuple(x for one in loaded for x in getattr(one, f.name)) for f in fields(RecordingSet))
     )
@@ -174,16 +187,16 @@ def load_recordings(
 class _LoadTask:
     """A recording to load; its motions, if they were cut by hand; the set's least extent."""
 
-    path: Path
+    path: bags.Recording
     name: str
     segments: tuple[SegmentRow, ...] | None
     options: LoadOptions
     least_extent: float = 0.0
 
 
-def _tasks(found: Sequence[Path], options: LoadOptions) -> list[_LoadTask]:
+def _tasks(found: Sequence[bags.Recording], options: LoadOptions) -> list[_LoadTask]:
     names = bags.recording_names(found)
-    by_hand = _segments_by_hand(options, names)
+    by_hand = segments_by_hand(options.segments_csv, options.labels, names)
     if by_hand is None:
         return [
             _LoadTask(path, name, None, options) for path, name in zip(found, names, strict=True)
@@ -196,44 +209,36 @@ def _tasks(found: Sequence[Path], options: LoadOptions) -> list[_LoadTask]:
     ]
 
 
-def _segments_by_hand(
-    options: LoadOptions, names: Sequence[str]
-) -> dict[str, list[SegmentRow]] | None:
-    """Read the table of segments, if there is one, and choose the rows of the labels."""
-    path, labels = options.segments_csv, options.labels
-    if path is None:
-        if labels is not None:
-            raise RecordingError("labels select motions of a table of segments: none is given")
-        return None
-    by_hand = read_segments(path, names)
-    if labels is None:
-        return by_hand
-    known = sorted({row.label for rows in by_hand.values() for row in rows} - {""})
-    for label in labels:
-        if label not in known:
-            raise RecordingError(f"'{path}': {unknown_name('label', label, known)}")
-    return {name: [row for row in rows if row.label in labels] for name, rows in by_hand.items()}
-
-
 def _load_all(
     tasks: Sequence[_LoadTask],
     jobs: int,
     dask: str | None,
     progress: Callable[[int, int], None] | None,
+    journal: Journal | None,
 ) -> list[RecordingSet]:
     """Load recordings; a set for each, in their order."""
     loaded = [RecordingSet() for _ in tasks]
     sizes = [0 if progress is None else bags.stored_size(task.path) for task in tasks]
-    done = 0
+    total, done, left = sum(sizes), 0, list(range(len(tasks)))
+    keys: list[bytes] = []
+    if journal is not None:
+        keys = [key_of(task, bags.stored_state(task.path)) for task in tasks]
+        left = [i for i, key in enumerate(keys) if key not in journal]
+        for i in set(range(len(tasks))) - set(left):
+            loaded[i] = journal.value(keys[i])
+            done += sizes[i]
 
     def within(index: int, share: float) -> None:
         if progress is not None:
-            progress(done + int(share * sizes[index]), sum(sizes))
+            progress(done + int(share * sizes[left[index]]), total)
 
-    with closing(_outcomes(tasks, jobs, dask, within)) as ready:
+    with closing(_outcomes([tasks[i] for i in left], jobs, dask, within)) as ready:
         for outcome in ready:
-            loaded[outcome.index] = _final(outcome, tasks[outcome.index].name)
-            done += sizes[outcome.index]
+            i = left[outcome.index]
+            loaded[i] = _final(outcome, tasks[i].name)
+            if journal is not None and outcome.result is not None:
+                journal.add(keys[i], outcome.result)
+            done += sizes[i]
             within(outcome.index, 0.0)
     return loaded
 
@@ -268,8 +273,10 @@ def _outcomes(
         return
     if dask is not None:
         # Workers have working directories of their own.
-        tasks = [replace(task, path=task.path.absolute()) for task in tasks]
-        yield from map_on_cluster(_load, tasks, dask, [task.path for task in tasks])
+        paths = [x.path.absolute() if isinstance(x.path, Path) else x.path for x in tasks]
+        tasks = [replace(task, path=path) for task, path in zip(tasks, paths, strict=True)]
+        local = [path if isinstance(path, Path) else None for path in paths]
+        yield from map_on_cluster(_load, tasks, dask, local)
         return
     if jobs > 1 and len(tasks) > 1:
         yield from map_in_processes(_load, tasks, jobs)
@@ -293,21 +300,27 @@ def _final(outcome: Outcome[RecordingSet], name: str) -> RecordingSet:
 
 def _load(task: _LoadTask, progress: Callable[[float], None] | None = None) -> RecordingSet:
     """Load one recording, in this process or another one."""
-    options = task.options
     try:
         if task.segments == ():
             raise RecordingError("the table of segments names no motion in it")
-        clean, residuals = _clean(task.path, options, progress)
-        smoothed = cutting.SmoothRecording.of(clean, options.smoothing, options.segmentation)
-        cuts, clean = _cut(task, smoothed)
-        motions = cutting.demonstrations(cuts, clean, task.name, bags.checksum(task.path))
+        with bags.local_copy(task.path) as path:
+            return _loaded(task, path, progress)
     except RecordingError as error:
         return RecordingSet(refused=(Refusal(task.name, str(error)),))
+
+
+def _loaded(task: _LoadTask, path: Path, progress: Callable[[float], None] | None) -> RecordingSet:
+    """Load the file or folder of a recording; one that can't be used raises a RecordingError."""
+    options = task.options
+    clean, residuals = _clean(path, options, progress)
+    smoothed = cutting.SmoothRecording.of(clean, options.smoothing, options.segmentation)
+    cuts, clean = _cut(task, smoothed)
+    motions = cutting.demonstrations(cuts, clean, task.name, _checksum(path, options))
     segments = (Segment(m.start_time, m.end_time, m.label, extent(m.positions)) for m in motions)
     report = RecordingReport(
         name=task.name,
         path=str(task.path),
-        format=bags.recording_format(task.path),
+        format=bags.recording_format(path),
         topic=clean.topic,
         n_messages=clean.n_messages,
         rate=clean.rate,
@@ -333,8 +346,24 @@ def _clean(
     if options.markers is not None:
         raw, residuals = options.markers.joint_states(path, salvage=options.salvage)
         return repair(raw, None, options.repair), residuals
+    read = partial(_read, path, options, progress)
+    if options.cache is None:
+        return read(), {}
+    chosen = (options.topic, options.joints, options.state_field, options.salvage, options.repair)
+    return options.cache.clean(path, repr(chosen), read), {}
+
+
+def _checksum(path: Path, options: LoadOptions) -> str:
+    """SHA-256 of the stored bytes, which are not read if they did not change."""
+    return bags.checksum(path) if options.cache is None else options.cache.checksum(path)
+
+
+def _read(
+    path: Path, options: LoadOptions, progress: Callable[[float], None] | None
+) -> CleanRecording:
+    """Read joint states, and repair them."""
     with bags.open_bag(path, salvage=options.salvage) as bag:
-        clean = read_clean(
+        return read_clean(
             bag,
             options.topic,
             options.joints,
@@ -342,7 +371,6 @@ def _clean(
             options=options.repair,
             progress=progress,
         )
-    return clean, {}
 
 
 def _cut(
