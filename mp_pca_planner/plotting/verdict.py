@@ -111,7 +111,7 @@ def verdict_on(
         for name, (values, unit) in features.items()
     ]
     good.append("goals in the demonstrated ranges: " + ", ".join(ranges))
-    weak.append("goals outside these ranges: the in-span score of a plan says how far (above 3: unlike)")
+    weak.append("goals outside: the in-span score of a plan says how far (above 3: unlike)")
     if is_weak.size < _OPTIONS.few:
         weak.append(f"there are only {is_weak.size} demonstrations: record ten to thirty")
     return PrimitiveVerdict(good, weak, is_weak)
