@@ -35,6 +35,7 @@ COMMANDS = {
     "families": "python3 benchmarks/families.py --problems 25",
     "self_collision": "python3 benchmarks/self_collision.py --problems 40",
     "scenes": "python3 -m mp_pca_planner benchmark --scenes problems --problems 100",
+    "spheres_on_path": "python3 benchmarks/spheres_on_path.py",
     "sequences": "python3 benchmarks/sequences.py",
     "selection": "python3 benchmarks/selection.py --quality",
     "benchmark_human_arm": "python3 -m mp_pca_planner benchmark --problems 200 --repeats 1 "
