@@ -191,7 +191,7 @@ def load(
             state_field=arguments.field,
             repair=RepairOptions(max_gap=arguments.max_gap),
             salvage=arguments.recover,
-            cache=None if arguments.no_cache else ReadingCache(default_folder()),
+            cache=ReadingCache(None if arguments.no_cache else default_folder()),
             progress=progress,
         )
 

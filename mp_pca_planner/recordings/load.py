@@ -92,8 +92,8 @@ class LoadOptions:
     summarise : callable or None
         Called with the demonstrations of each recording, in the process that reads it: a function
         of a module, or a :func:`functools.partial` of one. Its results are in `summaries`.
-    cache : ReadingCache or None
-        Keeps what is read, except joint states from markers.
+    cache : ReadingCache
+        Keeps what is read, except joint states from markers; by default nothing.
     most_samples : int or None
         Largest number of samples kept of each demonstration, after `summarise` was called;
         0 keeps no demonstrations. By default all samples are kept.
@@ -118,7 +118,7 @@ class LoadOptions:
     overviews: bool = False
     summarise: Callable[[Sequence[Demonstration]], Any] | None = None
     most_samples: int | None = None
-    cache: ReadingCache | None = None
+    cache: ReadingCache = field(default_factory=ReadingCache)
 
     def __post_init__(self) -> None:
         if self.segment not in SEGMENTATIONS:
@@ -171,8 +171,7 @@ def load_recordings(
     repeated = _load_all(list(again.values()), jobs, dask, None)
     for index, one in zip(again, repeated, strict=True):
         loaded[index] = one
-    if settings.cache is not None:
-        settings.cache.prune()
+    settings.cache.prune()
     return RecordingSet(
         *(tuple(x for one in loaded for x in getattr(one, f.name)) for f in fields(RecordingSet))
     )
@@ -310,7 +309,7 @@ def _load(task: _LoadTask, progress: Callable[[float], None] | None = None) -> R
         speed = np.concatenate([joint_speed(piece.velocities) for piece in pieces])
         thresholds = speed_thresholds(speed, options.segmentation)
         cuts, clean = _cut(task, clean, pieces, thresholds)
-        motions = cutting.demonstrations(cuts, clean, task.name, _checksum(task.path, options))
+        motions = cutting.demonstrations(cuts, clean, task.name, options.cache.checksum(task.path))
     except RecordingError as error:
         return RecordingSet(refused=(Refusal(task.name, str(error)),))
     segments = (Segment(m.start_time, m.end_time, m.label, extent(m.positions)) for m in motions)
@@ -344,15 +343,8 @@ def _clean(
         raw, residuals = options.markers.joint_states(path, salvage=options.salvage)
         return repair(raw, None, options.repair), residuals
     read = partial(_read, path, options, progress)
-    if options.cache is None:
-        return read(), {}
     chosen = (options.topic, options.joints, options.state_field, options.salvage, options.repair)
     return options.cache.clean(path, repr(chosen), read), {}
-
-
-def _checksum(path: Path, options: LoadOptions) -> str:
-    """SHA-256 of the stored bytes, which are not read if they did not change."""
-    return bags.checksum(path) if options.cache is None else options.cache.checksum(path)
 
 
 def _read(
