@@ -86,14 +86,21 @@ setup(
         "learn": ["cmaes>=0.10"],
         # Recordings read by the workers of a Dask cluster.
         "dask": ["distributed>=2024.1"],
+        # Recordings in object storage and on web servers.
+        "cloud": ["fsspec[gs,http,s3]>=2024.2"],
         # colcon runs pytest only if it is named here. Checkers whose verdict changes from one
         # release to the next are held.
         "test": [
+            "aiobotocore[boto3]>=2.13",  # lets pip find versions that fit each other at once
             "argcomplete>=3.1",
             "cmaes>=0.10",
             "distributed>=2024.1",
             "filelock>=3.12",
+            "flask>=3.0",
+            "flask-cors>=4.0",
+            "fsspec[http,s3]>=2024.2",
             "hypothesis>=6.100",
+            "moto[s3]>=5.0",
             "mujoco>=3.3",
             "mypy==2.4.*",
             "playwright>=1.45",

@@ -187,6 +187,7 @@ def load(
             most_samples=None if is_warped else samples,
             jobs=arguments.jobs,
             dask=arguments.dask,
+            journal=arguments.resume,
             markers=markers,
             state_field=arguments.field,
             repair=RepairOptions(max_gap=arguments.max_gap),

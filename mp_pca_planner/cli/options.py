@@ -14,7 +14,7 @@ from pathlib import Path
 
 from .option_types import count, duration, jobs, name_list, number, seconds, seed, whole
 from .parser import Options, parse_command
-from .ros_options import demo, reload, save_motion, send_goal, simulate, stop
+from .ros_options import demo, reload, save_motion, send_goal, simulate, stop, teach
 from .shared_options import add_node_options, add_report_options, add_via
 
 VALUES = "name=value,… or values in the robot description's joint order [rad or m]"
@@ -204,6 +204,7 @@ def _add_input(add: Options) -> None:
     workers = add.one_of()
     workers("--jobs N", "recordings to read at the same time", jobs, 1)
     workers("--dask ADDRESS", "scheduler (tcp://HOST:PORT) of a Dask cluster that reads them")
+    add("--resume FILE", "keep what was read in this file, and read only the rest", Path)
 
 
 def _add_segmentation(add: Options) -> None:
@@ -327,7 +328,7 @@ def view(add: Options) -> None:
 _COMMANDS = (
     *(build_primitives, build_library, inspect, plan, sequence, refine, benchmark, library),
     *(verify, case_study),
-    *(demo, send_goal, stop, save_motion, reload, simulate, view),
+    *(demo, send_goal, stop, save_motion, reload, simulate, view, teach),
 )
 
 

@@ -26,7 +26,7 @@ def map_on_cluster(
     function: Callable[[Item], Result],
     items: Sequence[Item],
     address: str,
-    paths: Sequence[Path],
+    paths: Sequence[Path | None],
 ) -> Iterator[Outcome[Result]]:
     """Call a function with every item, on the workers of a cluster.
 
@@ -42,7 +42,8 @@ def map_on_cluster(
     address :
         Address of the scheduler, for example 'tcp://192.0.2.1:8786'.
     paths :
-        The file or folder that each item is about, absolute; all workers must see it.
+        The file or folder that each item is about, absolute, if it has one; all workers must see
+        it.
 
     Yields
     ------
@@ -79,7 +80,8 @@ def map_on_cluster(
         def submit(bundle: list[int]) -> Any:
             (index,) = bundle
             work = pickle.dumps((function, items[index]))
-            return client.submit(run, work, str(paths[index]), __version__, pure=False)
+            path = str(paths[index] or "")
+            return client.submit(run, work, path, __version__, pure=False)
 
         def check() -> None:
             if not client.nthreads():
@@ -131,7 +133,7 @@ def _run_on_worker() -> Callable[[bytes, str, str], list[Any]]:
             raise ImportError(f"{worker} lacks mp_pca_planner or a part of it: {error}") from None
         if found != version:
             raise ImportError(f"{worker} has mp_pca_planner {found}, but {version} is needed")
-        if not os.path.exists(path):
+        if path and not os.path.exists(path):
             raise FileNotFoundError(
                 f"{worker} does not see '{path}': all must see the recordings at the same path"
             )

@@ -5,10 +5,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 
 from ..exceptions import RecordingError, UnusableRecordingError
-from .bags import BagFormat, Topic, find_recordings, open_bag, recording_format, recording_names
+from .bags import (
+    BagFormat,
+    Recording,
+    Topic,
+    find_recordings,
+    local_copy,
+    open_bag,
+    recording_format,
+    recording_names,
+)
 from .reading import read_clean
 
 
@@ -55,7 +63,7 @@ class RecordingInspection:
 
 
 def inspect_recording(
-    path: str | Path,
+    path: str | Recording,
     topic: str | None = None,
     *,
     state_field: str | None = None,
@@ -82,18 +90,20 @@ def inspect_recording(
     paths = find_recordings([path])
     if len(paths) > 1:
         raise RecordingError(f"there are {len(paths)} recordings at '{path}': inspect one of them")
-    inspection = RecordingInspection(
-        recording_names(paths)[0], str(paths[0]), recording_format(paths[0])
-    )
-    try:
-        with open_bag(paths[0], salvage=salvage) as bag:
-            inspection = replace(inspection, topics=bag.topics)
-            clean = read_clean(bag, topic, state_field=state_field)
-        found, refusal = vars(clean) | {"duration": clean.duration}, None
-    except UnusableRecordingError as error:
-        found, refusal = error.findings, str(error)
-    except RecordingError as error:
-        return replace(inspection, refusal=str(error))
+    (recording,) = paths
+    with local_copy(recording) as copy:
+        inspection = RecordingInspection(
+            recording_names(paths)[0], str(recording), recording_format(copy)
+        )
+        try:
+            with open_bag(copy, salvage=salvage) as bag:
+                inspection = replace(inspection, topics=bag.topics)
+                clean = read_clean(bag, topic, state_field=state_field)
+            found, refusal = vars(clean) | {"duration": clean.duration}, None
+        except UnusableRecordingError as error:
+            found, refusal = error.findings, str(error)
+        except RecordingError as error:
+            return replace(inspection, refusal=str(error))
     facts = ("topic", "n_messages", "rate", "duration", "repairs", "notes")
     return replace(
         inspection,

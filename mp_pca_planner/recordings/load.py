@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Generator, Iterable, Sequence
-from contextlib import closing
+from contextlib import closing, nullcontext
 from dataclasses import dataclass, field, fields, replace
 from functools import partial
 from pathlib import Path
@@ -27,19 +27,18 @@ from .demonstration import (
     Segment,
 )
 from .joint_states import RawJointStates
+from .journal import Journal, key_of, open_journal
 from .processes import Outcome, map_in_processes
 from .reading import read_clean
 from .repair import CleanRecording, RepairOptions, repair
 from .segmentation import (
     SegmentationOptions,
-    SpeedThresholds,
     extent,
     joint_speed,
     least_extent_of_set,
-    speed_thresholds,
 )
-from .segments_file import SegmentRow, read_segments
-from .smoothing import SmoothingOptions, SmoothPiece, smooth
+from .segments_file import SegmentRow, segments_by_hand
+from .smoothing import SmoothingOptions, SmoothPiece
 
 __all__ = ["LoadOptions", "RecordingReport", "RecordingSet", "load_recordings"]
 
@@ -136,6 +135,7 @@ def load_recordings(
     dask: str | None = None,
     progress: Callable[[int, int], None] | None = None,
     known_extents: Sequence[float] = (),
+    journal: str | Path | None = None,
     **options: Any,
 ) -> RecordingSet:
     """Load the demonstrated motions of recordings.
@@ -143,7 +143,8 @@ def load_recordings(
     Parameters
     ----------
     paths :
-        Bag files, rosbag2 folders, folders of bags, glob patterns; one of them or several.
+        Bag files, rosbag2 folders, folders of bags, glob patterns, and URLs of these (s3, gs,
+        https, file); one of them or several.
     jobs :
         Processes that read recordings at the same time. The result is always the same.
     dask :
@@ -153,6 +154,9 @@ def load_recordings(
         Called with the bytes of recordings done and in all.
     known_extents :
         Extents of further motions of the set, which are not loaded again [rad or m].
+    journal :
+        A file that keeps what was read of each recording, so that an interrupted run goes on where
+        it was. What it holds is not read again.
     **options :
         The fields of :class:`LoadOptions`.
 
@@ -166,9 +170,10 @@ def load_recordings(
     if jobs < 1:
         raise RecordingError(f"the number of jobs must be 1 or more, got {jobs}")
     tasks = _tasks(bags.find_recordings(paths), settings)
-    loaded = _load_all(tasks, jobs, dask, progress)
-    again = _tasks_again(tasks, loaded, known_extents)
-    repeated = _load_all(list(again.values()), jobs, dask, None)
+    with nullcontext() if journal is None else open_journal(journal) as known:
+        loaded = _load_all(tasks, jobs, dask, progress, known)
+        again = _tasks_again(tasks, loaded, known_extents)
+        repeated = _load_all(list(again.values()), jobs, dask, None, known)
     for index, one in zip(again, repeated, strict=True):
         loaded[index] = one
     settings.cache.prune()
@@ -181,16 +186,16 @@ def load_recordings(
 class _LoadTask:
     """A recording to load; its motions, if they were cut by hand; the set's least extent."""
 
-    path: Path
+    path: bags.Recording
     name: str
     segments: tuple[SegmentRow, ...] | None
     options: LoadOptions
     least_extent: float = 0.0
 
 
-def _tasks(found: Sequence[Path], options: LoadOptions) -> list[_LoadTask]:
+def _tasks(found: Sequence[bags.Recording], options: LoadOptions) -> list[_LoadTask]:
     names = bags.recording_names(found)
-    by_hand = _segments_by_hand(options, names)
+    by_hand = segments_by_hand(options.segments_csv, options.labels, names)
     if by_hand is None:
         return [
             _LoadTask(path, name, None, options) for path, name in zip(found, names, strict=True)
@@ -203,44 +208,36 @@ def _tasks(found: Sequence[Path], options: LoadOptions) -> list[_LoadTask]:
     ]
 
 
-def _segments_by_hand(
-    options: LoadOptions, names: Sequence[str]
-) -> dict[str, list[SegmentRow]] | None:
-    """Read the table of segments, if there is one, and choose the rows of the labels."""
-    path, labels = options.segments_csv, options.labels
-    if path is None:
-        if labels is not None:
-            raise RecordingError("labels select motions of a table of segments: none is given")
-        return None
-    by_hand = read_segments(path, names)
-    if labels is None:
-        return by_hand
-    known = sorted({row.label for rows in by_hand.values() for row in rows} - {""})
-    for label in labels:
-        if label not in known:
-            raise RecordingError(f"'{path}': {unknown_name('label', label, known)}")
-    return {name: [row for row in rows if row.label in labels] for name, rows in by_hand.items()}
-
-
 def _load_all(
     tasks: Sequence[_LoadTask],
     jobs: int,
     dask: str | None,
     progress: Callable[[int, int], None] | None,
+    journal: Journal | None,
 ) -> list[RecordingSet]:
     """Load recordings; a set for each, in their order."""
     loaded = [RecordingSet() for _ in tasks]
     sizes = [0 if progress is None else bags.stored_size(task.path) for task in tasks]
-    done = 0
+    total, done, left = sum(sizes), 0, list(range(len(tasks)))
+    keys: list[bytes] = []
+    if journal is not None:
+        keys = [key_of(task, bags.stored_state(task.path)) for task in tasks]
+        left = [i for i, key in enumerate(keys) if key not in journal]
+        for i in set(range(len(tasks))) - set(left):
+            loaded[i] = journal.value(keys[i])
+            done += sizes[i]
 
     def within(index: int, share: float) -> None:
         if progress is not None:
-            progress(done + int(share * sizes[index]), sum(sizes))
+            progress(done + int(share * sizes[left[index]]), total)
 
-    with closing(_outcomes(tasks, jobs, dask, within)) as ready:
+    with closing(_outcomes([tasks[i] for i in left], jobs, dask, within)) as ready:
         for outcome in ready:
-            loaded[outcome.index] = _final(outcome, tasks[outcome.index].name)
-            done += sizes[outcome.index]
+            i = left[outcome.index]
+            loaded[i] = _final(outcome, tasks[i].name)
+            if journal is not None and outcome.result is not None:
+                journal.add(keys[i], outcome.result)
+            done += sizes[i]
             within(outcome.index, 0.0)
     return loaded
 
@@ -275,8 +272,10 @@ def _outcomes(
         return
     if dask is not None:
         # Workers have working directories of their own.
-        tasks = [replace(task, path=task.path.absolute()) for task in tasks]
-        yield from map_on_cluster(_load, tasks, dask, [task.path for task in tasks])
+        paths = [x.path.absolute() if isinstance(x.path, Path) else x.path for x in tasks]
+        tasks = [replace(task, path=path) for task, path in zip(tasks, paths, strict=True)]
+        local = [path if isinstance(path, Path) else None for path in paths]
+        yield from map_on_cluster(_load, tasks, dask, local)
         return
     if jobs > 1 and len(tasks) > 1:
         yield from map_in_processes(_load, tasks, jobs)
@@ -300,23 +299,27 @@ def _final(outcome: Outcome[RecordingSet], name: str) -> RecordingSet:
 
 def _load(task: _LoadTask, progress: Callable[[float], None] | None = None) -> RecordingSet:
     """Load one recording, in this process or another one."""
-    options = task.options
     try:
         if task.segments == ():
             raise RecordingError("the table of segments names no motion in it")
-        clean, residuals = _clean(task.path, options, progress)
-        pieces = [smooth(piece, clean.sample_rate, options.smoothing) for piece in clean.pieces]
-        speed = np.concatenate([joint_speed(piece.velocities) for piece in pieces])
-        thresholds = speed_thresholds(speed, options.segmentation)
-        cuts, clean = _cut(task, clean, pieces, thresholds)
-        motions = cutting.demonstrations(cuts, clean, task.name, options.cache.checksum(task.path))
+        with bags.local_copy(task.path) as path:
+            return _loaded(task, path, progress)
     except RecordingError as error:
         return RecordingSet(refused=(Refusal(task.name, str(error)),))
+
+
+def _loaded(task: _LoadTask, path: Path, progress: Callable[[float], None] | None) -> RecordingSet:
+    """Load the file or folder of a recording; one that can't be used raises a RecordingError."""
+    options = task.options
+    clean, residuals = _clean(path, options, progress)
+    smoothed = cutting.SmoothRecording.of(clean, options.smoothing, options.segmentation)
+    cuts, clean = _cut(task, smoothed)
+    motions = cutting.demonstrations(cuts, clean, task.name, options.cache.checksum(path))
     segments = (Segment(m.start_time, m.end_time, m.label, extent(m.positions)) for m in motions)
     report = RecordingReport(
         name=task.name,
         path=str(task.path),
-        format=bags.recording_format(task.path),
+        format=bags.recording_format(path),
         topic=clean.topic,
         n_messages=clean.n_messages,
         rate=clean.rate,
@@ -325,9 +328,9 @@ def _load(task: _LoadTask, progress: Callable[[float], None] | None = None) -> R
         checksum=motions[0].checksum,
         repairs=clean.repairs,
         motions=tuple(segments),
-        thresholds=thresholds,
+        thresholds=smoothed.thresholds,
         notes=clean.notes,
-        overview=_overview(pieces) if options.overviews else None,
+        overview=_overview(smoothed.pieces) if options.overviews else None,
         marker_residuals=residuals,
     )
     summaries = () if options.summarise is None else (options.summarise(motions),)
@@ -363,24 +366,15 @@ def _read(
 
 
 def _cut(
-    task: _LoadTask,
-    clean: CleanRecording,
-    pieces: Sequence[SmoothPiece],
-    thresholds: SpeedThresholds,
+    task: _LoadTask, recording: cutting.SmoothRecording
 ) -> tuple[list[cutting.Cut], CleanRecording]:
     """Cut a recording into its motions; return them with additional notes and repairs."""
-    options = task.options.segmentation
-    notes: tuple[str, ...] = ()
     if task.segments is not None:
-        return cutting.cut_by_hand(pieces, task.segments), clean
-    if clean.pieces_are_motions or task.options.segment == "none":
-        cuts = cutting.cut_whole_pieces(pieces, thresholds)
-    else:
-        cuts, notes = cutting.cut_at_rests_and_valleys(pieces, thresholds, options)
-    kept = cutting.without_rest(cuts, clean.pieces, task.least_extent, options)
-    n_rest = len(cuts) - len(kept)
-    repairs = {**clean.repairs, "rest": n_rest} if n_rest else clean.repairs
-    return kept, replace(clean, repairs=repairs, notes=clean.notes + notes)
+        return cutting.cut_by_hand(recording.pieces, task.segments), recording.clean
+    is_whole = recording.clean.pieces_are_motions or task.options.segment == "none"
+    return cutting.cut_motions(
+        recording, task.options.segmentation, task.least_extent, is_whole=is_whole
+    )
 
 
 def _overview(pieces: Sequence[SmoothPiece]) -> Overview:

@@ -10,20 +10,23 @@ import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from pathlib import Path
+from pathlib import Path, PurePath, PurePosixPath
 from typing import Literal
+from urllib.parse import unquote, urlsplit
 
 from ...exceptions import RecordingError
+from .remote import FILE_URL, RemoteFile, RemoteRecording, check_url, is_url, list_remote
 
 BagFormat = Literal["rosbag1", "sqlite3", "mcap"]
+Recording = Path | RemoteRecording
 
 METADATA = "metadata.yaml"
 FORMAT_OF_SUFFIX: dict[str, BagFormat] = {".bag": "rosbag1", ".db3": "sqlite3", ".mcap": "mcap"}
 PACKED_SUFFIXES = (".zstd", ".zst")
 
 
-def find_recordings(paths: str | Path | Iterable[str | Path]) -> tuple[Path, ...]:
-    """Expand files, rosbag2 folders, folders of bags and glob patterns to single recordings.
+def find_recordings(paths: str | Recording | Iterable[str | Recording]) -> tuple[Recording, ...]:
+    """Expand files, rosbag2 folders, folders of bags, patterns and URLs to single recordings.
 
     A folder is searched with its subfolders. A rosbag2 folder (one with a metadata.yaml) is one
     recording. A file that is named itself is taken whatever its suffix; loading rejects it with a
@@ -39,29 +42,53 @@ def find_recordings(paths: str | Path | Iterable[str | Path]) -> tuple[Path, ...
     RecordingError
         If a path does not exist or holds no recording.
     """
-    found: dict[Path, Path] = {}
-    for path in [paths] if isinstance(paths, str | Path) else paths:
-        with translated_os_errors(path):
-            recordings = [item for match in _glob(path) for item in recordings_in(match)]
+    found: dict[str, Recording] = {}
+    recordings: list[Recording]
+    for path in [paths] if isinstance(paths, str | Recording) else paths:
+        if isinstance(path, RemoteRecording):
+            shown, recordings = str(path), [path]
+        elif isinstance(path, str) and is_url(path):
+            shown, recordings = check_url(path), _at_url(path)
+        else:
+            shown = str(path)
+            with translated_os_errors(path):
+                recordings = [x for match in _glob(path) for x in recordings_in(match)]
         if not recordings:
             raise RecordingError(
-                f"no recording at '{path}': expected a .bag, .db3 or .mcap file, a rosbag2 "
+                f"no recording at '{shown}': expected a .bag, .db3 or .mcap file, a rosbag2 "
                 "folder, or a folder that holds some of these"
             )
         for recording in recordings:
             # Links and overlapping patterns may lead to the same place.
-            found.setdefault(recording.resolve(), recording)
+            same = recording.resolve() if isinstance(recording, Path) else recording
+            found.setdefault(str(same), recording)
     return tuple(found.values())
 
 
-def recording_names(paths: Sequence[Path]) -> tuple[str, ...]:
+def recording_names(paths: Sequence[Recording]) -> tuple[str, ...]:
     """Name recordings by their file or folder, and by its parent where several have that name."""
     names = [_own_name(path) for path in paths]
     counts = Counter(names)
     return tuple(
-        name if counts[name] == 1 else f"{path.resolve().parent.name}/{name}"
+        name if counts[name] == 1 else f"{_location(path).parent.name}/{name}"
         for path, name in zip(paths, names, strict=True)
     )
+
+
+@contextmanager
+def local_copy(recording: Recording) -> Iterator[Path]:
+    """A recording as a file or folder of this machine; of a remote one, a temporary copy.
+
+    Raises
+    ------
+    RecordingError
+        If it can't be copied.
+    """
+    if isinstance(recording, Path):
+        yield recording
+    else:
+        with recording.copied() as path:
+            yield path
 
 
 def recording_format(path: Path) -> BagFormat:
@@ -100,7 +127,7 @@ def checksum(path: Path) -> str:
     return digest.hexdigest()
 
 
-def stored_size(path: Path) -> int:
+def stored_size(path: Recording) -> int:
     """Size of the storage files [bytes].
 
     Raises
@@ -108,16 +135,33 @@ def stored_size(path: Path) -> int:
     RecordingError
         If their sizes can't be read.
     """
+    if isinstance(path, RemoteRecording):
+        return path.size
     with translated_os_errors(path):
         return sum(file.stat().st_size for file in _storage_files(path))
 
 
+def stored_state(path: Recording) -> tuple[object, ...]:
+    """What differs when a recording has changed: sizes and times of its files.
+
+    Raises
+    ------
+    RecordingError
+        If they can't be read.
+    """
+    if isinstance(path, RemoteRecording):
+        return path.files
+    with translated_os_errors(path):
+        states = [(file.name, file.stat()) for file in _storage_files(path)]
+    return tuple((name, state.st_size, state.st_mtime_ns) for name, state in states)
+
+
 def recordings_in(path: Path) -> list[Path]:
     """The path itself if it is one recording, else the recordings in the folder."""
-    if not path.is_dir() or (path / METADATA).exists():
+    if not path.is_dir():
         return [path]
     children = sorted(path.iterdir())
-    if _has_lost_its_metadata(path, children):
+    if _is_recording(path.resolve().name, [child.name for child in children]):
         return [path]
     return [
         recording
@@ -151,9 +195,34 @@ def _glob(path: str | Path) -> list[Path]:
     return [Path(match) for match in sorted(glob.glob(str(path), recursive=True))]
 
 
-def _own_name(path: Path) -> str:
-    resolved = path.resolve()
-    return resolved.name if resolved.is_dir() else resolved.stem
+def _at_url(url: str) -> list[Recording]:
+    if url.startswith(FILE_URL):
+        local = Path(unquote(urlsplit(url).path))
+        return [item for match in _glob(local) for item in recordings_in(match)]
+    folders: dict[PurePosixPath, dict[str, RemoteFile]] = {}
+    files = list_remote(url)
+    for file in files:
+        place = PurePosixPath(file.path)
+        folders.setdefault(place.parent, {})[place.name] = file
+    found = []
+    for folder, content in folders.items():
+        if _is_recording(folder.name, sorted(content)):
+            every = tuple(content[name] for name in sorted(content))
+            found.append(RemoteRecording(url, str(folder), every, is_folder=True))
+            continue
+        for name, file in content.items():
+            if len(files) == 1 or PurePosixPath(name).suffix in FORMAT_OF_SUFFIX:
+                found.append(RemoteRecording(url, file.path, (file,), is_folder=False))
+    return [*sorted(found, key=lambda recording: recording.location.parts)]
+
+
+def _location(recording: Recording) -> PurePath:
+    return recording.resolve() if isinstance(recording, Path) else recording.location
+
+
+def _own_name(recording: Recording) -> str:
+    is_folder = recording.is_dir() if isinstance(recording, Path) else recording.is_folder
+    return _location(recording).name if is_folder else _location(recording).stem
 
 
 def _storage_files(path: Path) -> list[Path]:
@@ -163,13 +232,15 @@ def _storage_files(path: Path) -> list[Path]:
     return sorted(file for file in path.iterdir() if file.is_file() and file.name != METADATA)
 
 
-def _suffix(file: Path) -> str:
+def _suffix(file: PurePath) -> str:
     """Suffix of a file without that of its compression."""
     return (file.with_suffix("") if file.suffix in PACKED_SUFFIXES else file).suffix
 
 
-def _has_lost_its_metadata(folder: Path, children: Sequence[Path]) -> bool:
-    """Whether a folder is a rosbag2 folder without metadata.yaml, by the names of its files."""
-    ours = re.compile(re.escape(folder.resolve().name) + r"_\d+\.(db3|mcap)(\.zstd|\.zst)?")
-    bags = [file.name for file in children if _suffix(file) in FORMAT_OF_SUFFIX]
+def _is_recording(folder: str, names: Sequence[str]) -> bool:
+    """Whether a folder with these files is a rosbag2 folder, also without its metadata.yaml."""
+    if METADATA in names:
+        return True
+    ours = re.compile(re.escape(folder) + r"_\d+\.(db3|mcap)(\.zstd|\.zst)?")
+    bags = [name for name in names if _suffix(PurePath(name)) in FORMAT_OF_SUFFIX]
     return bool(bags) and all(ours.fullmatch(name) for name in bags)
