@@ -44,6 +44,7 @@ COMMANDS = {
     "--repeats 1 --peer-problems 10",
     "naturalness": "python3 benchmarks/naturalness.py joint_states --segments motions.csv "
     "--by-label --robot config/human_arm.urdf --tip wrist",
+    "library": "python3 benchmarks/library.py joint_states reem_gestures --segments motions.csv",
     "case_study": "python3 -m mp_pca_planner case_study --recordings markers "
     "--segments motions.csv",
     "moving_robot": "python3 benchmarks/moving_robot.py --events 1000",
