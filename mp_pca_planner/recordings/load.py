@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Generator, Iterable, Sequence
 from contextlib import closing, nullcontext
 from dataclasses import dataclass, field, fields, replace
@@ -299,8 +300,11 @@ def _load(task: _LoadTask, progress: Callable[[float], None] | None = None) -> R
     try:
         if task.segments == ():
             raise RecordingError("the table of segments names no motion in it")
+        began = time.perf_counter()
         with bags.local_copy(task.path) as path:
-            return _loaded(task, path, progress)
+            found = _loaded(task, path, progress)
+        seconds = time.perf_counter() - began
+        return replace(found, reports=tuple(replace(x, seconds=seconds) for x in found.reports))
     except RecordingError as error:
         return RecordingSet(refused=(Refusal(task.name, str(error)),))
 
