@@ -233,7 +233,8 @@ def _load_all(
         for outcome in ready:
             i = left[outcome.index]
             loaded[i] = _final(outcome, tasks[i].name)
-            if journal is not None and outcome.result is not None:
+            # What was refused is tried again: the reason may have been the network.
+            if journal is not None and outcome.result is not None and not outcome.result.refused:
                 journal.add(keys[i], outcome.result)
             done += sizes[i]
             within(outcome.index, 0.0)
