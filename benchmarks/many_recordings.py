@@ -9,28 +9,43 @@ Prints also the growth of the memory of the process, and that of a process that 
 The best of several alternating repetitions counts, because other load disturbs the times. The CPU
 time of one process depends less on such load.
 
+With --kinds, the recordings are of that many kinds, in turn. Prints the kinds found, the adjusted
+Rand index with the true ones, and CPU times: to read each recording, and to find the kinds and
+learn their primitives. Prints also the size of a primitive of all of them, and the time (wall and
+CPU) of `build_primitives --update` with one more recording.
+
     python benchmarks/many_recordings.py [--counts 100,500,2000] [--jobs 2] [--repeat 2]
+    python benchmarks/many_recordings.py --kinds 20 --counts 2000,20000
 """
 
 from __future__ import annotations
 
+import argparse
 import json
+import os
 import subprocess
 import sys
 import tempfile
 import time
 from functools import partial
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
-from tables import benchmark_parser, show
+from tables import Table, benchmark_parser, show
 
 from mp_pca_planner.primitives.build import build_from_statistics
+from mp_pca_planner.primitives.file import save_primitive
+from mp_pca_planner.primitives.library_building import adjusted_rand_index, library_content
 from mp_pca_planner.primitives.motion_statistics import MotionStatistics
 from mp_pca_planner.primitives.options import PrimitiveOptions
 from mp_pca_planner.recordings.bags import BagFormat, write_joint_states
 from mp_pca_planner.recordings.load import load_recordings
-from mp_pca_planner.recordings.synthetic import continuous_recording, generate_motions
+from mp_pca_planner.recordings.synthetic import (
+    continuous_recording,
+    generate_kinds,
+    generate_motions,
+)
 
 RATE = 100.0
 EPOCH_NS = 1_700_000_000_000_000_000
@@ -64,8 +79,14 @@ def main() -> None:
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--repeat", type=int, default=2)
     parser.add_argument("--format", choices=("rosbag1", "sqlite3", "mcap"), default="mcap")
+    parser.add_argument("--kinds", type=int)
     arguments = parser.parse_args()
     counts = sorted(int(count) for count in arguments.counts.split(","))
+    if arguments.kinds:
+        with tempfile.TemporaryDirectory() as folder:
+            content = _kinds_table(Path(folder), counts, arguments)
+        show({"Kinds of many recordings": content}, as_json=arguments.json)
+        return
     rows = []
     with tempfile.TemporaryDirectory() as folder:
         paths = [_write(Path(folder), i, arguments.format) for i in range(counts[-1])]
@@ -103,10 +124,49 @@ def main() -> None:
     show({"Many recordings": (header, rows)}, as_json=arguments.json)
 
 
-def learn(paths: list[Path], jobs: int) -> MotionStatistics:
+def _kinds_table(folder: Path, counts: list[int], arguments: argparse.Namespace) -> Table:
+    n_kinds = arguments.kinds
+    paths = [_write(folder, i, arguments.format, n_kinds) for i in range(counts[-1] + 1)]
+    learn(paths[:2], 1, "none")
+    rows = []
+    for count in counts:
+        start = time.process_time()
+        statistics = learn(paths[:count], 1, "none")
+        read = time.process_time()
+        content = library_content(statistics, OPTIONS)
+        learned = time.process_time()
+        assigned = content.kinds.assigned.tolist()
+        index = adjusted_rand_index(assigned, [i % n_kinds for i in range(count)])
+        cells = [f"{1e3 * (read - start) / count:.2f}", f"{1e3 * (learned - read) / count:.2f}"]
+        cells += [f"{1e3 * (learned - start) / count:.2f}"]
+        found = [str(count), str(len(content.primitives)), f"{index:.3f}"]
+        rows.append([*found, *cells, *_update(folder, statistics, paths[-1])])
+    header = ["recordings", "kinds", "adjusted Rand index", "read, each [ms]", "kinds, each [ms]"]
+    return [*header, "both [ms]", "one pot [MB]", "update [s]", "processor [s]"], rows
+
+
+def _update(folder: Path, statistics: MotionStatistics, path: Path) -> list[str]:
+    """Size of a primitive of all, and times of an update by one recording."""
+    file = folder / "all.npz"
+    origin = {"repairs": {}, "prismatic_joints": []}
+    primitive = build_from_statistics(statistics, "all", OPTIONS, origin)
+    save_primitive(primitive, file, overwrite=True)
+    command = ["build_primitives", str(path), "--segment", "none", "--update", str(file)]
+    start, before = time.perf_counter(), os.times()
+    arguments = [sys.executable, "-m", "mp_pca_planner", *command]
+    subprocess.run(arguments, check=True, stdout=subprocess.DEVNULL)
+    after, wall = os.times(), time.perf_counter() - start
+    processor = sum(after[2:4]) - sum(before[2:4])
+    return [f"{file.stat().st_size / 1e6:.1f}", f"{wall:.2f}", f"{processor:.2f}"]
+
+
+def learn(
+    paths: list[Path], jobs: int, segment: Literal["auto", "none"] = "auto"
+) -> MotionStatistics:
     """Run the steps of `build_primitives` up to the components."""
     loaded = load_recordings(
         paths,
+        segment=segment,
         summarise=partial(MotionStatistics.of, options=OPTIONS),
         most_samples=0,
         jobs=jobs,
@@ -114,9 +174,12 @@ def learn(paths: list[Path], jobs: int) -> MotionStatistics:
     return MotionStatistics.merged(loaded.summaries)
 
 
-def _write(folder: Path, seed: int, bag_format: BagFormat) -> Path:
+def _write(folder: Path, seed: int, bag_format: BagFormat, n_kinds: int | None = None) -> Path:
     """A recording with one motion, about 3 s long."""
-    made = continuous_recording(generate_motions(1, seed), RATE, (0.8, 1.2), seed=seed)
+    motions = generate_motions(1, seed)
+    if n_kinds is not None:
+        motions = generate_kinds(1, n_kinds, seed=0, first=seed)
+    made = continuous_recording(motions, RATE, (0.8, 1.2), seed=seed)
     stamps = EPOCH_NS + np.round(made.times * 1e9).astype(np.int64)
     path = folder / f"{seed:05d}{'.bag' if bag_format == 'rosbag1' else ''}"
     write_joint_states(path, bag_format, made.joint_names, stamps, made.positions)

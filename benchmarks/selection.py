@@ -35,12 +35,12 @@ from pathlib import Path
 
 import numpy as np
 from scipy.spatial import cKDTree
+from tables import Table, benchmark_parser, show
 
 from mp_pca_planner.motion.goal import JointGoal, JointState
 from mp_pca_planner.planning.plan import Plan
 from mp_pca_planner.planning.planner import Planner
 from mp_pca_planner.planning.selection import Selector, is_near
-from mp_pca_planner.plotting.text import table
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
 from mp_pca_planner.primitives.file import primitive_bytes
 from mp_pca_planner.primitives.primitive import MovementPrimitive
@@ -56,7 +56,7 @@ Ends = tuple[np.ndarray, np.ndarray]
 
 def main() -> None:
     """Print the tables."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = benchmark_parser(__doc__)
     parser.add_argument("--goals", type=int, default=200)
     parser.add_argument("--counts", default="1,10,1000,10000,100000")
     parser.add_argument("--files", type=int, default=0)
@@ -67,15 +67,16 @@ def main() -> None:
         read(Path(arguments.read), arguments.goals)
         return
     robot = Robot.from_file(config_file("human_arm.urdf"), JOINT_NAMES)
-    choose_and_plan(robot, [int(n) for n in arguments.counts.split(",")], arguments.goals)
-    if arguments.files:
-        in_files(arguments.files, arguments.goals)
+    tables = choose_and_plan(robot, [int(n) for n in arguments.counts.split(",")], arguments.goals)
     if arguments.quality:
-        quality(robot, arguments.goals)
+        tables |= quality(robot, arguments.goals)
+    show(tables, as_json=arguments.json)
+    if arguments.files and not arguments.json:
+        in_files(arguments.files, arguments.goals)
 
 
-def choose_and_plan(robot: Robot, counts: Sequence[int], n_goals: int) -> None:
-    """Print a row per size of the library, then the ratio of planning times."""
+def choose_and_plan(robot: Robot, counts: Sequence[int], n_goals: int) -> dict[str, Table]:
+    """A row per size of the library, and the ratio of planning times."""
     rows = []
     for count, spread in [*((count, 1.0) for count in counts), (max(counts), 0.1)]:
         library = moved_library(count, spread)
@@ -104,7 +105,7 @@ def choose_and_plan(robot: Robot, counts: Sequence[int], n_goals: int) -> None:
         )
     header = ["primitives", "choice [ms]", "index [ms]", "all scores [ms]", "same choice [%]"]
     tree_header = [f"tree, {N_FOUND} [ms]", "chosen one in it [%]"]
-    print(table(rows, header=header + tree_header), end="\n\n")
+    choice = (header + tree_header, rows)
     library = moved_library(max(counts))
     requests, selector = requests_of(library, robot, n_goals), Selector(robot, library)
     planner, taken = Planner(robot, library), []
@@ -113,10 +114,9 @@ def choose_and_plan(robot: Robot, counts: Sequence[int], n_goals: int) -> None:
         planners = (Planner(robot, [library[i] for i in nearest]), planner)
         taken.append([times(partial(plan, one), [ends]) for one in planners])
     few, many = np.median(taken, axis=0)
-    print(
-        f"plan over the 10 nearest primitives {few:.1f} ms, over {len(library):,} {many:.1f} ms: "
-        f"{many / few:.2f} x\n"
-    )
+    columns = ["10 nearest primitives [ms]", f"{len(library):,} [ms]", "ratio"]
+    row = [f"{few:.1f}", f"{many:.1f}", f"{many / few:.2f}"]
+    return {"Time of the choice": choice, "Time of a plan": (columns, [row])}
 
 
 def chosen_of_all(robot: Robot, library: PrimitiveLibrary, selector: Selector, ends: Ends) -> str:
@@ -212,8 +212,8 @@ def read(folder: Path, n_goals: int) -> None:
     cold = times(partial(plan, planner), requests, 0)
     warm = times(partial(plan, planner), requests, 0)
     print(
-        f"first plan after {started:.1f} s of processor time; memory +{first:.0f} MB, after {n_goals} goals "
-        f"+{memory() - before:.0f} MB; a plan takes {cold:.1f} ms, the same again {warm:.1f} ms"
+        f"first plan after {started:.1f} s of processor time; memory +{first:.0f} MB, after "
+        f"{n_goals} goals +{memory() - before:.0f} MB; a plan takes {cold:.1f} ms, the same again {warm:.1f} ms"
     )
 
 
@@ -223,7 +223,7 @@ def memory() -> float:
         return next(int(line.split()[1]) for line in status if line.startswith("VmRSS")) / 1024
 
 
-def quality(robot: Robot, n_goals: int) -> None:
+def quality(robot: Robot, n_goals: int) -> dict[str, Table]:
     """Print how near the plans are to the cheapest ones."""
     motions = [motion.as_demonstration() for motion in generate_motions(200, 1)]
     rng = np.random.default_rng(0)
@@ -245,13 +245,14 @@ def quality(robot: Robot, n_goals: int) -> None:
         ratios.append(winner.solution.cost / np.array([costs[in_span].min(), costs.min()]))
         counts.append([winner.considered, np.count_nonzero(in_span)])
     considered, in_span = np.mean(counts, axis=0)
-    print(f"in span {in_span:.1f} of {len(primitives)} in the mean, compiled {considered:.1f}")
+    of = f"of {len(primitives)} in the mean"
+    title = f"Quality: in span {in_span:.1f} {of}, compiled {considered:.1f}"
     rows = [
         [what, f"{100 * np.mean(r <= 1.01):.1f}", f"{np.median(r):.4f}", f"{np.max(r):.4f}"]
         for what, r in zip(("those in span", "all"), np.transpose(ratios), strict=True)
     ]
     header = ["cheapest of", f"within 1 % [% of {len(requests)} goals]", "median ratio", "largest"]
-    print(table(rows, header=header))
+    return {title: (header, rows)}
 
 
 def plan(planner: Planner, start: np.ndarray, goal: np.ndarray) -> Plan:

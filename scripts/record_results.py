@@ -36,7 +36,7 @@ COMMANDS = {
     "self_collision": "python3 benchmarks/self_collision.py --problems 40",
     "scenes": "python3 -m mp_pca_planner benchmark --scenes problems --problems 100",
     "sequences": "python3 benchmarks/sequences.py",
-    "selection": "python3 benchmarks/selection.py",
+    "selection": "python3 benchmarks/selection.py --quality",
     "benchmark_human_arm": "python3 -m mp_pca_planner benchmark --problems 200 --repeats 1 "
     "--peer-problems 10",
     "benchmark_panda": "python3 -m mp_pca_planner benchmark --robot panda --problems 200 "

@@ -4,6 +4,8 @@
 
 from __future__ import annotations
 
+import os
+import tempfile
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -30,6 +32,10 @@ hypothesis.settings.register_profile(
     suppress_health_check=[hypothesis.HealthCheck.too_slow],
 )
 hypothesis.settings.load_profile("repeatable")
+
+# Commands of tests keep what they read apart from what users keep.
+_CACHE = tempfile.TemporaryDirectory()
+os.environ["MP_PCA_PLANNER_CACHE"] = _CACHE.name
 
 _SHARED = Path(__file__).resolve().parents[2] / "shared" / "data"
 SHARED_DATA = _SHARED if _SHARED.exists() else None

@@ -25,6 +25,7 @@ from ..primitives.library_building import (
     library_content,
     write_library,
 )
+from ..primitives.library_journal import require_locks
 from ..primitives.motion_statistics import MotionStatistics
 from ..primitives.primitive import MovementPrimitive
 from ..primitives.versioned_library import VersionedLibrary
@@ -42,6 +43,7 @@ _MAX_LISTED = 5
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the command; returns the exit status."""
+    require_locks()
     check_output(arguments.report, ".html", force=arguments.force)
     folders = libraries_of(arguments.output)
     _check(arguments, folders)

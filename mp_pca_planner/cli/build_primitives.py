@@ -27,6 +27,7 @@ from ..primitives.file import load_primitive, save_primitive
 from ..primitives.motion_statistics import MotionStatistics
 from ..primitives.options import PrimitiveOptions
 from ..primitives.primitive import MovementPrimitive
+from ..recordings.cache import ReadingCache, default_folder
 from ..recordings.load import RecordingSet, load_recordings
 from ..recordings.repair import RepairOptions
 from ..recordings.segmentation import SegmentationOptions
@@ -192,6 +193,7 @@ def load(
             state_field=arguments.field,
             repair=RepairOptions(max_gap=arguments.max_gap),
             salvage=arguments.recover,
+            cache=None if arguments.no_cache else ReadingCache(default_folder()),
             progress=progress,
         )
 

@@ -35,6 +35,7 @@ COMMANDS = {
     "save_motion": "the last motion of the running node as a primitive",
     "reload": "the primitive files read again by the running node",
     "simulate": "a simulated robot on ROS topics, with faults on demand",
+    "teach": "motions shown to the running robot, a primitive of them",
     "view": "robot, primitives and plans on a page in the browser",
     "planner_node": "the ROS 2 node",
 }

@@ -14,7 +14,7 @@ from pathlib import Path
 
 from .option_types import count, duration, jobs, name_list, number, seconds, seed, whole
 from .parser import Options, parse_command
-from .ros_options import demo, reload, save_motion, send_goal, simulate, stop
+from .ros_options import demo, reload, save_motion, send_goal, simulate, stop, teach
 from .shared_options import add_node_options, add_report_options, add_via
 
 VALUES = "name=value,… or values in the robot description's joint order [rad or m]"
@@ -199,6 +199,7 @@ def _add_input(add: Options) -> None:
     add("--robot URDF", "robot whose joints are used, or with which --joints are checked", Path)
     add("--markers TOPIC", "topic of markers to find joint angles from")
     add("--marker-map FILE.yaml", "places of the markers on the robot's links", Path)
+    add.flag("--no-cache", "neither keep what is read in ~/.cache nor use what is kept there")
     add("--max-gap S", "cut at longer gaps [s] (default: 0.5, or 5 usual periods)", seconds)
     workers = add.one_of()
     workers("--jobs N", "recordings to read at the same time", jobs, 1)
@@ -327,7 +328,7 @@ def view(add: Options) -> None:
 _COMMANDS = (
     *(build_primitives, build_library, inspect, plan, sequence, refine, benchmark, library),
     *(verify, case_study),
-    *(demo, send_goal, stop, save_motion, reload, simulate, view),
+    *(demo, send_goal, stop, save_motion, reload, simulate, view, teach),
 )
 
 

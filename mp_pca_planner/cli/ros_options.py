@@ -88,3 +88,23 @@ def simulate(add: Options) -> None:
     add("--plant", "physics engine", default="pinocchio", choices=("pinocchio", "mujoco"))
     add("--record FILE", "file (.npz) for every command at 1 kHz", Path)
     add_report_options(add, "the file")
+
+
+def teach(add: Options) -> None:
+    """Teach a primitive to the running robot: record, cut, learn and try.
+
+    All joint states are recorded while the arm is moved by hand. A motion is shown when the arm has
+    rested for 0.6 s, with what the motions up to then teach. Keys: d discards the last motion; b
+    builds the primitive and has the node reload it; q, or the end of the input, quits. The first
+    goal is sent to the node after an explicit yes. The recording FILE.mcap and tables of the
+    motions are beside FILE.npz; the same command continues a session that was quit or killed.
+    """
+    add("--output FILE.npz", "primitive to write; the recording is beside it", Path, required=True)
+    add("--joints a,b,c", "joints, in this order (default: the robot's, or all)", name_list)
+    add("--robot URDF", "the robot; places of its end effector are shown", Path)
+    add("--frame LINK", "its end effector (default: the last link)", default="")
+    add("--topic", "topic of joint states (default: joint_states, or the only one of --play)")
+    add("--play BAG", "recording to play back instead, without ROS", Path)
+    add_node_options(add)
+    add("--timeout S", "longest time to wait for the node and its answers [s]", seconds, 10.0)
+    add.flag("--force", "overwrite the primitive")

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from ..arrays import FloatArray
 from ..control.closed_loop import ControlLoop, ErrorModel, Sampling, Verification, verify
 from ..control.law import (
     KINDS,
@@ -84,12 +85,12 @@ def _choose_law(arguments: argparse.Namespace, request: PlannedRequest) -> Contr
     return ControlLaw.from_frequency(kind, robot, request.plan.trajectory, frequency, damping)
 
 
-def _gains(text: str, option: str, names: Sequence[str], described: Sequence[str]) -> list[float]:
+def _gains(text: str, option: str, names: Sequence[str], described: Sequence[str]) -> FloatArray:
     values = joint_values(text, described, option)
     missing = [name for name in names if name not in values]
     if missing:
         raise ControlError(f"{option} lacks a gain for {', '.join(missing)}")
-    return [values[name] for name in names]
+    return np.array([values[name] for name in names])
 
 
 def _facts(

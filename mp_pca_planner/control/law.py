@@ -12,13 +12,12 @@ Siciliano et al., "Robotics: Modelling, Planning and Control", 2009, sections 8.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import yaml
-from numpy.typing import ArrayLike
 
 from ..arrays import FloatArray, by_name, frozen_array, name_values, set_frozen, unique_names
 from ..exceptions import ControlError, PrimitiveFileError
@@ -58,22 +57,13 @@ class ControlLaw:
     position_gains: FloatArray
     velocity_gains: FloatArray
 
-    def __init__(
-        self,
-        kind: str,
-        joint_names: Sequence[str],
-        position_gains: ArrayLike,
-        velocity_gains: ArrayLike,
-    ) -> None:
-        if kind not in KINDS:
-            raise ControlError(f"a control law must be one of {KINDS}, got {kind!r}")
-        names = unique_names(joint_names, "joints of a control law", ControlError)
-        set_frozen(self, kind=kind, joint_names=names)
-        for field, values in {
-            "position_gains": position_gains,
-            "velocity_gains": velocity_gains,
-        }.items():
-            gains = frozen_array(values, (len(names),), field, ControlError)
+    def __post_init__(self) -> None:
+        if self.kind not in KINDS:
+            raise ControlError(f"a control law must be one of {KINDS}, got {self.kind!r}")
+        names = unique_names(self.joint_names, "joints of a control law", ControlError)
+        set_frozen(self, joint_names=names)
+        for field in ("position_gains", "velocity_gains"):
+            gains = frozen_array(getattr(self, field), (len(names),), field, ControlError)
             if not np.all(gains > 0.0):
                 joint = names[int(gains.argmin())]
                 raise ControlError(

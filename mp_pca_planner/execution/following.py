@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""The motion that was published last, and how a robot follows it."""
+"""The motion that was published last, how a robot follows it, and the model of its servos."""
 
 from __future__ import annotations
 

@@ -12,14 +12,7 @@ from ..arrays import FloatArray
 from ..exceptions import GoalError, TrajectoryError
 from ..motion.goal import JointState
 from ..motion.trajectory import Trajectory
-from .following import (
-    HELD,
-    LAGGING,
-    OFF,
-    ON_TIME,
-    Following,
-    UnconfirmedError,
-)
+from .following import HELD, LAGGING, OFF, ON_TIME, Following, UnconfirmedError
 from .motion_follower import MotionFollower
 from .parameters import AUTO, MEASURED, Settings
 from .published_motion import TRANSPORT, USUAL_TRANSPORT, Joined, PublishedMotion

@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Repeated goals, and the trials by which their motions are improved.
+"""Repeated goals, the trials by which their motions are improved, and motions that are kept.
 
 Two goals are the same if they have the same target and start near each other, at rest. The
 parameters of a scaling and warping are learned. They are applied to the motion that is planned

@@ -13,7 +13,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -169,20 +169,17 @@ class TrialLearner:
         tried = self.propose().motion.parameters if executed is None else executed
         trial = Trial(tuple(tried.ravel().tolist()), float(cost))
         if keep:
-            self._write([*self._trials, trial])
+            self.keep_trials(trial)
         self._learn(trial)
 
-    def keep_trials(self) -> None:
-        """Write the file of trials, if there is one.
+    def keep_trials(self, *more: Trial) -> None:
+        """Write the file of trials, if there is one, with some more of them.
 
         Raises
         ------
         PlannerError
             If it can't be written.
         """
-        self._write(self._trials)
-
-    def _write(self, trials: Sequence[Trial]) -> None:
         if self._state is None:
             return
         content = {
@@ -190,7 +187,7 @@ class TrialLearner:
             "version": _VERSION,
             "motion": self._identity,
             "request": self._request,
-            "trials": [{"parameters": trial.parameters, "cost": trial.cost} for trial in trials],
+            "trials": [asdict(trial) for trial in (*self._trials, *more)],
         }
         write_whole(self._state, json.dumps(content, indent=1).encode(), overwrite=True)
 

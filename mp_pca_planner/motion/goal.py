@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""States, poses and goals, the values of a request."""
+"""States, poses and goals, the values of a request, and their conversion from arrays and dicts."""
 
 from __future__ import annotations
 

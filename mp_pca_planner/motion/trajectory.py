@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""A sampled joint motion, the result of planning."""
+"""A sampled joint motion, the result of planning, and its files."""
 
 from __future__ import annotations
 

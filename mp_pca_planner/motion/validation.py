@@ -191,9 +191,12 @@ def check_limits(trajectory: Trajectory, robot: Robot, limits: JointLimits) -> L
     # Only segments that come near a limit are sampled, and a single point.
     near, near_efforts = np.ones(1, dtype=bool), np.isfinite(limits.effort)
     if steps.size:
-        bezier = _bezier_points(ends, steps)
-        near = _near_limits(bezier, limits)
-        near_efforts = _near_effort_limits(bezier, steps, at_points, robot, limits)
+        lowest, highest = _extremes(ends, steps)
+        near = _near_limits(lowest, highest, limits)
+        if near_efforts.any():
+            distances = np.maximum(-lowest, highest[0])
+            slopes = robot.effort_slopes(distances, *highest[1:])
+            near_efforts = _near_effort_limits(slopes, steps, at_points, limits)
     compared: list[tuple[str, FloatArray, FloatArray, FloatArray]] = []
     times: list[FloatArray] = []
     if near.any():
@@ -240,47 +243,48 @@ def require_effort_limits(robot: Robot, limits: JointLimits) -> None:
         robot.require_inertias("limits of efforts", "remove those limits (max_effort: .inf)")
 
 
-def _bezier_points(ends: FloatArray, steps: FloatArray) -> list[FloatArray]:
-    """Bézier points of positions and their first three derivatives, which enclose the curves.
+def _extremes(ends: FloatArray, steps: FloatArray) -> tuple[FloatArray, list[FloatArray]]:
+    """Bounds of the curves of segments: they lie between their lowest and highest Bézier points.
 
-    Each is of shape (n_bezier_points, n_segments, n_joints).
+    Returns
+    -------
+    lowest : array, shape (n_segments, n_joints)
+        Bounds of the positions from below.
+    highest : list of array, shape (n_segments, n_joints)
+        Bounds of the positions from above, and of the magnitudes of their first three derivatives.
     """
     columns = ends.transpose(1, 0, 2).reshape(6, -1)
-    return [
-        (to_points @ columns).reshape(-1, *ends[:, 0].shape) / steps[:, None] ** order
-        for order, to_points in enumerate(BEZIER_POINTS)
-    ]
+    points = [to_points @ columns for to_points in BEZIER_POINTS]
+    lowest, highest = points[0].min(axis=0), points[0].max(axis=0)
+    rates = [np.maximum(x.max(axis=0), -x.min(axis=0)) for x in points[1:]]
+    shape = ends[:, 0].shape
+    scaled = (x.reshape(shape) / steps[:, None] ** d for d, x in enumerate(rates, start=1))
+    return lowest.reshape(shape), [highest.reshape(shape), *scaled]
 
 
-def _near_limits(bezier: Sequence[FloatArray], limits: JointLimits) -> NDArray[np.bool_]:
-    """Segments with a Bézier point of positions or their derivatives near or beyond a limit."""
+def _near_limits(
+    lowest: FloatArray, highest: Sequence[FloatArray], limits: JointLimits
+) -> NDArray[np.bool_]:
+    """Segments with positions or their derivatives near or beyond a limit, by their bounds."""
     room = LIMIT_NEAR * _span(limits)
-    q = bezier[0]
-    inside = np.all((q > limits.lower + room) & (q < limits.upper - room), axis=(0, 2))
+    inside = (lowest > limits.lower + room) & (highest[0] < limits.upper - room)
     bounds = (limits.velocity, limits.acceleration, limits.jerk)
-    for points, bound in zip(bezier[1:], bounds, strict=True):
-        inside &= np.all(np.abs(points) < (1.0 - LIMIT_NEAR) * bound, axis=(0, 2))
-    return np.asarray(~inside)
+    for values, bound in zip(highest[1:], bounds, strict=True):
+        inside &= values < (1.0 - LIMIT_NEAR) * bound
+    return np.asarray(~inside.all(axis=1))
 
 
 def _near_effort_limits(
-    bezier: Sequence[FloatArray],
-    steps: FloatArray,
-    at_points: FloatArray,
-    robot: Robot,
-    limits: JointLimits,
+    slopes: FloatArray, steps: FloatArray, at_points: FloatArray, limits: JointLimits
 ) -> NDArray[np.bool_]:
     """Segments whose efforts may be near or beyond a limit.
 
     An instant is at most half a step from a point, where the effort is known, and between them
-    it changes at most as fast as the bounds of the Bézier points allow.
+    it changes at most as fast as the bounds of its slopes allow.
     """
-    if not np.isfinite(limits.effort).any():
-        return np.zeros(steps.size, dtype=bool)
     tau = np.abs(at_points)
-    slopes = robot.effort_slopes(*(np.abs(points).max(axis=0) for points in bezier))
-    highest = np.maximum(tau[:-1], tau[1:]) + 0.5 * steps[:, None] * slopes
-    return np.asarray(~np.all(highest < (1.0 - LIMIT_NEAR) * limits.effort, axis=1))
+    values = np.maximum(tau[:-1], tau[1:]) + 0.5 * steps[:, None] * slopes
+    return np.asarray(~np.all(values < (1.0 - LIMIT_NEAR) * limits.effort, axis=1))
 
 
 def _span(limits: JointLimits) -> FloatArray:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -19,8 +20,10 @@ from ..robot.limits import JointLimits
 from ..robot.model import Robot
 from .attempt import Attempt, checked
 from .bases import fixed_basis
+from .budget import Budget
 from .conditions import PoseTarget, Target
 from .motion import Motion
+from .paths import PathFinder
 from .plan import SHORTEST
 from .pose_search import configurations_at
 from .problem import passing_phases
@@ -58,6 +61,30 @@ class Fallback:
     n_corners: int = 0
 
 
+@dataclass(frozen=True)
+class Route:
+    """States of a motion with rests between them.
+
+    Attributes
+    ----------
+    states : list of JointState
+        The states, the start first.
+    phases : list of (float or None)
+        Phase at the end of each segment, None where it is free.
+    targets : list of int
+        The segments that end at vias and at the goal; others end at corners around obstacles.
+    """
+
+    states: list[JointState]
+    phases: list[float | None]
+    targets: list[int]
+
+    @property
+    def n_corners(self) -> int:
+        """Number of the corners around obstacles."""
+        return len(self.phases) - len(self.targets)
+
+
 class FallbackPlanner:
     """Search for slow motions, which takes a few milliseconds.
 
@@ -68,9 +95,11 @@ class FallbackPlanner:
     """
 
     def __init__(self, setup: Setup) -> None:
-        self._setup = setup
+        self._setup, self._finder = setup, PathFinder(setup)
 
-    def serve(self, requests: Sequence[Request], failed: Attempt, paths: Paths) -> Fallback:
+    def serve(
+        self, requests: Sequence[Request], failed: Attempt, paths: Paths, budget: Budget
+    ) -> Fallback:
         """Find a slow motion for the first request that has one.
 
         Parameters
@@ -81,6 +110,8 @@ class FallbackPlanner:
             The best attempt to optimise a motion.
         paths : dict
             Collision-free paths that are known.
+        budget : Budget
+            The time for further paths, between vias.
         """
         feasible, reason = float("inf"), ""
         configurations: dict[int, Request] = {}
@@ -89,8 +120,13 @@ class FallbackPlanner:
         for request in configurations.values():
             for at_least, step in self._timings(request):
                 try:
-                    path = paths.get(id(request.goal))
-                    attempt = self._attempt(request, failed, at_least, step, path)
+                    route = self._route(request, paths.get(id(request.goal)))
+                    attempt = self._attempt(request, failed, at_least, step, route)
+                    blocked = attempt.collisions and request.n_vias
+                    around = self._around(route, budget) if blocked else None
+                    if around is not None:
+                        route = around
+                        attempt = self._attempt(request, failed, at_least, step, route)
                 except (GoalError, TrajectoryError) as error:
                     reason = reason or str(error)
                     continue
@@ -99,7 +135,7 @@ class FallbackPlanner:
                     continue
                 duration = attempt.duration
                 if request.duration_is_free or duration <= at_least * (1.0 + 1e-9):
-                    return Fallback(attempt, n_corners=0 if path is None else len(path) - 2)
+                    return Fallback(attempt, n_corners=route.n_corners)
                 feasible = min(feasible, duration)
         return Fallback(duration=feasible) if np.isfinite(feasible) else Fallback(reason=reason)
 
@@ -111,8 +147,8 @@ class FallbackPlanner:
         n_steps = max(np.ceil(duration / period - 1e-9), 1.0)
         return [(duration, duration / n_steps), (0.0, period)]
 
-    def serve_sequence(self, request: SequenceRequest, failed: Attempt) -> Fallback:
-        """Find a motion that rests at each target of a sequence."""
+    def serve_sequence(self, request: SequenceRequest, failed: Attempt, budget: Budget) -> Fallback:
+        """Find a motion that rests at each target of a sequence, and where obstacles demand it."""
         period = self._setup.options.sample_period
         try:
             route = stop_and_go(self._setup.robot, self._setup.limits, request.states, period)
@@ -130,9 +166,63 @@ class FallbackPlanner:
             return Fallback(reason=str(error))
         phases = passing_phases(durations)
         attempt = self._attempt_of(request, failed, route.segments(durations), phases)
-        if attempt.collisions:
-            return Fallback(reason=str(attempt.collisions[0]))
-        return Fallback(attempt)
+        if not attempt.collisions:
+            return Fallback(attempt)
+        try:
+            around = self._legs_around(request, budget)
+        except TrajectoryError:
+            around = None
+        if around is not None:
+            phases = passing_phases([motion.duration for motion, _ in around])
+            motions = tuple(motion for motion, _ in around)
+            found = self._attempt_of(request, failed, motions, phases)
+            if found.is_valid:
+                return Fallback(found, n_corners=sum(n for _, n in around))
+        return Fallback(reason=str(attempt.collisions[0]))
+
+    def _legs_around(
+        self, request: SequenceRequest, budget: Budget
+    ) -> list[tuple[Motion, int]] | None:
+        """Motions from target to target around obstacles, each with the number of its corners.
+
+        None unless the robot is at rest, all times are free and there are paths.
+        """
+        moves = np.any([request.start.velocities, request.start.accelerations])
+        if moves or any(is_fixed for _, is_fixed in request.groups):
+            return None
+        legs = []
+        for here, there in pairwise(request.states):
+            route = self._around(Route([here, there], [1.0], [0]), budget)
+            if route is None:
+                return None
+            legs.append((self._leg(route.states), route.n_corners))
+        return legs
+
+    def _leg(self, states: Sequence[JointState]) -> Motion:
+        robot, limits = self._setup.robot, self._setup.limits
+        route = stop_and_go(robot, limits, states, self._setup.options.sample_period)
+        durations = route.slowed(
+            robot,
+            limits,
+            lambda slower: tuple(slower.durations),
+            lambda times: self._setup.sample([route.motion(times)]),
+        )
+        return route.motion(durations)
+
+    def _around(self, route: Route, budget: Budget) -> Route | None:
+        """A route with corners between its states; None if it has some, or none are found."""
+        if route.n_corners:
+            return None
+        states, phases, targets = route.states[:1], list[float | None](), []
+        for (here, there), phase in zip(pairwise(route.states), route.phases, strict=True):
+            ends = here.positions, there.positions
+            corners = self._finder.corners_between(ends, budget)
+            if corners is None:
+                return None
+            states += [*(JointState(here.joint_names, q) for q in corners[1:-1]), there]
+            phases += [*(None for _ in corners[1:-1]), phase]
+            targets.append(len(phases) - 1)
+        return Route(states, phases, targets)
 
     def _attempt(
         self,
@@ -140,28 +230,29 @@ class FallbackPlanner:
         failed: Attempt,
         at_least: float,
         step: float,
-        path: FloatArray | None,
+        route: Route,
     ) -> Attempt:
-        phases: list[float | None]
-        if path is None:
-            states = _route(self._setup.robot, self._setup.limits, request)
-            phases = [*(via.phase for via in request.conditions[: request.n_vias]), 1.0]
-        else:
-            corners = [JointState(self._setup.robot.joint_names, q) for q in path[1:-1]]
-            states = [request.start, *corners, request.goal]
-            phases = [*(None for _ in corners), 1.0]
-        route = stop_and_go(self._setup.robot, self._setup.limits, states, step)
-        durations = route.slowed(
+        resting = stop_and_go(self._setup.robot, self._setup.limits, route.states, step)
+        durations = resting.slowed(
             self._setup.robot,
             self._setup.limits,
-            lambda slower: self._durations(slower, phases, at_least),
-            lambda times: self._setup.sample([route.motion(times)]),
+            lambda slower: self._durations(slower, route.phases, at_least),
+            lambda times: self._setup.sample([resting.motion(times)]),
         )
-        found = route.motion(durations)
-        ends = np.cumsum(durations) / found.duration
-        n_vias = request.n_vias
-        reached = (*map(float, ends[:n_vias]), 1.0)[: len(request.conditions)]
+        found = resting.motion(durations)
+        ends = np.cumsum(durations)[route.targets[:-1]] / found.duration
+        reached = (*map(float, ends), 1.0)[: len(request.conditions)]
         return self._attempt_of(request, failed, (found,), reached)
+
+    def _route(self, request: Request, path: FloatArray | None) -> Route:
+        """The route of a request, along a path if one is known."""
+        if path is not None:
+            corners = [JointState(request.start.joint_names, q) for q in path[1:-1]]
+            states = [request.start, *corners, request.goal]
+            return Route(states, [*(None for _ in corners), 1.0], [len(corners)])
+        states = _targets(self._setup.robot, self._setup.limits, request)
+        vias = request.conditions[: request.n_vias]
+        return Route(states, [*(via.phase for via in vias), 1.0], list(range(len(vias) + 1)))
 
     def _attempt_of(
         self,
@@ -207,7 +298,7 @@ class FallbackPlanner:
         return fit_durations(least, times)
 
 
-def _route(robot: Robot, limits: JointLimits, request: Request) -> list[JointState]:
+def _targets(robot: Robot, limits: JointLimits, request: Request) -> list[JointState]:
     """The states of a request: start, vias at rest, goal."""
     states = [request.start]
     for via in request.conditions[: request.n_vias]:

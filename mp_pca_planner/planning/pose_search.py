@@ -48,7 +48,7 @@ class PoseSearchOptions:
     reached: float = 1e-10
     first_damping: float = 1e-3
     max_damping: float = 1e8
-    n_known: int = 10
+    n_known: int = 4
     n_random: int = 40
     distinct: float = 0.05
 

@@ -251,7 +251,7 @@ class SingleProblem(PlanningProblem):
         ends = request.start, request.goal if request.pose is None else None
         self.parts = [Part(self._program, basis, ends)]
         if basis.is_detour:
-            self.setup = setup.with_tolerance(setup.options.search.detour_tolerance)
+            self.setup = setup.for_detours()
             self.keep_clear()
 
     @property

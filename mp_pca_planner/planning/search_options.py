@@ -36,6 +36,8 @@ class SearchOptions:
         Share of the time for descent from the expected motion before detours are tried, 0 to 1.
     detour_tolerance : float
         Tolerance of the solver on detours: most of the cost depends on the path that was found.
+    detour_radius : float
+        First radius of the trust region on detours, where clearances are curved.
     duration_margin : float
         Factor on the reported shortest duration, so that a motion with that duration is found
         again.
@@ -82,6 +84,7 @@ class SearchOptions:
     scaling_margin: float = 1.02
     share_of_descent: float = 0.15
     detour_tolerance: float = 1e-3
+    detour_radius: float = 1.0
     duration_margin: float = 1.002
     max_stretch: float = 10.0
     naturalness_steps: tuple[float, ...] = (1e-3, 1e-2, 1e-1, 1.0, 10.0, 100.0)

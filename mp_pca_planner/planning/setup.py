@@ -62,7 +62,8 @@ class Setup:
             return ()
         return self.collision.collisions(trajectory, precisely=precisely)
 
-    def with_tolerance(self, tolerance: float) -> Setup:
-        """The same with another tolerance of the solver."""
-        solver = replace(self.options.solver, tolerance=tolerance)
+    def for_detours(self) -> Setup:
+        """The same with the tolerance and the first radius of the solver on detours."""
+        tolerance, radius = self.options.search.detour_tolerance, self.options.search.detour_radius
+        solver = replace(self.options.solver, tolerance=tolerance, first_radius=radius)
         return replace(self, options=replace(self.options, solver=solver))

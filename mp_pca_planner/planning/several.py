@@ -65,7 +65,7 @@ class SeveralPlanner:
         if best.is_valid:
             return Planned(best, Fallback(), False, mode=REAL_TIME, improved=improved)
         ran_out = budget.is_over()
-        fallback = self._fallback.serve_sequence(request, best)
+        fallback = self._fallback.serve_sequence(request, best, budget)
         return Planned(fallback.attempt or best, fallback, ran_out, mode=REAL_TIME)
 
     def bases(self, request: SequenceRequest) -> tuple[MotionBasis, ...]:

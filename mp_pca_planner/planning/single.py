@@ -148,7 +148,7 @@ class SinglePlanner:
         failed = not (best.is_valid or best.is_hopeless or budget.is_cancelled())
         ran_out, fallback = failed and first.is_over(), Fallback()
         if failed:
-            fallback = self._fallback.serve(requests, best, paths)
+            fallback = self._fallback.serve(requests, best, paths, budget)
             best = fallback.attempt or best
         stated = self._stated_duration(best, fallback, budget)
         hint = self._detours.hint if failed else ""
@@ -241,7 +241,6 @@ class SinglePlanner:
         if request.duration_is_free and options.timing == FREE and setting.is_first:
             timed = self._attempt_in(request, setting, budget, duration_is_free=True)
             setting = replace(setting, duration=timed.duration)
-            # Another duration does not free a motion from obstacles.
             if timed.is_valid or timed.has_clearances or budget.is_over():
                 return timed, setting
         return self._attempt_in(request, setting, budget), setting

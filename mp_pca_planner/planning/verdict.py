@@ -154,17 +154,16 @@ class Judge:
 
     def _slow(self, outcome: Planned) -> str:
         """The message of a slow motion."""
-        request = outcome.attempt.request
+        request, n_corners = outcome.attempt.request, outcome.fallback.n_corners
+        around = f" around obstacles with {n_corners} stops" if n_corners else ""
         if outcome.mode:
             return (
                 f"{self._search(outcome, 'without stops within the limits')}; this one rests at "
-                "each target, keeps the limits and may be executed"
+                f"each target{around}, keeps the limits and may be executed"
             )
         brakes = np.any([request.start.velocities, request.start.accelerations])
         motion = "brakes, then follows" if brakes else "follows"
-        rests = " with a rest at each via" if request.n_vias else ""
-        if outcome.fallback.n_corners:
-            rests = f" around obstacles with {outcome.fallback.n_corners} stops"
+        rests = around or (" with a rest at each via" if request.n_vias else "")
         return (
             f"{self._search(outcome, 'optimised within the limits')}; this one {motion} a "
             f"minimum-jerk path{rests}, keeps the limits and may be executed"

@@ -70,6 +70,8 @@ class FitOptions:
 
 
 _FIT = FitOptions()
+UNIT_NOISE = _FIT.noises[0]
+"""Variance of the noise of a demonstration, in units of the prior variance of shapes."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -318,6 +320,32 @@ class _Features:
         # Each joint counts twice, which only changes the unit.
         change = requests - requests[..., self._swapped]
         return np.asarray(np.einsum("...i,...i->...", change, change))
+
+
+def remaining_covariance(demonstrated: FloatArray, requests: FloatArray) -> FloatArray:
+    """Covariance of the shapes of requests that demonstrations leave, in units of the prior's.
+
+    That of a Gaussian process with the middle one of the kernels and the least noise (Rasmussen and
+    Williams, equation 2.24), without the common offset. It does not depend on the shapes, so it is
+    known before a motion is demonstrated.
+
+    Parameters
+    ----------
+    demonstrated : array, shape (n_demonstrations, 2 n_joints)
+        Start and goal of each demonstration [rad or m].
+    requests : array, shape (n_requests, 2 n_joints)
+        Start and goal of each request.
+
+    Returns
+    -------
+    covariance : array, shape (n_requests, n_requests)
+        On its diagonal, 0 is at a demonstration and 1 far from all.
+    """
+    every = np.concatenate([demonstrated, requests])
+    features, n = _Features(every), len(demonstrated)
+    prior = np.array([features(one)[0][1, 0] - _CONSTANT for one in every])
+    gram = prior[:n, :n] + UNIT_NOISE * np.eye(n)
+    return np.asarray(prior[n:, n:] - prior[n:, :n] @ np.linalg.solve(gram, prior[:n, n:]))
 
 
 def _fit(

@@ -158,13 +158,26 @@ def version_to_restore(history: Sequence[Change], name: str, version: int | None
     return version
 
 
+def require_locks() -> None:
+    """Check that a library can be changed.
+
+    Raises
+    ------
+    MissingDependencyError
+        If filelock is not installed.
+    """
+    try:
+        import filelock  # noqa: F401  # the import itself is the check
+    except ModuleNotFoundError:
+        raise MissingDependencyError("filelock", "library", "a versioned library") from None
+
+
 @contextmanager
 def locked(library: Path, versions: Path) -> Iterator[None]:
     """Hold the lock of the library, which ends with the process."""
-    try:
-        from filelock import FileLock, Timeout
-    except ModuleNotFoundError:
-        raise MissingDependencyError("filelock", "library", "a versioned library") from None
+    require_locks()
+    from filelock import FileLock, Timeout
+
     try:
         versions.mkdir(parents=True, exist_ok=True)
         with FileLock(versions / "lock", timeout=LOCK_TIMEOUT):

@@ -1,26 +1,32 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Motions cut out of a repaired recording."""
+"""Motions cut out of a recording."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+
+import numpy as np
 
 from ..exceptions import RecordingError
 from .demonstration import Demonstration
-from .repair import CleanRecording, Piece
+from .joint_states import RawJointStates
+from .repair import CleanRecording, Piece, repair
 from .segmentation import (
     SegmentationOptions,
     SpeedThresholds,
     extent,
     find_motions,
+    joint_speed,
     large_motions,
     least_extent,
+    least_extent_of_set,
+    speed_thresholds,
     trim,
 )
 from .segments_file import SegmentRow
-from .smoothing import SmoothPiece
+from .smoothing import SmoothingOptions, SmoothPiece, smooth
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,6 +60,96 @@ class Cut:
             label=self.label,
             checksum=checksum,
         )
+
+
+@dataclass(frozen=True, eq=False)
+class SmoothRecording:
+    """A repaired recording, its smoothed pieces, and the speeds of its rests and motions."""
+
+    clean: CleanRecording
+    pieces: list[SmoothPiece]
+    thresholds: SpeedThresholds
+
+    @classmethod
+    def of(
+        cls, clean: CleanRecording, smoothing: SmoothingOptions, segmentation: SegmentationOptions
+    ) -> SmoothRecording:
+        """Smooth a repaired recording."""
+        pieces = [smooth(piece, clean.sample_rate, smoothing) for piece in clean.pieces]
+        speed = np.concatenate([joint_speed(piece.velocities) for piece in pieces])
+        return cls(clean, pieces, speed_thresholds(speed, segmentation))
+
+
+def cut_joint_states(
+    raw: RawJointStates, joints: Sequence[str] | None, options: SegmentationOptions
+) -> tuple[list[Cut], CleanRecording]:
+    """Cut joint states as :func:`.load_recordings` cuts a bag that holds nothing else.
+
+    Parameters
+    ----------
+    raw :
+        Joint states as recorded.
+    joints :
+        Names of the joints; by default all that every message lists.
+    options :
+        Thresholds.
+
+    Raises
+    ------
+    RecordingError
+        If they can't be used, or hold no motion.
+    """
+    recording = SmoothRecording.of(repair(raw, joints), SmoothingOptions(), options)
+    cuts, clean = cut_motions(recording, options)
+    extents = [cut.extent for cut in cuts]
+    least = least_extent_of_set(extents, options) if cuts else 0.0
+    if cuts and min(extents) <= least:
+        cuts, clean = cut_motions(recording, options, least)
+    return cuts, clean
+
+
+def cut_motions(
+    recording: SmoothRecording,
+    options: SegmentationOptions,
+    least_of_set: float = 0.0,
+    *,
+    is_whole: bool = False,
+) -> tuple[list[Cut], CleanRecording]:
+    """Cut a recording into its motions.
+
+    Parameters
+    ----------
+    recording :
+        The recording.
+    options :
+        Thresholds.
+    least_of_set :
+        Smallest extent of a motion by those of all recordings [rad or m].
+    is_whole :
+        Whether each piece is one motion.
+
+    Returns
+    -------
+    cuts : list of Cut
+        The motions.
+    clean : CleanRecording
+        The recording with notes and a count of what is left out.
+
+    Raises
+    ------
+    RecordingError
+        If all movements are within the extent of noise and sway.
+    """
+    clean = recording.clean
+    notes: tuple[str, ...] = ()
+    if is_whole:
+        cuts = cut_whole_pieces(recording.pieces, recording.thresholds)
+    else:
+        cuts, notes = cut_at_rests_and_valleys(recording.pieces, recording.thresholds, options)
+    kept = without_rest(cuts, clean.pieces, least_of_set, options)
+    n_rest = len(cuts) - len(kept)
+    repairs = {**clean.repairs, "rest": n_rest} if n_rest else clean.repairs
+    return kept, replace(clean, repairs=repairs, notes=clean.notes + notes)
 
 
 def cut_by_hand(pieces: Sequence[SmoothPiece], rows: Sequence[SegmentRow]) -> list[Cut]:

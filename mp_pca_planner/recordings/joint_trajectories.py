@@ -166,40 +166,32 @@ def repair_trajectories(
     UnusableRecordingError
         If a joint is unknown, no message is a motion, or nothing moves.
     """
+    options = options or RepairOptions()
     repairs: Counter[str] = Counter(malformed=raw.n_malformed)
     with findings_on_refusal(raw, repairs):
-        return _repaired(raw, joints, options or RepairOptions(), repairs)
-
-
-def _repaired(
-    raw: RawTrajectories,
-    joints: Sequence[str] | None,
-    options: RepairOptions,
-    repairs: Counter[str],
-) -> CleanRecording:
-    names = choose_joints([motion.joint_names for motion in raw.motions], raw.topic, joints)
-    motions = [m for m in raw.motions if set(names) <= set(m.joint_names)]
-    repairs["missing_joints"] += len(raw.motions) - len(motions)
-    if not motions:
-        raise RecordingError("no trajectory lists all of the chosen joints together")
-    finite = [motion for motion in motions if _is_finite(motion)]
-    repairs["non_finite"] += len(motions) - len(finite)
-    started, notes = _started(finite)
-    pieces = _pieces(started, names, options, repairs)
-    if not pieces:
-        raise RecordingError(
-            f"none of the {raw.n_messages} trajectories on '{raw.topic}' is a motion; expected "
-            "two points or more, finite numbers, and no other trajectory that starts at once"
+        names = choose_joints([motion.joint_names for motion in raw.motions], raw.topic, joints)
+        motions = [m for m in raw.motions if set(names) <= set(m.joint_names)]
+        repairs["missing_joints"] += len(raw.motions) - len(motions)
+        if not motions:
+            raise RecordingError("no trajectory lists all of the chosen joints together")
+        finite = [motion for motion in motions if _is_finite(motion)]
+        repairs["non_finite"] += len(motions) - len(finite)
+        started, notes = _started(finite)
+        pieces = _pieces(started, names, options, repairs)
+        if not pieces:
+            raise RecordingError(
+                f"none of the {raw.n_messages} trajectories on '{raw.topic}' is a motion; expected "
+                "two points or more, finite numbers, and no other trajectory that starts at once"
+            )
+        notes = (*notes, *motion_notes(names, pieces, options))
+        return CleanRecording(
+            joint_names=names,
+            pieces=tuple(pieces),
+            rate=options.commanded_rate,
+            sample_rate=options.commanded_rate,
+            pieces_are_motions=True,
+            **findings(raw, repairs, notes),
         )
-    notes = (*notes, *motion_notes(names, pieces, options))
-    return CleanRecording(
-        joint_names=names,
-        pieces=tuple(pieces),
-        rate=options.commanded_rate,
-        sample_rate=options.commanded_rate,
-        pieces_are_motions=True,
-        **findings(raw, repairs, notes),
-    )
 
 
 def _pieces(

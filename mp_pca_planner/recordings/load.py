@@ -16,6 +16,7 @@ import numpy as np
 
 from ..exceptions import RecordingError, unknown_name
 from . import bags, cutting
+from .cache import ReadingCache
 from .cluster import map_on_cluster
 from .demonstration import (
     Demonstration,
@@ -33,14 +34,12 @@ from .reading import read_clean
 from .repair import CleanRecording, RepairOptions, repair
 from .segmentation import (
     SegmentationOptions,
-    SpeedThresholds,
     extent,
     joint_speed,
     least_extent_of_set,
-    speed_thresholds,
 )
 from .segments_file import SegmentRow, segments_by_hand
-from .smoothing import SmoothingOptions, SmoothPiece, smooth
+from .smoothing import SmoothingOptions, SmoothPiece
 
 __all__ = ["LoadOptions", "RecordingReport", "RecordingSet", "load_recordings"]
 
@@ -93,6 +92,8 @@ class LoadOptions:
     summarise : callable or None
         Called with the demonstrations of each recording, in the process that reads it: a function
         of a module, or a :func:`functools.partial` of one. Its results are in `summaries`.
+    cache : ReadingCache or None
+        Keeps what is read, except joint states from markers.
     most_samples : int or None
         Largest number of samples kept of each demonstration, after `summarise` was called;
         0 keeps no demonstrations. By default all samples are kept.
@@ -117,6 +118,7 @@ class LoadOptions:
     overviews: bool = False
     summarise: Callable[[Sequence[Demonstration]], Any] | None = None
     most_samples: int | None = None
+    cache: ReadingCache | None = None
 
     def __post_init__(self) -> None:
         if self.segment not in SEGMENTATIONS:
@@ -175,6 +177,8 @@ def load_recordings(
         repeated = _load_all(list(again.values()), jobs, dask, None, known)
     for index, one in zip(again, repeated, strict=True):
         loaded[index] = one
+    if settings.cache is not None:
+        settings.cache.prune()
     return RecordingSet(
         *(tuple(x for one in loaded for x in getattr(one, f.name)) for f in fields(RecordingSet))
     )
@@ -267,20 +271,16 @@ def _outcomes(
     dask: str | None,
     within: Callable[[int, float], None],
 ) -> Generator[Outcome[RecordingSet], None, None]:
-    if not tasks:
-        return
-    if dask is not None:
+    if dask is not None and tasks:
         # Workers have working directories of their own.
-        paths = [x.path.absolute() if isinstance(x.path, Path) else x.path for x in tasks]
-        tasks = [replace(task, path=path) for task, path in zip(tasks, paths, strict=True)]
-        local = [path if isinstance(path, Path) else None for path in paths]
+        local = [x.path.absolute() if isinstance(x.path, Path) else None for x in tasks]
+        tasks = [replace(x, path=path or x.path) for x, path in zip(tasks, local, strict=True)]
         yield from map_on_cluster(_load, tasks, dask, local)
-        return
-    if jobs > 1 and len(tasks) > 1:
+    elif jobs > 1 and len(tasks) > 1:
         yield from map_in_processes(_load, tasks, jobs)
-        return
-    for index, task in enumerate(tasks):
-        yield Outcome(index, _load(task, partial(within, index)))
+    else:
+        for index, task in enumerate(tasks):
+            yield Outcome(index, _load(task, partial(within, index)))
 
 
 def _final(outcome: Outcome[RecordingSet], name: str) -> RecordingSet:
@@ -314,11 +314,9 @@ def _loaded(task: _LoadTask, path: Path, progress: Callable[[float], None] | Non
     """Load the file or folder of a recording; one that can't be used raises a RecordingError."""
     options = task.options
     clean, residuals = _clean(path, options, progress)
-    pieces = [smooth(piece, clean.sample_rate, options.smoothing) for piece in clean.pieces]
-    speed = np.concatenate([joint_speed(piece.velocities) for piece in pieces])
-    thresholds = speed_thresholds(speed, options.segmentation)
-    cuts, clean = _cut(task, clean, pieces, thresholds)
-    motions = cutting.demonstrations(cuts, clean, task.name, bags.checksum(path))
+    smoothed = cutting.SmoothRecording.of(clean, options.smoothing, options.segmentation)
+    cuts, clean = _cut(task, smoothed)
+    motions = cutting.demonstrations(cuts, clean, task.name, _checksum(path, options))
     segments = (Segment(m.start_time, m.end_time, m.label, extent(m.positions)) for m in motions)
     report = RecordingReport(
         name=task.name,
@@ -332,9 +330,9 @@ def _loaded(task: _LoadTask, path: Path, progress: Callable[[float], None] | Non
         checksum=motions[0].checksum,
         repairs=clean.repairs,
         motions=tuple(segments),
-        thresholds=thresholds,
+        thresholds=smoothed.thresholds,
         notes=clean.notes,
-        overview=_overview(pieces) if options.overviews else None,
+        overview=_overview(smoothed.pieces) if options.overviews else None,
         marker_residuals=residuals,
     )
     summaries = () if options.summarise is None else (options.summarise(motions),)
@@ -349,8 +347,24 @@ def _clean(
     if options.markers is not None:
         raw, residuals = options.markers.joint_states(path, salvage=options.salvage)
         return repair(raw, None, options.repair), residuals
+    read = partial(_read, path, options, progress)
+    if options.cache is None:
+        return read(), {}
+    chosen = (options.topic, options.joints, options.state_field, options.salvage, options.repair)
+    return options.cache.clean(path, repr(chosen), read), {}
+
+
+def _checksum(path: Path, options: LoadOptions) -> str:
+    """SHA-256 of the stored bytes, which are not read if they did not change."""
+    return bags.checksum(path) if options.cache is None else options.cache.checksum(path)
+
+
+def _read(
+    path: Path, options: LoadOptions, progress: Callable[[float], None] | None
+) -> CleanRecording:
+    """Read joint states, and repair them."""
     with bags.open_bag(path, salvage=options.salvage) as bag:
-        clean = read_clean(
+        return read_clean(
             bag,
             options.topic,
             options.joints,
@@ -358,28 +372,18 @@ def _clean(
             options=options.repair,
             progress=progress,
         )
-    return clean, {}
 
 
 def _cut(
-    task: _LoadTask,
-    clean: CleanRecording,
-    pieces: Sequence[SmoothPiece],
-    thresholds: SpeedThresholds,
+    task: _LoadTask, recording: cutting.SmoothRecording
 ) -> tuple[list[cutting.Cut], CleanRecording]:
     """Cut a recording into its motions; return them with additional notes and repairs."""
-    options = task.options.segmentation
-    notes: tuple[str, ...] = ()
     if task.segments is not None:
-        return cutting.cut_by_hand(pieces, task.segments), clean
-    if clean.pieces_are_motions or task.options.segment == "none":
-        cuts = cutting.cut_whole_pieces(pieces, thresholds)
-    else:
-        cuts, notes = cutting.cut_at_rests_and_valleys(pieces, thresholds, options)
-    kept = cutting.without_rest(cuts, clean.pieces, task.least_extent, options)
-    n_rest = len(cuts) - len(kept)
-    repairs = {**clean.repairs, "rest": n_rest} if n_rest else clean.repairs
-    return kept, replace(clean, repairs=repairs, notes=clean.notes + notes)
+        return cutting.cut_by_hand(recording.pieces, task.segments), recording.clean
+    is_whole = recording.clean.pieces_are_motions or task.options.segment == "none"
+    return cutting.cut_motions(
+        recording, task.options.segmentation, task.least_extent, is_whole=is_whole
+    )
 
 
 def _overview(pieces: Sequence[SmoothPiece]) -> Overview:

@@ -13,9 +13,6 @@ from scipy.signal import butter, sosfiltfilt
 from ..arrays import FloatArray
 from .repair import Piece
 
-SPLINE_DEGREE = 3
-"""Lowest degree with continuous accelerations; higher ones oscillate where samples are few."""
-
 
 @dataclass(frozen=True)
 class SmoothingOptions:
@@ -30,12 +27,16 @@ class SmoothingOptions:
         Order of the low-pass. It is applied forwards and backwards: no delay, twice the order.
     min_rate, max_rate : float
         Bounds of the rate of the result [Hz]; between them it has the rate of the recording.
+    degree : int
+        Degree of the spline. 3 is the lowest one with continuous accelerations; higher ones
+        oscillate where samples are few.
     """
 
     cutoff: float = 8.0
     order: int = 2
     min_rate: float = 50.0
     max_rate: float = 200.0
+    degree: int = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,24 +81,24 @@ def smooth(
     """
     # Stamps jitter: a smooth curve through the samples themselves would overshoot where two are
     # close, straight lines don't.
-    times = _grid(piece.times, rate)
-    grid = _grid(times, float(np.clip(rate, options.min_rate, options.max_rate)))
+    times = _grid(piece.times, rate, options)
+    grid = _grid(times, float(np.clip(rate, options.min_rate, options.max_rate)), options)
     curves = np.empty((3, grid.size, piece.positions.shape[1]))
     # One joint after the other: a spline of all at once takes several times their memory.
     for joint, recorded in enumerate(piece.positions.T):
         position = np.interp(times, piece.times, recorded)
         if rate >= 5 * options.cutoff:
             position = _filtered(position, rate, options)
-        spline = make_interp_spline(times, position, k=SPLINE_DEGREE)
+        spline = make_interp_spline(times, position, k=options.degree)
         for order in range(3):
             curves[order, :, joint] = spline(grid, nu=order)
     positions, velocities, accelerations = curves
     return SmoothPiece(grid, positions, velocities, accelerations, recorded_rate=rate)
 
 
-def _grid(times: FloatArray, rate: float) -> FloatArray:
+def _grid(times: FloatArray, rate: float, options: SmoothingOptions) -> FloatArray:
     """Evenly spaced times from the first to the last, at about the given rate [Hz]."""
-    n_steps = max(SPLINE_DEGREE + 1, round((times[-1] - times[0]) * rate) + 1)
+    n_steps = max(options.degree + 1, round((times[-1] - times[0]) * rate) + 1)
     return np.linspace(times[0], times[-1], n_steps)
 
 

@@ -1,6 +1,9 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""The planning context of the node, made of primitives, robot description and parameters."""
+"""The parameters of the node, and its planning context.
+
+The context is made of primitives, robot description and parameters.
+"""
 
 from __future__ import annotations
 

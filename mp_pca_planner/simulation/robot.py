@@ -1,6 +1,9 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""A simulated robot and its trajectory controller, stepped together in virtual time."""
+"""A simulated robot and its trajectory controller, stepped together in virtual time.
+
+Faults are set on demand, and every cycle is recorded.
+"""
 
 from __future__ import annotations
 

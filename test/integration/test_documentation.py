@@ -13,6 +13,7 @@ from argparse import ArgumentParser
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import yaml
 from patience import HANG
@@ -22,6 +23,12 @@ from mp_pca_planner.cli.main import COMMANDS
 from mp_pca_planner.cli.options import options_of, parse
 from mp_pca_planner.cli.parser import Options
 from mp_pca_planner.execution.parameters import DECLARATIONS
+from mp_pca_planner.motion.trajectory import Trajectory
+from mp_pca_planner.primitives.file import _METADATA
+from mp_pca_planner.primitives.library_journal import _LINE
+from mp_pca_planner.primitives.primitive_values import ARRAY_SHAPES
+from mp_pca_planner.recordings.segments_file import COLUMNS
+from mp_pca_planner.simulation.robot import Record
 
 ROOT = Path(__file__).parents[2]
 SCRIPT = ROOT / "scripts/run_documentation.py"
@@ -202,6 +209,15 @@ def test_reference_has_every_parameter_and_every_public_name(reference: dict[str
     parameters, python = reference["parameters_page"](), reference["python_page"]()
     assert [d.name for d in DECLARATIONS if f"`{d.name}`" not in parameters] == []
     assert [name for name in mp_pca_planner.__all__ if f"\n## {name}\n" not in python] == []
+
+
+def test_file_formats_name_all_that_is_in_the_files() -> None:
+    zero = np.zeros((2, 1))
+    motion = Trajectory(["a"], [0.0, 1.0], zero, zero, zero, zero)
+    names = {*ARRAY_SHAPES, *_METADATA, *motion.columns(), *_LINE, *Record(1).arrays()}
+    page = text_of(ROOT / "doc/formats.md")
+    assert ",".join(COLUMNS) in page
+    assert [name for name in names if f"`{name.rstrip('?')}`" not in page] == ["refined_from?"]
 
 
 def test_recorded_results_state_their_origin_and_become_tables(reference: dict[str, Any]) -> None:

@@ -35,7 +35,7 @@ LAYERS = [
     {"control", "learning"},
     {"execution"},
     {"simulation", "evaluation"},
-    {"plotting", "view"},
+    {"plotting", "teaching", "view"},
     {"cli", "ros", "__main__"},
 ]
 

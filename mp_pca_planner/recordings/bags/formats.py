@@ -19,7 +19,7 @@ from urllib.parse import quote
 from zlib import crc32
 
 from ...input_limits import INPUT_LIMITS
-from ..byte_layout import NS_PER_S
+from ..joint_states import NS_PER_S
 from .storage import (
     Buffer,
     Channel,
@@ -176,8 +176,8 @@ def _connection(fields: Fields, data: bytes) -> Channel:
     )
 
 
-_HEAD = struct.Struct("<BQ")
-_MESSAGE_HEAD = struct.Struct("<HIQQ")
+MCAP_HEAD = struct.Struct("<BQ")
+MCAP_MESSAGE_HEAD = struct.Struct("<HIQQ")
 
 
 class McapFile(ChunkedFile):
@@ -185,7 +185,7 @@ class McapFile(ChunkedFile):
 
     MAGIC = b"\x89MCAP0\r\n"
     # Codes of records.
-    FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK = 0x02, 0x03, 0x04, 0x05, 0x06
+    HEADER, FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK = 0x01, 0x02, 0x03, 0x04, 0x05, 0x06
     STATISTICS, DATA_END = 0x0B, 0x0F
 
     def __init__(self, path: Path) -> None:
@@ -196,7 +196,7 @@ class McapFile(ChunkedFile):
         """Count messages by the statistics at the end, or one by one where there are none."""
         counts: dict[int, int] | None = None
         with mapped(self._path) as content:
-            for kind, start, end in _mcap_records(content, *self._summary(content)):
+            for kind, start, end in mcap_records(content, *self._summary(content)):
                 if kind == self.CHANNEL:
                     number, channel = self._channel(content, start)
                     self._channels[number] = channel
@@ -209,14 +209,14 @@ class McapFile(ChunkedFile):
         return total(self._channels, counts)
 
     def _messages(self, content: Buffer, position: int, state: Pass) -> Iterator[StoredMessage]:
-        for kind, start, end in _mcap_records(content, position, len(content)):
+        for kind, start, end in mcap_records(content, position, len(content)):
             if kind == self.MESSAGE:
-                number, _, stamp, _ = _MESSAGE_HEAD.unpack_from(content, start)
+                number, _, stamp, _ = MCAP_MESSAGE_HEAD.unpack_from(content, start)
                 channel = state.channels.get(number)
                 if channel is not None:
                     if stamp >= 1 << 63:  # Larger numbers are no times.
                         raise DamageError(f"a message was received at {stamp} ns")
-                    yield channel, stamp, content[start + _MESSAGE_HEAD.size : end]
+                    yield channel, stamp, content[start + MCAP_MESSAGE_HEAD.size : end]
             elif kind == self.SCHEMA:
                 self._add_schema(content, start)
             elif kind == self.CHANNEL:
@@ -228,7 +228,7 @@ class McapFile(ChunkedFile):
 
     def _chunk(self, content: Buffer, start: int, state: Pass) -> Iterator[StoredMessage]:
         size, checksum = struct.unpack_from("<QI", content, start + 16)
-        compression, place = _text(content, start + 28)
+        compression, place = mcap_text(content, start + 28)
         (stored,) = struct.unpack_from("<Q", content, place)
         records = state.unpack(compression, content[place + 8 : place + 8 + stored], size)
         yield from by_reception(self._messages(records, 0, state))
@@ -237,7 +237,7 @@ class McapFile(ChunkedFile):
 
     def _summary(self, content: Buffer) -> tuple[int, int]:
         """Start and end of the summary, which may be empty."""
-        footer = len(content) - _HEAD.size - 20 - len(self.MAGIC)
+        footer = len(content) - MCAP_HEAD.size - 20 - len(self.MAGIC)
         if footer < self._start(content) or content[-len(self.MAGIC) :] != self.MAGIC:
             raise DamageError("it does not end as mcap")
         kind, _, start = struct.unpack_from("<BQQ", content, footer)
@@ -247,24 +247,24 @@ class McapFile(ChunkedFile):
 
     def _add_schema(self, content: Buffer, start: int) -> None:
         (number,) = struct.unpack_from("<H", content, start)
-        name, place = _text(content, start + 2)
-        encoding, place = _text(content, place)
-        definition = _text(content, place)[0] if encoding == "ros2msg" else ""
+        name, place = mcap_text(content, start + 2)
+        encoding, place = mcap_text(content, place)
+        definition = mcap_text(content, place)[0] if encoding == "ros2msg" else ""
         self._schemas[number] = (ros2_type(name), definition)
 
     def _channel(self, content: Buffer, start: int) -> tuple[int, Channel]:
         number, schema = struct.unpack_from("<HH", content, start)
-        return number, Channel(_text(content, start + 4)[0], *self._schemas[schema])
+        return number, Channel(mcap_text(content, start + 4)[0], *self._schemas[schema])
 
 
-def _mcap_records(content: Buffer, position: int, end: int) -> Iterator[tuple[int, int, int]]:
+def mcap_records(content: Buffer, position: int, end: int) -> Iterator[tuple[int, int, int]]:
     """Code of each record, start and end of its content.
 
     A truncated chunk is yielded before the error, because an uncompressed part can be read.
     """
     while position < end:
-        kind, size = _HEAD.unpack_from(content, position)
-        start = position + _HEAD.size
+        kind, size = MCAP_HEAD.unpack_from(content, position)
+        start = position + MCAP_HEAD.size
         is_cut_off = start + size > end
         if not is_cut_off or kind == McapFile.CHUNK:
             yield kind, start, start + size
@@ -273,7 +273,7 @@ def _mcap_records(content: Buffer, position: int, end: int) -> Iterator[tuple[in
         position = start + size
 
 
-def _text(content: Buffer, position: int) -> tuple[str, int]:
+def mcap_text(content: Buffer, position: int) -> tuple[str, int]:
     """The text after its length, and the position of its end."""
     (size,) = struct.unpack_from("<I", content, position)
     end = position + 4 + size

@@ -24,7 +24,7 @@ from ...exceptions import RecordingError, unknown_name
 from ...files import exists_already, replace_path, take_free_name, workspace_beside
 from ...input_limits import INPUT_LIMITS
 from ...motion.trajectory import Trajectory
-from ..byte_layout import ENCAPSULATION, MAX_PADDING, NS_PER_S, most_spare_bytes
+from ..joint_states import ENCAPSULATION, NS_PER_S, most_spare_bytes
 from .discovery import FORMAT_OF_SUFFIX, BagFormat, recordings_in
 from .storage import Key
 
@@ -145,7 +145,8 @@ def _decode_cdr(types: Types, data: bytes, name: str) -> Any:
     decode = about.deserialize_cdr_le if data[1] else about.deserialize_cdr_be
     message, end = decode(data[ENCAPSULATION:], 0, about.cls, types)
     spare = len(data) - ENCAPSULATION - end
-    if spare < 0 or (spare > MAX_PADDING and spare > most_spare_bytes(_n_empty(message))):
+    # Nearly all messages have few spare bytes: then empty sequences are not counted.
+    if spare < 0 or (spare > most_spare_bytes(0) and spare > most_spare_bytes(_n_empty(message))):
         raise ValueError(f"size mismatch: {spare} bytes follow the message")
     return message
 
@@ -172,6 +173,17 @@ def _field_of_states(types: Types, name: str) -> str:
                 paths[inner] = f"{paths[current]}.{field}".lstrip(".")
                 waiting.append(inner)
     return "" if name == JOINT_STATE else paths.get(JOINT_STATE, "")
+
+
+def to_cdr(data: bytes) -> bytes:
+    """A joint state of ROS 1 in the serialisation of ROS 2."""
+    return bytes(known_types("mcap").ros1_to_cdr(data, JOINT_STATE))
+
+
+def message_definition(name: str) -> str:
+    """Definition of a common type of ROS 2 and of those within it, as .msg text."""
+    text: str = known_types("mcap").generate_msgdef(name, ros_version=2)[0]
+    return text
 
 
 def _header(bag_format: BagFormat, stamp_ns: int) -> Any:

@@ -13,8 +13,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..byte_layout import NS_PER_S
-from ..joint_states import RawJointStates
+from ..joint_states import NS_PER_S, RawJointStates
 from .messages import (
     choose_clock,
     choose_joints,
@@ -48,9 +47,6 @@ SAMPLE_REPAIRS = (
 )
 """Repairs before the recording is cut, in order."""
 
-PIECE_REPAIRS = (unwrap, cut_at_jumps)
-"""Repairs after it is cut at gaps, in order."""
-
 
 def repair(
     raw: RawJointStates,
@@ -75,38 +71,29 @@ def repair(
         If a joint is unknown, the time is unusable, samples are too few, publishers contradict
         each other, or nothing moves.
     """
+    options = options or RepairOptions()
     repairs: Counter[str] = Counter(malformed=raw.n_malformed)
     with findings_on_refusal(raw, repairs):
-        return _repaired(raw, joints, options or RepairOptions(), repairs)
-
-
-def _repaired(
-    raw: RawJointStates,
-    joints: Sequence[str] | None,
-    options: RepairOptions,
-    repairs: Counter[str],
-) -> CleanRecording:
-    names = choose_joints([layout.joint_names for layout in raw.layouts], raw.topic, joints)
-    samples, clock_notes = _samples(raw, names, repairs)
-    for repair_samples in SAMPLE_REPAIRS:
-        samples = repair_samples(samples, options, repairs)
-        samples.refuse_few(options)
-    pieces = cut_at_gaps(samples, options, repairs)
-    for repair_pieces in PIECE_REPAIRS:
-        pieces = repair_pieces(pieces, options, repairs)
-    checked = velocity_notes(raw, names)
-    rate = NS_PER_S / samples.period
-    # A rate that jitter puts just below a multiple still counts as that multiple.
-    n_averaged = max(1, int(rate * 1.001 // options.enough_rate))
-    pieces = long_pieces([averaged(piece, n_averaged) for piece in pieces], options, repairs)
-    notes = (*clock_notes, *checked, *motion_notes(names, pieces, options))
-    return CleanRecording(
-        joint_names=names,
-        pieces=tuple(pieces),
-        rate=rate,
-        sample_rate=rate / n_averaged,
-        **findings(raw, repairs, notes),
-    )
+        names = choose_joints([layout.joint_names for layout in raw.layouts], raw.topic, joints)
+        samples, clock_notes = _samples(raw, names, repairs)
+        for repair_samples in SAMPLE_REPAIRS:
+            samples = repair_samples(samples, options, repairs)
+            samples.refuse_few(options)
+        pieces = cut_at_gaps(samples, options, repairs)
+        pieces = cut_at_jumps(unwrap(pieces, options, repairs), options, repairs)
+        checked = velocity_notes(raw, names)
+        rate = NS_PER_S / samples.period
+        # A rate that jitter puts just below a multiple still counts as that multiple.
+        n_averaged = max(1, int(rate * 1.001 // options.enough_rate))
+        pieces = long_pieces([averaged(piece, n_averaged) for piece in pieces], options, repairs)
+        notes = (*clock_notes, *checked, *motion_notes(names, pieces, options))
+        return CleanRecording(
+            joint_names=names,
+            pieces=tuple(pieces),
+            rate=rate,
+            sample_rate=rate / n_averaged,
+            **findings(raw, repairs, notes),
+        )
 
 
 def _samples(

@@ -15,8 +15,8 @@ from mp_pca_planner.evaluation.check import RigidArm
 from mp_pca_planner.evaluation.scene_referee import SceneReferee
 from mp_pca_planner.exceptions import MissingDependencyError
 from mp_pca_planner.motion.collision import CollisionModel
-from mp_pca_planner.motion.goal import JointGoal, JointState
-from mp_pca_planner.planning.detours import paths_by_vias
+from mp_pca_planner.motion.goal import JointGoal, JointState, Via
+from mp_pca_planner.planning.paths import paths_by_vias
 from mp_pca_planner.planning.plan import PlannerOptions
 from mp_pca_planner.planning.planner import Planner
 from mp_pca_planner.planning.sampling import SamplingOptions, sampled_path
@@ -153,3 +153,26 @@ def test_detour_keeps_a_requested_duration(post):
     plan = planner.plan(JointGoal(JointState(JOINTS, goal), 3.0), start)
     assert plan.is_executable
     assert plan.duration == pytest.approx(3.0)
+
+
+@pytest.mark.parametrize("kind", ["sequence", "vias"])
+def test_legs_between_targets_lead_around_the_wall(tmp_path, kind):
+    pytest.importorskip("ompl", reason="the extra ompl is not installed")
+    scene, primitive = write_scene(tmp_path / "scene0001.yaml", [WALL]), arm_primitive()
+    start, goal = primitive.boundary_states[0, [0, 3]]
+    collision = CollisionModel(arm_robot(), world=World.from_file(scene))
+    options = PlannerOptions(max_solve_time=math.inf)
+    planner = Planner(arm_robot(), [primitive], None, options, collision)
+    if kind == "sequence":
+        plan = planner.plan([goal, start], start, "real_time")
+    else:
+        via = Via(JointState(JOINTS, goal), phase=0.5)
+        plan = planner.plan(JointGoal(JointState(JOINTS, start), vias=(via,)), start)
+    assert plan.is_executable
+    urdf = config_file("human_arm.urdf")
+    found = SceneReferee(RigidArm(urdf, JOINTS), urdf, scene).judge(plan.trajectory)
+    assert found.collision == ""
+    passed = np.abs(plan.trajectory.positions - goal).max(axis=1).min()
+    assert passed < 0.01
+    assert "around obstacles with" in plan.message
+    np.testing.assert_allclose(plan.trajectory.positions[[0, -1]], [start, start], atol=1e-12)

@@ -1,0 +1,113 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""`teach`: motions shown to the running robot, a primitive of them, and its first goal."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from contextlib import suppress
+
+from ..exceptions import RobotError, unknown_name
+from ..robot.model import Robot
+from ..teaching.dialogue import KEYS, StateSource, hold_dialogue
+from ..teaching.played import PlayedBag
+from ..teaching.session import SessionFiles, TeachingSession
+from ..teaching.words import SessionWords
+from . import build_primitives
+from .common import check_output, report_lines
+from .keys import Keys
+from .options import parse
+from .terminal import DONE, FAILED, REFUSED, complain, flush, say
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Run the command; returns the exit status."""
+    check_output(arguments.output, ".npz", force=arguments.force)
+    robot = Robot.from_file(arguments.robot, arguments.joints) if arguments.robot else None
+    frames = robot.frame_names if robot else ()
+    if arguments.frame and arguments.frame not in frames:
+        raise RobotError(unknown_name("link", arguments.frame, frames))
+    words = SessionWords(robot, arguments.frame)
+    joints = robot.joint_names if robot else arguments.joints
+    with Keys() as keys:
+        session, is_finished = _taught(arguments, joints, keys, words)
+        if not is_finished:
+            say(f"{session.files.bag} holds the recording; the same command continues it")
+            return DONE
+        status = _build(arguments, session)
+        is_live = status == DONE and arguments.play is None
+        return _try(arguments, session, keys, words) if is_live else status
+
+
+def _taught(
+    arguments: argparse.Namespace, joints: Sequence[str] | None, keys: Keys, words: SessionWords
+) -> tuple[TeachingSession, bool]:
+    """Hold a session until it is left; returns it, and whether to build the primitive."""
+    files = SessionFiles.beside(arguments.output)
+    if arguments.play is not None:
+        played = PlayedBag(arguments.play, arguments.topic)
+        with TeachingSession(files, played.topic, joints) as session:
+            return session, _dialogue(session, played, keys, words)
+    from ..ros.joint_state_source import JointStateSource, full_topic_name
+
+    topic = full_topic_name(arguments.topic or "joint_states", arguments.namespace)
+    with TeachingSession(files, topic, joints) as session, JointStateSource(topic) as source:
+        say(f"recording    {topic} into {files.bag}")
+        return session, _dialogue(session, source, keys, words)
+
+
+def _dialogue(
+    session: TeachingSession, source: StateSource, keys: Keys, words: SessionWords
+) -> bool:
+    """Whether to build the primitive; Ctrl-C quits."""
+    _say_now(KEYS)
+    with suppress(KeyboardInterrupt):
+        return hold_dialogue(session, source, keys, words, _say_now)
+    return False
+
+
+def _say_now(*lines: str) -> None:
+    say(*lines)
+    flush()
+
+
+def _build(arguments: argparse.Namespace, session: TeachingSession) -> int:
+    """Build the primitive of the recording and its table of motions."""
+    session.write_segments()
+    files, names = session.files, ",".join(session.motions[0].joint_names)
+    options = ["--segments", str(files.segments), "--output", str(arguments.output)]
+    options += ["--joints", names, *(["--robot", str(arguments.robot)] if arguments.robot else [])]
+    options += ["--force"] if arguments.force else []
+    return build_primitives.run(parse("build_primitives", [str(files.bag), *options]))
+
+
+def _try(
+    arguments: argparse.Namespace, session: TeachingSession, keys: Keys, words: SessionWords
+) -> int:
+    """Have the node reload its primitives, and send the first goal after an explicit yes."""
+    from ..ros.client import NoAnswerError, is_served
+    from ..ros.taught_robot import TaughtRobot
+
+    names, goal = session.motions[0].joint_names, session.first_goal()
+    try:
+        with TaughtRobot(arguments.namespace, arguments.node) as robot:
+            robot.wait_for_node(arguments.timeout, with_trajectory=False)
+            reloaded = robot.call("reload_primitives", arguments.timeout)
+            say(reloaded.message)
+            if not reloaded.success:
+                return FAILED
+            _say_now(f"first goal   {words.place(names, goal)}", "y sends it to the robot")
+            if not keys.answer():
+                say("not sent")
+                return DONE
+            goals = dict(zip(names, goal.tolist(), strict=True))
+            answer = robot.move(arguments.output.stem, goals, arguments.timeout)
+            _say_now(answer.report.message, *report_lines(answer.values, is_verbose=False))
+            if not is_served(answer.report):
+                return REFUSED
+            say(robot.outcome(answer))
+    except NoAnswerError as error:
+        complain(f"mp_pca_planner teach: the primitive is built, but {error}")
+        return FAILED
+    return DONE

@@ -1,0 +1,102 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Every joint state on a topic, recorded by a thread of its own."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Sequence
+
+from rclpy.expand_topic_name import expand_topic_name
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from sensor_msgs.msg import JointState
+
+from ..exceptions import GoalError
+from .client import check_node_name
+from .process import NodeInOwnContext
+from .subscriptions import PolledSubscription
+
+_NAME = "teach"
+_PERIOD = 0.02  # time between two polls [s]
+
+# As reliable as the publishers; waits for ten seconds of states at 1 kHz.
+_EVERY_STATE = QoSProfile(depth=10_000, reliability=ReliabilityPolicy.BEST_AVAILABLE)
+
+Record = Callable[[Sequence[tuple[int, bytes]]], None]
+
+
+def full_topic_name(topic: str, namespace: str) -> str:
+    """The name of a topic with its namespace.
+
+    Raises
+    ------
+    GoalError
+        If ROS accepts no such name.
+    """
+    check_node_name(namespace, _NAME)
+    try:
+        return expand_topic_name(topic, _NAME, f"/{namespace.strip('/')}")
+    except ValueError as error:
+        reason = str(error).splitlines()[0].rstrip(":")
+        raise GoalError(f"no topic can be called '{topic}': {reason}") from None
+
+
+class JointStateSource(NodeInOwnContext):
+    """Joint states on a topic; a context manager.
+
+    Parameters
+    ----------
+    topic : str
+        Full name of the topic.
+
+    Attributes
+    ----------
+    pause : float
+        Least time between two looks at what was recorded [s].
+    """
+
+    pause = 0.3
+
+    def __init__(self, topic: str) -> None:
+        super().__init__(_NAME, "", _NAME)
+        self._topic, self._is_ending = topic, threading.Event()
+        self._thread: threading.Thread | None = None
+        self._error: Exception | None = None
+
+    def __exit__(self, *_: object) -> None:
+        if self._thread is not None:
+            self._is_ending.set()
+            self._thread.join()
+        super().__exit__()
+
+    def feed(self, record: Record) -> bool:
+        """Start the recording at the first call; raises what has ended it."""
+        if self._thread is None:
+            self._thread = threading.Thread(target=self._run, args=[record], daemon=True)
+            self._thread.start()
+        if self._error is not None:
+            raise self._error
+        return True
+
+    def _run(self, record: Record) -> None:
+        try:
+            states = self._subscribe()
+            is_ending = False
+            while states is not None and not is_ending:
+                is_ending = self._is_ending.wait(_PERIOD)
+                record(
+                    [
+                        (facts["received_timestamp"] or time.time_ns(), bytes(message))
+                        for message, facts in states.poll()
+                    ]
+                )
+        except Exception as error:  # it is raised by the next call of `feed`
+            self._error = error
+
+    def _subscribe(self) -> PolledSubscription | None:
+        """Subscribe once there is a publisher, to whose reliability that of the topic is fitted."""
+        while not self.node.count_publishers(self._topic):
+            if self._is_ending.wait(_PERIOD):
+                return None
+        return PolledSubscription(self.node, JointState, self._topic, _EVERY_STATE, raw=True)

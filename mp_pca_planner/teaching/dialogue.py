@@ -1,0 +1,90 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""The dialogue of a teaching session: motions are shown as they end, keys are obeyed."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from typing import Protocol
+
+from .session import TeachingSession
+from .words import SessionWords
+
+KEYS = "d discards the last motion, b builds the primitive, q quits; all that is recorded is kept"
+
+# The law of cutting is applied during at most one in so many seconds.
+_IDLE_RATIO = 4.0
+
+
+class StateSource(Protocol):
+    """Where the joint states of a session come from."""
+
+    @property
+    def pause(self) -> float:
+        """Least time between two looks at it [s]; 0: keys count when nothing follows."""
+
+    def feed(self, record: Callable[[Sequence[tuple[int, bytes]]], None]) -> bool:
+        """Record what has come; returns whether more may follow."""
+
+
+class KeySource(Protocol):
+    """Where the keys come from."""
+
+    def pressed(self, timeout: float | None) -> str | None:
+        """The next key; '' if none is pressed in time [s], None if none can be any more."""
+
+
+def hold_dialogue(
+    session: TeachingSession,
+    source: StateSource,
+    keys: KeySource,
+    words: SessionWords,
+    say: Callable[..., None],
+) -> bool:
+    """Show motions as they end, until a person ends the session.
+
+    Parameters
+    ----------
+    session :
+        The session.
+    source :
+        Feeds it.
+    keys :
+        Keys of the person.
+    words :
+        Describes the motions.
+    say :
+        Prints lines.
+
+    Returns
+    -------
+    is_built :
+        Whether the primitive is to be built.
+    """
+    is_fed = True
+    while True:
+        started = time.monotonic()
+        is_fed = is_fed and source.feed(session.record)
+        say(*words.update_lines(session.update(is_over=not is_fed), session.motions))
+        if is_fed and not source.pause:
+            continue
+        pause = max(source.pause, _IDLE_RATIO * (time.monotonic() - started))
+        key = keys.pressed(pause if is_fed else None)
+        if key is None or key == "q":
+            return False
+        if key == "b":
+            say(*words.update_lines(session.update(is_over=True), session.motions))
+            if session.motions:
+                return True
+            say("there is no motion to build a primitive of")
+        elif key == "d":
+            discarded = session.discard_last()
+            say("there is no motion to discard" if discarded is None else _discarded(session))
+        elif key:
+            say(KEYS)
+
+
+def _discarded(session: TeachingSession) -> str:
+    n = len(session.motions)
+    return f"motion {n + 1} is discarded: {n} left"

@@ -1,0 +1,94 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""A teaching session in words."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from ..arrays import FloatArray
+from ..exceptions import PlannerError
+from ..plotting.units import Unit, unit_of
+from ..recordings.demonstration import Demonstration
+from ..recordings.segmentation import extent
+from ..robot.model import Robot
+from .learned import Learned
+from .session import SessionUpdate
+
+
+class SessionWords:
+    """Describes motions and what they teach; places of the end effector with a robot only.
+
+    Parameters
+    ----------
+    robot : Robot or None
+        The robot.
+    frame : str
+        Its end effector; the last link by default.
+    """
+
+    def __init__(self, robot: Robot | None = None, frame: str = "") -> None:
+        self._robot = robot
+        self._frame = frame or (robot.frame_names[-1] if robot else "")
+
+    def update_lines(
+        self, update: SessionUpdate, motions: Sequence[Demonstration]
+    ) -> Iterator[str]:
+        """What an update of a session with these motions says."""
+        for note in update.notes:
+            yield f"left out: {note}" if motions else f"no motion yet: {note}"
+        if update.n_lost:
+            yield f"{update.n_lost} earlier motions are cut in another way now"
+        for motion in update.found:
+            number = motions.index(motion) + 1
+            yield f"motion {number}: {motion.duration:.2f} s, {self._length(motion)}, accepted"
+        if update.found:
+            yield from self.learned_lines(motions)
+
+    def learned_lines(self, motions: Sequence[Demonstration]) -> Iterator[str]:
+        """What motions teach."""
+        try:
+            learned = self._learned(motions)
+        except PlannerError as error:
+            yield f"  nothing is learned yet: {error}"
+            return
+        unit = self._unit(motions[0].joint_names)
+        names = motions[0].joint_names
+        yield (
+            f"  left-out error {unit.number(learned.error)} {unit.name} (straight motions: "
+            f"{unit.number(learned.straight_error)}); {learned.covered:.0%} of the motions between "
+            "shown starts and goals are covered"
+        )
+        ranges = zip(names, *(np.round([learned.low, learned.high], 2) + 0.0), strict=True)
+        yield "  goals shown: " + ", ".join(f"{n} {a:.2f} to {b:.2f}" for n, a, b in ranges)
+        for start, goal in learned.suggested:
+            yield f"  least known: from {self.place(names, start)} to {self.place(names, goal)}"
+
+    def place(self, joint_names: Sequence[str], q: FloatArray) -> str:
+        """Positions of joints, shape (n_joints,), and the place of the end effector."""
+        rounded = np.round(q, 2) + 0.0  # no minus before zero
+        joints = ",".join(f"{name}={x:.2f}" for name, x in zip(joint_names, rounded, strict=True))
+        if self._robot is None:
+            return joints
+        place = self._robot.frame_positions(q[None], [self._frame])[0, 0]
+        x, y, z = (f"{value:.2f}" for value in place)
+        return f"{joints} ({self._frame} at {x} {y} {z} m)"
+
+    def _learned(self, motions: Sequence[Demonstration]) -> Learned:
+        if len(motions) < 2:
+            raise PlannerError("two motions are needed")
+        return Learned.of(motions, self._robot.limits() if self._robot else None)
+
+    def _length(self, motion: Demonstration) -> str:
+        unit = self._unit(motion.joint_names)
+        text = f"{unit.number(extent(motion.positions))} {unit.name}"
+        if self._robot is None:
+            return text
+        path = self._robot.frame_positions(motion.positions, [self._frame])[:, 0]
+        length = np.linalg.norm(np.diff(path, axis=0), axis=1).sum()
+        return f"{text}, {self._frame} over {length:.2f} m"
+
+    def _unit(self, joint_names: Sequence[str]) -> Unit:
+        return unit_of(joint_names, self._robot.prismatic_joints if self._robot else ())

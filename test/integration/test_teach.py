@@ -1,0 +1,81 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""The command `teach` with a recording that is played back, without ROS."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from patience import HANG
+
+from mp_pca_planner.cli.main import main
+from mp_pca_planner.recordings.demonstrations import write_example_recording
+from mp_pca_planner.resources import config_file
+
+URDF = str(config_file("human_arm.urdf"))
+
+
+def teach(folder: Path, keys: str, *options: str) -> subprocess.CompletedProcess[str]:
+    bag = folder / "example.mcap"
+    if not bag.exists():
+        write_example_recording(bag, 4)
+    words = [sys.executable, "-m", "mp_pca_planner", "teach", "--play", str(bag)]
+    words += ["--output", str(folder / "taught.npz"), *options]
+    return subprocess.run(
+        words, input=keys, capture_output=True, text=True, timeout=HANG, check=False
+    )
+
+
+def test_the_primitive_is_that_of_the_recording_with_the_same_cuts(tmp_path: Path) -> None:
+    done = teach(tmp_path, "d\nb\n", "--robot", URDF)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "motion 7: " in done.stdout and "motion 7 is discarded: 6 left" in done.stdout
+    assert "left-out error" in done.stdout and "wrist at" in done.stdout
+    again = tmp_path / "again.npz"
+    bag, table = tmp_path / "taught.mcap", tmp_path / "taught_segments.csv"
+    command = ["build_primitives", str(bag), "--segments", str(table), "--output", str(again)]
+    assert main([*command, "--robot", URDF, "--name", "taught"]) == 0
+    assert again.read_bytes() == (tmp_path / "taught.npz").read_bytes()
+
+
+def test_a_session_that_is_quit_is_continued(tmp_path: Path) -> None:
+    done = teach(tmp_path, "q\n")
+    assert done.returncode == 0
+    assert "taught.mcap holds the recording" in done.stdout
+    assert not (tmp_path / "taught.npz").exists()
+    done = teach(tmp_path, "b\n", "--joints", "elbow,shoulder1")
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "motions     14 of 2 joints" in done.stdout
+    # The primitive is not overwritten without a word.
+    done = teach(tmp_path, "b\n")
+    assert (done.returncode, done.stdout) == (2, "")
+    assert "taught.npz' exists already" in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("options", "reason"),
+    [
+        (["--topic", "/other"], "there are no joint states on '/other'"),
+        (["--frame", "hand"], "no link is called 'hand'"),
+        (["--robot", URDF, "--joints", "knee"], "'knee'"),
+    ],
+)
+def test_wrong_options_are_refused_in_a_sentence(
+    tmp_path: Path,
+    options: list[str],
+    reason: str,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    bag = str(write_example_recording(tmp_path / "example.mcap", 2))
+    with open(os.devnull, encoding="utf-8") as nothing:
+        monkeypatch.setattr("sys.stdin", nothing)
+        status = main(["teach", "--play", bag, "--output", str(tmp_path / "taught.npz"), *options])
+    error = capsys.readouterr().err
+    assert (status, error.count("\n")) == (2, 1)
+    assert reason in error
+    assert not (tmp_path / "taught.mcap").exists()

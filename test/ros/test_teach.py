@@ -1,0 +1,143 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""The command `teach` beside a simulated robot and a node: killed, continued, tried."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy", reason="ROS 2 (rclpy) is not installed")
+
+from arm import JOINTS, arm_primitive
+from nodes import GOAL, START, NodeClient, goal_message, running_node, set_domain
+from patience import HANG
+
+from mp_pca_planner.primitives.file import load_primitive, save_primitive
+from mp_pca_planner.recordings.segments_file import read_segments
+from mp_pca_planner.resources import config_file
+from mp_pca_planner.ros.client import READY
+
+URDF_FILE = str(config_file("human_arm.urdf"))
+
+
+@contextmanager
+def started(*words: str) -> Iterator[subprocess.Popen[str]]:
+    """A command of the package, killed at the end unless it has ended."""
+    command = [sys.executable, "-m", "mp_pca_planner", *words]
+    pipes: dict[str, Any] = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
+    with subprocess.Popen(command, text=True, **pipes) as process:
+        try:
+            yield process
+        finally:
+            process.kill()
+
+
+class Teacher:
+    """A person at the terminal of `teach`: reads its lines, presses keys."""
+
+    def __init__(self, process: subprocess.Popen[str]) -> None:
+        self.process, self.lines = process, list[str]()
+        threading.Thread(target=self._read, daemon=True).start()
+
+    def _read(self) -> None:
+        assert self.process.stdout is not None
+        for line in self.process.stdout:
+            self.lines.append(line.rstrip())
+
+    def press(self, key: str) -> None:
+        assert self.process.stdin is not None
+        self.process.stdin.write(f"{key}\n")
+        self.process.stdin.flush()
+
+    def has(self, text: str) -> bool:
+        return any(text in line for line in self.lines)
+
+    @property
+    def n_motions(self) -> int:
+        return sum(line.endswith("accepted") for line in self.lines)
+
+    def wait_for(self, text: str) -> None:
+        self.wait(lambda: self.has(text), f"'{text}' was not said")
+
+    def wait_for_states(self, bag: Path) -> None:
+        """Wait until joint states are being recorded."""
+        self.wait(bag.exists, "there is no recording")
+        n_bytes = bag.stat().st_size
+        self.wait(lambda: bag.stat().st_size > n_bytes + 100_000, "nothing is recorded")
+
+    def wait(self, holds: Callable[[], Any], complaint: str) -> None:
+        deadline = time.monotonic() + HANG
+        while not holds():
+            assert time.monotonic() < deadline, f"{complaint} in {self.lines}"
+            assert self.process.poll() is None or holds(), self.lines
+            time.sleep(0.02)
+
+
+def move(client: NodeClient, goal: list[float], teacher: Teacher | None = None) -> None:
+    """Have the old primitive move the arm as a person would; with a teacher, until it is shown."""
+    n_motions, n_executions = teacher.n_motions if teacher else 0, len(client.executions)
+    message = goal_message(goal)
+    message.header.stamp = client.node.get_clock().now().to_msg()
+    message.header.frame_id = "arm_arm_4"
+    assert client.send(message, HANG).trajectory is not None
+    if teacher is not None:
+        client.wait(lambda: len(client.executions) > n_executions, HANG, "did not arrive")
+        teacher.wait(lambda: teacher.n_motions > n_motions, "no motion was shown")
+
+
+def test_a_killed_session_is_continued_and_the_robot_reaches_a_goal_as_it_was_taught(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    set_domain(monkeypatch, 66)
+    save_primitive(arm_primitive(), tmp_path / "arm_arm_4.npz")
+    output, bag = tmp_path / "taught.npz", tmp_path / "taught.mcap"
+    command = ("teach", "--output", str(output), "--robot", URDF_FILE, "--timeout", str(HANG))
+    start = ",".join(map(str, START))
+    halfway = (0.5 * (np.array(START) + GOAL)).tolist()
+    arguments = ("-p", f"primitives:=['{tmp_path}']", "-p", f"max_solve_time:={HANG}")
+    with (
+        running_node(tmp_path / "node.txt", *arguments),
+        started("simulate", "--robot", URDF_FILE, "--start", start),
+        NodeClient() as client,
+    ):
+        client.wait_for_node(HANG)
+        client.wait_for_diagnostics(lambda values: values["text"] == READY, HANG)
+        with started(*command) as process:
+            teacher = Teacher(process)
+            teacher.wait_for_states(bag)
+            move(client, GOAL, teacher)
+            move(client, START, teacher)
+            move(client, halfway)
+            process.kill()  # while the arm moves
+        client.wait(lambda: len(client.executions) == 3, HANG, "did not arrive")
+        with started(*command) as process:
+            teacher = Teacher(process)
+            teacher.wait_for("motion 2: ")
+            teacher.wait_for_states(bag)
+            move(client, GOAL, teacher)
+            teacher.press("d")
+            teacher.wait_for("is discarded: ")
+            move(client, START, teacher)
+            assert teacher.has("left-out error") and teacher.has("least known: from ")
+            teacher.press("b")
+            teacher.wait_for("y sends it to the robot")
+            n_sent = len(client.reports)
+            client.spin_once()
+            assert len(client.reports) == n_sent  # nothing is sent without a yes
+            teacher.press("y")
+            assert process.wait(HANG) == 0, teacher.lines
+        assert teacher.has("arrived"), teacher.lines
+    primitive = load_primitive(output)
+    assert primitive.name == "taught" and set(primitive.joint_names) == set(JOINTS)
+    segments = read_segments(tmp_path / "taught_segments.csv", ["taught"])["taught"]
+    assert len(primitive.durations) == len(segments) >= 3
