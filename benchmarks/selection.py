@@ -213,7 +213,8 @@ def read(folder: Path, n_goals: int) -> None:
     warm = times(partial(plan, planner), requests, 0)
     print(
         f"first plan after {started:.1f} s of processor time; memory +{first:.0f} MB, after "
-        f"{n_goals} goals +{memory() - before:.0f} MB; a plan takes {cold:.1f} ms, the same again {warm:.1f} ms"
+        f"{n_goals} goals +{memory() - before:.0f} MB; a plan takes {cold:.1f} ms, the same again "
+        f"{warm:.1f} ms"
     )
 
 
