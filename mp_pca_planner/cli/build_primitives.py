@@ -37,6 +37,7 @@ from .common import check_output, print_json, progress_bar
 from .terminal import DONE, complain, say
 
 _MAX_NAMES = 5  # names of recordings listed after a note
+_MANY = 10  # recordings of which the slowest ones are named
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -208,7 +209,7 @@ def _print(
     if arguments.json:
         print_json(facts)
     else:
-        say(*_text(facts, primitive))
+        say(*_slowest_line(recordings), *_text(facts, primitive))
     for refusal in recordings.refused:
         complain(f"refused {refusal.recording}: {refusal.reason}")
     if not primitive.n_components:
@@ -295,6 +296,14 @@ def _text(facts: dict[str, Any], primitive: MovementPrimitive) -> list[str]:
         "",
         f"written to  {facts['output']}",
     ]
+
+
+def _slowest_line(recordings: RecordingSet) -> list[str]:
+    """The recordings of many that took most time."""
+    if len(recordings.reports) < _MANY:
+        return []
+    order = sorted(recordings.reports, key=lambda report: -report.seconds)[:3]
+    return ["slowest     " + ", ".join(f"{one.name} {one.seconds:.2g} s" for one in order)]
 
 
 def _note_lines(notes: dict[str, list[str]]) -> list[str]:

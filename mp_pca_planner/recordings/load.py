@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Generator, Iterable, Sequence
 from contextlib import closing, nullcontext
 from dataclasses import dataclass, field, fields, replace
@@ -235,7 +236,8 @@ def _load_all(
         for outcome in ready:
             i = left[outcome.index]
             loaded[i] = _final(outcome, tasks[i].name)
-            if journal is not None and outcome.result is not None:
+            # What was refused is tried again: the reason may have been the network.
+            if journal is not None and outcome.result is not None and not outcome.result.refused:
                 journal.add(keys[i], outcome.result)
             done += sizes[i]
             within(outcome.index, 0.0)
@@ -268,20 +270,16 @@ def _outcomes(
     dask: str | None,
     within: Callable[[int, float], None],
 ) -> Generator[Outcome[RecordingSet], None, None]:
-    if not tasks:
-        return
-    if dask is not None:
+    if dask is not None and tasks:
         # Workers have working directories of their own.
-        paths = [x.path.absolute() if isinstance(x.path, Path) else x.path for x in tasks]
-        tasks = [replace(task, path=path) for task, path in zip(tasks, paths, strict=True)]
-        local = [path if isinstance(path, Path) else None for path in paths]
+        local = [x.path.absolute() if isinstance(x.path, Path) else None for x in tasks]
+        tasks = [replace(x, path=path or x.path) for x, path in zip(tasks, local, strict=True)]
         yield from map_on_cluster(_load, tasks, dask, local)
-        return
-    if jobs > 1 and len(tasks) > 1:
+    elif jobs > 1 and len(tasks) > 1:
         yield from map_in_processes(_load, tasks, jobs)
-        return
-    for index, task in enumerate(tasks):
-        yield Outcome(index, _load(task, partial(within, index)))
+    else:
+        for index, task in enumerate(tasks):
+            yield Outcome(index, _load(task, partial(within, index)))
 
 
 def _final(outcome: Outcome[RecordingSet], name: str) -> RecordingSet:
@@ -302,8 +300,11 @@ def _load(task: _LoadTask, progress: Callable[[float], None] | None = None) -> R
     try:
         if task.segments == ():
             raise RecordingError("the table of segments names no motion in it")
+        began = time.perf_counter()
         with bags.local_copy(task.path) as path:
-            return _loaded(task, path, progress)
+            found = _loaded(task, path, progress)
+        seconds = time.perf_counter() - began
+        return replace(found, reports=tuple(replace(x, seconds=seconds) for x in found.reports))
     except RecordingError as error:
         return RecordingSet(refused=(Refusal(task.name, str(error)),))
 
