@@ -83,14 +83,8 @@ class PlannerNode(GuardedNode):
         )
         self._avoidance = ObstacleAvoidance(self._server, self._states)
         self._connect()
-        self._goals = GoalTopics(
-            self,
-            self._setup,
-            self._server,
-            self._avoidance,
-            self._statistics,
-            self._last_motion,
-        )
+        served_by = self._setup, self._server, self._avoidance
+        self._goals = GoalTopics(self, *served_by, self._statistics, self._last_motion)
         self._obstacles = ObstacleTopic(self, self._setup, self._avoidance, self._goals.avoid)
         if not self._setup.problem:
             self._log_readiness()
