@@ -119,7 +119,7 @@ class FallbackPlanner:
         for request in configurations.values():
             for at_least, step in self._timings(request):
                 try:
-                    route = self._route(request, paths.get(id(request.goal)))
+                    route = _route(self._setup, request, paths.get(id(request.goal)))
                     attempt = self._attempt(request, failed, at_least, step, route)
                     blocked = attempt.collisions and request.n_vias
                     around = self._around(route, budget) if blocked else None
@@ -194,19 +194,8 @@ class FallbackPlanner:
             route = self._around(Route([here, there], [1.0], [0]), budget)
             if route is None:
                 return None
-            legs.append((self._leg(route.states), route.n_corners))
+            legs.append((_leg(self._setup, route.states), route.n_corners))
         return legs
-
-    def _leg(self, states: Sequence[JointState]) -> Motion:
-        robot, limits = self._setup.robot, self._setup.limits
-        route = stop_and_go(robot, limits, states, self._setup.options.sample_period)
-        durations = route.slowed(
-            robot,
-            limits,
-            lambda slower: tuple(slower.durations),
-            lambda times: self._setup.sample([route.motion(times)]),
-        )
-        return route.motion(durations)
 
     def _around(self, route: Route, budget: Budget) -> Route | None:
         """A route with corners between its states; None if it has some, or none are found."""
@@ -242,16 +231,6 @@ class FallbackPlanner:
         ends = np.cumsum(durations)[route.targets[:-1]] / found.duration
         reached = (*map(float, ends), 1.0)[: len(request.conditions)]
         return self._attempt_of(request, failed, (found,), reached)
-
-    def _route(self, request: Request, path: FloatArray | None) -> Route:
-        """The route of a request, along a path if one is known."""
-        if path is not None:
-            corners = [JointState(request.start.joint_names, q) for q in path[1:-1]]
-            states = [request.start, *corners, request.goal]
-            return Route(states, [*(None for _ in corners), 1.0], [len(corners)])
-        states = _targets(self._setup.robot, self._setup.limits, request)
-        vias = request.conditions[: request.n_vias]
-        return Route(states, [*(via.phase for via in vias), 1.0], list(range(len(vias) + 1)))
 
     def _attempt_of(
         self,
@@ -295,6 +274,29 @@ class FallbackPlanner:
             )
         times = [None if phase is None else phase * total for phase in phases]
         return fit_durations(least, times)
+
+
+def _leg(setup: Setup, states: Sequence[JointState]) -> Motion:
+    """The motion through some states with a rest at each."""
+    route = stop_and_go(setup.robot, setup.limits, states, setup.options.sample_period)
+    durations = route.slowed(
+        setup.robot,
+        setup.limits,
+        lambda slower: tuple(slower.durations),
+        lambda times: setup.sample([route.motion(times)]),
+    )
+    return route.motion(durations)
+
+
+def _route(setup: Setup, request: Request, path: FloatArray | None) -> Route:
+    """The route of a request, along a path if one is known."""
+    if path is not None:
+        corners = [JointState(request.start.joint_names, q) for q in path[1:-1]]
+        states = [request.start, *corners, request.goal]
+        return Route(states, [*(None for _ in corners), 1.0], [len(corners)])
+    states = _targets(setup.robot, setup.limits, request)
+    vias = request.conditions[: request.n_vias]
+    return Route(states, [*(via.phase for via in vias), 1.0], list(range(len(vias) + 1)))
 
 
 def _targets(robot: Robot, limits: JointLimits, request: Request) -> list[JointState]:
