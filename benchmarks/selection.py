@@ -8,8 +8,9 @@ choice by the scores of all, and with a k-d tree (SciPy) of the mean requests. T
 processor time for a goal; the primitives are in memory. Plans over the ten primitives that are
 nearest to the goal and over the whole library are made in turns.
 
---files N writes a library of N files, and reads it in processes of their own. Each prints the time
-until the first plan, the growth of its memory by then and after the goals, and the time of plans.
+--files N writes a library of N files, and reads it in two processes, the first without an index.
+Each prints the processor time until the first plan, the growth of its memory by then and after the
+goals, and the time of plans.
 
 --quality compares the planner with 100 primitives of ten random motions with the cheapest plan of
 planners with one primitive each: over the primitives that pass the in-span filter of the selection,
@@ -203,16 +204,17 @@ def read(folder: Path, n_goals: int) -> None:
     robot = Robot.from_file(config_file("human_arm.urdf"), JOINT_NAMES)
     small = Planner(robot, base()[:10])
     plan(small, *requests_of(small.primitives, robot, 1)[0])  # warm-up
-    before, began = memory(), time.perf_counter()
+    before, began = memory(), time.process_time()
     planner = Planner(robot, load_primitives([folder]))
     requests = requests_of(planner.primitives, robot, n_goals)
     plan(planner, *requests[0])
-    started, first = time.perf_counter() - began, memory() - before
+    started, first = time.process_time() - began, memory() - before
     cold = times(partial(plan, planner), requests, 0)
     warm = times(partial(plan, planner), requests, 0)
     print(
-        f"first plan after {started:.1f} s; memory +{first:.0f} MB, after {n_goals} goals "
-        f"+{memory() - before:.0f} MB; a plan takes {cold:.1f} ms, the same again {warm:.1f} ms"
+        f"first plan after {started:.1f} s of processor time; memory +{first:.0f} MB, after "
+        f"{n_goals} goals +{memory() - before:.0f} MB; a plan takes {cold:.1f} ms, the same again "
+        f"{warm:.1f} ms"
     )
 
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 import argparse
 import re
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
@@ -37,6 +37,7 @@ from .common import check_output, print_json, progress_bar
 from .terminal import DONE, complain, say
 
 _MAX_NAMES = 5  # names of recordings listed after a note
+_MANY = 10  # recordings of which the slowest ones are named
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -151,13 +152,14 @@ def origin(
     statistics: MotionStatistics,
     repairs: Mapping[str, Any],
     robot: Robot | None,
-    prismatic: Sequence[str] = (),
+    prismatic: Collection[str] = (),
 ) -> dict[str, Any]:
     """Metadata: the repairs of the recordings that are in, and the prismatic joints."""
     used = {motion.recording for motion in statistics.motions}
+    moved = robot.prismatic_joints if robot else prismatic
     return {
         "repairs": {name: counts for name, counts in repairs.items() if name in used},
-        "prismatic_joints": list(robot.prismatic_joints if robot else prismatic),
+        "prismatic_joints": [x for x in statistics.joint_names if x in moved],
     }
 
 
@@ -192,7 +194,7 @@ def load(
             state_field=arguments.field,
             repair=RepairOptions(max_gap=arguments.max_gap),
             salvage=arguments.recover,
-            cache=None if arguments.no_cache else ReadingCache(default_folder()),
+            cache=ReadingCache(None if arguments.no_cache else default_folder()),
             progress=progress,
         )
 
@@ -207,7 +209,7 @@ def _print(
     if arguments.json:
         print_json(facts)
     else:
-        say(*_text(facts, primitive))
+        say(*_slowest_line(recordings), *_text(facts, primitive))
     for refusal in recordings.refused:
         complain(f"refused {refusal.recording}: {refusal.reason}")
     if not primitive.n_components:
@@ -294,6 +296,14 @@ def _text(facts: dict[str, Any], primitive: MovementPrimitive) -> list[str]:
         "",
         f"written to  {facts['output']}",
     ]
+
+
+def _slowest_line(recordings: RecordingSet) -> list[str]:
+    """The recordings of many that took most time."""
+    if len(recordings.reports) < _MANY:
+        return []
+    order = sorted(recordings.reports, key=lambda report: -report.seconds)[:3]
+    return ["slowest     " + ", ".join(f"{one.name} {one.seconds:.2g} s" for one in order)]
 
 
 def _note_lines(notes: dict[str, list[str]]) -> list[str]:

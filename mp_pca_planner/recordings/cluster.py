@@ -14,10 +14,14 @@ from typing import Any
 
 from .. import __version__
 from ..exceptions import MissingDependencyError, RecordingError
-from .processes import PATIENCE, Hired, Item, Outcome, Result, map_by
+from .processes import IN_FLIGHT, PATIENCE, Hired, Item, Outcome, Result, map_by
 
 SECONDS_TO_CONNECT = 10
 """Time in which a scheduler must answer."""
+
+MIN_THREADS = 16
+"""Threads of workers for which items are submitted, at least: workers may come later. All items
+would take memory of this process and of the scheduler in proportion to their number."""
 
 _ADDRESS = re.compile(r"((tcp|tls|ucx|ws|wss)://)?[^/\s]+:\d{1,5}")
 
@@ -89,7 +93,8 @@ def map_on_cluster(
 
         try:
             with _quiet(), client:
-                yield submit, check
+                threads = sum(client.nthreads().values())
+                yield submit, check, IN_FLIGHT * max(threads, MIN_THREADS)
         except CancelledError:
             raise RecordingError(f"{name} was lost") from None
         except (ImportError, FileNotFoundError) as error:

@@ -236,6 +236,8 @@ class RecordingReport:
         The recording in few samples, on request.
     marker_residuals : dict
         Residual of each marker; empty unless markers were recorded.
+    seconds : float
+        Time that it took to read it and to cut it into motions [s].
     """
 
     name: str
@@ -253,6 +255,7 @@ class RecordingReport:
     notes: tuple[str, ...]
     overview: Overview | None = None
     marker_residuals: dict[str, MarkerResidual] = field(default_factory=dict)
+    seconds: float = field(default=0.0, compare=False)
 
 
 @dataclass(frozen=True)

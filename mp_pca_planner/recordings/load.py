@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Generator, Iterable, Sequence
 from contextlib import closing, nullcontext
 from dataclasses import dataclass, field, fields, replace
@@ -91,8 +92,8 @@ class LoadOptions:
     summarise : callable or None
         Called with the demonstrations of each recording, in the process that reads it: a function
         of a module, or a :func:`functools.partial` of one. Its results are in `summaries`.
-    cache : ReadingCache or None
-        Keeps what is read, except joint states from markers.
+    cache : ReadingCache
+        Keeps what is read, except joint states from markers; by default nothing.
     most_samples : int or None
         Largest number of samples kept of each demonstration, after `summarise` was called;
         0 keeps no demonstrations. By default all samples are kept.
@@ -117,7 +118,7 @@ class LoadOptions:
     overviews: bool = False
     summarise: Callable[[Sequence[Demonstration]], Any] | None = None
     most_samples: int | None = None
-    cache: ReadingCache | None = None
+    cache: ReadingCache = field(default_factory=ReadingCache)
 
     def __post_init__(self) -> None:
         if self.segment not in SEGMENTATIONS:
@@ -176,8 +177,7 @@ def load_recordings(
         repeated = _load_all(list(again.values()), jobs, dask, None, known)
     for index, one in zip(again, repeated, strict=True):
         loaded[index] = one
-    if settings.cache is not None:
-        settings.cache.prune()
+    settings.cache.prune()
     return RecordingSet(
         *(tuple(x for one in loaded for x in getattr(one, f.name)) for f in fields(RecordingSet))
     )
@@ -236,7 +236,8 @@ def _load_all(
         for outcome in ready:
             i = left[outcome.index]
             loaded[i] = _final(outcome, tasks[i].name)
-            if journal is not None and outcome.result is not None:
+            # What was refused is tried again: the reason may have been the network.
+            if journal is not None and outcome.result is not None and not outcome.result.refused:
                 journal.add(keys[i], outcome.result)
             done += sizes[i]
             within(outcome.index, 0.0)
@@ -269,20 +270,16 @@ def _outcomes(
     dask: str | None,
     within: Callable[[int, float], None],
 ) -> Generator[Outcome[RecordingSet], None, None]:
-    if not tasks:
-        return
-    if dask is not None:
+    if dask is not None and tasks:
         # Workers have working directories of their own.
-        paths = [x.path.absolute() if isinstance(x.path, Path) else x.path for x in tasks]
-        tasks = [replace(task, path=path) for task, path in zip(tasks, paths, strict=True)]
-        local = [path if isinstance(path, Path) else None for path in paths]
+        local = [x.path.absolute() if isinstance(x.path, Path) else None for x in tasks]
+        tasks = [replace(x, path=path or x.path) for x, path in zip(tasks, local, strict=True)]
         yield from map_on_cluster(_load, tasks, dask, local)
-        return
-    if jobs > 1 and len(tasks) > 1:
+    elif jobs > 1 and len(tasks) > 1:
         yield from map_in_processes(_load, tasks, jobs)
-        return
-    for index, task in enumerate(tasks):
-        yield Outcome(index, _load(task, partial(within, index)))
+    else:
+        for index, task in enumerate(tasks):
+            yield Outcome(index, _load(task, partial(within, index)))
 
 
 def _final(outcome: Outcome[RecordingSet], name: str) -> RecordingSet:
@@ -303,8 +300,11 @@ def _load(task: _LoadTask, progress: Callable[[float], None] | None = None) -> R
     try:
         if task.segments == ():
             raise RecordingError("the table of segments names no motion in it")
+        began = time.perf_counter()
         with bags.local_copy(task.path) as path:
-            return _loaded(task, path, progress)
+            found = _loaded(task, path, progress)
+        seconds = time.perf_counter() - began
+        return replace(found, reports=tuple(replace(x, seconds=seconds) for x in found.reports))
     except RecordingError as error:
         return RecordingSet(refused=(Refusal(task.name, str(error)),))
 
@@ -315,7 +315,7 @@ def _loaded(task: _LoadTask, path: Path, progress: Callable[[float], None] | Non
     clean, residuals = _clean(path, options, progress)
     smoothed = cutting.SmoothRecording.of(clean, options.smoothing, options.segmentation)
     cuts, clean = _cut(task, smoothed)
-    motions = cutting.demonstrations(cuts, clean, task.name, _checksum(path, options))
+    motions = cutting.demonstrations(cuts, clean, task.name, options.cache.checksum(path))
     segments = (Segment(m.start_time, m.end_time, m.label, extent(m.positions)) for m in motions)
     report = RecordingReport(
         name=task.name,
@@ -347,15 +347,8 @@ def _clean(
         raw, residuals = options.markers.joint_states(path, salvage=options.salvage)
         return repair(raw, None, options.repair), residuals
     read = partial(_read, path, options, progress)
-    if options.cache is None:
-        return read(), {}
     chosen = (options.topic, options.joints, options.state_field, options.salvage, options.repair)
     return options.cache.clean(path, repr(chosen), read), {}
-
-
-def _checksum(path: Path, options: LoadOptions) -> str:
-    """SHA-256 of the stored bytes, which are not read if they did not change."""
-    return bags.checksum(path) if options.cache is None else options.cache.checksum(path)
 
 
 def _read(

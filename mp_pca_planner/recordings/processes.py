@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import math
 import multiprocessing
 import os
 import signal
@@ -23,7 +22,8 @@ Item = TypeVar("Item")
 Result = TypeVar("Result")
 
 IN_FLIGHT = 2
-"""Bundles submitted per process: enough to keep it busy, few to be repeated if it dies."""
+"""Bundles submitted per process, or thread of a worker: enough to keep it busy, few to be repeated
+if it dies."""
 
 PATIENCE = 60.0
 """Time without a result after which it is checked whether there are workers [s]."""
@@ -54,9 +54,9 @@ class Outcome(Generic[Result]):
     repeated: bool = False
 
 
-Hired = tuple[Callable[[list[int]], Any], Callable[[], object]]
-"""A function from a bundle of indices to its future, and one that raises an error if there are no
-workers left."""
+Hired = tuple[Callable[[list[int]], Any], Callable[[], object], int]
+"""A function from a bundle of indices to its future, one that raises an error if there are no
+workers left, and the number of bundles to be submitted at a time."""
 
 Hire = Callable[[int], AbstractContextManager[Hired]]
 """Makes workers for a number of bundles."""
@@ -66,7 +66,6 @@ def map_by(
     hire: Hire,
     bundles: Sequence[list[int]],
     died: type[Exception],
-    max_running: float = math.inf,
 ) -> Iterator[Outcome[Any]]:
     """Process every item by workers.
 
@@ -81,8 +80,6 @@ def map_by(
         Indices of the items that are submitted together.
     died :
         Error of a future whose worker died.
-    max_running :
-        Number of bundles submitted at a time.
 
     Yields
     ------
@@ -92,24 +89,22 @@ def map_by(
     left = list(bundles)[::-1]
     while left:
         lost = []
-        for index, result in _round(hire, left, died, max_running):
+        for index, result in _round(hire, left, died):
             if result is None:
                 lost.append(index)
             else:
                 yield Outcome(index, result)
         for index in sorted(lost):
-            for _, result in _round(hire, [[index]], died, max_running):
+            for _, result in _round(hire, [[index]], died):
                 yield Outcome(index, result, repeated=True)
 
 
-def _round(
-    hire: Hire, left: list[list[int]], died: type[Exception], max_running: float
-) -> Iterator[tuple[int, Any]]:
+def _round(hire: Hire, left: list[list[int]], died: type[Exception]) -> Iterator[tuple[int, Any]]:
     """Process bundles from the end of a list until a worker dies; None marks lost items."""
     done: Queue[Any] = Queue()
     running: dict[Any, list[int]] = {}
     is_whole = True
-    with hire(len(left)) as (submit, check):
+    with hire(len(left)) as (submit, check, max_running):
         while running or (left and is_whole):
             try:
                 while left and is_whole and len(running) < max_running:
@@ -149,9 +144,13 @@ def map_in_processes(
     @contextmanager
     def hire(n_bundles: int) -> Iterator[Hired]:
         with _pool(min(n_processes, n_bundles)) as pool:
-            yield lambda bundle: pool.submit(_map, function, [items[i] for i in bundle]), bool
 
-    return map_by(hire, bundles, BrokenProcessPool, IN_FLIGHT * n_processes)
+            def submit(bundle: list[int]) -> Any:
+                return pool.submit(_map, function, [items[i] for i in bundle])
+
+            yield submit, bool, IN_FLIGHT * n_processes
+
+    return map_by(hire, bundles, BrokenProcessPool)
 
 
 @contextmanager

@@ -90,6 +90,14 @@ def test_written_segments_fed_back_give_the_same_motions(bags: Path, tmp_path: P
         np.testing.assert_array_equal(array, load_primitive(second).arrays()[name])
 
 
+def test_a_resumed_build_gives_the_same_bytes(bags: Path, tmp_path: Path) -> None:
+    files = [tmp_path / f"{name}.npz" for name in ("whole", "first", "again")]
+    for file in files:
+        resumed = () if file.stem == "whole" else ("--resume", tmp_path / "journal")
+        build(bags, "--name", "p", "--output", file, *resumed)
+    assert files[0].read_bytes() == files[1].read_bytes() == files[2].read_bytes()
+
+
 def test_joint_states_in_a_field_give_the_same_primitive_as_on_a_topic(
     tmp_path: Path, bag_format: str
 ) -> None:

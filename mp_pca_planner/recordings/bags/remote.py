@@ -14,7 +14,7 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path, PurePosixPath
 from typing import Any, NamedTuple, TypeVar
@@ -77,9 +77,9 @@ class RemoteRecording:
         Whether it is a rosbag2 folder.
     """
 
-    url: str
-    path: str
-    files: tuple[RemoteFile, ...]
+    url: str = field(repr=False)
+    path: str = field(repr=False)
+    files: tuple[RemoteFile, ...] = field(repr=False)
     is_folder: bool
 
     def __str__(self) -> str:

@@ -106,7 +106,7 @@ def server(folder: Path) -> Iterator[int]:
     moto_server = pytest.importorskip("moto.server", reason="moto is not installed")
     boto3 = pytest.importorskip("boto3")
     logging.getLogger("werkzeug").setLevel(logging.ERROR)
-    running = moto_server.ThreadedMotoServer("127.0.0.1", 0)
+    running = moto_server.ThreadedMotoServer("127.0.0.1", 0, verbose=False)
     running.start()
     _, port = running.get_host_and_port()
     client = boto3.client(
@@ -242,3 +242,5 @@ def test_a_file_of_a_web_server_is_read_and_its_query_is_not_shown(folder: Path)
     assert len(loaded) == len(expected.motions)
     assert np.all([motion.duration > 0.0 for motion in loaded])
     assert SECRET not in repr(loaded.reports)
+    (found,) = find_recordings(find_recordings(f"file://{folder}/day1/x.mcap"))
+    assert found == folder / "day1" / "x.mcap"
