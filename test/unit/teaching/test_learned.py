@@ -42,7 +42,7 @@ def test_the_least_known_motion_is_in_the_gap_between_the_demonstrations() -> No
 
 
 def test_more_demonstrations_cover_more() -> None:
-    shares = [Learned.of(arm_demonstrations(n)).covered for n in (2, 6, 20)]
+    shares = [Learned.of(arm_demonstrations(n)).covered for n in (2, 6, 12)]
     assert 0.0 <= shares[0] < shares[1] < shares[2] <= 1.0
 
 
