@@ -9,9 +9,9 @@ their ends and duration by primitives of the other motions: of the same label, o
 of all in one pot; the kind of an outlier is the one with the least in-span score. "chosen": the
 primitive is chosen by the in-span score, as a planner does that knows neither label nor kind.
 
-    python benchmarks/library.py FOLDER[:SEGMENTS.csv]... [--json]
+    python benchmarks/library.py FOLDER... [--segments FILE.csv] [--json]
 
-Recordings without a table of segments have their name as label.
+The table of segments is that of the first folder; other recordings have their name as label.
 """
 
 from __future__ import annotations
@@ -42,11 +42,12 @@ GROUPINGS = ("label", "kind", "one pot")
 def main() -> None:
     """Print the indices and a table of errors."""
     parser = benchmark_parser(__doc__)
-    parser.add_argument("folders", nargs="+", metavar="FOLDER[:SEGMENTS.csv]")
+    parser.add_argument("folders", nargs="+", metavar="FOLDER")
+    parser.add_argument("--segments", metavar="FILE.csv")
     arguments = parser.parse_args()
     heaps: dict[tuple[str, ...], list[Demonstration]] = {}
-    for folder in arguments.folders:
-        for motion in _motions(*folder.split(":")):
+    for i, folder in enumerate(arguments.folders):
+        for motion in _motions(folder, None if i else arguments.segments):
             heaps.setdefault(motion.joint_names, []).append(motion)
     labels, kinds, errors = [], [], []
     for motions in heaps.values():
@@ -61,7 +62,7 @@ def main() -> None:
     show(tables, as_json=arguments.json)
 
 
-def _motions(folder: str, segments: str | None = None) -> list[Demonstration]:
+def _motions(folder: str, segments: str | None) -> list[Demonstration]:
     found = load_recordings(folder, segments_csv=segments).demonstrations
     return [replace(x, label=x.label or x.recording) for x in found]
 

@@ -11,12 +11,12 @@ check the motions every millisecond.
 
 from __future__ import annotations
 
-import argparse
 import time
 from collections.abc import Iterator
 
 import numpy as np
 import pinocchio as pin
+from tables import benchmark_parser, show
 
 import mp_pca_planner as mp
 from mp_pca_planner.evaluation.check import RigidArm, judge
@@ -26,7 +26,6 @@ from mp_pca_planner.motion.goal import JointGoal, JointState
 from mp_pca_planner.motion.trajectory import Trajectory
 from mp_pca_planner.motion.validation import interpolate
 from mp_pca_planner.planning.planner import Planner, PlannerOptions
-from mp_pca_planner.plotting.text import table
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
 
 HAND = "panda_hand"
@@ -35,7 +34,7 @@ MAX_TIME = 2.0
 
 def main() -> None:
     """Print a table of the results."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = benchmark_parser(__doc__)
     parser.add_argument("--problems", type=int, default=200)
     parser.add_argument("--radius", type=float, default=0.05, help="of the spheres [m]")
     parser.add_argument("--naturalness", type=float, nargs="+", default=[0.01, 1.0])
@@ -46,7 +45,8 @@ def main() -> None:
         results = list(course.run(arguments.problems))
         rows.append([f"{naturalness:g}", *summary(np.array(results))])
     header = ["ρ", "spheres hit", "avoided", "J ratio", "90 %", "worst", "from the demonstration"]
-    print(table(rows, header=[*header, "without sphere", "plan [ms]", "90 %"]))
+    header += ["without sphere", "plan [ms]", "90 %"]
+    show({"Spheres on the path": (header, rows)}, as_json=arguments.json)
 
 
 def summary(results: np.ndarray) -> list[str]:

@@ -35,6 +35,7 @@ COMMANDS = {
     "families": "python3 benchmarks/families.py --problems 25",
     "self_collision": "python3 benchmarks/self_collision.py --problems 40",
     "scenes": "python3 -m mp_pca_planner benchmark --scenes problems --problems 100",
+    "spheres_on_path": "python3 benchmarks/spheres_on_path.py",
     "sequences": "python3 benchmarks/sequences.py",
     "selection": "python3 benchmarks/selection.py --quality",
     "benchmark_human_arm": "python3 -m mp_pca_planner benchmark --problems 200 --repeats 1 "
@@ -43,6 +44,7 @@ COMMANDS = {
     "--repeats 1 --peer-problems 10",
     "naturalness": "python3 benchmarks/naturalness.py joint_states --segments motions.csv "
     "--by-label --robot config/human_arm.urdf --tip wrist",
+    "library": "python3 benchmarks/library.py joint_states reem_gestures --segments motions.csv",
     "case_study": "python3 -m mp_pca_planner case_study --recordings markers "
     "--segments motions.csv",
     "moving_robot": "python3 benchmarks/moving_robot.py --events 1000",

@@ -8,6 +8,7 @@ import argparse
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from functools import partial
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,7 @@ from ..plotting.units import unit_of
 from ..primitives.kind_names import plain_name
 from ..primitives.kinds import KindOptions
 from ..primitives.library_building import (
+    OUTLIERS,
     LibraryContent,
     known_motions,
     libraries_of,
@@ -61,13 +63,14 @@ def run(arguments: argparse.Namespace) -> int:
         recordings = load(arguments, options, joints, 0, motions)
         recordings.require_motion()
     repairs = {name: x for one in known for name, x in one.metadata.get("repairs", {}).items()}
+    prismatic = {name for x in known for name in x.metadata.get("prismatic_joints", [])}
     repairs |= {report.name: report.repairs for report in recordings.reports}
     build = partial(
         library_content,
         options=options,
         kind_options=KindOptions(min_motions=arguments.min_kind),
         robot=robot,
-        metadata=partial(origin, repairs=repairs, robot=robot),
+        metadata=partial(origin, repairs=repairs, robot=robot, prismatic=prismatic),
     )
     contents = _contents(build, recordings, known, folders, arguments.remove)
     places = _places(arguments.output, contents, folders)
@@ -121,7 +124,11 @@ def _contents(
         here = [name for name in removed if statistics.of_recording(name)]
         statistics = statistics.without(here) if here else statistics
         missing -= set(here)
-        kinds = {x.name: x.statistics for x in known if x.joint_names == joints and x.statistics}
+        kinds = {
+            x.name: x.statistics
+            for x in known
+            if x.joint_names == joints and x.statistics and x.name != OUTLIERS
+        }
         taken = [] if joints not in folders else [*VersionedLibrary(folders[joints]).in_use()]
         others = [name for name in taken if name not in kinds]
         contents[joints] = build(statistics, known=kinds, taken=others)
@@ -136,10 +143,13 @@ def _places(
     """The folder of each library: that of --output itself, if it is the only one."""
     if not folders and len(contents) == 1:
         return dict(zip([output], contents.values(), strict=True))
-    return {
-        folders.get(joints, output / plain_name(f"{len(joints)} joints to {joints[-1]}")): content
-        for joints, content in contents.items()
-    }
+    places: dict[Path, LibraryContent] = {}
+    for joints, content in contents.items():
+        name = plain_name(f"{len(joints)} joints to {joints[-1]}")
+        names = (output / (f"{name}_{i}" if i > 1 else name) for i in count(1))
+        free = (path for path in names if path not in {*places, *folders.values()})
+        places[folders.get(joints) or next(free)] = content
+    return places
 
 
 def _print(

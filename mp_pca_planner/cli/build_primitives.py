@@ -7,7 +7,7 @@ from __future__ import annotations
 import argparse
 import re
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
@@ -152,13 +152,14 @@ def origin(
     statistics: MotionStatistics,
     repairs: Mapping[str, Any],
     robot: Robot | None,
-    prismatic: Sequence[str] = (),
+    prismatic: Collection[str] = (),
 ) -> dict[str, Any]:
     """Metadata: the repairs of the recordings that are in, and the prismatic joints."""
     used = {motion.recording for motion in statistics.motions}
+    moved = robot.prismatic_joints if robot else prismatic
     return {
         "repairs": {name: counts for name, counts in repairs.items() if name in used},
-        "prismatic_joints": list(robot.prismatic_joints if robot else prismatic),
+        "prismatic_joints": [x for x in statistics.joint_names if x in moved],
     }
 
 
@@ -193,7 +194,7 @@ def load(
             state_field=arguments.field,
             repair=RepairOptions(max_gap=arguments.max_gap),
             salvage=arguments.recover,
-            cache=None if arguments.no_cache else ReadingCache(default_folder()),
+            cache=ReadingCache(None if arguments.no_cache else default_folder()),
             progress=progress,
         )
 

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from math import nan
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
@@ -40,8 +41,8 @@ class AdaptedPlan:
         The motion, with its efforts.
     limit_check : LimitCheck
         Its comparison with the limits.
-    primitive : str
-        Name of the primitive of the motion that was displaced.
+    primitives : tuple of str
+        Names of the primitives of the motion that was displaced; none for a stop.
     in_span_score : float
         In-span score of the motion that was displaced.
     solve_time : float
@@ -50,7 +51,7 @@ class AdaptedPlan:
 
     trajectory: Trajectory
     limit_check: LimitCheck
-    primitive: str
+    primitives: tuple[str, ...]
     in_span_score: float
     solve_time: float
     status: ClassVar[str] = SOLVED
@@ -61,7 +62,7 @@ class AdaptedPlan:
         return {
             "status": self.status,
             "message": self.message,
-            "primitive": self.primitive,
+            "primitive": ", ".join(self.primitives) or "none",
             "duration": self.trajectory.duration,
             "effort_cost": self.trajectory.effort_cost,
             "solve_time_s": self.solve_time,
@@ -274,10 +275,8 @@ class GoalPlanner:
         collision = model.planner.collision
         if found is None or (collision is not None and collision.collisions(found[0])):
             return None
-        primitive, score = "none", float("nan")
-        if last is not None:
-            primitive, score = getattr(last.plan, "primitive", "none"), last.plan.in_span_score
-        return AdaptedPlan(*found, primitive, score, self._clock() - began)
+        primitives, score = (last.plan.primitives, last.plan.in_span_score) if last else ((), nan)
+        return AdaptedPlan(*found, primitives, score, self._clock() - began)
 
     def _plan_in_time(
         self, goal: JointGoal, adapted: AdaptedPlan, request: PlanRequest

@@ -147,14 +147,6 @@ def solve_trajectories(
     return joint_states, found
 
 
-def _placed(markers: Sequence[MarkerPlacement], q: FloatArray, source: MarkerSource) -> FloatArray:
-    """Positions of markers in the base frame, shape (n_frames, n_markers, 3)."""
-    attached = Robot(source.urdf, source.joint_names).attach_points(
-        [m.link for m in markers], np.array([m.position for m in markers])
-    )
-    return attached.positions_and_jacobians(q)[0]
-
-
 def _split(
     robot: Robot, chosen: MarkerMap
 ) -> tuple[tuple[MarkerPlacement, ...], tuple[MarkerPlacement, ...]]:
@@ -204,30 +196,19 @@ def _in_base_frame(positions: FloatArray, source: MarkerSource) -> tuple[FloatAr
     residuals : array, shape (n_frames, n_base_markers)
         Distances of the markers on the base from their positions on it [m].
     """
-    n_base = len(source.on_base)
-    points = _points_on_base(source)
-    measured = positions
+    n_base, points, measured = len(source.on_base), np.empty((0, 3)), positions
+    if n_base:
+        attached = Robot(source.urdf, source.joint_names).attach_points(
+            [m.link for m in source.on_base], np.array([m.position for m in source.on_base])
+        )
+        points = attached.positions_and_jacobians(np.zeros((1, len(source.joint_names))))[0][0]
     if source.marker_map.base != "identity":
-        rotations, translations = _base_poses(positions[:, :n_base], points, source)
+        seen = np.asarray(np.isfinite(positions[:, :n_base]).all(axis=2))
+        weights = seen * np.array([m.weight for m in source.on_base])
+        finite = np.where(seen[..., None], positions[:, :n_base], 0.0)
+        rotations, translations = fit_poses(points, finite, weights)
         measured = np.einsum("kij,kmi->kmj", rotations, positions - translations[:, None])
     return measured, np.linalg.norm(measured[:, :n_base] - points, axis=2)
-
-
-def _points_on_base(source: MarkerSource) -> FloatArray:
-    if not source.on_base:
-        return np.empty((0, 3))
-    neutral = np.zeros((1, len(source.joint_names)))
-    return np.asarray(_placed(source.on_base, neutral, source)[0])
-
-
-def _base_poses(
-    measured: FloatArray, points: FloatArray, source: MarkerSource
-) -> tuple[FloatArray, FloatArray]:
-    """Poses of the base in the recording's frame, one for each frame."""
-    seen = np.asarray(np.isfinite(measured).all(axis=2))
-    weights = seen * np.array([m.weight for m in source.on_base])
-    finite = np.where(seen[..., None], measured, 0.0)
-    return fit_poses(points, finite, weights)
 
 
 def _fitted_model(source: MarkerSource, targets: FloatArray) -> tuple[str, tuple[str, ...]]:

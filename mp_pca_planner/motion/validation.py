@@ -66,7 +66,7 @@ class Violation:
         )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class LimitCheck:
     """Result of comparing a trajectory with limits.
 

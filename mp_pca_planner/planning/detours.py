@@ -184,6 +184,8 @@ class PathFollower:
     def __init__(self, primitive: MovementPrimitive, setup: Setup) -> None:
         self._primitive, self._limits = primitive, setup.limits
         self._margin = setup.options.search.scaling_margin
+        least = _OPTIONS.min_naturalness
+        self._share_of_path = least / max(setup.options.naturalness, least)
         splines = BSplineBasis(primitive.n_joints, _OPTIONS.n_control_points)
         self._basis = SumBasis(primitive.basis, splines, _OPTIONS.spread)
         self._tables = QuadratureTables(self._basis, setup.options.n_nodes)
@@ -206,9 +208,9 @@ class PathFollower:
         off = points - line.evaluate(s * line.duration)[0]
         weights = expected.copy()
         weights[request.expected.weights.size :] = (self._fit @ off).T.ravel()
-        precision = block_diag(
-            request.expected.precision, np.eye(self._n_splines) / _OPTIONS.spread**2
-        )
+        # The path is no demonstration: it counts as little at any naturalness.
+        of_path = np.eye(self._n_splines) * (self._share_of_path / _OPTIONS.spread**2)
+        precision = block_diag(request.expected.precision, of_path)
         basis = MotionBasis(
             self._tables,
             self._limit_tables,

@@ -26,9 +26,8 @@ from .motion import Motion
 from .paths import PathFinder
 from .plan import SHORTEST
 from .pose_search import configurations_at
-from .problem import passing_phases
 from .request import Request, longest_duration
-from .sequence_request import SequenceRequest, fit_durations
+from .sequence_request import SequenceRequest, fit_durations, passing_phases
 from .setup import Setup
 from .states import unwrapped
 from .stop_and_go import StopAndGo, stop_and_go

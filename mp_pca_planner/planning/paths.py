@@ -99,6 +99,8 @@ class PathFinder:
         if _is_free(collision.collides, *ends, _OPTIONS.step):
             yield np.array(ends)
         collides = collision.check(least_distances(np.array(ends), collision))
+        if any(map(collides, ends)):  # OMPL would wait for other ends
+            return
         longest = _OPTIONS.max_detour * _length(np.array(ends))
         found: list[FloatArray] = []
         early = budget.share(_OPTIONS.share_of_comparison)

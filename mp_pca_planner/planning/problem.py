@@ -33,7 +33,7 @@ from .program import Program
 from .request import Request
 from .search_options import SearchOptions
 from .selection import effort_of
-from .sequence_request import SequenceRequest
+from .sequence_request import SequenceRequest, passing_phases
 from .setup import Setup
 from .starts import StartPoint
 from .time_scaling import keeps_limits
@@ -66,8 +66,8 @@ class Part:
 
     def is_expected_within(self, limits: JointLimits) -> bool:
         """Whether the expected motion keeps the limits at the nodes, and its duration is known."""
-        free = self.program.unknowns.duration_is_free
-        if free and not self.program.precision.diagonal()[self.program.unknowns.n_linear] > 0.0:
+        x = self.program.unknowns
+        if x.duration_is_free and not self.program.precision[x.n_linear, x.n_linear] > 0.0:
             return False
         at = self.program.linearise(self.program.expected)
         return keeps_limits(limits, at.states, at.efforts)
@@ -356,11 +356,9 @@ class ChainProblem(PlanningProblem):
 
     def efforts(self, x: FloatArray) -> tuple[float, float]:
         """Efforts ½∫‖τ‖²dt of the motion and of the joined one [N²·m²·s]."""
-        found, joined = (
-            sum(effort_of(self.setup.robot, motion) for motion in motions)
-            for motions in (self.motions(x), self._joined)
-        )
-        return found, joined
+        robot = self.setup.robot
+        joined = sum(effort_of(robot, motion) for motion in self._joined)
+        return sum(effort_of(robot, motion) for motion in self.motions(x)), joined
 
     def naturalness_cost(self, x: FloatArray) -> float:
         """The sum of the naturalness terms of the segments."""
@@ -378,12 +376,6 @@ def collision_at_end(
         if request.pose is None and one.last_time >= duration:
             return "goal", one
     return None
-
-
-def passing_phases(durations: Sequence[float]) -> tuple[float, ...]:
-    """The phases at the ends of segments."""
-    ends = np.cumsum(durations)
-    return tuple(map(float, ends / ends[-1]))
 
 
 def _starts(

@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -109,12 +109,12 @@ class GoalResolver:
         q = np.where(self._setup.robot.continuous, here.positions, there.positions)
         self._check_end(JointState(here.joint_names, q, there.velocities, there.accelerations))
 
-    def resolve(self, goal: JointGoal | PoseGoal, start: JointState) -> list[Request]:
+    def resolve(self, goal: JointGoal | PoseGoal, start: JointState) -> Iterator[Request]:
         """Fill in the open quantities of a goal; reject a goal that can't be served.
 
         A pose can be reached in several configurations: several requests, the most natural first.
         A configuration can be reached with several primitives, the one expected to be cheapest
-        first.
+        first. They are made when they are needed: mostly the first is enough.
 
         Parameters
         ----------
@@ -143,7 +143,6 @@ class GoalResolver:
         # Several primitives are tried for one configuration, but not in the search for the shortest
         # duration, nor for each of several configurations.
         searches = goal.duration is None and self._setup.options.timing == SHORTEST
-        chosen: list[Request] = []
         if len(goals) > 1:
             goals = sorted(goals, key=score)[: self._setup.options.search.n_configurations]
         for there in goals:
@@ -161,8 +160,7 @@ class GoalResolver:
                     one.expected,
                 )
                 conditions = self._conditions(request, goal.vias)
-                chosen.append(replace(request, conditions=conditions))
-        return chosen
+                yield replace(request, conditions=conditions)
 
     def target(self, goal: JointGoal, here: JointState) -> JointState:
         """The configuration of all joints that a goal specifies; see :meth:`resolve`."""

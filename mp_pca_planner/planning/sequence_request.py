@@ -221,3 +221,9 @@ def duration_groups(times: Sequence[float | None]) -> tuple[tuple[tuple[int, ...
     if current:
         groups.append((tuple(current), False))
     return tuple(groups)
+
+
+def passing_phases(durations: Sequence[float]) -> tuple[float, ...]:
+    """The phases at the ends of segments."""
+    ends = np.cumsum(durations)
+    return tuple(map(float, ends / ends[-1]))

@@ -20,9 +20,9 @@ from .bases import MotionBasis
 from .budget import Budget
 from .fallback import Fallback, FallbackPlanner
 from .plan import OPTIMAL, REAL_TIME, MotionSolution
-from .problem import ChainProblem, passing_phases
+from .problem import ChainProblem
 from .request import Request
-from .sequence_request import SequenceRequest
+from .sequence_request import SequenceRequest, passing_phases
 from .setup import Setup
 from .single import BasisChooser
 from .verdict import Planned

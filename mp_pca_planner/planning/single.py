@@ -5,10 +5,10 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import replace
 from functools import lru_cache
-from itertools import chain
+from itertools import chain, islice
 
 import numpy as np
 
@@ -120,14 +120,14 @@ class SinglePlanner:
         self._detours = DetourPlanner(setup, self._attempt)
 
     def serve(
-        self, requests: Sequence[Request], began: float, budget: Budget
+        self, requests: Iterator[Request], began: float, budget: Budget
     ) -> tuple[Planned, list[Attempt]]:
         """The best motion for one of several alternative requests, and all attempts.
 
         Parameters
         ----------
-        requests : sequence of Request
-            Requests for one goal.
+        requests : iterator of Request
+            Requests for one goal, at least one.
         began : float
             When planning began, by the clock of the budget [s].
         budget : Budget
@@ -135,20 +135,22 @@ class SinglePlanner:
         """
         # Part of the time is reserved for finding a feasible duration if the requested one is too
         # short.
-        share = 1.0 if requests[0].duration_is_free else self._setup.options.search.share_of_fixed
+        tried = [next(requests)]
+        share = 1.0 if tried[0].duration_is_free else self._setup.options.search.share_of_fixed
         first = replace(budget, deadline=began + share * (budget.deadline - began))
         attempts: list[Attempt] = []
         paths: Paths = {}
-        for request in requests:
+        for request in tried:
             attempts.append(self._attempts(request, first, paths))
             # Further configurations of a pose are for where the most natural one has no motion.
             if first.is_over() or (request.pose is not None and attempts[-1].is_valid):
                 break
+            tried += islice(requests, 1)
         best = min(attempts, key=lambda one: (one.violation, one.solution.cost))
         failed = not (best.is_valid or best.is_hopeless or budget.is_cancelled())
         ran_out, fallback = failed and first.is_over(), Fallback()
         if failed:
-            fallback = self._fallback.serve(requests, best, paths, budget)
+            fallback = self._fallback.serve([*tried, *requests], best, paths, budget)
             best = fallback.attempt or best
         stated = self._stated_duration(best, fallback, budget)
         hint = self._detours.hint if failed else ""
@@ -166,7 +168,7 @@ class SinglePlanner:
             duration = float(primitive.durations[i])
             goal = JointGoal(there, duration, primitive=primitive.name)
             try:
-                request = self._resolver.resolve(goal, here)[0]
+                request = next(self._resolver.resolve(goal, here))
             except GoalError:  # demonstrations may lie outside the limits
                 continue
             basis = self._chooser.narrowest(request)
@@ -187,7 +189,10 @@ class SinglePlanner:
         bases, duration = self._chooser.bases(request), usual
         if request.duration_is_free and not self._searches(request):
             first_basis = next(bases)
-            bases, duration = chain([first_basis], bases), self._scaled(request, first_basis)
+            bases, duration = (
+                chain([first_basis], bases),
+                _scaled(self._setup, request, first_basis),
+            )
         wider = WiderBasis(bases, duration, options.naturalness)
         recoveries: list[Recovery] = [wider]
         if not self._searches(request):
@@ -213,20 +218,6 @@ class SinglePlanner:
             setting = next((one for one in proposals if one is not None), None)
         assert best is not None
         return best
-
-    def _scaled(self, request: Request, basis: MotionBasis) -> float:
-        """The expected duration, longer if the expected motion exceeds limits otherwise [s]."""
-        usual, search = request.expected.duration, self._setup.options.search
-        motion = Motion(request.start, request.goal, usual, basis.basis, basis.expected)
-        states = node_states(motion, basis.tables)
-        if np.isfinite(self._setup.limits.jerk).any():  # often largest at the ends
-            phases = np.array([0.0, 1.0])
-            ends = hermite_functions(phases, 3) @ motion.boundary
-            states = np.concatenate([states, states[:, [0, -1]]], axis=1)
-            states[3, -2:] = (ends + basis.basis.shape(basis.expected, phases, 3)) / usual**3
-        stretch = least_stretch(self._setup.robot, self._setup.limits, states)
-        stretch *= search.scaling_margin
-        return usual * stretch if 1.0 < stretch <= search.max_stretch else usual
 
     def _searches(self, request: Request) -> bool:
         return request.duration_is_free and self._setup.options.timing == SHORTEST
@@ -265,7 +256,7 @@ class SinglePlanner:
 
         The planner's objectives count little: they choose among motions of one duration.
         """
-        options, duration = self._setup.options, self._scaled(request, basis)
+        options, duration = self._setup.options, _scaled(self._setup, request, basis)
         initial = Motion(request.start, request.goal, duration, basis.basis, basis.expected)
         cost = cost_of(self._setup.robot, initial, basis.tables, options.objectives)
         share = options.search.share_in_shortest * duration / max(cost, TINY)
@@ -298,3 +289,18 @@ class SinglePlanner:
                 seconds *= search.duration_margin
                 return stated if stated.seconds < seconds else StatedDuration(seconds, is_shortest)
         return stated
+
+
+def _scaled(setup: Setup, request: Request, basis: MotionBasis) -> float:
+    """The expected duration, longer if the expected motion exceeds limits otherwise [s]."""
+    usual, search = request.expected.duration, setup.options.search
+    motion = Motion(request.start, request.goal, usual, basis.basis, basis.expected)
+    states = node_states(motion, basis.tables)
+    if np.isfinite(setup.limits.jerk).any():  # often largest at the ends
+        phases = np.array([0.0, 1.0])
+        ends = hermite_functions(phases, 3) @ motion.boundary
+        states = np.concatenate([states, states[:, [0, -1]]], axis=1)
+        states[3, -2:] = (ends + basis.basis.shape(basis.expected, phases, 3)) / usual**3
+    stretch = least_stretch(setup.robot, setup.limits, states)
+    stretch *= search.scaling_margin
+    return usual * stretch if 1.0 < stretch <= search.max_stretch else usual

@@ -143,7 +143,7 @@ def motion_figure(
         raise PlannerError("a motion of one point can't be drawn: at least two are needed")
     groups = _groups(names, prismatic)
     quantities = [q for q in QUANTITIES if any(getattr(m, q) is not None for m in motions.values())]
-    is_single = len(groups[0]) == 1
+    is_single = len(groups) == len(names)
     entries = [
         line(label, COLOURS[i % len(COLOURS)] if is_single else BLACK, STYLES[i % len(STYLES)])
         for i, label in enumerate(motions)

@@ -12,6 +12,7 @@ import numpy as np
 from ..arrays import by_name
 from ..planning.plan import Plan
 from ..planning.remarks import UNUSUAL_IN_SPAN_SCORE
+from ..primitives.prediction import nearest_demonstrations
 from ..primitives.primitive import MovementPrimitive
 from ..robot.limits import JointLimits
 from .motion import Curve, MotionContext, motion_figure
@@ -72,7 +73,7 @@ def plan_context(plan: Plan, primitives: Sequence[MovementPrimitive]) -> MotionC
             states = [by_name(x.joint_names, x.positions) for x in (motion.start, motion.goal)]
             ends = np.array([[state[joint] for joint in primitive.joint_names] for state in states])
             times = np.linspace(begin, begin + motion.duration, _N_SAMPLES)
-            for i in primitive.nearest_demonstrations(ends)[:N_DEMONSTRATIONS]:
+            for i in nearest_demonstrations(primitive, ends)[:N_DEMONSTRATIONS]:
                 own = np.linspace(0.0, primitive.durations[i], _N_SAMPLES)
                 behind.append((times, primitive.reproduction(int(i), own)[:, order]))
         begin += motion.duration

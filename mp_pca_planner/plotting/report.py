@@ -19,6 +19,7 @@ from ..exceptions import PrimitiveError
 from ..primitives.alignment import aligned_positions
 from ..primitives.cross_validation import HeldOutErrors, leave_one_out
 from ..primitives.options import PrimitiveOptions
+from ..primitives.prediction import nearest_demonstrations
 from ..primitives.primitive import MovementPrimitive
 from ..recordings.demonstration import Demonstration
 from ..recordings.load import RecordingReport, RecordingSet
@@ -30,7 +31,7 @@ from .primitive import PHASES, primitive_figure
 from .recording import recording_figure
 from .units import primitive_unit, prismatic_joints
 from .variance import is_arm_of_paper, variance_table
-from .verdict import Verdict, goals_in_span, verdict_on
+from .verdict import PrimitiveVerdict, goals_in_span, verdict_on
 
 REPORT_SAMPLES = 301
 """Number of samples of a motion for curves and leave-one-out predictions."""
@@ -89,7 +90,6 @@ def report_page(
     limits = ReportOptions()
     motions = recordings.demonstrations
     drawn = _evenly(len(motions), limits.max_demonstrations_drawn)
-    shown = [aligned_positions(motions[i], primitive.warps[i], PHASES) for i in drawn]
     prismatic = prismatic_joints(primitive)
     affordable = max(5, limits.max_built_from // len(motions))
     left_out = _evenly(len(motions), min(limits.max_left_out, affordable))
@@ -109,9 +109,7 @@ def report_page(
         residuals=_rms(primitive.fit_residual, axis=1),
         law=control_statement(primitive),
         n_drawn=len(drawn),
-        shapes=figure_address(
-            partial(primitive_figure, primitive=primitive, demonstrations=np.array(shown))
-        ),
+        shapes=_shapes_address(motions, primitive, drawn),
         shape_variance=variance_table(primitive.explained_variance_ratio),
         angle_variance=variance_table(angles, 4),
         paper_variance=variance_table(TABLE_2) if is_arm_of_paper(angles) else None,
@@ -129,11 +127,21 @@ def report_page(
     )
 
 
-def _goals_address(primitive: MovementPrimitive, robot: Robot, verdict: Verdict) -> str:
+def _shapes_address(
+    motions: Sequence[Demonstration], primitive: MovementPrimitive, drawn: Sequence[int]
+) -> str:
+    """The figure of some demonstrations and of the components."""
+    shown = [aligned_positions(motions[i], primitive.warps[i], PHASES) for i in drawn]
+    return figure_address(
+        partial(primitive_figure, primitive=primitive, demonstrations=np.array(shown))
+    )
+
+
+def _goals_address(primitive: MovementPrimitive, robot: Robot, verdict: PrimitiveVerdict) -> str:
     """The figure of the robot among the goals of its demonstrations."""
     tip = robot.frame_names[-1]
     ends = primitive.boundary_states[:, [0, 3]]
-    typical, *_ = primitive.nearest_demonstrations(ends.mean(axis=0))
+    typical, *_ = nearest_demonstrations(primitive, ends.mean(axis=0))
     times = np.linspace(0.0, primitive.durations[typical], PHASES.size)
     chain = robot.chain_positions(primitive.reproduction(int(typical), times), tip)
     shown = {

@@ -51,7 +51,7 @@ _OPTIONS = VerdictOptions()
 
 
 @dataclass(frozen=True, eq=False)
-class Verdict:
+class PrimitiveVerdict:
     """What a primitive is good for.
 
     Attributes
@@ -72,7 +72,7 @@ def verdict_on(
     errors: HeldOutErrors | None,
     left_out: Sequence[int],
     robot: Robot | None = None,
-) -> Verdict:
+) -> PrimitiveVerdict:
     """Judge a primitive by its errors on left-out demonstrations and by the ranges of its goals.
 
     Parameters
@@ -111,10 +111,10 @@ def verdict_on(
         for name, (values, unit) in features.items()
     ]
     good.append("goals in the demonstrated ranges: " + ", ".join(ranges))
-    weak.append("goals outside of them: the in-span score of a plan says how far (above 3: unlike)")
+    weak.append("goals outside: the in-span score of a plan says how far (above 3: unlike)")
     if is_weak.size < _OPTIONS.few:
         weak.append(f"there are only {is_weak.size} demonstrations: record ten to thirty")
-    return Verdict(good, weak, is_weak)
+    return PrimitiveVerdict(good, weak, is_weak)
 
 
 def goals_in_span(primitive: MovementPrimitive) -> FloatArray:

@@ -25,8 +25,9 @@ from .options import PrimitiveOptions
 from .primitive import MovementPrimitive
 from .versioned_library import VersionedLibrary
 
-OUTLIERS = "outliers.npz"
-"""File beside the versions with the statistics of the motions that belong to no kind."""
+OUTLIERS = "outliers"
+"""Name of the primitive that only holds the statistics of the motions that belong to no kind."""
+_OUTLIERS_FILE = f"{OUTLIERS}.npz"
 
 # Largest numbers of left-out motions of a kind, and of others in one pot with them.
 _MAX_LEFT_OUT = 100
@@ -140,7 +141,7 @@ def library_content(
         primitives=tuple(learned(part, name) for part, name in zip(parts, names, strict=True)),
         errors_alone=np.array([alone for alone, _ in errors]),
         errors_in_one_pot=np.array([together for _, together in errors]),
-        outliers=learned(statistics.chosen(left), "outliers") if left.size else None,
+        outliers=learned(statistics.chosen(left), OUTLIERS) if left.size else None,
     )
 
 
@@ -170,7 +171,7 @@ def write_library(
     names = {primitive.name for primitive in content.primitives}
     retired = sorted(known_motions(library)[0].keys() - names)
     outliers = None if content.outliers is None else primitive_bytes(content.outliers)
-    files = {OUTLIERS: outliers}
+    files = {_OUTLIERS_FILE: outliers}
     return library.change(content.primitives, retired, files, n_before=n_before, note=note)
 
 
@@ -180,7 +181,7 @@ def known_motions(
     """Primitives in use that can be updated, by name, and the one of the outliers."""
     primitives = {name: load_primitive(library.folder / f"{name}.npz") for name in library.in_use()}
     kinds = {name: x for name, x in primitives.items() if x.statistics is not None}
-    file = library.kept(OUTLIERS)
+    file = library.kept(_OUTLIERS_FILE)
     return kinds, load_primitive(file) if file.exists() else None
 
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from ..arrays import FloatArray, frozen_array
 from ..exceptions import GoalError
@@ -109,3 +109,18 @@ def _motion(
     # A controller refuses a final velocity of 1e-17.
     q[[0, -1]], v[[0, -1]], a[[0, -1]] = ends, 0.0, 0.0
     return Trajectory(primitive.joint_names, duration * phases, q, v, a)
+
+
+def nearest_demonstrations(primitive: MovementPrimitive, ends: FloatArray) -> NDArray[np.intp]:
+    """Indices of the demonstrations by the distance of their ends from given ones.
+
+    Parameters
+    ----------
+    primitive : MovementPrimitive
+        The primitive.
+    ends : array, shape (2, n_joints)
+        Start and goal [rad or m]; distances are in units of the demonstrations' spread.
+    """
+    own = primitive.boundary_states[:, [0, 3]]
+    spread = own.std(axis=0) + 1e-3  # bounds the weight of a joint that never moved
+    return np.argsort(np.sum(((own - ends) / spread) ** 2, axis=(1, 2)))

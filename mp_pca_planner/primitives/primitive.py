@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ..arrays import FloatArray
 from ..motion.trajectory import Trajectory
@@ -216,18 +216,6 @@ class MovementPrimitive:
         for variance, joint in zip(self.explained_variance, self.joint_of_component, strict=True):
             shares[self.joint_names[joint]].append(float(variance / self.total_variance[joint]))
         return shares
-
-    def nearest_demonstrations(self, ends: FloatArray) -> NDArray[np.intp]:
-        """Indices of the demonstrations by the distance of their ends from given ones.
-
-        Parameters
-        ----------
-        ends : array, shape (2, n_joints)
-            Start and goal [rad or m]; distances are in units of the demonstrations' spread.
-        """
-        own = self.boundary_states[:, [0, 3]]
-        spread = own.std(axis=0) + 1e-3  # bounds the weight of a joint that never moved
-        return np.argsort(np.sum(((own - ends) / spread) ** 2, axis=(1, 2)))
 
     def reproduction(self, demonstration: int, times: FloatArray) -> FloatArray:
         """Positions of a demonstration as its weights and its own timing reproduce it.

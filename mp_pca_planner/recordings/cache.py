@@ -46,17 +46,19 @@ class ReadingCache:
 
     Attributes
     ----------
-    folder : Path
-        The folder; made when it is needed.
+    folder : Path or None
+        The folder, made when it is needed; None: nothing is kept.
     max_bytes : int
         Largest size of all files after :meth:`prune`.
     """
 
-    folder: Path
+    folder: Path | None = None
     max_bytes: int = 4 << 30
 
     def checksum(self, path: Path) -> str:
         """The checksum of a recording, see :func:`.bags.checksum`."""
+        if self.folder is None:
+            return bags.checksum(path)
         stamp = _stamp(path)
         file = self.folder / f"{_digest(str(path.absolute()))}.json"
         with suppress(*_UNREADABLE):
@@ -64,7 +66,7 @@ class ReadingCache:
             if known["stamp"] == stamp:
                 return str(known["checksum"])
         found = bags.checksum(path)
-        self._write(file, json.dumps({"stamp": stamp, "checksum": found}).encode())
+        _write(file, json.dumps({"stamp": stamp, "checksum": found}).encode())
         return found
 
     def clean(self, path: Path, options: str, read: Callable[[], CleanRecording]) -> CleanRecording:
@@ -79,6 +81,8 @@ class ReadingCache:
         read : callable
             Reads them, if they are not in the cache.
         """
+        if self.folder is None:
+            return read()
         names = [name for name, *_ in _stamp(path)]
         with suppress(OSError):
             names.append(_digest((path / METADATA).read_text(encoding="utf-8")))
@@ -89,11 +93,13 @@ class ReadingCache:
             os.utime(file)  # used last
             return found
         clean = read()
-        self._write(file, _content(clean))
+        _write(file, _content(clean))
         return clean
 
     def prune(self) -> None:
         """Delete the files that were used first, until the others have at most `max_bytes`."""
+        if self.folder is None:
+            return
         with suppress(OSError):
             status = [(file.stat(), file) for file in self.folder.iterdir() if file.is_file()]
             size = 0
@@ -102,10 +108,11 @@ class ReadingCache:
                 if size > self.max_bytes:
                     file.unlink(missing_ok=True)
 
-    def _write(self, file: Path, content: bytes) -> None:
-        with suppress(OSError, PlannerError):
-            self.folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-            write_whole(file, content, overwrite=True)
+
+def _write(file: Path, content: bytes) -> None:
+    with suppress(OSError, PlannerError):
+        file.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+        write_whole(file, content, overwrite=True)
 
 
 def _stamp(path: Path) -> list[list[Any]]:

@@ -92,8 +92,8 @@ class LoadOptions:
     summarise : callable or None
         Called with the demonstrations of each recording, in the process that reads it: a function
         of a module, or a :func:`functools.partial` of one. Its results are in `summaries`.
-    cache : ReadingCache or None
-        Keeps what is read, except joint states from markers.
+    cache : ReadingCache
+        Keeps what is read, except joint states from markers; by default nothing.
     most_samples : int or None
         Largest number of samples kept of each demonstration, after `summarise` was called;
         0 keeps no demonstrations. By default all samples are kept.
@@ -118,7 +118,7 @@ class LoadOptions:
     overviews: bool = False
     summarise: Callable[[Sequence[Demonstration]], Any] | None = None
     most_samples: int | None = None
-    cache: ReadingCache | None = None
+    cache: ReadingCache = field(default_factory=ReadingCache)
 
     def __post_init__(self) -> None:
         if self.segment not in SEGMENTATIONS:
@@ -177,8 +177,7 @@ def load_recordings(
         repeated = _load_all(list(again.values()), jobs, dask, None, known)
     for index, one in zip(again, repeated, strict=True):
         loaded[index] = one
-    if settings.cache is not None:
-        settings.cache.prune()
+    settings.cache.prune()
     return RecordingSet(
         *(tuple(x for one in loaded for x in getattr(one, f.name)) for f in fields(RecordingSet))
     )
@@ -316,7 +315,7 @@ def _loaded(task: _LoadTask, path: Path, progress: Callable[[float], None] | Non
     clean, residuals = _clean(path, options, progress)
     smoothed = cutting.SmoothRecording.of(clean, options.smoothing, options.segmentation)
     cuts, clean = _cut(task, smoothed)
-    motions = cutting.demonstrations(cuts, clean, task.name, _checksum(path, options))
+    motions = cutting.demonstrations(cuts, clean, task.name, options.cache.checksum(path))
     segments = (Segment(m.start_time, m.end_time, m.label, extent(m.positions)) for m in motions)
     report = RecordingReport(
         name=task.name,
@@ -348,15 +347,8 @@ def _clean(
         raw, residuals = options.markers.joint_states(path, salvage=options.salvage)
         return repair(raw, None, options.repair), residuals
     read = partial(_read, path, options, progress)
-    if options.cache is None:
-        return read(), {}
     chosen = (options.topic, options.joints, options.state_field, options.salvage, options.repair)
     return options.cache.clean(path, repr(chosen), read), {}
-
-
-def _checksum(path: Path, options: LoadOptions) -> str:
-    """SHA-256 of the stored bytes, which are not read if they did not change."""
-    return bags.checksum(path) if options.cache is None else options.cache.checksum(path)
 
 
 def _read(

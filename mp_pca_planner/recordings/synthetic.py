@@ -251,53 +251,30 @@ def continuous_recording(
         The measured positions and the true spans of the motions.
     """
     rng = np.random.default_rng(seed)
-    timeline = _Timeline(motions[0].positions[0])
-    motion_spans = []
-    return_spans = []
-    timeline.rest(rng.uniform(*rest))
+    knots, path = [np.zeros(1)], [motions[0].positions[:1]]
+    now, spans = rng.uniform(*rest), []
+
+    def append(motion: SyntheticMotion) -> None:
+        nonlocal now
+        knots.append(now + motion.times)
+        path.append(motion.positions)
+        spans.append((now, now + motion.duration))
+        now = spans[-1][1] + rng.uniform(*rest)
+
     for i, motion in enumerate(motions):
         if i > 0:
             ends = motions[i - 1].positions[-1], motion.positions[0]
-            back = _move(*ends, STYLE.peak_downward, rng, rate)
-            return_spans.append(timeline.append(back))
-            timeline.rest(rng.uniform(*rest))
-        motion_spans.append(timeline.append(motion))
-        timeline.rest(rng.uniform(*rest))
-    times, positions = timeline.sampled(rate)
-    positions += _tremor(times, STYLE.tremor_at_rest, rng)
+            append(_move(*ends, STYLE.peak_downward, rng, rate))
+        append(motion)
+    # Where there is no rest, the end of a motion is the start of the next one.
+    at, first = np.unique(np.concatenate([*knots, [now]]), return_index=True)
+    # Monotone interpolation: a spline would ring in the rests.
+    curve = PchipInterpolator(at, np.concatenate([*path, motions[-1].positions[-1:]])[first])
+    times = np.arange(int(now * rate) + 1) / rate
+    positions = curve(times) + _tremor(times, STYLE.tremor_at_rest, rng)
     positions += rng.normal(0.0, STYLE.sensor_noise, positions.shape)
-    return SyntheticRecording(
-        JOINT_NAMES,
-        times,
-        positions,
-        np.array(motion_spans),
-        np.reshape(return_spans, (-1, 2)),
-    )
-
-
-class _Timeline:
-    """Knots of a long motion, appended piece by piece."""
-
-    def __init__(self, start: FloatArray) -> None:
-        self._times = [np.zeros(1)]
-        self._positions = [start[None]]
-
-    def rest(self, duration: float) -> None:
-        if duration > 0.0:
-            self._times.append(self._times[-1][-1:] + duration)
-            self._positions.append(self._positions[-1][-1:])
-
-    def append(self, motion: SyntheticMotion) -> tuple[float, float]:
-        start = float(self._times[-1][-1])
-        self._times.append(start + motion.times[1:])
-        self._positions.append(motion.positions[1:])
-        return start, start + motion.duration
-
-    def sampled(self, rate: float) -> tuple[FloatArray, FloatArray]:
-        # Monotone interpolation: a spline would ring in the rests.
-        curve = PchipInterpolator(np.concatenate(self._times), np.concatenate(self._positions))
-        times = np.arange(int(self._times[-1][-1] * rate) + 1) / rate
-        return times, np.asarray(curve(times), dtype=np.float64)
+    of_all = np.array(spans)
+    return SyntheticRecording(JOINT_NAMES, times, positions, of_all[::2], of_all[1::2])
 
 
 def _raise_arm(rng: np.random.Generator, rate: float) -> SyntheticMotion:

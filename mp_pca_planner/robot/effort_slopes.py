@@ -39,8 +39,10 @@ class EffortSlopes:
         for k in range(1, model.njoints):
             inertia, link, i = model.inertias[k], model.joints[k].idx_v, k
             self._masses[link] = inertia.mass
-            # The mean squared distance of the points of a link from its centre of mass, times m.
-            self._spreads[link] = 0.5 * np.trace(inertia.inertia)
+            # The mean squared distance of the points of a link from its centre of mass, times m;
+            # an identified inertia may need points of negative mass.
+            moments = np.linalg.eigvalsh(inertia.inertia)
+            self._spreads[link] = np.abs(0.5 * moments.sum() - moments).sum()
             distance = float(np.linalg.norm(inertia.lever))
             while i > 0:
                 joint = model.joints[i].idx_v

@@ -23,7 +23,6 @@ from ..execution.motion_server import GoalStatistics, MakeGoal, MotionServer
 from ..execution.preemptive_worker import CancelledError, IsCancelled, PreemptiveWorker
 from ..execution.served_goal import Served
 from ..motion.goal import Goal, JointGoal, JointState, Pose, PoseGoal, SequenceGoal
-from ..planning.plan import Plan
 from ..planning.states import in_order
 from ..robot.model import Robot
 from . import messages
@@ -234,8 +233,8 @@ class GoalTopics:
             return
         # A cost may follow the report at once.
         self._last_motion.replace(served)
-        names = plan.primitives if isinstance(plan, Plan) else (plan.primitive,)
-        used = [served.model.planner.primitives.named(name) for name in dict.fromkeys(names)]
+        library = served.model.planner.primitives
+        used = [library.named(name) for name in dict.fromkeys(plan.primitives)]
         report = messages.to_plan_report(plan, stamp, used, request.ignored_joints)
         self._reports.publish(report)
         times = f"{served.motion.duration:.3g} s long, planned in {1e3 * plan.solve_time:.3g} ms"

@@ -6,21 +6,26 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping
+from contextlib import suppress
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory
+from visualization_msgs.msg import MarkerArray
 
-from ..exceptions import PlannerError
+from ..exceptions import PlannerError, WorldError
+from ..motion.collision import package_folders
 from ..motion.trajectory import Trajectory
+from ..robot.world import World
 from ..view.live import LiveView, NodeStatus
 from .client import report_values
 from .messages import to_trajectory
 from .monitor import Monitor
 from .node import NODE_NAME
+from .obstacle_markers import MarkerMessages
 from .process import NoAnswerError
-from .subscriptions import EVERY, NEWEST, PolledSubscription
+from .subscriptions import BURSTS, EVERY, LATCHED_BURSTS, NEWEST, PolledSubscription
 
 _STOP_TIMEOUT = 2.0  # [s]
 
@@ -48,6 +53,11 @@ class LiveNode(Monitor):
         self._motions = PolledSubscription(self.node, JointTrajectory, topic, EVERY)
         report = f"{planner}/execution_report"
         self._executions = PolledSubscription(self.node, DiagnosticStatus, report, EVERY)
+        self._world, self._markers = World(), MarkerMessages()
+        self._obstacles = [
+            PolledSubscription(self.node, MarkerArray, f"{planner}/obstacles", qos)
+            for qos in (BURSTS, LATCHED_BURSTS)
+        ]
         self._goals = self.node.create_publisher(JointState, f"{planner}/goal", NEWEST)
         self._stops = self.node.create_client(Trigger, f"{planner}/stop")
 
@@ -61,6 +71,9 @@ class LiveNode(Monitor):
                 self._motion = None
         for message, _ in self._executions.poll():
             self._execution = _status((message, time.monotonic()))
+        for is_late, subscription in enumerate(self._obstacles):
+            for message, facts in subscription.poll():
+                self._mark(message, facts["source_timestamp"], is_late=bool(is_late))
         return LiveView(
             dict(seen.states),
             seen.goal,
@@ -68,7 +81,17 @@ class LiveNode(Monitor):
             self._execution,
             _status(seen.diagnostics),
             self._motion,
+            self._world,
         )
+
+    def _mark(self, message: MarkerArray, stamp: int, *, is_late: bool) -> None:
+        """Apply markers as the node does, which reports those that it rejects."""
+        applied = self._markers.apply(
+            self._world, message, stamp, is_late=is_late, links=None, folders=package_folders(())
+        )
+        if applied is not None:
+            with suppress(WorldError):
+                self._world = World(applied[0])
 
     def send_goal(self, positions: Mapping[str, float]) -> None:
         """Send a goal configuration by joint name [rad or m]."""

@@ -202,15 +202,14 @@ class PlannerNode(GuardedNode):
     def _poll_states(self) -> None:
         """Poll the waiting states; their age counts from when the middleware got them."""
         with self._polling:
-            now, wall_clock = time.monotonic(), time.time_ns()
-            longest, self._polled = now - self._polled, now
+            last, self._polled = self._polled, time.monotonic()
             measured = self._states.measured
             for content, facts in self._joint_states.poll():
-                age = (wall_clock - facts["received_timestamp"]) * 1e-9
                 message = read_states(content)
                 read = partial(to_state, message, measured.joint_names)
+                age = (time.time_ns() - facts["received_timestamp"]) * 1e-9
                 # At most the time since the last poll, because the wall clock may have been set.
-                age = min(max(age, 0.0), longest)
+                age = min(max(age, 0.0), time.monotonic() - last)
                 measured.receive(message.name, read, to_seconds(message.header.stamp), age)
 
     def _send(self, trajectory: Trajectory, *, stamp: float | None, last_point_only: bool) -> None:

@@ -4,18 +4,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections import deque
+from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from visualization_msgs.msg import Marker
+from visualization_msgs.msg import Marker, MarkerArray
 
 from ..arrays import FloatArray, frozen_array
-from ..exceptions import WorldError, printable
-from ..robot.world import MAX_SHAPES, MAX_TRIANGLES, Box, Cylinder, Mesh, Obstacle, Shape, Sphere
+from ..exceptions import WorldError, printable, unknown_name
+from ..robot.world import (
+    MAX_SHAPES,
+    MAX_TRIANGLES,
+    Box,
+    Cylinder,
+    Mesh,
+    Obstacle,
+    Shape,
+    Sphere,
+    World,
+)
 from ..robot.world_meshes import read_mesh
 
+# Messages that are remembered, because latched ones arrive on both subscriptions.
+_N_SEEN = 400
 _ACCEPTED = "CUBE, SPHERE, CYLINDER, CUBE_LIST, SPHERE_LIST, TRIANGLE_LIST and MESH_RESOURCE"
 
 
@@ -89,3 +102,92 @@ def _diameter(scale: Any, what: str) -> float:
         numbers = ", ".join(f"{number:g}" for number in scale)
         raise WorldError(f"the diameters of {what} must be equal, got {numbers}")
     return float(scale[0])
+
+
+class MarkerMessages:
+    """Applies messages of markers to a world, each once.
+
+    They come on two subscriptions, since latched messages and those of best-effort publishers need
+    one each.
+    """
+
+    def __init__(self) -> None:
+        self._seen: deque[int] = deque(maxlen=_N_SEEN)
+        # Source time of the last change of each obstacle, and of all of them [ns].
+        self._changed: dict[str, int] = {}
+        self._cleared = 0
+
+    def apply(
+        self,
+        world: World,
+        message: MarkerArray,
+        stamp: int,
+        *,
+        is_late: bool,
+        links: Collection[str] | None,
+        folders: Sequence[Path],
+    ) -> tuple[list[Obstacle], list[str]] | None:
+        """Apply a message; a marker that can't be used changes nothing.
+
+        Parameters
+        ----------
+        world :
+            The obstacles before.
+        message :
+            The message.
+        stamp :
+            Its source time [ns].
+        is_late :
+            Whether it came on the subscription of latched messages.
+        links :
+            Links of the robot that obstacles may be attached to; any by default.
+        folders :
+            Folders of packages, for meshes.
+
+        Returns
+        -------
+        obstacles, problems :
+            The obstacles after, and why markers were rejected; None if the message came before.
+        """
+        if stamp and stamp in self._seen:
+            return None
+        self._seen.append(stamp)
+        obstacles, problems = {one.name: one for one in world}, list[str]()
+        for marker in message.markers:
+            name = marker_name(marker)
+            # A latched message may come after a newer one.
+            if is_late and stamp < max(self._changed.get(name, 0), self._cleared):
+                continue
+            try:
+                _apply_marker(marker, obstacles, links, folders)
+            except WorldError as error:
+                problems.append(str(error))
+                continue
+            self._changed[name] = stamp
+            if marker.action == Marker.DELETEALL and not marker.ns:
+                self._cleared = stamp
+        return list(obstacles.values()), problems
+
+
+def _apply_marker(
+    marker: Marker,
+    obstacles: dict[str, Obstacle],
+    links: Collection[str] | None,
+    folders: Sequence[Path],
+) -> None:
+    name, frame = marker_name(marker), marker.header.frame_id
+    if marker.action == Marker.DELETEALL:
+        prefix = f"{marker.ns}/" if marker.ns else ""
+        for other in [one for one in obstacles if one.startswith(prefix)]:
+            del obstacles[other]
+    elif marker.action == Marker.DELETE:
+        obstacles.pop(name, None)
+    elif marker.action == Marker.ADD:
+        if frame and links is not None and frame not in links:
+            raise WorldError(f"marker '{name}': {unknown_name('link', frame, links)}")
+        obstacles[name] = to_obstacle(marker, folders)
+    else:
+        raise WorldError(
+            f"marker '{name}' has the action {marker.action}; accepted are 0 (add or modify), "
+            "2 (delete) and 3 (delete all)"
+        )

@@ -27,6 +27,16 @@ EVERY = QoSProfile(depth=100, reliability=ReliabilityPolicy.RELIABLE)
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 """Late subscribers receive the last message."""
 
+BURSTS = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
+"""Receives from all publishers; bursts of messages wait."""
+
+LATCHED_BURSTS = QoSProfile(
+    depth=100,
+    reliability=ReliabilityPolicy.RELIABLE,
+    durability=DurabilityPolicy.TRANSIENT_LOCAL,
+)
+"""Receives what latching publishers sent before."""
+
 GOALS = QoSProfile(depth=20, reliability=ReliabilityPolicy.RELIABLE)
 """Only the newest goal is served, but each one of a burst gets its report."""
 

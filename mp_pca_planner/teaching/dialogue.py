@@ -13,7 +13,7 @@ from .words import SessionWords
 
 KEYS = "d discards the last motion, b builds the primitive, q quits; all that is recorded is kept"
 
-# The law of cutting is applied during at most one in so many seconds.
+# Pauses are at least so many times as long as an update of the session.
 _IDLE_RATIO = 4.0
 
 

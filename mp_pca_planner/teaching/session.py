@@ -25,8 +25,8 @@ from ..recordings.segmentation import SegmentationOptions, joint_speed
 from ..recordings.segments_file import read_segments, segments_table
 
 _NOTHING = re.compile(r"(?!)")  # never matches
-_LAW = SegmentationOptions()
-"""That of `build_primitives`."""
+_SEGMENTATION = SegmentationOptions()
+"""As in `build_primitives`."""
 
 
 class SessionFiles(NamedTuple):
@@ -80,9 +80,9 @@ class _Span(NamedTuple):
 
 
 class TeachingSession:
-    """Records joint states, and cuts them into motions by the law of `build_primitives`.
+    """Records joint states, and cuts them into motions as `build_primitives` does.
 
-    The law is applied to the whole recording, because its thresholds depend on all motions. All
+    The whole recording is cut again each time, because the thresholds depend on all motions. All
     that the session knows is in its files, so the next session continues it.
 
     Parameters
@@ -147,7 +147,7 @@ class TeachingSession:
         """
         self._take()
         try:
-            cuts, clean = cutting.cut_joint_states(self._raw, self._joints, _LAW)
+            cuts, clean = cutting.cut_joint_states(self._raw, self._joints, _SEGMENTATION)
         except RecordingError as error:
             return SessionUpdate(notes=self._new_notes([str(error)], re.compile(r"\d\S*")))
         if not is_over and not _is_at_rest(cuts, clean):
@@ -214,13 +214,13 @@ def _is_at_rest(cuts: Sequence[cutting.Cut], clean: CleanRecording) -> bool:
     if not cuts:
         return True
     last = cuts[-1]
-    return float(clean.pieces[-1].times[-1] - last.piece.times[last.last]) > _LAW.min_rest
+    return float(clean.pieces[-1].times[-1] - last.piece.times[last.last]) > _SEGMENTATION.min_rest
 
 
 def _is_cut_off(cut: cutting.Cut) -> bool:
     """Whether the recording begins or ends within the motion."""
     speed = joint_speed(cut.piece.velocities)
-    moving = _LAW.moving_ratio * speed[cut.first : cut.last + 1].max()
+    moving = _SEGMENTATION.moving_ratio * speed[cut.first : cut.last + 1].max()
     ends = {0, speed.size - 1} & {cut.first, cut.last}
     return any(speed[step] > moving for step in ends)
 

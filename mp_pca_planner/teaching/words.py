@@ -61,8 +61,12 @@ class SessionWords:
             f"{unit.number(learned.straight_error)}); {learned.covered:.0%} of the motions between "
             "shown starts and goals are covered"
         )
-        ranges = zip(names, *(np.round([learned.low, learned.high], 2) + 0.0), strict=True)
-        yield "  goals shown: " + ", ".join(f"{n} {a:.2f} to {b:.2f}" for n, a, b in ranges)
+        yield f"  goals shown: {_ranges(names, learned.low, learned.high)}"
+        if self._robot is not None:
+            goals = np.array([motion.positions[-1] for motion in motions])
+            places = self._robot.frame_positions(goals, [self._frame])[:, 0]
+            shown = _ranges("xyz", places.min(axis=0), places.max(axis=0))
+            yield f"  {self._frame} at goals [m]: {shown}"
         for start, goal in learned.suggested:
             yield f"  least known: from {self.place(names, start)} to {self.place(names, goal)}"
 
@@ -92,3 +96,8 @@ class SessionWords:
 
     def _unit(self, joint_names: Sequence[str]) -> Unit:
         return unit_of(joint_names, self._robot.prismatic_joints if self._robot else ())
+
+
+def _ranges(names: Sequence[str], low: FloatArray, high: FloatArray) -> str:
+    rows = zip(names, *(np.round([low, high], 2) + 0.0), strict=True)  # no minus before zero
+    return ", ".join(f"{name} {a:.2f} to {b:.2f}" for name, a, b in rows)

@@ -17,6 +17,7 @@ from ..files import read_text, reading
 from ..motion.collision import CollisionModel, package_folders
 from ..planning.plan import Plan
 from ..planning.planner import Planner
+from ..primitives.prediction import nearest_demonstrations
 from ..primitives.primitive import MovementPrimitive
 from ..recordings.demonstration import RecordingSet
 from ..robot.limits import JointLimits
@@ -104,7 +105,7 @@ def read_content(
 def first_ends(primitive: MovementPrimitive, limits: JointLimits) -> tuple[FloatArray, FloatArray]:
     """Start and goal of the demonstration nearest to the mean, within the limits."""
     ends = primitive.boundary_states[:, [0, 3]]
-    nearest, *_ = primitive.nearest_demonstrations(ends.mean(axis=0))
+    nearest, *_ = nearest_demonstrations(primitive, ends.mean(axis=0))
     start, goal = np.clip(ends[nearest], limits.lower, limits.upper)
     return start, goal
 

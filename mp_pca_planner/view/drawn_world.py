@@ -35,10 +35,12 @@ class DrawnWorld:
         The scene.
     pick : callable
         Called with the name of an obstacle that a person clicks.
+    robot : str
+        Node of the robot whose links obstacles are attached to.
     """
 
-    def __init__(self, stage: Stage, pick: Callable[[str], None]) -> None:
-        self._stage, self._pick = stage, pick
+    def __init__(self, stage: Stage, pick: Callable[[str], None], robot: str = "/robot") -> None:
+        self._stage, self._pick, self._robot = stage, pick, robot
         self._drawn: dict[str, _DrawnObstacle] = {}
         self._n_drawn = 0
 
@@ -84,9 +86,9 @@ class DrawnWorld:
     def _parent(self, frame: str) -> str:
         """The node of a link of the robot; that of the world for an empty name."""
         if not frame:
-            return "/world"
+            return f"/world{self._robot}"
         joint, position, orientation = self._stage.shapes.link_place(frame)
-        node = f"/robot/{joint}/{frame}"
+        node = f"{self._robot}/{joint}/{frame}"
         self._stage.server.scene.add_frame(
             node, show_axes=False, position=position, wxyz=orientation
         )

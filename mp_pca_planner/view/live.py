@@ -12,6 +12,7 @@ import numpy as np
 
 from ..arrays import FloatArray
 from ..motion.trajectory import Trajectory
+from ..robot.world import World
 
 SILENCE = 3.0
 """Time without diagnostics, which come once a second, after which the node counts as gone [s]."""
@@ -55,6 +56,8 @@ class LiveView:
         The newest report of a plan, of an execution, and on the node.
     motion : Trajectory or None
         The newest motion that the node has published.
+    world : World
+        The obstacles of the node.
     """
 
     states: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
@@ -63,6 +66,7 @@ class LiveView:
     execution: NodeStatus | None = None
     diagnostics: NodeStatus | None = None
     motion: Trajectory | None = None
+    world: World = field(default_factory=World)
 
     def configuration(self, joint_names: Sequence[str]) -> FloatArray | None:
         """Measured positions, shape (n_joints,); None before all of them are known."""

@@ -17,16 +17,24 @@ import viser
 from ..arrays import FloatArray
 from ..exceptions import PlannerError
 from ..robot.limits import JointLimits
+from ..robot.world import World
 from .drawing import DrawnPaths, DrawnRobot
+from .drawn_world import DrawnWorld
 from .live import LiveLink, LiveView
 from .live_words import figures_html, node_html, reports_html, states_html
 from .stage import Stage
 from .words import lines_html
+from .world_edit import WorldEditor
 
 NAME = "Live"
 
 _PERIOD = 0.05  # time between two looks at the node [s]
 _TEXT_STEPS = 4  # text follows every so many of them
+_ON_PHONES = """<style>@media (max-width: 600px) {
+    button[style*="--mantine-color-red"] { position: fixed; bottom: 0; left: 0; right: 0;
+        width: auto; min-height: 3.5em; z-index: 1000; }
+    .mantine-ScrollArea-viewport { padding-bottom: 3.5em; }
+}</style>"""
 _MEASURED, _COMMANDED = (230, 159, 0), (230, 159, 0)
 
 
@@ -57,14 +65,15 @@ class LivePanel:
         self._measured = DrawnRobot(scene, "/measured", stage.shapes, _MEASURED, 0.6)
         self._measured.visible = False
         self._path = DrawnPaths(scene, "/commanded", _COMMANDED, 4.0)
+        self._drawn_world, self._obstacles = World(), DrawnWorld(stage, lambda _: None, "/measured")
         self._closed, self._stopping = threading.Event(), threading.Event()
         self._thread = threading.Thread(target=self._run, name="live", daemon=True)
 
     def add_stop(self) -> None:
         """Add the stop buttons and their key.
 
-        One is in a window of its own, which stays where the panels are scrolled; phones have no
-        windows, so the other one is on top of the main panel.
+        One is in a window of its own, which stays where the panels are scrolled. Phones have no
+        windows: there, the other one stays at the bottom of the screen.
         """
         gui = self._stage.server.gui
         window = gui.add_panel()
@@ -72,6 +81,7 @@ class LivePanel:
             beside = gui.add_button("Stop (S)", color="red", icon=viser.Icon.HAND_STOP)
         window.float(x=15, y=-15, width=200)
         on_top = gui.add_button("Stop the robot", color="red", icon=viser.Icon.HAND_STOP)
+        gui.add_html(_ON_PHONES)
         self._answer = gui.add_html("")
         key = gui.add_command("Stop the robot", hotkey="S", icon=viser.Icon.HAND_STOP)
         # Without the lock of the page: nothing may delay a stop.
@@ -169,6 +179,20 @@ class LivePanel:
         if motion is not self._drawn_motion:
             self._drawn_motion = motion
             self._path.show(*self._commanded())
+        if self.view.world is not self._drawn_world:
+            self._draw_world()
+
+    def _draw_world(self) -> None:
+        """Draw the obstacles of the node that have changed; those of unknown links are skipped."""
+        before = {one.name: one for one in self._drawn_world}
+        self._drawn_world = self.view.world
+        editor = WorldEditor(self._drawn_world)
+        known = ("", *self._stage.robot.frame_names)
+        for one in self._drawn_world:
+            if before.pop(one.name, None) is not one and one.frame in known:
+                self._obstacles.draw(one, editor.place(one.name), editor.parts(one.name))
+        for name in before:
+            self._obstacles.remove(name)
 
     def _commanded(self) -> list[FloatArray]:
         """The path of the commanded motion, if it is one of the robot's joints."""

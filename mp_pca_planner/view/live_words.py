@@ -28,9 +28,10 @@ def node_html(view: LiveView, now: float) -> str:
 
 
 def reports_html(view: LiveView, now: float) -> str:
-    """The goal, the report of its plan, and that of its execution."""
+    """The goal, the obstacles, the report of the plan, and that of its execution."""
     goal = "none yet" if view.goal is None else f"{view.goal[0]} ({_age(view.goal[1], now)})"
-    parts = [rows_html([("Last goal", goal)])]
+    obstacles = ", ".join(view.world.names) or "none"
+    parts = [rows_html([("Last goal", goal), ("Obstacles", obstacles)])]
     for title, status in (("Plan", view.report), ("Execution", view.execution)):
         if status is not None:
             parts.append(_status_html(title, status, now, _FIGURES))

@@ -30,6 +30,7 @@ from view_browser import SIZE, arrow_of, chromium, chromium_path, on_screen
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
+from mp_pca_planner.view.live import LiveView
 from mp_pca_planner.view.page import ViewPage
 
 if chromium_path() is None:
@@ -258,6 +259,41 @@ def test_a_slider_of_a_component_bends_the_motion_that_is_played(browser, page):
     until(lambda: page.player.playback.motion is page.player.offered("Components"))
     keep(tab, "bent")
     tab.close()
+
+
+class Link:
+    """A connection to a node that only counts stops."""
+
+    def __init__(self) -> None:
+        self.n_stops = 0
+
+    def view(self) -> LiveView:
+        ball = Obstacle("a ball", Sphere(0.1, [0.3, 0.4, 0.2]))
+        return LiveView(world=World([ball]))
+
+    def send_goal(self, positions: object) -> None:
+        raise AssertionError("the page is not armed")
+
+    def stop(self) -> str:
+        self.n_stops += 1
+        return "stopped"
+
+
+def test_the_stop_button_stays_on_the_screen_of_a_phone(browser):
+    link = Link()
+    with ViewPage(content(), port=0, link=link) as page:
+        page.player.play(False)
+        tab = opened(browser, page, PHONE)
+        tab.get_by_role("tab", name="Live").click()
+        tab.get_by_text("a ball").wait_for()
+        tab.get_by_text("Dark", exact=True).scroll_into_view_if_needed()
+        box = tab.get_by_role("button", name="Stop the robot").bounding_box()
+        assert box["width"] == PHONE[0] and box["height"] >= 36.0
+        assert box["y"] + box["height"] <= PHONE[1]
+        tab.get_by_role("button", name="Stop the robot").click()
+        until(lambda: link.n_stops == 1)
+        keep(tab, "live_390")
+        tab.close()
 
 
 # Several people

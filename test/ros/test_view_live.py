@@ -28,10 +28,12 @@ from nodes import (
 from patience import HANG
 from playwright.sync_api import expect
 from view_browser import SIZE, chromium, chromium_path
+from visualization_msgs.msg import Marker, MarkerArray
 
 from mp_pca_planner.primitives.file import save_primitive
 from mp_pca_planner.resources import config_file
 from mp_pca_planner.ros.live_node import LiveNode
+from mp_pca_planner.ros.subscriptions import LATCHED
 from mp_pca_planner.view.content import read_content
 from mp_pca_planner.view.page import ViewPage
 
@@ -85,6 +87,15 @@ def test_the_node_is_shown_gets_goals_only_when_armed_stops_and_its_death_is_see
             until(lambda: client.trajectories or client.spin_once())
             assert len(client.trajectories) == 1  # nothing was sent before the page was armed
             tab.get_by_text("Plan, ").wait_for()
+            marker = Marker(ns="test", id=1, type=Marker.CUBE)
+            marker.scale.x = marker.scale.y = marker.scale.z = 0.1
+            marker.pose.position.x = 2.0
+            topic = f"{client.planner}/obstacles"
+            publisher = client.node.create_publisher(MarkerArray, topic, LATCHED)
+            publisher.publish(MarkerArray(markers=[marker]))
+            tab.get_by_text("test/1").first.wait_for()
+            publisher.publish(MarkerArray(markers=[Marker(action=Marker.DELETEALL)]))
+            until(lambda: live.view.world.names == ())
             tab.get_by_role("button", name="Stop the robot").click()
             until(lambda: len(client.trajectories) > 1 or client.spin_once())
             expect(armed).not_to_be_checked(timeout=1e3 * HANG)

@@ -8,6 +8,7 @@ import tempfile
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
+from itertools import chain
 from pathlib import Path, PurePath
 
 from ...exceptions import DamagedRecordingError, RecordingError, quote_names
@@ -101,10 +102,13 @@ class RecordingFiles:
     def messages(self, keys: Collection[Key] | None = None) -> Iterator[StoredMessage]:
         """Messages of some channels (all by default), each unpacked."""
         for file in self._files:
-            for channel, stamp, data in file.messages(keys):
-                # CDR never begins with the magic number of zstd.
-                is_packed = data.startswith(ZSTD_MAGIC)
-                yield channel, stamp, unpacked("zstd", data) if is_packed else data
+            messages = file.messages(keys)
+            # All messages of a file are packed, or none; CDR never begins as zstd does.
+            for first in messages:
+                whole: Iterator[StoredMessage] = chain([first], messages)
+                if first[2].startswith(ZSTD_MAGIC):
+                    whole = ((c, stamp, unpacked("zstd", data)) for c, stamp, data in whole)
+                yield from whole
 
 
 @contextmanager

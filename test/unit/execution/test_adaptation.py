@@ -91,7 +91,7 @@ def test_efforts_are_those_of_the_motion_and_their_cost_is_its_integral():
     np.testing.assert_allclose(trajectory.efforts, efforts, atol=1e-9)
     integral = simpson(np.square(efforts).sum(axis=1), x=trajectory.times)
     assert trajectory.effort_cost == pytest.approx(0.5 * integral, rel=1e-4)
-    plan = AdaptedPlan(trajectory, check, "reach", 0.5, 0.01)
+    plan = AdaptedPlan(trajectory, check, ("reach",), 0.5, 0.01)
     summary = plan.summary()
     assert summary["effort_cost"] == trajectory.effort_cost
     assert (summary["status"], summary["limit_violation"]) == ("solved", 0.0)

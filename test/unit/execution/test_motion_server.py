@@ -18,6 +18,7 @@ from virtual_node import VirtualNode
 
 from mp_pca_planner.exceptions import GoalError
 from mp_pca_planner.execution.assembly import assemble_model
+from mp_pca_planner.execution.goal_planner import AdaptedPlan
 from mp_pca_planner.execution.motion_server import GoalStatistics, MotionServer
 from mp_pca_planner.execution.parameters import Settings
 from mp_pca_planner.execution.preemptive_worker import CancelledError
@@ -134,6 +135,20 @@ def test_planned_motions_replace_each_other_without_a_jump(node):
     assert node.outcomes == ["replaced"] * 3 + ["arrived"]
     node.assert_smooth()
     node.assert_rests_at(GOAL)
+
+
+@pytest.mark.parametrize("goal", ["a sequence", "a stop"])
+def test_displaced_motion_names_the_primitives_of_the_one_before_or_none(node, goal):
+    node.ask_sequence(HALF, GOAL)
+    node.run(0.3)
+    if goal == "a stop":
+        node.stop()
+    commanded = node.states.commanded
+    node.ask(commanded.end + 0.01)
+    plan = node.server.served.plan
+    assert isinstance(plan, AdaptedPlan)
+    names = [primitive.name for primitive in MODEL.planner.primitives]
+    assert plan.primitives == (() if goal == "a stop" else (names[0],) * 2)
 
 
 @pytest.mark.parametrize("planning_time", [0.15, 0.6])

@@ -213,7 +213,7 @@ def test_motion_of_any_arm_has_at_most_twelve_panels_and_shows_every_joint(n_joi
     assert sum(len(axes.lines) for axes in figure.axes) == 2 * 3 * n_joints
 
 
-@pytest.mark.parametrize("n_sliding", [0, 1, 3, 7])
+@pytest.mark.parametrize("n_sliding", [0, 1, 3, 6, 7])
 def test_columns_of_many_joints_have_one_unit_each(n_sliding: int) -> None:
     motion, sliding = trajectory(7), names(7)[:n_sliding]
     with styled_figure() as figure:

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -13,8 +14,7 @@ import pytest
 from conftest import EPOCH, FORMATS, Message, reaching, stamped, write_bag
 
 from mp_pca_planner.exceptions import RecordingError
-from mp_pca_planner.recordings import joint_states
-from mp_pca_planner.recordings.bags import find_recordings, stored_size
+from mp_pca_planner.recordings.bags import bag, find_recordings, stored_size
 from mp_pca_planner.recordings.inspection import inspect_recording
 from mp_pca_planner.recordings.load import load_recordings
 from mp_pca_planner.recordings.repair import RepairOptions
@@ -95,7 +95,8 @@ def test_bad_recording_is_refused_by_name_and_the_rest_is_used(tmp_path: Path) -
 def test_progress_is_told_while_a_long_recording_is_read(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(joint_states, "PART_MESSAGES", 125)
+    in_parts = partial(bag.slice_joint_states, part_messages=125)
+    monkeypatch.setattr(bag, "slice_joint_states", in_parts)
     path = reaches(tmp_path / "x")
     done: list[tuple[int, int]] = []
     loaded = load_recordings([path], progress=lambda n, total: done.append((n, total)))

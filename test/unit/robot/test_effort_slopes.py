@@ -2,10 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Tests of mp_pca_planner.robot.effort_slopes."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
+from arm import arm_robot
 
-from mp_pca_planner.evaluation.problems import robot_file
 from mp_pca_planner.robot.model import Robot
 
 PRISMATIC = """<robot name="lift"><link name="base"/>
@@ -30,15 +32,16 @@ PRISMATIC = """<robot name="lift"><link name="base"/>
 <limit lower="-3" upper="3" velocity="1" effort="100"/></joint></robot>"""
 
 
-def robots():
-    yield Robot(PRISMATIC)
-    for name in ("panda", "ur5"):
-        _, path, joints = robot_file(name)
-        yield Robot.from_file(path, joints)
+ROBOTS = {"arm": arm_robot, "prismatic joints": lambda: Robot(PRISMATIC)}
 
 
-@pytest.mark.parametrize("robot", list(robots()), ids=lambda robot: robot.name)
-def test_no_effort_changes_faster_than_its_bound(robot):
+@pytest.mark.parametrize("name", [*ROBOTS, "panda_description/urdf/panda.urdf"])
+def test_no_effort_changes_faster_than_its_bound(name):
+    if name in ROBOTS:
+        robot = ROBOTS[name]()
+    else:
+        loader = pytest.importorskip("example_robot_data.robots_loader")
+        robot = Robot.from_file(Path(loader.getModelPath(name)) / name)
     random, step = np.random.default_rng(1), 1e-5
     for size in (0.1, 1.0, 10.0):
         state = random.normal(size=(4, 500, robot.n_joints)) * [[[2.0]], *3 * [[[size]]]]
