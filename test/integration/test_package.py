@@ -66,7 +66,7 @@ ROSDEP_NAMES = {
 # Extras that rosdep has no name for: pip brings them.
 EXTRAS_ONLY = {
     "argcomplete",
-    *("filelock", "cmaes", "distributed", "mujoco"),
+    *("filelock", "cmaes", "distributed", "fsspec", "mujoco"),
     "threadpoolctl",  # planning is slower without it
     *("rich", "trimesh", "viser", "websockets"),
 }
