@@ -14,11 +14,11 @@ from typing import Any
 import numpy as np
 
 from ..arrays import FloatArray, by_name, name_values
-from ..exceptions import GoalError, PlannerError
+from ..exceptions import PlannerError
 from ..motion.collision import CollisionModel, package_folders
 from ..motion.goal import JointState
 from ..motion.trajectory import Trajectory
-from ..planning.objectives import OBJECTIVES, Objective, objective_by_name
+from ..planning.objectives import objective_weights, weighted_objectives
 from ..planning.plan import DEMONSTRATED, INFEASIBLE, STOPPED_EARLY, Plan, PlannerOptions
 from ..planning.planner import Planner
 from ..planning.remarks import remarks
@@ -29,14 +29,11 @@ from ..robot.world import World
 from .common import limits_of
 from .goal_arguments import (
     asked_texts,
-    joint_values,
     sequence_goal,
     single_goal,
     start_state,
     target,
 )
-
-_WEIGHTS = 1e-12, 1e12  # range of objective weights: fits all units, avoids overflow
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,10 +137,11 @@ def plan_request(arguments: argparse.Namespace) -> PlannedRequest:
 
 def _options(arguments: argparse.Namespace, robot: Robot) -> PlannerOptions:
     is_named = isinstance(arguments.duration, str)
+    weights = objective_weights(arguments.objective, "--objective")
     # No controller executes the motion, so its final velocity may be nonzero.
     return PlannerOptions(
         basis=arguments.basis,
-        objectives=_objectives(arguments.objective, robot, arguments.frame),
+        objectives=weighted_objectives(weights, robot, arguments.frame),
         timing=arguments.duration if is_named else DEMONSTRATED,
         naturalness=arguments.naturalness,
         n_starts=arguments.starts,
@@ -169,18 +167,6 @@ def _collision_model(arguments: argparse.Namespace, robot: Robot) -> CollisionMo
         margin=arguments.margin or 0.0,
         self_collision=arguments.collision,
     )
-
-
-def _objectives(text: str, robot: Robot, frame: str | None) -> tuple[tuple[float, Objective], ...]:
-    weights = joint_values(text, OBJECTIVES, "--objective", "objective")
-    low, high = _WEIGHTS
-    for name, weight in weights.items():
-        if not low <= weight <= high:
-            raise GoalError(
-                f"--objective: the weight of '{name}' is {weight:g}, expected one from {low:g} "
-                f"to {high:g}"
-            )
-    return tuple((w, objective_by_name(name, robot, frame)) for name, w in weights.items())
 
 
 def status_line(plan: Plan) -> str:

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 
 from ..exceptions import unknown_name
 from ..motion.collision import CollisionModel, package_folders
+from ..planning.objectives import objective_weights, weighted_objectives
 from ..planning.planner import Planner
 from ..planning.solver import SolverOptions
 from ..primitives.primitive import MovementPrimitive
@@ -93,14 +94,18 @@ def assemble_model(urdf: str, primitives: Sequence[MovementPrimitive], settings:
     limits = robot.limits(overrides, settings.limits)
     collision = collision_model(planning_robot, settings) if settings.collision else None
     cancellation = Cancellation()
-    options = replace(settings.planner_options, solver=SolverOptions(should_stop=cancellation))
-    planner = Planner(planning_robot, primitives, limits, options, collision)
-    planner.precompute(0.5)  # a starting node waits that long [s]
-    frame = settings.end_effector_frame
-    if frame and frame not in robot.frame_names:
+    frame = settings.end_effector_frame or robot.frame_names[-1]
+    if frame not in robot.frame_names:
         reason = unknown_name("link of the robot description", frame, robot.frame_names)
         raise ParameterError(f"parameter 'end_effector_frame': {reason}")
-    frame = frame or robot.frame_names[-1]
+    weights = objective_weights(settings.objective, "parameter 'objective'")
+    options = replace(
+        settings.planner_options,
+        solver=SolverOptions(should_stop=cancellation),
+        objectives=weighted_objectives(weights, planning_robot, frame),
+    )
+    planner = Planner(planning_robot, primitives, limits, options, collision)
+    planner.precompute(0.5)  # a starting node waits that long [s]
     return Model(planner, planning_robot, cancellation, robot, limits, settings, frame, urdf)
 
 

@@ -13,8 +13,9 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from ..exceptions import MissingDependencyError, PlannerError, quote_names, unknown_name
-from ..planning.plan import PlannerOptions
+from ..exceptions import GoalError, MissingDependencyError, PlannerError, quote_names, unknown_name
+from ..planning.objectives import objective_weights
+from ..planning.plan import DEMONSTRATED, TIMINGS, PlannerOptions
 from ..planning.request import LONGEST_DURATION
 
 AUTO = "auto"
@@ -177,6 +178,17 @@ class Settings:
         demonstrations.""",
         high=1e6,
     )
+    objective: str = _declared(
+        "effort",
+        """Weighted sum to minimise, NAME=WEIGHT,…, of effort, energy, jerk, time and straightness
+        (of the path of the end effector); a name alone has the weight 1.""",
+    )
+    timing: str = _declared(
+        DEMONSTRATED,
+        """Duration of motions for which none is given: 'demonstrated' (as the demonstrations
+        suggest), 'shortest', or 'free' (of least cost). Sequences are timed as demonstrated.""",
+        choices=TIMINGS,
+    )
     max_solve_time: float = _declared(
         PlannerOptions.max_solve_time,
         "Longest time for the optimisation [s]; the best motion found by then is used.",
@@ -216,6 +228,10 @@ class Settings:
             value = getattr(self, declaration.name)
             if declaration.choices and value not in declaration.choices:
                 raise declaration.refusal(value)
+        try:
+            objective_weights(self.objective, "parameter 'objective'")
+        except GoalError as error:
+            raise ParameterError(str(error)) from None
         if self.learn_trials and not self.save_folder:
             raise ParameterError(
                 "parameter 'learn_trials' is true, but trials can't be kept: set the parameter "
@@ -252,7 +268,7 @@ class Settings:
 
     @property
     def planner_options(self) -> PlannerOptions:
-        """The options of the planner."""
+        """The options of the planner, without its objectives, which need a robot."""
         names = {f.name for f in fields(PlannerOptions)} & {d.name for d in DECLARATIONS}
         return PlannerOptions(**{name: getattr(self, name) for name in names})
 

@@ -196,3 +196,45 @@ def objective_by_name(name: str, robot: Robot, frame: str | None = None) -> Obje
     if name not in simple:
         raise GoalError(unknown_name("objective", name, OBJECTIVES))
     return simple[name]()
+
+
+def objective_weights(text: str, what: str) -> dict[str, float]:
+    """Read a weighted sum: ``NAME=WEIGHT,…``; a name alone has the weight 1.
+
+    Parameters
+    ----------
+    text : str
+        The sum.
+    what : str
+        Name of the option in messages.
+
+    Raises
+    ------
+    GoalError
+        If a name is unknown or repeated, or a weight is not between 1e-12 and 1e12, which fits all
+        units and avoids overflow.
+    """
+    weights: dict[str, float] = {}
+    for part in text.split(","):
+        name, _, number = (word.strip() for word in part.partition("="))
+        if name not in OBJECTIVES:
+            raise GoalError(f"{what}: {unknown_name('objective', name, OBJECTIVES)}")
+        if name in weights:
+            raise GoalError(f"{what}: objective '{name}' is given more than once")
+        try:
+            weights[name] = float(number or "1")
+        except ValueError:
+            raise GoalError(f"{what}: the weight of '{name}' is '{number}', not a number") from None
+        if not 1e-12 <= weights[name] <= 1e12:
+            raise GoalError(
+                f"{what}: the weight of '{name}' is {weights[name]:g}, expected one from 1e-12 to "
+                "1e+12"
+            )
+    return weights
+
+
+def weighted_objectives(
+    weights: Mapping[str, float], robot: Robot, frame: str | None = None
+) -> tuple[tuple[float, Objective], ...]:
+    """The objectives of a weighted sum, see :func:`objective_by_name`."""
+    return tuple((w, objective_by_name(name, robot, frame)) for name, w in weights.items())

@@ -58,6 +58,19 @@ def test_meshes_are_needed_only_where_collisions_are_looked_for(tmp_path: Path) 
     assert collision is not None and ("chest", "tool") in collision.pairs
 
 
+def test_objective_and_timing_of_the_parameters_are_those_of_the_plans() -> None:
+    start, goal = PRIMITIVES[0].boundary_states[0][[0, 3]]
+    usual, quick = (
+        assemble_model(URDF, PRIMITIVES, settings).planner.plan(goal, start)
+        for settings in (Settings(), Settings(timing="shortest", objective="time,straightness=0.1"))
+    )
+    assert usual.is_executable and quick.is_executable
+    assert quick.duration < 0.9 * usual.duration
+    free = assemble_model(URDF, PRIMITIVES, Settings(timing="free", objective="time=1e3, effort"))
+    names = [type(one).__name__ for _, one in free.planner.options.objectives]
+    assert (names, free.planner.options.timing) == (["Time", "Effort"], "free")
+
+
 @pytest.mark.parametrize(
     ("urdf", "settings", "error"),
     [

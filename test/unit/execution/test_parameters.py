@@ -102,6 +102,12 @@ def test_limits_of_other_joints_and_quantities_are_refused(name: str, words: str
         check_limit_names(["duration", "limits.elbow.max_jerk", name], ["elbow"])
 
 
+@pytest.mark.parametrize("text", ["effrt", "effort=-1", "jerk=nan", "effort,effort", "jerk=x", ""])
+def test_objective_that_is_no_weighted_sum_is_refused(text: str) -> None:
+    with pytest.raises(ParameterError, match="parameter 'objective'"):
+        Settings.from_values({"objective": text})
+
+
 def test_limits_of_the_joints_are_declared_one_by_one() -> None:
     names = [declaration.name for declaration in limit_declarations(["a", "b"])]
     check_limit_names(names, ["a", "b"])
