@@ -7,6 +7,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import replace
+from importlib import import_module
 
 from ..exceptions import GoalError, PrimitiveError, quote_names
 from ..motion.collision import CollisionModel, package_folders
@@ -92,6 +93,9 @@ class Planner:
                 f"{quote_names(self.primitives.joint_names)}, but the planner was set up for "
                 f"{quote_names(self.robot.joint_names)}"
             )
+        # Imported by then, so that the first plan does not wait for it.
+        import_module("scipy.interpolate")
+        import_module("scipy.optimize")
         require_effort_limits(self.robot, self.limits)
         if any(uses_efforts(objective, self.robot) for _, objective in self.options.objectives):
             others = "choose an objective without efforts, such as jerk"

@@ -86,7 +86,7 @@ def solve_quadratic(
     target[n] = 1.0
     try:
         dual, _ = nnls(system, target)
-    except RuntimeError:  # too many iterations: nearly dependent rows
+    except (RuntimeError, ValueError):  # nearly dependent rows, or rows that are not finite
         return None
     residual = system @ dual - target
     if -residual[n] <= _INFEASIBLE:

@@ -88,8 +88,9 @@ def _absent(key: str) -> float:
 
 
 def _check_limit(name: str, key: str, value: float, source: str) -> None:
-    if np.isnan(value) or (not key.endswith("position") and value <= 0.0):
-        expected = "a number" if key.endswith("position") else "a positive number"
+    # Ratios to smaller limits overflow.
+    if np.isnan(value) or (not key.endswith("position") and value < 1e-9):
+        expected = "a number" if key.endswith("position") else "a positive number from 1e-09 on"
         raise LimitsError(
             f"{source}: {key} of joint '{name}' is {value:g}, but it must be {expected} "
             "(set it in a limits file or by a parameter; .inf means no limit)"

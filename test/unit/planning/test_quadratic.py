@@ -66,3 +66,9 @@ def test_contradictions_are_told_apart():
 
 def test_a_hessian_that_is_not_positive_definite_is_not_solved():
     assert solve_quadratic(-np.eye(2), np.ones(2), np.ones((1, 2)), np.ones(1)) is None
+
+
+def test_rows_that_are_not_finite_have_no_solution():
+    rows = np.array([[1.0, np.inf]])
+    with np.errstate(all="ignore"):
+        assert solve_quadratic(np.eye(2), np.ones(2), rows, np.ones(1)) is None

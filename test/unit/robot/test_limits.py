@@ -69,6 +69,7 @@ def test_a_moveit_file_is_read_with_its_switches(tmp_path):
         ("joint_limits: {a: {max_velocity: true}}", "not a number"),
         ("joint_limits: {a: {max_velocity: -1}}", "must be a positive number"),
         ("joint_limits: {a: {max_velocity: .nan}}", "must be a positive number"),
+        ("joint_limits: {a: {max_jerk: 1.0e-300}}", "must be a positive number from 1e-09 on"),
         ("joint_limits: {a: {has_velocity_limits: 1}}", "true or false"),
         ("joint_limits: {a: [", "can't be read"),
         ("joint_limits: {a: {max_velocity: 2001-02-30}}", "'2001-02-30', not a number"),
