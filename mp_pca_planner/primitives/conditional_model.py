@@ -23,17 +23,12 @@ from numpy.typing import NDArray
 
 from ..arrays import FloatArray
 from .covariances import in_span_score, request_precision, shrunk_covariance
+from .kernels import CONSTANT, LEAST_NOISE, RequestFeatures
 from .pace import reversed_paces
 
 # Predicted durations stay within this many standard deviations of the demonstrated ones.
 _MAX_DEVIATIONS = 3.0
 
-# Inverse lengths of the kernels in units of the spread of the requests.
-INVERSE_LENGTHS = (0.25, 1.0, 2.0)
-# Variance of the common offset of all outputs, in units of that which depends on the request.
-_CONSTANT = 10.0
-# Share of the mean squared distance from start to goal that is added to each squared distance.
-_MIN_SQUARE = 0.09
 # Avoids logarithms of zero and divisions by zero.
 _TINY = 1e-300
 
@@ -63,15 +58,13 @@ class FitOptions:
     """
 
     time_reversal: float = 0.8
-    noises: tuple[float, ...] = (0.02, 0.2, 2.0, 200.0)
+    noises: tuple[float, ...] = (LEAST_NOISE, 0.2, 2.0, 200.0)
     temper: float = 0.7
     min_ranked: int = 3
     max_demonstrations: int = 200
 
 
 _FIT = FitOptions()
-UNIT_NOISE = _FIT.noises[0]
-"""Variance of the noise of a demonstration, in units of the prior variance of shapes."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,12 +163,12 @@ class ConditionalModel:
         partitions: list[Groups] = [[np.arange(len(used))[:, None]]]
         if np.any(activities != activities[0]):
             partitions.append([np.argwhere(activities == x).T for x in np.unique(activities)])
-        similar, distances = zip(*map(_Features(used), used), strict=True)
+        similar, distances = zip(*map(RequestFeatures(used), used), strict=True)
         roots = np.sqrt(distances)[:, None]
         there, back = (x[kept] / roots for x in (shapes, reversed_shapes))
         shape, residuals = _fit(similar, there, back, partitions)
         pace, _ = _fit(similar, paces[kept], reversed_paces(paces[kept]), partitions)
-        similar, _ = zip(*map(_Features(used[:, :-1]), used[:, :-1]), strict=True)
+        similar, _ = zip(*map(RequestFeatures(used[:, :-1]), used[:, :-1]), strict=True)
         times = used[:, -1:] - used[:, -1].mean() - np.log(roots)
         duration, _ = _fit(similar, times, times, partitions[:1])
         covariances = *shrunk_covariance(residuals * roots), request_precision(requests)
@@ -200,7 +193,7 @@ class ConditionalModel:
         score = in_span_score(given, self.mean, self.request_precision)
         similar, distance = self._features(request)
         # Novelty of the request, from 0 to 1, by the shortest kernel.
-        novelty = 1.0 + _CONSTANT - similar[-1, 0].max()
+        novelty = 1.0 + CONSTANT - similar[-1, 0].max()
         near, far = self._coefficients
         both = similar.ravel() @ (near + novelty * far if far.any() else near)
         shape, pace = both[: self.straight_weights.size], both[self.straight_weights.size :]
@@ -214,12 +207,12 @@ class ConditionalModel:
         return np.asarray(self.requests.mean(axis=0))
 
     @cached_property
-    def _features(self) -> _Features:
-        return _Features(self.requests)
+    def _features(self) -> RequestFeatures:
+        return RequestFeatures(self.requests)
 
     @cached_property
-    def _end_features(self) -> _Features:
-        return _Features(self.requests[:, :-1])
+    def _end_features(self) -> RequestFeatures:
+        return RequestFeatures(self.requests[:, :-1])
 
     @cached_property
     def _coefficients(self) -> tuple[FloatArray, FloatArray]:
@@ -258,7 +251,7 @@ def left_out_squares(
     squares : array, shape (n_demonstrations,)
         Sums of squares over the coefficients.
     """
-    similar, distances = zip(*map(_Features(requests), requests), strict=True)
+    similar, distances = zip(*map(RequestFeatures(requests), requests), strict=True)
     roots = np.sqrt(distances)[:, None]
     partition: Groups = [np.arange(len(requests))[:, None]]
     _, residuals = _fit(similar, shapes / roots, reversed_shapes / roots, [partition])
@@ -269,83 +262,6 @@ def _thinned(requests: FloatArray) -> slice | NDArray[np.intp]:
     """The demonstrations to fit, whatever the order of all."""
     step = -(-len(requests) // _FIT.max_demonstrations)
     return np.lexsort(requests.T[::-1])[::step] if step > 1 else slice(None)
-
-
-class _Features:
-    """Similarities of requests with those of the demonstrations, and their sizes.
-
-    Parameters
-    ----------
-    requests : array, shape (n_demonstrations, n_entries)
-        Start, goal, and at most one entry that is the same in both directions.
-    """
-
-    def __init__(self, requests: FloatArray) -> None:
-        n = requests.shape[1] // 2
-        self._swapped = np.r_[n : 2 * n, :n, 2 * n : requests.shape[1]]
-        # For a spread or distance of zero, the unit has no effect.
-        self._spread = float(np.sqrt(np.sum(requests.var(axis=0)))) or 1.0
-        self._both_directions = np.array([requests, requests[:, self._swapped]])
-        squares = self._squared_distance(requests)
-        self._floor = _MIN_SQUARE * float(squares.mean()) or 1.0
-        self._unit = float(np.exp(np.mean(np.log(squares + self._floor))))
-
-    def __call__(self, request: FloatArray) -> tuple[FloatArray, float]:
-        """Prior covariances with the demonstrations, and the distance from start to goal.
-
-        The covariances are those of Matérn with smoothness 5/2 (Rasmussen and Williams, equation
-        4.17) and a constant. Squared exponentials, which are smoother, overshoot between and beyond
-        demonstrations.
-
-        Parameters
-        ----------
-        request : array, shape (n_entries,)
-            Any request.
-
-        Returns
-        -------
-        similarities : array, shape (n_lengths, 2, n_demonstrations)
-            By inverse length, of motions and of reversed ones.
-        distance : float
-            Bounded from below, in units of the geometric mean of all.
-        """
-        deviations = self._both_directions - request
-        apart = np.sqrt(np.einsum("dni,dni->dn", deviations, deviations)) / self._spread
-        ratios = np.sqrt(5.0) * np.multiply.outer(INVERSE_LENGTHS, apart)
-        square = (self._squared_distance(request) + self._floor) / self._unit
-        covariances = (1.0 + ratios + ratios**2 / 3.0) * np.exp(-ratios) + _CONSTANT
-        return covariances, math.sqrt(square)
-
-    def _squared_distance(self, requests: FloatArray) -> FloatArray:
-        # Each joint counts twice, which only changes the unit.
-        change = requests - requests[..., self._swapped]
-        return np.asarray(np.einsum("...i,...i->...", change, change))
-
-
-def remaining_covariance(demonstrated: FloatArray, requests: FloatArray) -> FloatArray:
-    """Covariance of the shapes of requests that demonstrations leave, in units of the prior's.
-
-    That of a Gaussian process with the middle one of the kernels and the least noise (Rasmussen and
-    Williams, equation 2.24), without the common offset. It does not depend on the shapes, so it is
-    known before a motion is demonstrated.
-
-    Parameters
-    ----------
-    demonstrated : array, shape (n_demonstrations, 2 n_joints)
-        Start and goal of each demonstration [rad or m].
-    requests : array, shape (n_requests, 2 n_joints)
-        Start and goal of each request.
-
-    Returns
-    -------
-    covariance : array, shape (n_requests, n_requests)
-        On its diagonal, 0 is at a demonstration and 1 far from all.
-    """
-    every = np.concatenate([demonstrated, requests])
-    features, n = _Features(every), len(demonstrated)
-    prior = np.array([features(one)[0][1, 0] - _CONSTANT for one in every])
-    gram = prior[:n, :n] + UNIT_NOISE * np.eye(n)
-    return np.asarray(prior[n:, n:] - prior[n:, :n] @ np.linalg.solve(gram, prior[:n, n:]))
 
 
 def _fit(

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..arrays import frozen_array, unique_names
 from ..exceptions import PrimitiveFileError
-from .conditional_model import INVERSE_LENGTHS
+from .kernels import INVERSE_LENGTHS
 from .pace import PACE_DEGREE
 
 if TYPE_CHECKING:

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import FloatArray
-from ..primitives.conditional_model import UNIT_NOISE, remaining_covariance
 from ..primitives.cross_validation import leave_one_out
+from ..primitives.kernels import LEAST_NOISE, remaining_covariance
 from ..primitives.options import PrimitiveOptions
 from ..recordings.demonstration import Demonstration
 from ..robot.limits import JointLimits
@@ -166,6 +166,6 @@ def _least_known(covariance: FloatArray, n: int) -> list[int]:
     for _ in range(min(n, len(covariance))):
         best = int(np.argmax(np.diag(covariance)))
         column = covariance[:, best]
-        covariance = covariance - np.outer(column, column) / (column[best] + UNIT_NOISE)
+        covariance = covariance - np.outer(column, column) / (column[best] + LEAST_NOISE)
         chosen.append(best)
     return chosen

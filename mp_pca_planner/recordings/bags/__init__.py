@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Discovery, reading and writing of bag files of ROS 1 and ROS 2."""
 
-from ..joint_states import NS_PER_S as NS_PER_S
+from ..byte_layout import NS_PER_S as NS_PER_S
 from ..joint_states import IntArray as IntArray
 from .bag import Bag as Bag
 from .bag import Stored as Stored

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 from ...arrays import FloatArray
 from ...exceptions import RecordingError, quote_names
-from ..joint_states import NS_PER_S, IntArray, RawJointStates
+from ..byte_layout import NS_PER_S
+from ..joint_states import IntArray, RawJointStates
 from .messages import choose_clock
 from .recording import Piece, RepairOptions, Samples, count, taken
 

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from ...arrays import FloatArray
 from ...exceptions import RecordingError, UnusableRecordingError, quote_names
-from ..joint_states import NS_PER_S, IntArray
+from ..byte_layout import NS_PER_S
+from ..joint_states import IntArray
 
 REPAIRS = {
     "malformed": "message dropped: not one position for each name, a name listed twice, or "

@@ -10,9 +10,10 @@ from arm import arm_demonstrations, arm_primitive
 from scipy.stats import norm
 
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
-from mp_pca_planner.primitives.conditional_model import ConditionalModel, remaining_covariance
+from mp_pca_planner.primitives.conditional_model import ConditionalModel
 from mp_pca_planner.primitives.cross_validation import expected_motion
 from mp_pca_planner.primitives.differences import FINE_PHASES, differences
+from mp_pca_planner.primitives.kernels import remaining_covariance
 from mp_pca_planner.recordings.demonstration import Demonstration
 
 # Of the second of two weights; it changes its sign where a motion is reversed in time.
