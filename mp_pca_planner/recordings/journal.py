@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""A file of what was read of recordings, so that an interrupted run goes on where it was.
+"""A file of what was read of recordings, so that an interrupted run continues where it was.
 
 Entries are appended as recordings are read: the key of the recording and of the options, the
 checksum of the content, its length, and the content. An incomplete entry at the end is cut off.

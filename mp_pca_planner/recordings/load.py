@@ -156,8 +156,8 @@ def load_recordings(
     known_extents :
         Extents of further motions of the set, which are not loaded again [rad or m].
     journal :
-        A file that keeps what was read of each recording, so that an interrupted run goes on where
-        it was. What it holds is not read again.
+        A file that keeps what was read of each recording, so that an interrupted run continues
+        where it was. What it holds is not read again.
     **options :
         The fields of :class:`LoadOptions`.
 
