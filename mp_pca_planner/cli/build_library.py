@@ -87,8 +87,8 @@ def _check(arguments: argparse.Namespace, folders: Mapping[Joints, Path]) -> Non
     """Reject options that don't fit together or to the folder."""
     if arguments.align == "dtw":
         raise PrimitiveError("--align dtw needs motions of one kind: use another alignment")
-    if not arguments.bags and not (arguments.update and arguments.remove):
-        raise RecordingError("give at least one recording, or --update and --remove")
+    if not arguments.bags and not arguments.update:
+        raise RecordingError("give at least one recording, or --update")
     if arguments.remove and not arguments.update:
         raise RecordingError("--remove takes recordings out of a library: give --update")
     if arguments.update and not folders:

@@ -46,6 +46,8 @@ def run(arguments: argparse.Namespace) -> int:
     output, force = arguments.output or arguments.update, arguments.force
     check_output(output, ".npz", force=force or output == arguments.update)
     check_output(arguments.report, ".html", force=force)
+    if arguments.resume is not None and Path(arguments.resume).resolve() == output.resolve():
+        raise RecordingError("--resume and --output are the same file: name another one")
     check_output(arguments.write_segments, ".csv", force=force)
     options = primitive_options(arguments)
     if old is not None:

@@ -48,6 +48,9 @@ def _taught(
     if arguments.play is not None:
         played = PlayedBag(arguments.play, arguments.topic)
         with TeachingSession(files, played.topic, joints) as session:
+            n_known = played.skip_until(session.joined_from(played.joint_names))
+            if n_known:
+                say(f"continued    {files.bag} holds {n_known} of the messages to play already")
             return session, _dialogue(session, played, keys, words)
     from ..ros.joint_state_source import JointStateSource, full_topic_name
 

@@ -65,7 +65,7 @@ class Journal:
             return _Reader(io.BytesIO(self._file.read(length))).load()
         except Exception as error:  # of a damaged or hostile pickle: any
             raise RecordingError(
-                f"the journal '{self._path}' is no work of this package ({error}): delete it"
+                f"'{self._path}' (--resume) is no work of this package ({error}): delete it"
             ) from None
 
     def add(self, key: bytes, value: Any) -> None:
@@ -84,7 +84,7 @@ class Journal:
             self._file.flush()
         except OSError as error:
             raise RecordingError(
-                f"the journal '{self._path}' can't be written: {error.strerror}"
+                f"'{self._path}' (--resume) can't be written: {error.strerror}"
             ) from None
         self._places[key] = place + _HEAD.size, len(content)
 
@@ -101,15 +101,15 @@ def open_journal(path: str | Path) -> Iterator[Journal]:
     try:
         file = os.fdopen(os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600), "r+b")
     except OSError as error:
-        raise RecordingError(f"'{path}' can't be a journal: {error.strerror}") from None
+        raise RecordingError(f"'{path}' can't be the file of --resume: {error.strerror}") from None
     with file:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
-            raise RecordingError(f"the journal '{path}' is in use by another process") from None
+            raise RecordingError(f"'{path}' (--resume) is in use by another process") from None
         start = file.read(len(_MAGIC))
         if not _MAGIC.startswith(start):
-            raise RecordingError(f"'{path}' is no journal of --resume: name another file")
+            raise RecordingError(f"'{path}' is no file of --resume: name another one")
         file.seek(0)
         file.write(_MAGIC)
         yield Journal(file, path)

@@ -217,10 +217,16 @@ def _moving_runs(speed: FloatArray, thresholds: SpeedThresholds, min_rest_steps:
 
 
 def _grown(speed: FloatArray, first: int, last: int) -> Span:
-    """Extend a run outwards while the speed falls, because motions begin and end slowly."""
-    while first > 0 and speed[first - 1] < speed[first]:
+    """Extend a run outwards while the speed falls, because motions begin and end slowly.
+
+    By at most a fifth of its length, three times as much as a minimum-jerk motion needs: without
+    noise, a robot that settles at its goal slows down for a second.
+    """
+    most = (last - first) // 5
+    start, end = max(first - most, 0), min(last + most, speed.size - 1)
+    while first > start and speed[first - 1] < speed[first]:
         first -= 1
-    while last < speed.size - 1 and speed[last + 1] < speed[last]:
+    while last < end and speed[last + 1] < speed[last]:
         last += 1
     return first, last
 

@@ -10,6 +10,7 @@ from pathlib import Path
 from ..exceptions import RecordingError
 from ..recordings.bags import JOINT_STATE, choose_topic, open_bag, to_cdr
 from ..recordings.bags.files import damage_reported
+from ..recordings.joint_states import slice_joint_states
 
 _N_PARTS = 50
 
@@ -48,6 +49,18 @@ class PlayedBag:
             self._left = bag.read([chosen], lambda stored: [(t, convert(x)) for _, t, x in stored])
         self.topic = chosen.name
         self._n = -(-len(self._left) // _N_PARTS)
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """Joints of its first message."""
+        messages = ((None, *message) for message in self._left[:1])
+        return slice_joint_states(self.topic, messages, ros1=False).listed_joints
+
+    def skip_until(self, stamp: int) -> int:
+        """Leave out what was received up to a time [ns]; returns the number of these messages."""
+        before = len(self._left)
+        self._left = [message for message in self._left if message[0] > stamp]
+        return before - len(self._left)
 
     def feed(self, record: Callable[[Sequence[tuple[int, bytes]]], None]) -> bool:
         """Record the next part; returns whether another one follows."""

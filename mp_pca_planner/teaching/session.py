@@ -14,7 +14,7 @@ from typing import NamedTuple, Self
 import numpy as np
 
 from ..arrays import FloatArray
-from ..exceptions import RecordingError
+from ..exceptions import RecordingError, quote_names
 from ..files import reading, write_whole
 from ..recordings import cutting
 from ..recordings.bags import GrowingBag, open_bag
@@ -122,6 +122,27 @@ class TeachingSession:
         except BaseException:
             self._bag.close()
             raise
+
+    def joined_from(self, names: Sequence[str]) -> int:
+        """When the last message of the recording was received [ns]; 0 if there is none.
+
+        Parameters
+        ----------
+        names : sequence of str
+            Joints of the messages that are to follow.
+
+        Raises
+        ------
+        RecordingError
+            If the recording has none of these joints.
+        """
+        known = self._raw.listed_joints
+        if known and not set(known) & set(names):
+            raise RecordingError(
+                f"'{self.files.bag}' is of the joints {quote_names(known)}, not of "
+                f"{quote_names(names)}: give another --output for another robot"
+            )
+        return int(self._raw.receive_stamps.max(initial=0))
 
     def __enter__(self) -> Self:
         return self

@@ -9,10 +9,12 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 from patience import HANG
 
 from mp_pca_planner.cli.main import main
+from mp_pca_planner.recordings.bags import write_joint_states
 from mp_pca_planner.recordings.demonstrations import write_example_recording
 from mp_pca_planner.resources import config_file
 
@@ -49,11 +51,25 @@ def test_a_session_that_is_quit_is_continued(tmp_path: Path) -> None:
     assert not (tmp_path / "taught.npz").exists()
     done = teach(tmp_path, "b\n", "--joints", "elbow,shoulder1")
     assert (done.returncode, done.stderr) == (0, "")
-    assert "motions     14 of 2 joints" in done.stdout
+    # What is in the session already is not recorded again.
+    assert "of the messages to play already" in done.stdout
+    assert "motions     7 of 2 joints" in done.stdout
     # The primitive is not overwritten without a word.
     done = teach(tmp_path, "b\n")
     assert (done.returncode, done.stdout) == (2, "")
     assert "taught.npz' exists already" in done.stderr
+
+
+def test_a_session_of_another_robot_is_not_continued(tmp_path: Path) -> None:
+    assert teach(tmp_path, "q\n").returncode == 0
+    before = (tmp_path / "taught.mcap").read_bytes()
+    names, stamps = ("knee", "hip"), np.arange(1, 101) * 10_000_000
+    other = tmp_path / "other"
+    write_joint_states(other, "mcap", names, stamps, np.zeros((100, 2)))
+    done = teach(tmp_path, "b\n", "--play", str(other))
+    assert (done.returncode, done.stdout) == (2, "")
+    assert "not of 'knee', 'hip'" in done.stderr
+    assert (tmp_path / "taught.mcap").read_bytes() == before
 
 
 @pytest.mark.parametrize(

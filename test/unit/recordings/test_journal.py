@@ -114,17 +114,17 @@ def test_a_journal_in_use_is_refused(bags: Path, tmp_path: Path) -> None:
     kept = tmp_path / "journal"
     with (
         journal.open_journal(kept),
-        pytest.raises(RecordingError, match="journal' is in use by another process"),
+        pytest.raises(RecordingError, match="is in use by another process"),
     ):
         load(bags, kept)
 
 
 def test_another_file_is_left_as_it_is(bags: Path, tmp_path: Path) -> None:
     (tmp_path / "table.csv").write_text("recording,start_time_s,end_time_s\n")
-    with pytest.raises(RecordingError, match=r"table\.csv' is no journal"):
+    with pytest.raises(RecordingError, match=r"table\.csv' is no file of --resume"):
         load(bags, tmp_path / "table.csv")
     assert (tmp_path / "table.csv").read_text() == "recording,start_time_s,end_time_s\n"
-    with pytest.raises(RecordingError, match="can't be a journal: Is a directory"):
+    with pytest.raises(RecordingError, match="can't be the file of --resume: Is a directory"):
         load(bags, tmp_path)
 
 
@@ -154,7 +154,7 @@ def test_a_hostile_journal_calls_nothing(tmp_path: Path, function: object) -> No
     kept.write_bytes(whole.replace(head, new))
     with (
         journal.open_journal(kept) as opened,
-        pytest.raises(RecordingError, match="journal' is no work of this package"),
+        pytest.raises(RecordingError, match="is no work of this package"),
     ):
         opened.value(key)
     assert not place.exists()
