@@ -218,8 +218,9 @@ def _names(
 
 def _left_out_errors(statistics: MotionStatistics, members: Indices) -> FloatArray:
     """Root mean square errors of left-out motions of a kind, alone and in one pot, unscaled."""
-    inside = _evenly(members)
-    outside = _evenly(np.setdiff1d(np.arange(len(statistics.motions)), members))
+    inside = _evenly(statistics, members)
+    others = np.setdiff1d(np.arange(len(statistics.motions)), members)
+    outside = _evenly(statistics, others)
     errors = []
     for used in (inside, np.concatenate([inside, outside])):
         chosen = statistics.chosen(used)
@@ -229,5 +230,7 @@ def _left_out_errors(statistics: MotionStatistics, members: Indices) -> FloatArr
     return np.array(errors)
 
 
-def _evenly(indices: Indices) -> Indices:
-    return indices[:: max(1, -(-len(indices) // _MAX_LEFT_OUT))]
+def _evenly(statistics: MotionStatistics, indices: Indices) -> Indices:
+    """A part of the motions, whatever the order of all: evenly by their durations."""
+    ordered = indices[np.argsort(statistics.durations[indices], kind="stable")]
+    return ordered[:: max(1, -(-len(indices) // _MAX_LEFT_OUT))]
