@@ -91,6 +91,19 @@ def test_turning_back_without_a_stop_cuts() -> None:
     np.testing.assert_allclose([start for start, _ in found[1:]], [1.8, 2.6], atol=0.06)
 
 
+def test_a_robot_that_settles_slowly_without_noise_rests() -> None:
+    rate, lag = 100.0, 0.12  # of the servos [s]
+    command = reaching([0, 1, -0.5, 0.7], rest=3.0)
+    settling = np.empty_like(command)
+    settling[0] = command[0]
+    for k in range(1, len(command)):
+        settling[k] = settling[k - 1] + (command[k] - settling[k - 1]) / (1.0 + lag * rate)
+    found = motions_in(settling)
+    assert len(found) == 3
+    # The exact exponential falls for seconds; 1 % of it remains after 4.6 times the lag.
+    assert max(end - start for start, end in found) < 1.0 + 5.0 * lag
+
+
 def test_motion_that_never_stops_is_cut_where_it_turns() -> None:
     times = np.arange(0.0, 10.0, 0.01)
     swinging = np.column_stack([np.sin(2 * np.pi * 0.5 * times), 0.1 * np.sin(2 * np.pi * times)])
