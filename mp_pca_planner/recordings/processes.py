@@ -116,7 +116,13 @@ def _round(hire: Hire, left: list[list[int]], died: type[Exception]) -> Iterator
                 bundle = running.pop(future)
                 yield from zip(bundle, future.result(), strict=True)
             except Empty:
-                check()
+                try:
+                    check()
+                except died:  # without a word on what it had begun
+                    is_whole = False
+                    for bundle in running.values():
+                        yield from zip_longest(bundle, ())
+                    running.clear()
             except died:
                 is_whole = False
                 yield from zip_longest(bundle, ())
@@ -143,12 +149,17 @@ def map_in_processes(
 
     @contextmanager
     def hire(n_bundles: int) -> Iterator[Hired]:
+        others = set(multiprocessing.active_children())
         with _pool(min(n_processes, n_bundles)) as pool:
+
+            def check() -> None:
+                if not set(multiprocessing.active_children()) - others:
+                    raise BrokenProcessPool("no process is left")
 
             def submit(bundle: list[int]) -> Any:
                 return pool.submit(_map, function, [items[i] for i in bundle])
 
-            yield submit, bool, IN_FLIGHT * n_processes
+            yield submit, check, IN_FLIGHT * n_processes
 
     return map_by(hire, bundles, BrokenProcessPool)
 
