@@ -2,15 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """`build_library`: mixed recordings to a library that plans."""
 
-import contextlib
-import io
-import json
+from functools import partial
 from pathlib import Path
 
+import command_line
 import numpy as np
 import pytest
 
-from mp_pca_planner.cli.main import main
 from mp_pca_planner.primitives.library_building import known_motions
 from mp_pca_planner.primitives.primitive_library import load_primitives
 from mp_pca_planner.primitives.versioned_library import VersionedLibrary
@@ -20,24 +18,10 @@ from mp_pca_planner.recordings.synthetic import JOINT_NAMES, continuous_recordin
 N_KINDS = 4
 
 
-def run(*arguments: object) -> tuple[int, str, str]:
-    out, err = io.StringIO(), io.StringIO()
-    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
-        status = main(["build_library", *map(str, arguments), "--segment", "none"])
-    return status, out.getvalue(), err.getvalue()
-
-
-def build(*arguments: object) -> dict:
-    status, out, err = run(*arguments, "--json")
-    assert status == 0, err
-    return json.loads(out)
-
-
-def refusal(*arguments: object) -> str:
-    status, out, err = run(*arguments)
-    assert (status, out) == (2, "")
-    (line,) = err.splitlines()
-    return line
+WORDS = ("build_library", "--segment", "none")
+run = partial(command_line.run, *WORDS)
+build = partial(command_line.result, *WORDS)
+refusal = partial(command_line.refusal, *WORDS)
 
 
 @pytest.fixture(scope="module")

@@ -9,9 +9,11 @@ import io
 import json
 import os
 import sys
+from functools import partial
 from html.parser import HTMLParser
 from pathlib import Path
 
+import command_line
 import numpy as np
 import pytest
 from conftest import reaching, stamped, write_bag
@@ -29,28 +31,10 @@ GOALS = ([0.0, 1.0, 0.2, 0.9], [0.1, 0.8, 0.0], [0.0, 0.7, 0.1, 1.1])
 NAMES = ("one", "two & <b>bold", "three")
 
 
-def run(*arguments: object) -> tuple[int, str, str]:
-    """Run the command; return its status and what it printed."""
-    out, err = io.StringIO(), io.StringIO()
-    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
-        try:
-            status = main(["build_primitives", *map(str, arguments)])
-        except SystemExit as leaving:
-            status = int(leaving.code or 0)
-    return status, out.getvalue(), err.getvalue()
-
-
-def build(*arguments: object) -> dict:
-    status, out, err = run(*arguments, "--json")
-    assert status == 0, err
-    return json.loads(out)
-
-
-def refusal(*arguments: object) -> str:
-    status, out, err = run(*arguments)
-    assert (status, out) == (2, "")
-    (line,) = err.splitlines()
-    return line
+WORDS = ("build_primitives",)
+run = partial(command_line.run, *WORDS)
+build = partial(command_line.result, *WORDS)
+refusal = partial(command_line.refusal, *WORDS)
 
 
 @pytest.fixture(scope="module")
