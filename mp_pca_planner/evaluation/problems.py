@@ -6,13 +6,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy.interpolate import CubicSpline
 
 from ..arrays import FloatArray
-from ..exceptions import RobotError, quote_names
+from ..exceptions import MissingDependencyError, RobotError, quote_names
 from ..primitives.primitive import MovementPrimitive
 from ..recordings.demonstration import Demonstration
 from ..recordings.reaches import random_ends, random_reaches
@@ -20,7 +22,6 @@ from ..recordings.synthetic import JOINT_NAMES, generate_motions
 from ..resources import config_file
 from ..robot.limits import JointLimits
 from ..robot.model import Robot
-from .method import import_peer
 
 # Files of the package example-robot-data, and the joints of the arms.
 EXAMPLE_ROBOTS = {
@@ -58,7 +59,7 @@ class Problem:
     start, goal : array, shape (n_joints,)
         Configurations [rad or m].
     duration : float
-        Duration [s].
+        Duration [s]; NaN: the method chooses it.
     demonstration : Demonstration or None
         The held-out motion with these ends, if there is one; it is not used to build primitives.
     """
@@ -95,6 +96,20 @@ class Scene:
     limits: JointLimits
     demonstrations: tuple[Demonstration, ...]
     primitive: MovementPrimitive | None = None
+
+
+def import_peer(module: str, purpose: str, extra: str = "peers") -> Any:
+    """Import an optional module.
+
+    Raises
+    ------
+    MissingDependencyError
+        If it can't be imported.
+    """
+    try:
+        return import_module(module)
+    except ImportError:
+        raise MissingDependencyError(module, extra, purpose) from None
 
 
 def scene_of(name: str, urdf: Path, joints: Sequence[str] | None, n_motions: int) -> Scene:
