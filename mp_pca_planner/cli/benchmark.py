@@ -19,6 +19,8 @@ from ..evaluation.problems import (
     held_out_problems,
     random_problems,
     robot_file,
+    scene_problems,
+    scene_robot,
 )
 from ..evaluation.run import (
     OWN,
@@ -34,19 +36,17 @@ from ..evaluation.run import (
     summarise_scenes,
     unsolved,
 )
-from ..evaluation.scene_problems import scene_problems, scene_robot
 from ..exceptions import PlannerError, quote_names
 from ..motion.collision import CollisionModel, package_folders
 from ..plotting.comparison import comparison_figure
-from ..plotting.drawing import picture
-from ..plotting.page import Table
+from ..plotting.page import Table, picture
 from ..plotting.text import cells, table
 from ..primitives.primitive import MovementPrimitive
 from ..primitives.primitive_library import load_primitives
 from ..resources import config_file
 from ..robot.model import Robot
-from .common import check_output, limits_of, named_peers, print_json, progress_bar
-from .terminal import DONE, say, written_lines
+from .common import check_output, limits_of, named_peers, progress_bar, report
+from .terminal import DONE, written_lines
 
 _COLUMNS = {
     "J": ("effort_cost", ".4g", 1.0),
@@ -83,14 +83,12 @@ def run(arguments: argparse.Namespace) -> int:
     facts, notes = (_in_free_space if arguments.scenes is None else _in_scenes)(arguments)
     tables = facts["tables"]
     facts["tables"] = {title: one._asdict() for title, one in tables.items()}
-    if arguments.json:
-        print_json(facts)
-        return DONE
+    lines = []
     for title, (header, rows) in tables.items():
-        say(title, "", *table(rows, header=header).splitlines(), "")
-    say(*notes, "", *(f"{name}: {about}" for name, about in facts["methods"].items()))
-    say(*(f"{name} is absent: {reason}" for name, reason in facts["absent"].items()))
-    say(*written_lines([arguments.plot]))
+        lines += [title, "", *table(rows, header=header).splitlines(), ""]
+    lines += [*notes, "", *(f"{name}: {about}" for name, about in facts["methods"].items())]
+    lines += [f"{name} is absent: {reason}" for name, reason in facts["absent"].items()]
+    report(arguments, facts, *lines, *written_lines([arguments.plot]))
     return DONE
 
 

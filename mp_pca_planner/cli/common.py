@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import argparse
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -33,6 +34,14 @@ REPORTED = ("status", "effort_cost", "solve_time_s", "duration", "primitive", "i
 def print_json(content: Any) -> None:
     """Print one JSON object on stdout."""
     say(json_text(content))
+
+
+def report(arguments: argparse.Namespace, content: Any, *lines: str) -> None:
+    """Print one JSON object if ``--json`` was given, else lines of text."""
+    if arguments.json:
+        print_json(content)
+    else:
+        say(*lines)
 
 
 def json_text(content: Any) -> str:

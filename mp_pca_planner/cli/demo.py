@@ -26,8 +26,8 @@ from ..planning.plan import Plan, PlannerOptions
 from ..planning.planner import Planner
 from ..plotting.animation import at_frames, write_animation
 from ..plotting.arm import arm_figure
-from ..plotting.drawing import picture, require_matplotlib
 from ..plotting.motion import motion_figure
+from ..plotting.page import picture, require_matplotlib
 from ..plotting.primitive import PHASES, primitive_figure
 from ..plotting.recording import runs
 from ..plotting.text import table

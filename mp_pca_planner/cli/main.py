@@ -41,9 +41,9 @@ COMMANDS = {
 }
 _RUN_BY_ANOTHER_MODULE = {
     "sequence": "plan",
-    "stop": "call_service",
-    "save_motion": "call_service",
-    "reload": "call_service",
+    "stop": "send_goal",
+    "save_motion": "send_goal",
+    "reload": "send_goal",
 }
 
 

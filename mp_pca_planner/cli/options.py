@@ -12,10 +12,19 @@ import argparse
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from .option_types import count, duration, jobs, name_list, number, seconds, seed, whole
-from .parser import Options, parse_command
+from .parser import (
+    Options,
+    count,
+    duration,
+    jobs,
+    name_list,
+    number,
+    parse_command,
+    seconds,
+    seed,
+    whole,
+)
 from .ros_options import demo, reload, save_motion, send_goal, simulate, stop, teach
-from .shared_options import add_node_options, add_report_options, add_via
 
 VALUES = "name=value,… or values in the robot description's joint order [rad or m]"
 _PLACE = "configuration (name=value,…) or pose ('FRAME: X Y Z' or with a quaternion)"
@@ -59,7 +68,7 @@ def _add_single_goal(add: Options, via_form: str, via_time: str) -> None:
     for end in ("start", "goal"):
         for rate in ("velocity", "acceleration"):
             add(f"--{end}-{rate} {rate[0].upper()}", f"{rate} at the {end}, likewise")
-    add_via(add, via_form, f"{_PLACE} to pass, {via_time}")
+    add.via(via_form, f"{_PLACE} to pass, {via_time}")
     text = "duration [s], 'shortest', or 'free' for least cost (default: like the demonstrations)"
     add("--duration T", text, duration)
     text = "weighted sum to minimise, of effort, energy, jerk, time, straightness"
@@ -71,7 +80,7 @@ def _add_single_goal(add: Options, via_form: str, via_time: str) -> None:
 def _add_motion_outputs(add: Options) -> None:
     add("--output FILE", "motion to write: .csv, .json, .npz, or a bag", Path)
     add("--plot FILE.png", "picture to draw", Path)
-    add_report_options(add)
+    add.report()
 
 
 # Planning
@@ -88,7 +97,7 @@ def sequence(add: Options) -> None:
     """Plan one motion through configurations and poses that stops only where asked."""
     _add_motion_options(add)
     text = f"{_PLACE} to pass, with @T at T s after the start"
-    add_via(add, "V[@T]", text, with_stops=True)
+    add.via("V[@T]", text, with_stops=True)
     add("--goal", "goal, likewise", required=True)
     add("--mode", "join segments, or optimise", default="optimal", choices=("real_time", "optimal"))
     _add_motion_outputs(add)
@@ -118,7 +127,7 @@ def refine(add: Options) -> None:
     cost("--executed BAG", "recording of its execution; its ½∫‖τ‖²dt is the cost", Path)
     trials("--tracking-price P", "price of ∫‖q − q_planned‖²dt of --executed", price, 0.0)
     trials("--seed", "seed of the random numbers", seed, 0)
-    add_report_options(add)
+    add.report()
 
 
 def verify(add: Options) -> None:
@@ -148,7 +157,7 @@ def verify(add: Options) -> None:
     add("--output FILE.npz", "primitive with this law to write", Path)
     add("--controller-parameters FILE.yaml", "gains to write, for the controller", Path)
     add("--controller", "name of the controller", default="joint_trajectory_controller")
-    add_report_options(add)
+    add.report()
 
 
 # Recordings and primitives
@@ -170,7 +179,7 @@ def build_primitives(add: Options) -> None:
     output("--output FILE", "file to write (default: that of --update)", Path)
     output("--report FILE.html", "page that shows what was found", Path)
     output("--write-segments FILE.csv", "motions as a table to edit, for --segments", Path)
-    add_report_options(output, "the outputs")
+    output.report("the outputs")
 
 
 def build_library(add: Options) -> None:
@@ -190,7 +199,7 @@ def build_library(add: Options) -> None:
     output.flag("--update", "add the recordings to the library, without reading the old ones again")
     output("--remove a,b,c", "recordings to take out of it, by name or checksum", name_list, ())
     output("--report FILE.html", "page that shows the kinds", Path)
-    add_report_options(output, "the report")
+    output.report("the report")
 
 
 def _add_input(add: Options) -> None:
@@ -231,7 +240,7 @@ def inspect(add: Options) -> None:
     """Show what is in bags and primitive files."""
     add("files FILE", "bag, folder of bags, or .npz", nargs="+")
     _add_bag_options(add)
-    add_report_options(add, written=None)
+    add.report(written=None)
 
 
 def library(add: Options) -> None:
@@ -244,7 +253,7 @@ def library(add: Options) -> None:
     add("what FILE|NAME", "files to add, or names of primitives", nargs="*")
     add("--version N", "version to roll back to", int)
     add("--note", "reason, for the history", default="")
-    add_report_options(add, written=None)
+    add.report(written=None)
 
 
 # Evaluation
@@ -272,7 +281,7 @@ def benchmark(add: Options) -> None:
     add("--repeats", "times each is solved", count, 3)
     add("--time-limit S", "for one problem [s] (default: 10, with --scenes 1)", seconds)
     add("--plot FILE.png", "picture of cost over time to draw", Path)
-    add_report_options(add, "the picture")
+    add.report("the picture")
 
 
 def case_study(add: Options) -> None:
@@ -291,7 +300,7 @@ def case_study(add: Options) -> None:
     add("--arm A,B,C", "frames along the arm, to its tip", default="upper_arm,lower_arm,wrist")
     add("--jobs N", "recordings to read at the same time", jobs, 1)
     add("--output DIR", "folder of the results", Path, Path("case_study_output"))
-    add_report_options(add, "earlier results")
+    add.report("earlier results")
 
 
 # Running with ROS
@@ -320,7 +329,7 @@ def view(add: Options) -> None:
     add("--for S", "end after this time [s]", seconds, dest="duration")
     live = add.group("beside a running node")
     live.flag("--live", "show the node and its robot, with a stop button")
-    add_node_options(live)
+    live.node()
     text = "topic of the node's motions, if it is remapped (default: NODE/joint_trajectory)"
     live("--controller-topic TOPIC", text, default="")
 

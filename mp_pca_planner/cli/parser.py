@@ -1,11 +1,13 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""The parser of a command: its arguments, help and messages."""
+"""The parser of a command: types of its arguments, options of several commands, help, messages."""
 
 from __future__ import annotations
 
 import argparse
+import math
 import re
+from argparse import ArgumentTypeError
 from collections.abc import Callable, Sequence
 from inspect import getdoc
 from typing import Any
@@ -13,6 +15,71 @@ from typing import Any
 from .terminal import DEBUG, DEBUG_HELP, OneLineParser
 
 ROS_ARGUMENTS = "--ros-args"
+NODE = "mp_pca_planner"
+"""Name of the planner's node."""
+
+
+def number(low: float, high: float, unit: str = "") -> Callable[[str], float]:
+    """Type of numbers from `low` to `high`."""
+
+    def parse(text: str) -> float:
+        try:
+            value = float(text)
+        except ValueError:
+            value = math.nan
+        if not low <= value <= high:
+            expected = f"a number from {low:g} to {high:g} {unit}".rstrip()
+            raise ArgumentTypeError(f"'{text}' is not {expected}")
+        return value
+
+    return parse
+
+
+def whole(low: int, high: int) -> Callable[[str], int]:
+    """Type of whole numbers from `low` to `high`."""
+
+    def parse(text: str) -> int:
+        # Longer numbers exceed every bound and are slow to convert.
+        if not (text.isdecimal() and len(text) < 20 and low <= int(text) <= high):
+            raise ArgumentTypeError(f"'{text}' is not a whole number from {low} to {high}")
+        return int(text)
+
+    return parse
+
+
+seconds = number(1e-6, 1e6, "s")
+"""Type of times [s]."""
+
+count = whole(1, 1_000_000)
+"""Type of counts."""
+
+jobs = whole(1, 1024)
+"""Type of numbers of processes."""
+
+seed = whole(0, 2**63 - 1)
+"""Type of seeds of random numbers."""
+
+
+def duration(text: str) -> str | float:
+    """Read a duration [s], or one of the words for a duration that the planner chooses."""
+    if text in ("shortest", "free"):
+        return text
+    try:
+        return number(1e-3, 600.0, "s")(text)
+    except ArgumentTypeError as error:
+        raise ArgumentTypeError(f"{error}, 'shortest' or 'free'") from None
+
+
+def name_list(text: str) -> list[str]:
+    """Names separated by commas."""
+    names = [name.strip() for name in text.split(",")]
+    if not all(names):
+        raise ArgumentTypeError(f"'{text}' holds an empty name; give a,b,c")
+    return names
+
+
+class Stop(str):
+    """A value of ``--stop`` among those of ``--via``."""
 
 
 class Options:
@@ -62,6 +129,24 @@ class Options:
     def one_of(self, *, required: bool = False) -> Options:
         """Options that exclude each other."""
         return Options(self._target.add_mutually_exclusive_group(required=required))
+
+    def report(self, written: str | None = "files") -> None:
+        """Add ``--json`` and, for files that are written, ``--force``."""
+        if written is not None:
+            self.flag("--force", f"overwrite {written}")
+        self.flag("--json", "print one JSON object")
+
+    def node(self) -> None:
+        """Add the name and the namespace of the planner's node."""
+        self("--node NAME", "name of the node", default=NODE)
+        self("--namespace NS", "namespace of the node", default="")
+
+    def via(self, form: str, text: str, *, with_stops: bool = False) -> None:
+        """Add ``--via`` and ``--stop``; the values of both stand in order in ``via``."""
+        self(f"--via {form}", f"{text}; may be repeated", str, [], action="append")
+        if with_stops:
+            text = "likewise, with a stop there"
+            self(f"--stop {form}", text, Stop, [], action="append", dest="via")
 
     def preset(self, **values: Any) -> None:
         """Set values that are no options of the command."""

@@ -6,9 +6,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from .option_types import name_list, number, seconds, seed
-from .parser import Options
-from .shared_options import NODE, add_node_options, add_report_options, add_via
+from .parser import NODE, Options, name_list, number, seconds, seed
 
 
 def demo(add: Options) -> None:
@@ -33,20 +31,20 @@ def send_goal(add: Options) -> None:
     goal("--pose 'X Y Z QX QY QZ QW'", "pose of the end effector [m, unit quaternion]")
     add("--frame LINK", "link in whose frame --pose is stated; empty: the base", default="")
     text = "positions of the same joints to pass; @T, also of the goal: T s after the start"
-    add_via(add, "NAME=VALUE,...[@T]", text, with_stops=True)
+    add.via("NAME=VALUE,...[@T]", text, with_stops=True)
     add.flag("--degrees", "positions are in degrees, not in radians")
     add("--primitive NAME", "primitive to use; empty: the node chooses", default="")
     add("--wait S", "first wait up to S s until the node is ready for goals", seconds)
-    add_node_options(add)
+    add.node()
     add("--timeout S", "longest time to wait [s]", seconds, 10.0)
     add.flag("--verbose", "print all values of the report")
-    add_report_options(add, written=None)
+    add.report(written=None)
 
 
 def _add_service_options(add: Options) -> None:
-    add_node_options(add)
+    add.node()
     add("--timeout S", "longest time to wait for the node, and for its answer [s]", seconds, 10.0)
-    add_report_options(add, written=None)
+    add.report(written=None)
 
 
 def stop(add: Options) -> None:
@@ -87,7 +85,7 @@ def simulate(add: Options) -> None:
     add("--seed N", "seed of all random numbers", seed, 0)
     add("--plant", "physics engine", default="pinocchio", choices=("pinocchio", "mujoco"))
     add("--record FILE", "file (.npz) for every command at 1 kHz", Path)
-    add_report_options(add, "the file")
+    add.report("the file")
 
 
 def teach(add: Options) -> None:
@@ -105,6 +103,6 @@ def teach(add: Options) -> None:
     add("--frame LINK", "its end effector (default: the last link)", default="")
     add("--topic", "topic of joint states (default: joint_states, or the only one of --play)")
     add("--play BAG", "recording to play back instead, without ROS", Path)
-    add_node_options(add)
+    add.node()
     add("--timeout S", "longest time to wait for the node and its answers [s]", seconds, 10.0)
     add.flag("--force", "overwrite the primitive")

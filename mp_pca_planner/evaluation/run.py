@@ -20,8 +20,7 @@ from ..robot.world import World
 from .check import RigidArm, judge
 from .method import BSPLINE, Method, PeerResult, planner_method, planner_methods
 from .optimal_control import crocoddyl_method
-from .problems import Problem, Scene
-from .scene_problems import SceneProblem
+from .problems import Problem, Scene, SceneProblem
 from .scene_referee import SceneReferee
 from .spline_peers import drake_method, slsqp_method
 from .without_optimisation import (

@@ -18,13 +18,11 @@ from ..arrays import FloatArray
 from ..exceptions import PlannerError
 from ..robot.limits import JointLimits
 from ..robot.world import World
-from .drawing import DrawnPaths, DrawnRobot
-from .drawn_world import DrawnWorld
 from .live import LiveLink, LiveView
-from .live_words import figures_html, node_html, reports_html, states_html
-from .stage import Stage
-from .words import lines_html
+from .stage import DrawnPaths, DrawnRobot, Stage
+from .words import figures_html, lines_html, node_html, reports_html, states_html
 from .world_edit import WorldEditor
+from .world_panel import DrawnWorld
 
 NAME = "Live"
 

@@ -7,20 +7,18 @@ from __future__ import annotations
 import numpy as np
 
 from ..robot.model import Robot
-from .components_panel import NAME as COMPONENTS
-from .components_panel import ComponentsPanel
+from .components import NAME as COMPONENTS
+from .components import ComponentsPanel
 from .content import PageContent, first_ends
-from .demonstrations import recorded, reproduced
-from .demonstrations_panel import NAME as DEMONSTRATIONS
-from .demonstrations_panel import DemonstrationsPanel
+from .demonstrations import NAME as DEMONSTRATIONS
+from .demonstrations import DemonstrationsPanel, recorded, reproduced
 from .live import LiveLink
 from .live_panel import NAME as LIVE
 from .live_panel import LivePanel
-from .motion import ShownMotion
 from .plan_panel import NAME as PLAN
 from .plan_panel import PlanPanel
 from .planning import InteractivePlanner, ViewRequest
-from .player import Player
+from .player import Player, ShownMotion
 from .robot_shapes import RobotShapes
 from .server import PageServer
 from .stage import Stage

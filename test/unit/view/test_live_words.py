@@ -7,8 +7,15 @@ from arm import JOINTS, arm_robot
 
 from mp_pca_planner.robot.limits import JointLimits
 from mp_pca_planner.view.live import SILENCE, STALE, LiveView, NodeStatus
-from mp_pca_planner.view.live_words import figures_html, node_html, reports_html, states_html
-from mp_pca_planner.view.words import BAD, GOOD, WARNING
+from mp_pca_planner.view.words import (
+    BAD,
+    GOOD,
+    WARNING,
+    figures_html,
+    node_html,
+    reports_html,
+    states_html,
+)
 
 NOW = 1000.0
 HOSTILE = "<b>\x1b[31m\u202e"
