@@ -23,7 +23,9 @@ setup(
     license="Apache-2.0",
     python_requires=">=3.11",
     packages=find_packages(include=[PACKAGE, f"{PACKAGE}.*"]),
-    package_data={PACKAGE: ["py.typed", "cli/*.toml", "plotting/templates/*.html"]},
+    package_data={
+        PACKAGE: ["py.typed", "cli/*.toml", "plotting/*.mplstyle", "plotting/templates/*.html"]
+    },
     zip_safe=False,
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),

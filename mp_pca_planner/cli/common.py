@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from tqdm import tqdm
 
+from ..arrays import short
 from ..exceptions import PlannerError, unknown_name
 from ..files import check_writable, write_whole
 from ..motion.trajectory import check_format
@@ -161,14 +162,6 @@ def known(values: Mapping[str, str], names: Sequence[str] | None = None) -> dict
     """
     chosen = values if names is None else {n: values[n] for n in names if n in values}
     return {name: value for name, value in chosen.items() if value != "nan"}
-
-
-def short(value: str) -> str:
-    """A value, with four digits if it is a number that is not whole."""
-    try:
-        return value if value.lstrip("-").isdigit() else f"{float(value):.4g}"
-    except ValueError:
-        return value
 
 
 def report_lines(values: Mapping[str, str], *, is_verbose: bool) -> list[str]:

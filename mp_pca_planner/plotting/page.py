@@ -8,15 +8,17 @@ import base64
 import io
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from .. import __version__
-from ..exceptions import MissingDependencyError, PlannerError
+from ..exceptions import MissingDependencyError, PlannerError, printable
 from ..files import write_whole
 from .style import require_matplotlib, styled_figure
 
 if TYPE_CHECKING:
+    from jinja2 import Environment
     from matplotlib.figure import Figure
 
 
@@ -82,16 +84,23 @@ def render(template: str, **content: Any) -> str:
         If matplotlib or jinja2 is not installed.
     """
     require_pages()
+    return environment().get_template(template).render(version=__version__, **content)
+
+
+@cache
+def environment() -> Environment:
+    """The templates; text in them is escaped."""
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
-    environment = Environment(
+    made = Environment(
         loader=PackageLoader("mp_pca_planner", "plotting/templates"),
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    return environment.get_template(template).render(version=__version__, **content)
+    made.filters["printable"] = printable
+    return made
 
 
 def image_address(content: io.BytesIO) -> str:

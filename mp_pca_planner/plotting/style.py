@@ -11,6 +11,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from itertools import product
 from math import ceil
+from pathlib import Path
 from textwrap import fill
 from typing import TYPE_CHECKING, Any
 
@@ -32,26 +33,6 @@ BLACK, GREY = "#000000", "#8C8C8C"
 
 MAX_COLUMNS = 4
 """Most panels beside each other."""
-
-# Sizes that are readable when the figure is shown at half its size.
-_SETTINGS: Any = {
-    "axes.axisbelow": True,
-    "axes.grid": True,
-    "axes.labelsize": 12,
-    "axes.titlesize": 12,
-    "axes.titleweight": "bold",
-    "figure.dpi": 120,
-    "figure.facecolor": "white",
-    "font.size": 12,
-    "grid.color": "#DDDDDD",
-    "legend.frameon": False,
-    "legend.handlelength": 3.0,
-    "legend.title_fontsize": 15,
-    "savefig.dpi": 120,
-    "text.parse_math": False,  # names may hold a $
-    "xtick.labelsize": 11,
-    "ytick.labelsize": 11,
-}
 
 
 def line(label: str, colour: str, style: Any = "-", width: float = 2.2, **marker: Any) -> Line:
@@ -94,9 +75,9 @@ def styled_figure(*, interactive: bool = False) -> Iterator[Figure]:
         If matplotlib is not installed.
     """
     require_matplotlib()
-    from matplotlib import rc_context
+    from matplotlib import style
 
-    with rc_context(_SETTINGS):
+    with style.context(Path(__file__).with_name("style.mplstyle")):
         if interactive:
             from matplotlib import pyplot
 

@@ -16,7 +16,7 @@ from ..primitives.boundary import boundary_values, hermite_functions
 from ..primitives.primitive import MovementPrimitive
 from .player import Player, ShownMotion
 from .stage import DrawnPaths, Stage
-from .words import bar_html, padded_html
+from .words import part
 
 N_PHASES = 101
 """Number of configurations of a bent motion."""
@@ -123,7 +123,7 @@ class ComponentsPanel:
                     f"{names[k]}: {100.0 * shares[k]:.1f} %", -_RANGE, _RANGE, 0.1, 0.0
                 )
                 self._stage.on_change(gui_slider, self._update)
-                bar = gui.add_html(padded_html(bar_html(float(shares[k]))))
+                bar = gui.add_html(part("padded_bar", shares[k]))
                 self._sliders += [gui_slider, bar]
             left = len(names) - len(self._shown)
             if left:

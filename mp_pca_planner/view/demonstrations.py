@@ -15,7 +15,7 @@ from ..primitives.primitive import MovementPrimitive
 from ..recordings.demonstration import RecordingSet
 from .player import Player, ShownMotion
 from .stage import DrawnPaths, Stage, from_hex
-from .words import lines_html
+from .words import part
 
 _UNLABELLED = "without a label"
 
@@ -108,7 +108,7 @@ class DemonstrationsPanel:
     ) -> None:
         self._stage, self._player = stage, player
         gui = stage.server.gui
-        gui.add_html(lines_html(remarks))
+        gui.add_html(part("lines", remarks))
         self._is_drawn: Any = gui.add_checkbox("Draw the paths", False)
         self._motions: dict[str, ShownMotion] = {}
         self._boxes: list[list[tuple[Any, ShownMotion]]] = []

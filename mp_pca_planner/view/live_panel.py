@@ -20,7 +20,7 @@ from ..robot.limits import JointLimits
 from ..robot.world import World
 from .live import LiveLink, LiveView
 from .stage import DrawnPaths, DrawnRobot, Stage
-from .words import figures_html, lines_html, node_html, reports_html, states_html
+from .words import figures_html, node_html, part, reports_html, states_html
 from .world_edit import WorldEditor
 from .world_panel import DrawnWorld
 
@@ -137,7 +137,7 @@ class LivePanel:
             answer = self._link.stop()
             with self._stage.lock:
                 self._disarm()
-                self._answer.content = lines_html([answer])
+                self._answer.content = part("lines", [answer])
             while not self._goals.empty():
                 self._goals.get()
             self._stopping.clear()
@@ -152,7 +152,7 @@ class LivePanel:
                 self.view = self._link.view()
             except PlannerError as error:
                 with self._stage.lock:
-                    self._answer.content = lines_html([str(error)])
+                    self._answer.content = part("lines", [str(error)])
             except Exception:  # the stop button must outlive every error
                 traceback.print_exc()
             # A page that is busy must not delay a stop.

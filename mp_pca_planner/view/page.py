@@ -22,7 +22,7 @@ from .player import Player, ShownMotion
 from .robot_shapes import RobotShapes
 from .server import PageServer
 from .stage import Stage
-from .words import lines_html
+from .words import part
 from .world_panel import NAME as WORLD
 from .world_panel import WorldPanel
 
@@ -92,7 +92,7 @@ class ViewPage:
         start, goal = content.ends or first_ends(content.primitives[0], content.limits)
         self.stage.arrange(np.array([start, goal]))
         if self.stage.shapes.notes:
-            gui.add_html(lines_html(self.stage.shapes.notes[:3]))
+            gui.add_html(part("lines", self.stage.shapes.notes[:3]))
         if self.live is not None:
             self.live.add_stop()
         first = ShownMotion(PLAN, np.array([0.0]), start[None])

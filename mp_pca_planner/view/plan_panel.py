@@ -19,7 +19,7 @@ from .plan_widgets import ViaHandles, add_export, add_settings
 from .planning import InteractivePlanner, PlanAnswer, ViewRequest
 from .player import Player, ShownMotion
 from .stage import DrawnPaths, DrawnRobot, Stage
-from .words import answer_html, bars_html, limit_shares
+from .words import answer_html, limit_shares, part
 
 _GOAL, _REFUSED = (0, 158, 115), (217, 53, 43)
 _PATH, _SPLINES = (0, 114, 178), (204, 121, 167)
@@ -119,7 +119,7 @@ class PlanPanel:
         )
         self.handle.on_update(self._on_handle)
         self._add_goal()
-        self._vias = ViaHandles(stage, self._new_via, self._on_vias)
+        self._vias = ViaHandles(stage, self._new_via, lambda vias: self.submit(vias=vias))
         add_settings(stage, lambda settings: self.submit(settings=settings))
         gui = stage.server.gui
         with gui.add_folder("Limits used"):
@@ -215,9 +215,6 @@ class PlanPanel:
         motion = self._request.start[None] if plan is None else plan.trajectory.positions
         return np.asarray(self._stage.path(motion[len(motion) // 2][None])[0])
 
-    def _on_vias(self, vias: tuple[Pose, ...]) -> None:
-        self.submit(vias=vias)
-
     def _place_handle(self, q: FloatArray | None = None) -> None:
         """Put the handle onto the end effector in a configuration, by default at the goal."""
         goal = self._request.goal if q is None else q
@@ -256,6 +253,6 @@ class PlanPanel:
             self._live.send(self.goal)
         if plan is not None:
             shares = limit_shares(plan.trajectory, self._stage.limits)
-            self._bars.content = bars_html(plan.trajectory.joint_names, shares)
+            self._bars.content = part("bars", plan.trajectory.joint_names, shares)
             if not answer.problem:
                 self._player.offer(NAME, ShownMotion.of(NAME, plan.trajectory))

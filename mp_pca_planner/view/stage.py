@@ -14,7 +14,7 @@ import viser
 from ..arrays import FloatArray
 from ..robot.limits import JointLimits
 from ..robot.model import Robot
-from .robot_shapes import Colour, RobotShape, RobotShapes
+from .robot_shapes import RobotShape, RobotShapes
 
 Rgb = tuple[int, int, int]
 
@@ -62,20 +62,11 @@ class DrawnRobot:
         for i, shape in enumerate(shapes.shapes):
             node = f"{name}/{shape.joint}/{i}"
             if ghost is None:
-                _add_mesh(scene, node, shape)
+                _add_shape(scene, node, shape)
             elif shape.joint > 0:
-                hull = shape.hull
-                self._meshes.append(
-                    scene.add_mesh_simple(
-                        node,
-                        hull.vertices,
-                        hull.faces,
-                        color=ghost,
-                        opacity=opacity,
-                        cast_shadow=False,
-                        receive_shadow=False,
-                    )
-                )
+                mesh = add_mesh(scene, node, shape.hull, ghost, opacity=opacity)
+                mesh.cast_shadow = mesh.receive_shadow = False
+                self._meshes.append(mesh)
 
     def show(self, q: FloatArray) -> None:
         """Put the robot into a configuration, shape (n_joints,)."""
@@ -99,30 +90,24 @@ class DrawnRobot:
         self._root.visible = is_visible
 
 
-def _add_mesh(scene: viser.SceneApi, name: str, shape: RobotShape) -> None:
+def add_mesh(scene: viser.SceneApi, name: str, mesh: Any, colour: Rgb, **more: Any) -> Any:
+    """Add a mesh of one colour to the scene."""
+    return scene.add_mesh_simple(name, mesh.vertices, mesh.faces, color=colour, **more)
+
+
+def _add_shape(scene: viser.SceneApi, name: str, shape: RobotShape) -> None:
     mesh = shape.mesh if len(shape.mesh.faces) <= MAX_FACES else shape.hull
     if shape.colour is None and mesh is shape.mesh:
         scene.add_mesh_trimesh(name, mesh)
         return
-    colour = shape.colour or (0.8, 0.8, 0.8, 1.0)
-    scene.add_mesh_simple(
-        name, mesh.vertices, mesh.faces, color=rgb(colour), opacity=_opacity(colour)
-    )
-
-
-def rgb(colour: Colour) -> Rgb:
-    """A colour in whole numbers from 0 to 255, without its opacity."""
-    red, green, blue, _ = (round(255 * value) for value in colour)
-    return red, green, blue
-
-
-def _opacity(colour: Colour) -> float | None:
-    return None if colour[3] >= 1.0 else colour[3]
+    red, green, blue, opacity = shape.colour or (0.8, 0.8, 0.8, 1.0)
+    colour = round(255 * red), round(255 * green), round(255 * blue)
+    add_mesh(scene, name, mesh, colour, opacity=None if opacity >= 1.0 else opacity)
 
 
 def from_hex(colour: str) -> Rgb:
     """A colour written as ``#RRGGBB``."""
-    red, green, blue = (int(colour[k : k + 2], 16) for k in (1, 3, 5))
+    red, green, blue = bytes.fromhex(colour.removeprefix("#"))
     return red, green, blue
 
 

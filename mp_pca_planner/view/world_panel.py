@@ -9,12 +9,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import trimesh
 import viser
 
 from ..arrays import FloatArray
-from ..robot.world import Box, Capsule, Cylinder, Mesh, Obstacle, Shape, Sphere, World
-from .stage import Stage
+from ..robot.world import Box, Obstacle, Shape, World
+from .robot_shapes import surface
+from .stage import Stage, add_mesh
 from .world_edit import KINDS, WorldEditor
 
 _PLAIN, _CHOSEN = (150, 128, 104), (230, 159, 0)
@@ -97,22 +97,10 @@ class DrawnWorld:
         return node
 
     def _add_shape(self, node: str, shape: Shape) -> Any:
-        scene = self._stage.server.scene
         place: Any = {"position": shape.position, "wxyz": np.roll(shape.orientation, 1)}
-        if isinstance(shape, Box):
-            return scene.add_box(node, _PLAIN, tuple(shape.size), **place)
-        if isinstance(shape, Sphere):
-            return scene.add_icosphere(node, shape.radius, _PLAIN, **place)
-        if isinstance(shape, Capsule):
-            mesh = trimesh.creation.capsule(shape.height, shape.radius)
-            return scene.add_mesh_simple(node, mesh.vertices, mesh.faces, color=_PLAIN, **place)
-        if isinstance(shape, Cylinder):
-            return scene.add_cylinder(node, shape.radius, shape.height, _PLAIN, **place)
-        if isinstance(shape, Mesh):
-            return scene.add_mesh_simple(
-                node, shape.vertices, shape.triangles, color=_PLAIN, side="double", **place
-            )
-        raise TypeError(f"no drawing of a {type(shape).__name__}")
+        scene, is_flat = self._stage.server.scene, isinstance(shape, Box)
+        look: Any = {"side": "double", "flat_shading": is_flat, **place}
+        return add_mesh(scene, node, surface(shape), _PLAIN, **look)
 
 
 NAME = "World"
