@@ -19,11 +19,9 @@ from sensor_msgs.msg import JointState as JointStateMessage
 from ..arrays import FloatArray
 from ..exceptions import PlannerError
 from ..files import write_whole
-from ..motion.goal import JointGoal, JointState
+from ..motion.goal import JointState
 from ..motion.trajectory import Trajectory
 from ..motion.validation import check_executable, check_limits
-from ..planning.plan import Plan, PlannerOptions
-from ..planning.planner import Planner
 from ..plotting.animation import at_frames, write_animation
 from ..plotting.arm import arm_figure
 from ..plotting.motion import motion_figure
@@ -254,23 +252,11 @@ def _draw(
     planned = [goal.trajectory for goal in served if goal.trajectory is not None]
     if not planned:
         return pictures[:1]
-    plans = {
-        name: _plan_again(robot, primitive, basis, planned[0])
-        for name, basis in (("principal components", "pca"), ("B-splines", "bspline"))
-    }
-    labelled = {
-        f"{name}, {plan.solution.effort_cost:.1f} N²m²s"
-        + ("" if plan.is_executable else " (breaks limits)"): plan.trajectory
-        for name, plan in plans.items()
-    }
     with picture(pictures[1], force=True) as figure:
-        title = "Planned motion, and the same goal with B-splines"
-        motion_figure(figure, labelled, title, robot.limits(), ())
-    chains = {
-        name: robot.frame_positions(plan.trajectory.positions, _ARM) for name, plan in plans.items()
-    }
+        motion_figure(figure, {"planned": planned[0]}, "Motion to the first goal", robot.limits())
+    chain = robot.frame_positions(planned[0].positions, _ARM)
     with picture(pictures[2], force=True) as figure:
-        arm_figure(figure, chains, "The arm on its path to the goal", _ARM[-1])
+        arm_figure(figure, {"planned": chain}, "The arm on its path to the goal", _ARM[-1])
     # Motions away from the start: every other one.
     demonstrated = [at_frames(motion.times, motion.positions) for motion in motions[:16:4]]
     executed = _measured_motions(folder / _RECORD)[: _OPTIONS.n_animated]
@@ -287,10 +273,3 @@ def _measured_motions(file: Path) -> list[FloatArray]:
         at_frames(times[first : last + 1], measured[first : last + 1])
         for first, last in runs(is_moving)
     ]
-
-
-def _plan_again(robot: Robot, primitive: MovementPrimitive, basis: str, motion: Trajectory) -> Plan:
-    """Plan a motion with the start, the end and the duration of a given one."""
-    start, end = (JointState(JOINT_NAMES, q) for q in motion.positions[[0, -1]])
-    planner = Planner(robot, [primitive], robot.limits(), PlannerOptions(basis=basis))
-    return planner.plan(JointGoal(end, motion.duration), start)
