@@ -109,12 +109,34 @@ def _in_free_space(arguments: argparse.Namespace) -> tuple[dict[str, Any], list[
         )
     if arguments.plot is not None:
         _draw(arguments, scene, methods, results)
+    facts = _compared(arguments, scene, methods, absent, results)
+    return facts, [
+        "Medians over the problems that a method calls solved; the worst violation, relative, on "
+        "a 0.5 ms grid;",
+        "feasible: limits to 1e-6, ends to 1e-3 rad and 1e-2 rad/s; active: a limit is reached on "
+        "the way;",
+        "from demo: RMS difference from the held-out demonstration; ratios: medians of "
+        f"{facts['ratios_of']} over the method.",
+        *(
+            f"{name}: of the problems that B-splines solve, {len(indices)} are not solved"
+            for name, indices in facts["solved_by_bspline_only"].items()
+        ),
+    ]
+
+
+def _compared(
+    arguments: argparse.Namespace,
+    scene: Scene,
+    methods: Sequence[Method],
+    absent: Mapping[str, str],
+    results: Results,
+) -> dict[str, Any]:
+    """All results, and the ratios of the planner's methods to the others."""
     names = [method.name for method in methods]
     own = [name for name in names if name.startswith("pca_")]
     compared = {one: {name: ratios(results, one, name) for name in names} for one in own}
     # Other methods have no naturalness term, so all methods minimise the effort alone.
     chosen = next(name for name in own if name.endswith("_effort_only"))
-    missed = {name: unsolved(results, name) for name in own}
     facts = _facts(scene, methods, absent, results) | {
         "summary": summarise(results, names),
         "ratios": compared,
@@ -125,24 +147,13 @@ def _in_free_space(arguments: argparse.Namespace) -> tuple[dict[str, Any], list[
             if name not in own
             for kind in ("time_ratio", "cost_ratio")
         },
-        "solved_by_bspline_only": missed,
+        "solved_by_bspline_only": {name: unsolved(results, name) for name in own},
         "random_ends": arguments.random_ends,
     }
     drawn = "anywhere within the limits" if arguments.random_ends else "like the demonstrations"
     title = f"{_title(facts)}, {drawn}"
     facts["tables"] = {title: _table(facts["summary"], compared[chosen])}
-    return facts, [
-        "Medians over the problems that a method calls solved; the worst violation, relative, on "
-        "a 0.5 ms grid;",
-        "feasible: limits to 1e-6, ends to 1e-3 rad and 1e-2 rad/s; active: a limit is reached on "
-        "the way;",
-        "from demo: RMS difference from the held-out demonstration; ratios: medians of "
-        f"{chosen} over the method.",
-        *(
-            f"{name}: of the problems that B-splines solve, {len(indices)} are not solved"
-            for name, indices in missed.items()
-        ),
-    ]
+    return facts
 
 
 def _in_scenes(arguments: argparse.Namespace) -> tuple[dict[str, Any], list[str]]:

@@ -33,7 +33,7 @@ from .arm import goals_figure
 from .page import figure_address, render
 from .primitive import PHASES, primitive_figure
 from .recording import recording_figure
-from .style import GREY, Line, add_header, joint_panels, line, palette_line
+from .style import GREY, LINES, Line, add_header, joint_panels, palette_line
 from .text import is_arm_of_paper, variance_table
 from .units import primitive_unit, prismatic_joints, unit_of
 from .verdict import PrimitiveVerdict, goals_in_span, verdict_on
@@ -61,8 +61,10 @@ class ReportOptions:
     max_built_from : int
         Total number of demonstrations in all primitives for these predictions. With many
         demonstrations, fewer are left out, but at least five.
-    max_rows : int
-        Rows of a table.
+    max_rows, max_motions : int
+        Rows of a table, and motions of a library in a list.
+    max_kinds, max_paths, max_joints : int
+        Kinds of motions with a figure, and motions and joints in it.
     """
 
     max_recordings_drawn: int = 100
@@ -70,6 +72,13 @@ class ReportOptions:
     max_left_out: int = 60
     max_built_from: int = 6000
     max_rows: int = 500
+    max_motions: int = 200
+    max_kinds: int = 40
+    max_paths: int = 60
+    max_joints: int = 8
+
+
+REPORT = ReportOptions()
 
 
 def report_page(
@@ -96,7 +105,7 @@ def report_page(
     MissingDependencyError
         If matplotlib or jinja2 is not installed.
     """
-    limits = ReportOptions()
+    limits = REPORT
     motions = recordings.demonstrations
     drawn = _evenly(len(motions), limits.max_demonstrations_drawn)
     prismatic = prismatic_joints(primitive)
@@ -193,17 +202,7 @@ def _evenly(n: int, most: int) -> list[int]:
     return [int(i) for i in np.unique(np.linspace(0, n - 1, min(n, most)).round())]
 
 
-MAX_KINDS = 40
-"""Largest number of kinds with a figure."""
-MAX_PATHS = 60
-"""Largest number of motions in the figure of a kind."""
-MAX_JOINTS = 8
-"""Largest number of joints in the figure of a kind."""
-MAX_ROWS = 200
-"""Largest number of motions in a list."""
-
 _MARKERS = "osD^v<>P*X"
-_PATH = line("motions", GREY, "-", 0.8)
 
 
 def library_page(places: Mapping[Path, LibraryContent], refused: Sequence[Refusal]) -> str:
@@ -226,7 +225,7 @@ def library_page(places: Mapping[Path, LibraryContent], refused: Sequence[Refusa
         title="Kinds of motions",
         libraries=[_library(folder, content) for folder, content in places.items()],
         refused=refused,
-        max_rows=MAX_ROWS,
+        max_rows=REPORT.max_motions,
     )
 
 
@@ -245,7 +244,7 @@ def _library(folder: Path, content: LibraryContent) -> dict[str, Any]:
                 "labels": _labels(primitive),
                 "alone": unit.number(alone),
                 "together": unit.number(together),
-                "figure": _kind_figure(primitive) if i < MAX_KINDS else None,
+                "figure": _kind_figure(primitive) if i < REPORT.max_kinds else None,
             }
             for i, (primitive, alone, together) in enumerate(kinds)
         ],
@@ -284,15 +283,15 @@ def _kind_figure(primitive: MovementPrimitive) -> str:
 def paths_figure(figure: Figure, primitive: MovementPrimitive) -> None:
     """Draw the motions of a kind over the aligned phase, in the joints that move most."""
     n = len(primitive.durations)
-    shown = np.unique(np.linspace(0, n - 1, min(n, MAX_PATHS)).round().astype(int))
+    shown = np.unique(np.linspace(0, n - 1, min(n, REPORT.max_paths)).round().astype(int))
     paths = np.array([_aligned(primitive, i) for i in shown])
     moved = np.argsort(-np.ptp(paths, axis=1).mean(axis=0), kind="stable")
-    joints = np.sort(moved[:MAX_JOINTS])
+    joints = np.sort(moved[: REPORT.max_joints])
     names = [primitive.joint_names[j] for j in joints]
-    panels = joint_panels(figure, names, 1, primitive.name, [_PATH])
+    panels = joint_panels(figure, names, 1, primitive.name, [LINES["demonstration"]])
     for joint, (axes,) in zip(joints, panels, strict=True):
         unit = unit_of([primitive.joint_names[joint]], prismatic_joints(primitive))
-        axes.plot(PHASES, unit.factor * paths[:, :, joint].T, **_PATH)
+        axes.plot(PHASES, unit.factor * paths[:, :, joint].T, **LINES["demonstration"])
         axes.set(xlabel="phase", ylabel=f"position [{unit.name}]", xlim=(0.0, 1.0))
 
 

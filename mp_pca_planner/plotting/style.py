@@ -46,6 +46,19 @@ def palette_line(label: str, index: int, width: float = 2.2) -> Line:
     return line(label, COLOURS[index % n], STYLES[(index + index // n) % len(STYLES)], width)
 
 
+LINES = {
+    "limit": line("limit (where near)", BLACK, (0, (2, 2)), 1.5),
+    "behind": line("nearest demonstrations, re-timed", GREY, "-", 0.8, zorder=1.5, alpha=0.6),
+    "via": line("via", BLACK, "", marker="D", markersize=8, markerfacecolor="white", zorder=3),
+    "warning": line("", COLOURS[1], "", marker="^", markersize=11),
+    "demonstration": line("demonstrations", GREY, "-", 0.8),
+    "mean": line("mean", BLACK, "-", 2.5),
+    "motion": line("motion", "#CFE6F5", width=8.0),
+    "rest": line("rest", "#E6E6E6", width=8.0),
+}
+"""Lines of several figures, by what they show."""
+
+
 def require_matplotlib() -> None:
     """Check that figures can be drawn.
 

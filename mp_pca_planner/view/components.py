@@ -14,12 +14,10 @@ from numpy.typing import ArrayLike
 from ..arrays import FloatArray
 from ..primitives.boundary import boundary_values, hermite_functions
 from ..primitives.primitive import MovementPrimitive
+from .options import PAGE
 from .player import Player, ShownMotion
 from .stage import DrawnPaths, Stage
 from .words import part
-
-N_PHASES = 101
-"""Number of configurations of a bent motion."""
 
 
 def bent_motion(primitive: MovementPrimitive, deviations: ArrayLike) -> ShownMotion:
@@ -32,7 +30,7 @@ def bent_motion(primitive: MovementPrimitive, deviations: ArrayLike) -> ShownMot
     deviations : array, shape (n_components,)
         Weight of each component in standard deviations of the demonstrations.
     """
-    phases = np.linspace(0.0, 1.0, N_PHASES)
+    phases = np.linspace(0.0, 1.0, PAGE.n_phases)
     rest = np.zeros(primitive.n_joints)
     duration = float(np.median(primitive.durations))
     start, goal = (primitive.boundary_states[:, k].mean(axis=0) for k in (0, 3))
@@ -62,9 +60,6 @@ def variance_shares(primitive: MovementPrimitive) -> FloatArray:
 
 NAME = "Components"
 
-_MAX_SLIDERS = 12
-_RANGE = 3.0  # of the sliders [standard deviations]
-_MEAN, _BENT = (140, 140, 140), (204, 121, 167)
 _TEXT = (
     "The **mean motion** of the demonstrations, and how they vary about it. Each slider bends the "
     "motion along one principal component, in standard deviations. Plans are such bends, too."
@@ -96,8 +91,8 @@ class ComponentsPanel:
         reset = gui.add_button("Back to the mean motion", icon=viser.Icon.ROTATE)
         self._folder = gui.add_folder(None)
         self._sliders: list[Any] = []
-        self._mean = DrawnPaths(stage.server.scene, "/components/mean", _MEAN)
-        self._bent = DrawnPaths(stage.server.scene, "/components/bent", _BENT, 4.0)
+        self._mean = DrawnPaths(stage.server.scene, "/components/mean", PAGE.mean)
+        self._bent = DrawnPaths(stage.server.scene, "/components/bent", PAGE.bent, 4.0)
         stage.on_change(self._choice, self._on_choice)
         stage.on_click(reset, self._on_reset)
         self._is_shown = False
@@ -115,12 +110,16 @@ class ComponentsPanel:
         self._sliders = []
         gui, primitive = self._stage.server.gui, self.primitive
         shares, names = variance_shares(primitive), component_names(primitive)
-        shown = np.sort(np.argsort(-shares, kind="stable")[:_MAX_SLIDERS])
+        shown = np.sort(np.argsort(-shares, kind="stable")[: PAGE.max_sliders])
         self._shown = [int(k) for k in shown]
         with self._folder:
             for k in self._shown:
                 gui_slider = gui.add_slider(
-                    f"{names[k]}: {100.0 * shares[k]:.1f} %", -_RANGE, _RANGE, 0.1, 0.0
+                    f"{names[k]}: {100.0 * shares[k]:.1f} %",
+                    -PAGE.slider_range,
+                    PAGE.slider_range,
+                    0.1,
+                    0.0,
                 )
                 self._stage.on_change(gui_slider, self._update)
                 bar = gui.add_html(part("padded_bar", shares[k]))

@@ -13,14 +13,12 @@ import numpy as np
 from ..plotting.style import COLOURS
 from ..primitives.primitive import MovementPrimitive
 from ..recordings.demonstration import RecordingSet
+from .options import PAGE
 from .player import Player, ShownMotion
 from .stage import DrawnPaths, Stage, from_hex
 from .words import part
 
 _UNLABELLED = "without a label"
-
-N_SAMPLES = 60
-"""Number of configurations of a shown demonstration."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +43,7 @@ def reproduced(primitives: Iterable[MovementPrimitive]) -> list[DemonstrationGro
     for primitive in primitives:
         sources = _provenance(primitive)
         for i, (duration, source) in enumerate(zip(primitive.durations, sources, strict=True)):
-            times = np.linspace(0.0, float(duration), N_SAMPLES)
+            times = np.linspace(0.0, float(duration), PAGE.n_samples)
             name = _name(i, str(source.get("recording", "")), source.get("start_time_s"))
             motion = ShownMotion(name, times, primitive.reproduction(i, times))
             found.setdefault(str(source.get("label") or primitive.name), []).append(motion)
@@ -57,8 +55,8 @@ def recorded(recordings: RecordingSet) -> list[DemonstrationGroup]:
     found: dict[str, list[ShownMotion]] = {}
     for i, one in enumerate(recordings.demonstrations):
         name = _name(i, one.recording, one.start_time)
-        times = np.linspace(0.0, one.duration, N_SAMPLES)
-        motion = ShownMotion(name, times, one.time_normalised(N_SAMPLES))
+        times = np.linspace(0.0, one.duration, PAGE.n_samples)
+        motion = ShownMotion(name, times, one.time_normalised(PAGE.n_samples))
         found.setdefault(one.label or _UNLABELLED, []).append(motion)
     return [DemonstrationGroup(label, tuple(motions)) for label, motions in found.items()]
 
@@ -80,7 +78,6 @@ def _name(index: int, recording: str, start: Any) -> str:
 
 NAME = "Demonstrations"
 
-_MAX_LISTED = 60
 _ALL, _NONE = "All", "None"
 
 
@@ -131,7 +128,7 @@ class DemonstrationsPanel:
     def _add_lists(self, groups: Sequence[DemonstrationGroup], names: Any) -> None:
         """A folder of checkboxes for each label."""
         gui = self._stage.server.gui
-        listed = max(1, _MAX_LISTED // len(groups))
+        listed = max(1, PAGE.max_listed // len(groups))
         for i, group in enumerate(groups):
             colour = COLOURS[i % len(COLOURS)]
             path = DrawnPaths(

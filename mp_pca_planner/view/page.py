@@ -15,6 +15,7 @@ from .demonstrations import DemonstrationsPanel, recorded, reproduced
 from .live import LiveLink
 from .live_panel import NAME as LIVE
 from .live_panel import LivePanel
+from .options import PAGE
 from .plan_panel import NAME as PLAN
 from .plan_panel import PlanPanel
 from .planning import InteractivePlanner, ViewRequest
@@ -25,8 +26,6 @@ from .stage import Stage
 from .words import part
 from .world_panel import NAME as WORLD
 from .world_panel import WorldPanel
-
-_BRAND = (0, 82, 130)
 
 
 class ViewPage:
@@ -134,7 +133,7 @@ class ViewPage:
             control_width="large",
             show_logo=False,
             show_share_button=False,
-            brand_color=_BRAND,
+            brand_color=PAGE.brand,
         )
 
     @property

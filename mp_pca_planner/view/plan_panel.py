@@ -15,14 +15,12 @@ from ..arrays import FloatArray
 from ..execution.preemptive_worker import PreemptiveWorker
 from ..motion.goal import Pose
 from .live_panel import LivePanel
+from .options import PAGE
 from .plan_widgets import ViaHandles, add_export, add_settings
 from .planning import InteractivePlanner, PlanAnswer, ViewRequest
 from .player import Player, ShownMotion
 from .stage import DrawnPaths, DrawnRobot, Stage
 from .words import answer_html, limit_shares, part
-
-_GOAL, _REFUSED = (0, 158, 115), (217, 53, 43)
-_PATH, _SPLINES = (0, 114, 178), (204, 121, 167)
 
 
 class PlanDrawing:
@@ -39,9 +37,9 @@ class PlanDrawing:
     def __init__(self, stage: Stage, goal: FloatArray) -> None:
         self._stage = stage
         scene = stage.server.scene
-        self._ghost = DrawnRobot(scene, "/goal", stage.shapes, _GOAL)
-        self._path = DrawnPaths(scene, "/plan/path", _PATH, 5.0)
-        self._splines = DrawnPaths(scene, "/plan/splines", _SPLINES, 3.0)
+        self._ghost = DrawnRobot(scene, "/goal", stage.shapes, PAGE.goal)
+        self._path = DrawnPaths(scene, "/plan/path", PAGE.path, 5.0)
+        self._splines = DrawnPaths(scene, "/plan/splines", PAGE.splines, 3.0)
         self._answer: PlanAnswer | None = None
         self._ghost.show(goal)
 
@@ -53,7 +51,7 @@ class PlanDrawing:
         """Draw an answer."""
         self._answer = answer
         self._ghost.show(answer.goal)
-        self._ghost.paint(_REFUSED if answer.problem else _GOAL)
+        self._ghost.paint(PAGE.refused if answer.problem else PAGE.goal)
         self._draw_paths()
 
     def set_visible(self, is_visible: bool) -> None:
@@ -65,8 +63,8 @@ class PlanDrawing:
         answer = self._answer if self._ghost.visible else None
         plan = None if answer is None else answer.plan
         other = None if answer is None else answer.comparison
-        colour = _REFUSED if answer is not None and answer.problem else _PATH
-        for path, one, tint in ((self._path, plan, colour), (self._splines, other, _SPLINES)):
+        colour = PAGE.refused if answer is not None and answer.problem else PAGE.path
+        for path, one, tint in ((self._path, plan, colour), (self._splines, other, PAGE.splines)):
             drawn = [] if one is None else [self._stage.path(one.trajectory.positions)]
             path.show(*drawn, colour=tint)
 

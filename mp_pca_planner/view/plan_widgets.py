@@ -14,10 +14,10 @@ import viser
 from ..arrays import FloatArray
 from ..motion.goal import Pose
 from ..planning.plan import DEMONSTRATED, TIMINGS, Plan
+from .options import PAGE
 from .planning import FIXED, PlanSettings
 from .stage import Stage
 
-_MAX_VIAS = 4
 _ADD, _REMOVE = "Add", "Remove all"
 
 
@@ -81,7 +81,7 @@ class ViaHandles:
             self._react(self.poses)
 
     def _on_add(self) -> None:
-        if len(self._handles) < _MAX_VIAS:
+        if len(self._handles) < PAGE.max_vias:
             self.add(self._new_place())
             self._react(self.poses)
 

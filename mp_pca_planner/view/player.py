@@ -15,6 +15,7 @@ import viser
 
 from ..arrays import FloatArray
 from ..motion.trajectory import Trajectory
+from .options import PAGE
 from .stage import DrawnRobot, Stage
 
 
@@ -113,10 +114,6 @@ class Playback:
         return True
 
 
-_PERIOD = 1.0 / 30.0  # time between two configurations [s]
-_SLIDER_STEPS = 4  # the slider follows every so many of them
-_GHOST = (120, 144, 176)
-_N_GHOSTS = 4
 _SPEEDS = ("0.1", "0.25", "0.5", "1", "2")
 
 
@@ -235,23 +232,24 @@ class Player:
         if is_shown and not self._ghosts:
             scene, shapes = self._stage.server.scene, self._stage.shapes
             self._ghosts = [
-                DrawnRobot(scene, f"/ghosts/{i}", shapes, _GHOST, 0.2) for i in range(_N_GHOSTS)
+                DrawnRobot(scene, f"/ghosts/{i}", shapes, PAGE.ghost, 0.2)
+                for i in range(PAGE.n_ghosts)
             ]
         for ghost in self._ghosts:
             ghost.visible = is_shown
         if is_shown:
-            configurations = self.playback.motion.thinned(_N_GHOSTS)
+            configurations = self.playback.motion.thinned(PAGE.n_ghosts)
             for ghost, q in zip(self._ghosts, configurations, strict=True):
                 ghost.show(q)
 
     def _run(self) -> None:
         last, steps = time.monotonic(), 0
-        while not self._closed.wait(_PERIOD):
+        while not self._closed.wait(PAGE.frame_period):
             now = time.monotonic()
             with self._stage.lock:
                 if self.playback.advance(now - last):
                     self._draw()
                     steps += 1
-                    if steps % _SLIDER_STEPS == 0 or self.playback.share in (0.0, 1.0):
+                    if steps % PAGE.slider_steps == 0 or self.playback.share in (0.0, 1.0):
                         self._slider.value = round(100 * self.playback.share)
             last = now

@@ -21,12 +21,11 @@ from ..robot.inertias import joint_of
 from ..robot.model import Robot
 from ..robot.urdf import parse_xml
 from ..robot.world import Box, Capsule, Cylinder, Mesh, Shape, Sphere
+from .options import PAGE
 
 Colour = tuple[float, float, float, float]
 """Red, green, blue and opacity, 0 to 1."""
 
-# A ghost around the robot itself must not flicker with its surface.
-_GROWTH = 1.02
 _PLAIN: Colour = (0.76, 0.79, 0.83, 1.0)
 # Shapes of a URDF by their tags: their sizes are attributes with so many numbers.
 _SHAPES: dict[str, tuple[Callable[..., Shape], tuple[tuple[str, int], ...]]] = {
@@ -62,7 +61,7 @@ class RobotShape:
             hull = self.mesh.convex_hull
         except Exception:  # a flat mesh; the library has no error type of its own for that
             hull = self.mesh.copy()
-        hull.vertices = hull.centroid + _GROWTH * (hull.vertices - hull.centroid)
+        hull.vertices = hull.centroid + PAGE.ghost_growth * (hull.vertices - hull.centroid)
         return hull
 
 

@@ -14,12 +14,8 @@ import viser
 from ..arrays import FloatArray
 from ..robot.limits import JointLimits
 from ..robot.model import Robot
+from .options import PAGE, Rgb
 from .robot_shapes import RobotShape, RobotShapes
-
-Rgb = tuple[int, int, int]
-
-MAX_FACES = 40_000
-"""Faces of a mesh above which its convex hull is drawn; browsers without a GPU need that."""
 
 
 class DrawnRobot:
@@ -96,7 +92,7 @@ def add_mesh(scene: viser.SceneApi, name: str, mesh: Any, colour: Rgb, **more: A
 
 
 def _add_shape(scene: viser.SceneApi, name: str, shape: RobotShape) -> None:
-    mesh = shape.mesh if len(shape.mesh.faces) <= MAX_FACES else shape.hull
+    mesh = shape.mesh if len(shape.mesh.faces) <= PAGE.max_faces else shape.hull
     if shape.colour is None and mesh is shape.mesh:
         scene.add_mesh_trimesh(name, mesh)
         return

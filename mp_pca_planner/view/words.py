@@ -18,14 +18,13 @@ from ..planning.plan import Plan
 from ..planning.remarks import UNUSUAL_IN_SPAN_SCORE
 from ..plotting.page import environment
 from ..robot.limits import JointLimits
-from .live import STALE, LiveView, NodeStatus
+from .live import LiveView, NodeStatus
+from .options import PAGE
 from .planning import PlanAnswer
 
 GOOD, WARNING, BAD, GREY = "#009E73", "#E69F00", "#D9352B", "#8C8C8C"
 """Colours of verdicts, legible on light and on dark."""
 
-LIKE_SCORE = 1.5
-"""In-span score up to which a request is like the demonstrations; about 1 is usual."""
 
 _COLOURS = (GOOD, WARNING, BAD, GREY)
 _FIGURES = ("effort_cost", "solve_time_s", "duration", "primitive", "in_span_score", "outcome")
@@ -44,7 +43,7 @@ def _macros() -> Any:
 
 def in_span_words(score: float) -> str:
     """How near a request is to the demonstrations, in words."""
-    if score <= LIKE_SCORE:
+    if score <= PAGE.like_score:
         return "like the demonstrations"
     if score <= UNUSUAL_IN_SPAN_SCORE:
         return "at the edge of the demonstrations"
@@ -149,7 +148,7 @@ def states_html(view: LiveView, limits: JointLimits, now: float) -> str:
         low, high = bounds.get(name, (-math.inf, math.inf))
         is_bounded = math.isfinite(high - low) and math.isfinite(q)
         share = min(max((q - low) / (high - low), 0.0), 1.0) if is_bounded else None
-        age = now - received if now - received > STALE else None
+        age = now - received if now - received > PAGE.stale else None
         velocity = v if math.isfinite(v) else None
         rows.append((name, q, share, low, high, not low <= q <= high, velocity, age))
     return part("states", rows)

@@ -13,11 +13,10 @@ import viser
 
 from ..arrays import FloatArray
 from ..robot.world import Box, Obstacle, Shape, World
+from .options import PAGE
 from .robot_shapes import surface
 from .stage import Stage, add_mesh
 from .world_edit import KINDS, WorldEditor
-
-_PLAIN, _CHOSEN = (150, 128, 104), (230, 159, 0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +82,7 @@ class DrawnWorld:
         """Draw one obstacle in another colour than the others."""
         for name, one in self._drawn.items():
             for part in one.parts:
-                part.color = _CHOSEN if name == chosen else _PLAIN
+                part.color = PAGE.chosen if name == chosen else PAGE.obstacle
 
     def _parent(self, frame: str) -> str:
         """The node of a link of the robot; that of the world for an empty name."""
@@ -100,7 +99,7 @@ class DrawnWorld:
         place: Any = {"position": shape.position, "wxyz": np.roll(shape.orientation, 1)}
         scene, is_flat = self._stage.server.scene, isinstance(shape, Box)
         look: Any = {"side": "double", "flat_shading": is_flat, **place}
-        return add_mesh(scene, node, surface(shape), _PLAIN, **look)
+        return add_mesh(scene, node, surface(shape), PAGE.obstacle, **look)
 
 
 NAME = "World"
