@@ -20,8 +20,8 @@ from ..exceptions import PrimitiveError, RecordingError
 from ..files import write_whole
 from ..mocap.marker_joint_states import MarkerSource, marker_source
 from ..plotting.report import REPORT_SAMPLES, report_page
+from ..plotting.text import variance_report
 from ..plotting.units import prismatic_joints, unit_of
-from ..plotting.variance import variance_report
 from ..primitives.build import build_from_statistics, options_to_update
 from ..primitives.file import load_primitive, save_primitive
 from ..primitives.motion_statistics import MotionStatistics
@@ -33,8 +33,8 @@ from ..recordings.repair import RepairOptions
 from ..recordings.segmentation import SegmentationOptions
 from ..recordings.segments_file import segments_table
 from ..robot.model import Robot
-from .common import check_output, print_json, progress_bar
-from .terminal import DONE, complain, say
+from .common import check_output, progress_bar, report
+from .terminal import DONE, complain
 
 _MAX_NAMES = 5  # names of recordings listed after a note
 _MANY = 10  # recordings of which the slowest ones are named
@@ -208,10 +208,7 @@ def _print(
     output: Path,
 ) -> None:
     facts = _facts(recordings, primitive, output)
-    if arguments.json:
-        print_json(facts)
-    else:
-        say(*_slowest_line(recordings), *_text(facts, primitive))
+    report(arguments, facts, *_slowest_line(recordings), *_text(facts, primitive))
     for refusal in recordings.refused:
         complain(f"refused {refusal.recording}: {refusal.reason}")
     if not primitive.n_components:
