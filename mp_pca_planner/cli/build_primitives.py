@@ -47,7 +47,7 @@ def run(arguments: argparse.Namespace) -> int:
     check_output(output, ".npz", force=force or output == arguments.update)
     check_output(arguments.report, ".html", force=force)
     if arguments.resume is not None and Path(arguments.resume).resolve() == output.resolve():
-        raise RecordingError("--resume and --output are the same file: name another one")
+        raise RecordingError("--resume and --output are the same: name another one")
     check_output(arguments.write_segments, ".csv", force=force)
     options = primitive_options(arguments)
     if old is not None:
@@ -191,7 +191,8 @@ def load(
             most_samples=None if is_warped else samples,
             jobs=arguments.jobs,
             dask=arguments.dask,
-            journal=arguments.resume,
+            resume=arguments.resume,
+            on_disk=samples == 0,
             markers=markers,
             state_field=arguments.field,
             repair=RepairOptions(max_gap=arguments.max_gap),

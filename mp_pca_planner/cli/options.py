@@ -204,7 +204,7 @@ def _add_input(add: Options) -> None:
     workers = add.one_of()
     workers("--jobs N", "recordings to read at the same time", jobs, 1)
     workers("--dask ADDRESS", "scheduler (tcp://HOST:PORT) of a Dask cluster that reads them")
-    add("--resume FILE", "keep what was read in this file, and read only the rest", Path)
+    add("--resume FOLDER", "keep what was read in this folder, and read only the rest", Path)
 
 
 def _add_segmentation(add: Options) -> None:
