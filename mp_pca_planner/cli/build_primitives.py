@@ -125,9 +125,9 @@ def _statistics(
     removed: Sequence[str],
 ) -> MotionStatistics:
     """Statistics of the old motions and of the new ones."""
-    new = list(recordings.summaries)
+    new = recordings.summaries
     if recordings.demonstrations and not new:
-        new = [MotionStatistics.of(recordings.demonstrations, options)]
+        new = (MotionStatistics.of(recordings.demonstrations, options),)
     if old is None or old.statistics is None:
         return MotionStatistics.merged(new)
     statistics = old.statistics.added(MotionStatistics.merged(new)) if new else old.statistics
@@ -146,8 +146,14 @@ def _origin(
         built = ("options", "angle_variance_ratio", "demonstrations")
         gains = with_gains_only(old.metadata)
         kept = {key: value for key, value in gains.items() if key not in built}
-    repairs = kept.get("repairs", {}) | {r.name: r.repairs for r in recordings.reports}
+    repairs = kept.get("repairs", {}) | repairs_of(recordings)
     return kept | origin(statistics, repairs, robot, kept.get("prismatic_joints", []))
+
+
+def repairs_of(recordings: RecordingSet) -> dict[str, Any]:
+    """Repairs of each recording, by name; equal ones take memory once."""
+    known: dict[str, Any] = {}
+    return {r.name: known.setdefault(str(r.repairs), r.repairs) for r in recordings.reports}
 
 
 def origin(
