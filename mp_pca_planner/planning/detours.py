@@ -25,7 +25,7 @@ from .constraints import LimitTables
 from .fallback import Paths
 from .motion import Motion
 from .paths import PathFinder
-from .plan import FREE, MotionSolution
+from .plan import DEMONSTRATED, FREE, MotionSolution
 from .recoveries import Setting
 from .request import Request
 from .setup import Setup
@@ -115,11 +115,14 @@ class DetourPlanner:
         """Whether detours are tried before descent from the expected motion.
 
         They are if that is in collision at a quadrature node: descent from there takes longer than
-        a path. It stays nearer to the demonstrations, so it comes first where these count.
+        a path. It stays nearer to the demonstrations, so it comes first where their timing or
+        naturalness is asked for.
         """
         options, collision = self._setup.options, self._setup.collision
-        is_loose = options.naturalness < options.search.near_expected
-        if collision is None or not (is_loose and self.may_serve(request)):
+        is_natural = options.naturalness >= options.search.near_expected
+        if is_natural or options.timing == DEMONSTRATED or not request.duration_is_free:
+            return False
+        if collision is None or not self.may_serve(request):
             return False
         duration = request.usual_duration
         motion = Motion(request.start, request.goal, duration, basis.basis, basis.expected)
