@@ -53,7 +53,7 @@ class DetourOptions:
     n_control_points: int = 6
     spread: float = 0.3
     n_phases: int = 80
-    min_naturalness: float = 0.02
+    min_naturalness: float = 0.005
 
 
 _OPTIONS = DetourOptions()
