@@ -48,12 +48,16 @@ class DetourOptions:
         Number of points of the path that the B-splines follow.
     min_naturalness : float
         Least weight ρ of deviations from the path. Without it, the program takes too many passes.
+    share_of_solving : float
+        Share of the remaining time for a motion near a path, 0 to 1, if the one along it may not be
+        executed; the rest is for checks and for other paths.
     """
 
     n_control_points: int = 6
     spread: float = 0.3
     n_phases: int = 80
     min_naturalness: float = 0.005
+    share_of_solving: float = 0.8
 
 
 _OPTIONS = DetourOptions()
@@ -165,11 +169,12 @@ class DetourPlanner:
             along = self._along(request, detour.basis, duration)
         if budget.is_over():
             return along
+        share = _OPTIONS.share_of_solving
         if along.is_valid:
-            budget = budget.share(self._setup.options.search.share_of_descent)
+            share = self._setup.options.search.share_of_descent
         naturalness = max(self._setup.options.naturalness, _OPTIONS.min_naturalness)
         setting = Setting(detour.basis, duration, naturalness, is_first=True)
-        found, _ = self._solve(request, setting, budget)
+        found, _ = self._solve(request, setting, budget.share(share))
         if found.check.violations and request.duration_is_free:
             # A little slower, the same path keeps the limits.
             slower = found.duration * slowdown(found.check)

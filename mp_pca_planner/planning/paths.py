@@ -55,7 +55,7 @@ class PathOptions:
     n_paths: int = 6
     reach: float = 1.0
     n_checks: int = 5_000
-    share_of_search: float = 0.9
+    share_of_search: float = 0.75
     share_of_comparison: float = 0.2
     max_detour: float = 1.5
     step: float = 0.07
