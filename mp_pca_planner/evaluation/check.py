@@ -158,10 +158,7 @@ def judge(
     options: RefereeOptions = _OPTIONS,
 ) -> Verdict:
     """Evaluate a motion as a controller executes it: quintic polynomials between its points."""
-    curve = BPoly.from_derivatives(
-        trajectory.times.copy(),  # older releases of SciPy refuse read-only arrays
-        np.stack([trajectory.positions, trajectory.velocities, trajectory.accelerations], axis=1),
-    )
+    curve = executed(trajectory)
     n_steps = int(np.ceil(trajectory.duration / options.period))
     times = np.linspace(0.0, trajectory.duration, n_steps + 1)
     q, v, a, jerk = (curve(times) if k == 0 else curve.derivative(k)(times) for k in range(4))
@@ -181,6 +178,14 @@ def judge(
         feasible=excess <= options.limit_tolerance
         and end_error <= options.position_tolerance
         and end_velocity <= options.velocity_tolerance,
+    )
+
+
+def executed(trajectory: Trajectory) -> BPoly:
+    """A motion as a controller executes it: quintic polynomials between its points."""
+    return BPoly.from_derivatives(
+        trajectory.times.copy(),  # older releases of SciPy refuse read-only arrays
+        np.stack([trajectory.positions, trajectory.velocities, trajectory.accelerations], axis=1),
     )
 
 

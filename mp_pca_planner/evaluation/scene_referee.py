@@ -16,14 +16,13 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import yaml
-from scipy.interpolate import BPoly
 
 from ..arrays import FloatArray
 from ..exceptions import PlannerError
 from ..files import read_text, reading
 from ..input_limits import INPUT_LIMITS
 from ..motion.trajectory import Trajectory
-from .check import RigidArm
+from .check import RigidArm, executed
 
 try:
     import coal
@@ -104,12 +103,7 @@ class SceneReferee:
 
     def judge(self, trajectory: Trajectory) -> SceneVerdict:
         """Evaluate a motion as a controller executes it: quintic polynomials between its points."""
-        curve = BPoly.from_derivatives(
-            trajectory.times.copy(),
-            np.stack(
-                [trajectory.positions, trajectory.velocities, trajectory.accelerations], axis=1
-            ),
-        )
+        curve = executed(trajectory)
         times = np.linspace(0.0, trajectory.duration, 1 + _count(trajectory.duration, _PERIOD))
         coarse = np.linspace(0, len(times) - 1, 1 + _count(trajectory.duration, _CLEARANCE_PERIOD))
         q, jerk = curve(times), curve.derivative(3)(times)
