@@ -59,7 +59,10 @@ def _simulate(arguments: argparse.Namespace, stop: threading.Event) -> int:
     )
     run_node(node, stop)
     if arguments.record is not None:
-        arrays = simulated.record.arrays() | {"taken": np.reshape(simulated.taken, (-1, 2))}
+        arrays = simulated.record.arrays() | {
+            "taken": np.reshape(simulated.taken, (-1, 2)),
+            "delays": np.array(node.delays),
+        }
         _write(arguments.record, arrays, robot, overwrite=arguments.force)
     summary = _summary(simulated)
     line = f"{summary['received']} trajectories received, {len(summary['rejected'])} rejected"
