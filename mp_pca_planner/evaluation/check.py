@@ -41,6 +41,8 @@ class RefereeOptions:
         Share of a limit from which it counts as active.
     end_share : float
         Share of the duration at either end in which limits don't count as active.
+    collision_period, clearance_period : float
+        Steps of the grids on which collisions and clearances are computed [s].
     """
 
     period: float = 5e-4
@@ -49,9 +51,11 @@ class RefereeOptions:
     velocity_tolerance: float = 1e-2
     active_share: float = 0.998
     end_share: float = 0.05
+    collision_period: float = 1e-3
+    clearance_period: float = 1e-2
 
 
-_OPTIONS = RefereeOptions()
+REFEREE = RefereeOptions()
 
 
 @dataclass(frozen=True)
@@ -155,7 +159,7 @@ def judge(
     problem: Problem,
     arm: RigidArm,
     limits: JointLimits,
-    options: RefereeOptions = _OPTIONS,
+    options: RefereeOptions = REFEREE,
 ) -> Verdict:
     """Evaluate a motion as a controller executes it: quintic polynomials between its points."""
     curve = executed(trajectory)

@@ -41,16 +41,14 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-REPORT_SAMPLES = 301
-"""Number of samples of a motion for curves and leave-one-out predictions."""
-
-
 @dataclass(frozen=True)
 class ReportOptions:
     """Limits of the page's size and of the time to make it.
 
     Attributes
     ----------
+    n_samples : int
+        Samples of a motion for curves and leave-one-out predictions.
     max_recordings_drawn : int
         Recordings with a figure.
     max_demonstrations_drawn : int
@@ -66,6 +64,7 @@ class ReportOptions:
         Kinds of motions with a figure, and motions and joints in it.
     """
 
+    n_samples: int = 301
     max_recordings_drawn: int = 100
     max_demonstrations_drawn: int = 200
     max_left_out: int = 60
