@@ -147,6 +147,10 @@ class ClearProgram:
         """Objective and inequalities at x, with their derivatives."""
         return ClearPoint(self._limited.evaluate(x), Distances(self._states, self._model, x))
 
+    def equalities_at(self, x: FloatArray) -> FloatArray:
+        """Residuals of the conditions alone."""
+        return self._limited.equalities_at(x)
+
 
 class Distances:
     """Distances of all pairs at the phases of constraints, with their derivatives.

@@ -223,6 +223,10 @@ class LimitedProgram:
         """Objective and bounded quantities at scaled weights x, with their derivatives."""
         return LimitedPoint(self, x, self.program.linearise(x))
 
+    def equalities_at(self, x: FloatArray) -> FloatArray:
+        """Residuals of the conditions alone."""
+        return self.program.equations.residuals(x)[0]
+
     def _efforts(self, node_efforts: FloatArray) -> FloatArray:
         """Bounded efforts from those at the nodes, shape (n_effort_joints, n_points)."""
         shares = node_efforts[:, self._effort_joints] / self._effort_units

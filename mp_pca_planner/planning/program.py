@@ -72,6 +72,9 @@ class Program(Protocol):
     def evaluate(self, x: FloatArray) -> Point:
         """Value and derivatives at x, shape (n,)."""
 
+    def equalities_at(self, x: FloatArray) -> FloatArray:
+        """e at x alone."""
+
 
 @runtime_checkable
 class ChainPoint(Protocol):

@@ -23,8 +23,11 @@ from .matrices import BlockMatrix, Matrix, added, as_array
 from .program import ChainPoint, Point, Program
 from .subproblem import TINY, Step, Subproblem, infeasibility
 
-FEASIBLE = 1e-7
+FEASIBLE = 1e-6
 """Sum of constraint violations that counts as rounding, in shares of the limits and SI units."""
+
+# Corrections of a step along curved equalities.
+_MAX_CORRECTIONS = 3
 
 
 @dataclass(frozen=True)
@@ -208,12 +211,8 @@ class _Search:
 
     def _take(self, step: Step, subproblem: Subproblem, predicted: float) -> None:
         """Evaluate a step, update the curvature, accept the step if it lowers the penalty."""
+        step = self._restored(step, subproblem)
         there, violated, decrease = self._evaluated(step)
-        if not decrease >= 0.25 * predicted and self.here.equalities.size:
-            # A step along curved equalities violates them; a correction is tried before the step is
-            # rejected.
-            step = replace(step, change=step.change + subproblem.way_back(there))
-            there, violated, decrease = self._evaluated(step)
         radius, length = self.memory.radius, float(np.linalg.norm(step.change))
         if not decrease >= 0.25 * predicted:  # a NaN must shrink the radius, too
             radius = 0.25 * length
@@ -223,6 +222,15 @@ class _Search:
         self.memory = replace(self.memory, curvature=curvature, radius=radius)
         if decrease > 0.0:
             self.x, self.here, self.violated = self.x + step.change, there, violated
+
+    def _restored(self, step: Step, subproblem: Subproblem) -> Step:
+        """A step along curved equalities violates them, and is corrected before its evaluation."""
+        for _ in range(_MAX_CORRECTIONS if self.here.equalities.size else 0):
+            missed = self._program.equalities_at(self.x + step.change)
+            if not np.abs(missed).sum() > 0.1 * FEASIBLE:
+                break
+            step = replace(step, change=step.change + subproblem.way_back(missed))
+        return step
 
     def _evaluated(self, step: Step) -> tuple[Point, float, float]:
         """The point after a step, its infeasibility, and the decrease of the penalty function."""

@@ -198,10 +198,10 @@ class Subproblem:
             damping=damping if sides.size else 0.0,
         )
 
-    def way_back(self, there: Point) -> FloatArray:
-        """The shortest step that restores the equalities at a nearby point, to first order."""
+    def way_back(self, missed: FloatArray) -> FloatArray:
+        """The shortest step that restores equalities with given residuals, to first order."""
         assert self._tangent is not None
-        return np.asarray(-self._tangent.pseudo_inverse @ there.equalities)
+        return np.asarray(-self._tangent.pseudo_inverse @ missed)
 
     def _lifted(self, y: FloatArray) -> FloatArray:
         if self._tangent is None:
