@@ -40,13 +40,22 @@ _DEPENDENT = 1e-9
 def infeasibility(program: Program, at: Point) -> float:
     """Sum of the violations of all constraints."""
     outside = outside_bounds(program, at.inequalities)
-    return float(np.maximum(outside, 0.0).sum() + np.abs(at.equalities).sum())
+    return _sum_of_peaks(outside) + float(np.abs(at.equalities).sum())
 
 
 def outside_bounds(program: Program, values: FloatArray) -> FloatArray:
     """Distances of inequalities beyond their nearer bounds, negative within them."""
     outside: FloatArray = values - program.upper
     return np.maximum(outside, program.lower - values, out=outside)
+
+
+def _sum_of_peaks(outside: FloatArray) -> float:
+    """Sum of the largest violations of each arc of neighbours."""
+    where = np.flatnonzero(outside > 0.0)
+    if not where.size:
+        return 0.0
+    starts = np.concatenate([[0], np.flatnonzero(np.diff(where) > 1) + 1])
+    return float(np.maximum.reduceat(outside[where], starts).sum())
 
 
 def violated_sides(program: Program, values: FloatArray, outside: FloatArray) -> NDArray[np.intp]:
@@ -190,7 +199,7 @@ class Subproblem:
         return Step(
             change=change,
             decrease=-float((here.gradient + 0.5 * curved) @ change),
-            infeasibility=float(np.maximum(outside, 0.0).sum()) + missed,
+            infeasibility=_sum_of_peaks(outside) + missed,
             sides=sides[holding],
             multipliers=multipliers[holding],
             equality_multipliers=equality_multipliers,
