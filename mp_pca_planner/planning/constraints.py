@@ -274,13 +274,16 @@ class LimitedPoint:
         states = self._owner._states
         return None if states is None else states.slopes(self._x, self._states)
 
-    def inequality_rows(self, chosen: NDArray[np.intp]) -> FloatArray:
-        """Derivatives of the chosen inequalities, shape (n_chosen, n)."""
+    def inequality_rows(
+        self, chosen: NDArray[np.intp], values: FloatArray | None = None
+    ) -> FloatArray:
+        """Derivatives of the chosen inequalities, shape (n_chosen, n); see :class:`.Slopes`."""
         n_states = self._states.size
         of_states = chosen < n_states
         rows = np.empty((chosen.size, self._x.size))
         if self._slopes is not None:
-            rows[of_states] = self._slopes.rows(chosen[of_states])
+            room = 0.0 if values is None else (values - self.inequalities[chosen])[of_states]
+            rows[of_states] = self._slopes.rows(chosen[of_states], room)
         if not of_states.all():
             rows[~of_states] = self._effort_rows(chosen[~of_states] - n_states)
         return rows
@@ -293,10 +296,10 @@ class LimitedPoint:
         return np.asarray((from_nodes[:, None] @ by_joint)[:, 0])
 
     def inequalities_after(self, step: FloatArray) -> FloatArray:
-        """Their linear prediction, exact but for the efforts and a free duration."""
+        """Their prediction, exact but for the efforts."""
         values, n_states = self.inequalities.copy(), self._states.size
-        if self._slopes is not None:
-            values[:n_states] += self._slopes.changes(step)
+        if self._owner._states is not None:
+            values[:n_states] = self._owner._states.values(self._x + step).ravel()
         if n_states < values.size:
             by_unknown = self._at.effort_jacobian.reshape(-1, step.size)
             change = (by_unknown @ step).reshape(self._at.efforts.shape)

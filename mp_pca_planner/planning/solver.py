@@ -26,8 +26,8 @@ from .subproblem import TINY, Step, Subproblem, infeasibility
 FEASIBLE = 1e-6
 """Sum of constraint violations that counts as rounding, in shares of the limits and SI units."""
 
-# Corrections of a step along curved equalities.
-_MAX_CORRECTIONS = 3
+# Evaluations of curved equalities in the correction of a step.
+_MAX_CORRECTIONS = 4
 
 
 @dataclass(frozen=True)
@@ -224,12 +224,24 @@ class _Search:
             self.x, self.here, self.violated = self.x + step.change, there, violated
 
     def _restored(self, step: Step, subproblem: Subproblem) -> Step:
-        """A step along curved equalities violates them, and is corrected before its evaluation."""
-        for _ in range(_MAX_CORRECTIONS if self.here.equalities.size else 0):
-            missed = self._program.equalities_at(self.x + step.change)
-            if not np.abs(missed).sum() > 0.1 * FEASIBLE:
+        """The step, corrected along the equalities where they are curved, before its evaluation.
+
+        Corrections are kept while they shrink the error of the linear prediction.
+        """
+        if not self.here.equalities.size:
+            return step
+        change, longest = step.change, 0.5 * float(np.linalg.norm(step.change))
+        predicted, least = self.here.equalities + self.here.equality_rows @ change, np.inf
+        for _ in range(_MAX_CORRECTIONS):
+            missed = self._program.equalities_at(self.x + change) - predicted
+            error = float(np.abs(missed).sum())
+            if not error < 0.5 * least:
                 break
-            step = replace(step, change=step.change + subproblem.way_back(missed))
+            step, least = replace(step, change=change), error
+            back = subproblem.way_back(missed, step.sides)
+            if error <= 0.1 * FEASIBLE or float(np.linalg.norm(back)) > longest:
+                break
+            change = change + back
         return step
 
     def _evaluated(self, step: Step) -> tuple[Point, float, float]:

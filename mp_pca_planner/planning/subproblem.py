@@ -137,7 +137,8 @@ class Step:
         """∇f + Σ multiplier · ∇constraint at a point, with the multipliers of this step."""
         gradient = at.gradient
         if self.sides.size:
-            gradient = gradient + self.multipliers @ _rows_of_sides(at, self.sides)
+            signed = np.where(self.sides % 2, self.multipliers, -self.multipliers)
+            gradient = gradient + signed @ at.inequality_rows(self.sides // 2)
         if self.equality_multipliers.size:
             gradient = gradient + self.equality_multipliers @ at.equality_rows
         return gradient
@@ -172,7 +173,7 @@ class Subproblem:
         sides = sides if feasible else sides[:0]
         if not sides.size:
             y = self._free.step
-        rows, bounds = _rows_of_sides(here, sides), _room_at_sides(program, here, sides)
+        rows, bounds = _at_sides(program, here, sides)
         for left in reversed(range(_MAX_ROUNDS)):
             if sides.size:
                 reduced = self._reduced(rows, bounds)
@@ -186,8 +187,9 @@ class Subproblem:
                 break
             kept = multipliers > 0.0
             sides = np.concatenate([sides[kept], added])
-            rows = np.concatenate([rows[kept], _rows_of_sides(here, added)])
-            bounds = np.concatenate([bounds[kept], _room_at_sides(program, here, added)])
+            new_rows, new_bounds = _at_sides(program, here, added)
+            rows = np.concatenate([rows[kept], new_rows])
+            bounds = np.concatenate([bounds[kept], new_bounds])
         holding = multipliers > 0.0
         curved = self._whole @ change
         pull = here.gradient + multipliers[holding] @ rows[holding]
@@ -207,10 +209,17 @@ class Subproblem:
             damping=damping if sides.size else 0.0,
         )
 
-    def way_back(self, missed: FloatArray) -> FloatArray:
-        """The shortest step that restores equalities with given residuals, to first order."""
-        assert self._tangent is not None
-        return np.asarray(-self._tangent.pseudo_inverse @ missed)
+    def way_back(self, missed: FloatArray, sides: NDArray[np.intp]) -> FloatArray:
+        """The shortest step that restores equalities with given residuals, to first order.
+
+        It keeps the values of the active inequalities, if there are not too many.
+        """
+        equalities = self._here.equality_rows
+        if len(equalities) + sides.size > equalities.shape[1]:
+            sides = sides[:0]
+        rows = np.concatenate([equalities, self._here.inequality_rows(sides // 2)])
+        right = np.concatenate([-missed, np.zeros(sides.size)])
+        return np.asarray(np.linalg.lstsq(rows, right, rcond=_DEPENDENT)[0])
 
     def _lifted(self, y: FloatArray) -> FloatArray:
         if self._tangent is None:
@@ -267,17 +276,17 @@ def _convexified(hessian: FloatArray) -> FloatArray:
     return np.asarray((vectors * np.maximum(sizes, 1e-10 * sizes.max())) @ vectors.T)
 
 
-def _rows_of_sides(at: Point, sides: NDArray[np.intp]) -> FloatArray:
-    """Derivatives of sides of inequalities, with signs such that all are bounded above."""
-    signs = np.where(sides % 2, 1.0, -1.0)
-    return np.asarray(signs[:, None] * at.inequality_rows(sides // 2))
+def _at_sides(
+    program: Program, at: Point, sides: NDArray[np.intp]
+) -> tuple[FloatArray, FloatArray]:
+    """Derivatives of sides of inequalities, with signs such that all are bounded above.
 
-
-def _room_at_sides(program: Program, at: Point, sides: NDArray[np.intp]) -> FloatArray:
-    """Distances of sides of inequalities from their bounds, negative beyond them."""
-    index = sides // 2
-    values = at.inequalities[index]
-    return np.where(sides % 2, program.upper[index] - values, values - program.lower[index])
+    With them their distances from the bounds, negative beyond them.
+    """
+    index, signs = sides // 2, np.where(sides % 2, 1.0, -1.0)
+    bounds = np.where(sides % 2, program.upper[index], program.lower[index])
+    rows = signs[:, None] * at.inequality_rows(index, bounds)
+    return rows, signs * (bounds - at.inequalities[index])
 
 
 def _nearest(
