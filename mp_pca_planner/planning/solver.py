@@ -193,8 +193,10 @@ class _Search:
             step = subproblem.solve(memory.sides, less)
             self.pull = step.pull
             self.memory = replace(memory, sides=step.sides, damping=step.damping)
-            # An exact penalty needs a weight above every multiplier.
-            self.weight = max(self.weight, 2.0 * step.largest_multiplier)
+            # An exact penalty needs a weight above every multiplier. It may fall again (Powell, "A
+            # fast algorithm for nonlinearly constrained optimization calculations", 1978).
+            least = 2.0 * step.largest_multiplier
+            self.weight = max(least, 0.5 * (self.weight + least))
             predicted = step.decrease + self.weight * (self.violated - step.infeasibility)
             negligible = predicted <= options.tolerance * self.here.cost
             if negligible and less > 0.0:

@@ -259,7 +259,9 @@ class Subproblem:
             found = solve_quadratic(hessian, self._gradient, rows, bounds, shift + damping)
             if found is None:
                 regular = shifted(as_array(hessian), shift + damping)
-                return *_nearest(regular, self._gradient, rows, bounds), damping, False
+                step, multipliers = _nearest(regular, self._gradient, rows, bounds)
+                length = math.sqrt(float(step @ step))
+                return min(1.0, longest / max(length, TINY)) * step, multipliers, damping, False
             step, multipliers = found.step, found.multipliers
             length = math.sqrt(float(step @ step))
             if length <= longest:
