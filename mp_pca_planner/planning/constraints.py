@@ -225,7 +225,7 @@ class LimitedProgram:
 
     def equalities_at(self, x: FloatArray) -> FloatArray:
         """Residuals of the conditions alone."""
-        return self.program.equations.residuals(x)[0]
+        return self.program.equations.errors(x)
 
     def _efforts(self, node_efforts: FloatArray) -> FloatArray:
         """Bounded efforts from those at the nodes, shape (n_effort_joints, n_points)."""

@@ -220,8 +220,9 @@ class _Search:
             radius = 0.25 * length
         elif decrease > 0.75 * predicted and (step.damping > 0.0 or length > 0.8 * radius):
             radius = 2.0 * max(length, radius)
-        curvature = self._learned(step, there)
-        self.memory = replace(self.memory, curvature=curvature, radius=radius)
+        self.memory = replace(self.memory, radius=radius)
+        if step.infeasibility <= FEASIBLE:  # otherwise, multipliers may be penalties
+            self.memory = replace(self.memory, curvature=self._learned(step, there))
         if decrease > 0.0:
             self.x, self.here, self.violated = self.x + step.change, there, violated
 
@@ -234,13 +235,14 @@ class _Search:
             return step
         change, longest = step.change, 0.5 * float(np.linalg.norm(step.change))
         predicted, least = self.here.equalities + self.here.equality_rows @ change, np.inf
+        correction = subproblem.correction(step.sides)
         for _ in range(_MAX_CORRECTIONS):
             missed = self._program.equalities_at(self.x + change) - predicted
             error = float(np.abs(missed).sum())
             if not error < 0.5 * least:
                 break
             step, least = replace(step, change=change), error
-            back = subproblem.way_back(missed, step.sides)
+            back = -correction @ missed
             if error <= 0.1 * FEASIBLE or float(np.linalg.norm(back)) > longest:
                 break
             change = change + back

@@ -209,17 +209,17 @@ class Subproblem:
             damping=damping if sides.size else 0.0,
         )
 
-    def way_back(self, missed: FloatArray, sides: NDArray[np.intp]) -> FloatArray:
-        """The shortest step that restores equalities with given residuals, to first order.
+    def correction(self, sides: NDArray[np.intp]) -> FloatArray:
+        """The shortest steps that change the equalities to first order, shape (n, n_equalities).
 
-        It keeps the values of the active inequalities, if there are not too many.
+        They keep the values of the given sides of inequalities, if these are not too many.
         """
         equalities = self._here.equality_rows
-        if len(equalities) + sides.size > equalities.shape[1]:
+        n_equalities, n = equalities.shape
+        if n_equalities + sides.size > n:
             sides = sides[:0]
         rows = np.concatenate([equalities, self._here.inequality_rows(sides // 2)])
-        right = np.concatenate([-missed, np.zeros(sides.size)])
-        return np.asarray(np.linalg.lstsq(rows, right, rcond=_DEPENDENT)[0])
+        return np.asarray(np.linalg.pinv(rows, rcond=_DEPENDENT)[:, :n_equalities])
 
     def _lifted(self, y: FloatArray) -> FloatArray:
         if self._tangent is None:
