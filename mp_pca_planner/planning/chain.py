@@ -262,6 +262,10 @@ class ChainProgram:
             points.append(self.parts[i].evaluate(local))
         return ChainAt(self, points, maps)
 
+    def equalities_at(self, x: FloatArray) -> FloatArray:
+        """No equalities: junctions are met by construction."""
+        return np.zeros(0)
+
     def _local(
         self, i: int, x: FloatArray, ends: Sequence[tuple[Any, ...]], duration: float
     ) -> tuple[FloatArray, FloatArray]:

@@ -29,10 +29,10 @@ from .unknowns import (
     hermite_tables,
 )
 
-# Margin between motions and limits, as a share of the limit. It leaves room for peaks between
-# points of the grid, which the check on the denser grid finds.
+# Margin between motions and limits, as a share of the limit. It leaves room for what the bounds of
+# peaks between points of the grid miss, which the check on the denser grid finds.
 MARGIN = 2e-4
-# Points of the grid. The peaks of a motion with two waves are resolved to 0.05 %.
+# Points of the grid. Peaks of accelerations are bounded to about 0.1 %.
 N_LIMIT_POINTS = 200
 # Distance of the first and last point from the ends of the motion, as a share of the duration.
 _INSIDE = 1e-6
@@ -86,11 +86,11 @@ class LimitTables:
         """
         if highest not in self._states:
             basis = self._tables.basis
-            values = basis.tables(self._phases, highest)
+            values = _peaks(basis.tables(self._phases, highest))
             self._states[highest] = (
-                _peaks(hermite_tables(self._phases.tobytes())[: highest + 1], 1),
-                _peaks(values[..., 0], 1),
-                _peaks(values[..., 1:] * basis.scales, 1),
+                _hermite_peaks(self._phases.tobytes())[: highest + 1],
+                values[..., 0],
+                values[..., 1:] * basis.scales,
             )
         return self._states[highest]
 
@@ -98,26 +98,33 @@ class LimitTables:
     def from_nodes(self) -> FloatArray:
         """See the class."""
         basis = self._tables.basis
-        matrix = _interpolation(
+        return _interpolation(
             *(x.tobytes() for x in (self._tables.phases, basis.breakpoints, self._phases))
         )
-        return _peaks(matrix, 0)
 
 
-def _peaks(values: FloatArray, axis: int) -> FloatArray:
-    """Values at points as bounds of peaks between them.
+def _peaks(values: FloatArray) -> FloatArray:
+    """Values at points, shape (n, n_points, ...), as bounds of peaks between them.
 
     The parabola through a largest value and its neighbours rises above it by at most an eighth of
     the second difference, and falls as much below a least value. This is linear in the values.
     """
-    points = np.moveaxis(values.copy(), axis, 0)
-    points[1:-1] -= np.diff(np.moveaxis(values, axis, 0), 2, axis=0) / 8.0
-    return np.moveaxis(points, 0, axis)
+    peaks = values.copy()
+    peaks[:, 1:-1] -= np.diff(values, 2, axis=1) / 8.0
+    return peaks
+
+
+@lru_cache(maxsize=16)
+def _hermite_peaks(phases: bytes) -> FloatArray:
+    return _peaks(hermite_tables(phases))
 
 
 @lru_cache(maxsize=16)
 def _interpolation(nodes: bytes, breakpoints: bytes, points: bytes) -> FloatArray:
-    """Matrix from values at nodes to those, in each piece, of the polynomial through them."""
+    """Matrix from values at nodes to those of the polynomials through them, piece by piece.
+
+    To bounds of peaks, see :func:`_peaks`.
+    """
     # Imported late for a fast start of the node.
     from scipy.interpolate import BarycentricInterpolator
 
@@ -129,7 +136,7 @@ def _interpolation(nodes: bytes, breakpoints: bytes, points: bytes) -> FloatArra
         of_points = np.flatnonzero(piece_of_point == piece)
         lagrange = BarycentricInterpolator(known[of_nodes], np.eye(of_nodes.size))
         matrix[np.ix_(of_points, of_nodes)] = lagrange(asked[of_points])
-    return matrix
+    return np.asarray(_peaks(matrix[None])[0])
 
 
 class LimitedProgram:

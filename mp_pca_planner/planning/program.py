@@ -79,7 +79,7 @@ class Program(Protocol):
         """Value and derivatives at x, shape (n,)."""
 
     def equalities_at(self, x: FloatArray) -> FloatArray:
-        """e at x alone."""
+        """Only e at x."""
 
 
 @runtime_checkable

@@ -222,7 +222,7 @@ class Slopes(NamedTuple):
     by_duration : array, shape (n_states,), or None
         Derivatives by the unknown of the duration, if that is free.
     decay : array, shape (n_states,), or None
-        How fast the states fall with it, per state.
+        Relative decrease of the states of given path with that unknown.
     n_unknowns : int
         Number of unknowns.
     """
@@ -247,9 +247,9 @@ class Slopes(NamedTuple):
     ) -> FloatArray:
         """Derivatives of the chosen states, shape (n_chosen, n_unknowns).
 
-        With their room below bounds, derivatives of q⁽ᵏ⁾(s) − bound · Tᵏ, in units of Tᵏ. They
-        have the same sign, and no product of a weight and the duration. This function is concave
-        in log T, so a step within its linear bounds is within the bounds.
+        With bounds less the states as the room, derivatives of dᵏq/dsᵏ − bound · Tᵏ, in units of
+        Tᵏ. It is negative where the state is within its bound, linear in the weights and concave in
+        log T, so that a step within this bound to first order is within it altogether.
         """
         columns = self.columns[chosen]
         rows = np.zeros((len(columns), self.n_unknowns))
@@ -339,7 +339,7 @@ class StateMap:
         rates, (_, growth) = self._rates(unknowns.duration_at(x)), unknowns.boundary_at(x)
         slope = unknowns.log_duration_slope(x)
         by_duration = slope * (self._boundary_part(growth) * rates - self._orders * values).ravel()
-        decay = slope * np.repeat(self._orders, self._mean.shape[1])
+        decay = np.asarray(slope * np.repeat(self._orders, self._mean.shape[1]))
         return self._slopes(unknowns.growth(x), rates, by_duration, decay)
 
     def jacobian(self, x: FloatArray, values: FloatArray) -> FloatArray:

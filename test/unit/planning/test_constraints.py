@@ -95,7 +95,7 @@ def test_no_peak_between_the_points_exceeds_the_values(name, seed):
 
 @pytest.mark.parametrize("seed", range(5))
 def test_a_step_within_the_rows_keeps_bounds_at_every_free_duration(seed):
-    program, motion, limits = constrained("arm", {})
+    _, motion, limits = constrained("arm", {})
     unknowns = Unknowns(motion.basis.scales, motion.boundary, 0.9, duration_is_free=True)
     tables = QuadratureTables(motion.basis)
     inner = MotionProgram(arm_robot(), tables, unknowns, motion.weights)
@@ -103,7 +103,7 @@ def test_a_step_within_the_rows_keeps_bounds_at_every_free_duration(seed):
     rng = np.random.default_rng(seed)
     at, n_moved = timed.evaluate(0.5 * rng.normal(size=inner.scales.size)), 0
     for _ in range(20):
-        step, moved = rng.normal(size=inner.scales.size) * [0.3, 0.3, 0.3, 0.3, 3.0], 0
+        step = rng.normal(size=inner.scales.size) * [0.3, 0.3, 0.3, 0.3, 3.0]
         after = at.inequalities_after(step)
         for bound, sign in ((timed.upper, 1.0), (timed.lower, -1.0)):
             kinematic = np.flatnonzero(timed.groups < 4 * QUANTITIES.index("effort"))
@@ -112,8 +112,7 @@ def test_a_step_within_the_rows_keeps_bounds_at_every_free_duration(seed):
             within = (room >= 0.0) & (sign * rows @ step <= room)
             beyond = sign * (after - bound)[kinematic][within]
             assert beyond.max() <= 1e-3
-            moved += np.count_nonzero(within & (np.abs(rows @ step) > 0.1))
-        n_moved += moved
+            n_moved += np.count_nonzero(within & (np.abs(rows @ step) > 0.1))
     assert n_moved > 0
 
 
