@@ -10,6 +10,7 @@ from arm import JOINTS, arm_robot
 from scipy.optimize import minimize
 from test_compiler import BASES, compile_motion
 
+from mp_pca_planner.motion.goal import JointState
 from mp_pca_planner.motion.validation import Violation
 from mp_pca_planner.planning.compiler import MotionProgram
 from mp_pca_planner.planning.constraints import (
@@ -94,26 +95,31 @@ def test_no_peak_between_the_points_exceeds_the_values(name, seed):
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_a_step_within_the_rows_keeps_bounds_at_every_free_duration(seed):
+def test_a_step_from_rest_within_the_rows_keeps_bounds_at_a_free_duration(seed):
     _, motion, limits = constrained("arm", {})
-    unknowns = Unknowns(motion.basis.scales, motion.boundary, 0.9, duration_is_free=True)
+    motion = replace(motion, start=JointState(JOINTS, motion.start.positions), duration=3.0)
+    unknowns = Unknowns(motion.basis.scales, motion.boundary, 3.0, duration_is_free=True)
     tables = QuadratureTables(motion.basis)
     inner = MotionProgram(arm_robot(), tables, unknowns, motion.weights)
     timed = LimitedProgram(inner, LimitTables(tables), limits, FAR_FROM_LIMITS)
     rng = np.random.default_rng(seed)
-    at, n_moved = timed.evaluate(0.5 * rng.normal(size=inner.scales.size)), 0
+    at = timed.evaluate(0.1 * rng.normal(size=inner.scales.size))
+    assert np.all((timed.lower < at.inequalities) & (at.inequalities < timed.upper))
+    kinematic = np.flatnonzero(timed.groups < 4 * QUANTITIES.index("effort"))
+    beyond = {"bounds": [], "values": []}
     for _ in range(20):
-        step = rng.normal(size=inner.scales.size) * [0.3, 0.3, 0.3, 0.3, 3.0]
-        after = at.inequalities_after(step)
-        for bound, sign in ((timed.upper, 1.0), (timed.lower, -1.0)):
-            kinematic = np.flatnonzero(timed.groups < 4 * QUANTITIES.index("effort"))
-            rows = at.inequality_rows(kinematic, bound[kinematic])
-            room = sign * (bound - at.inequalities)[kinematic]
-            within = (room >= 0.0) & (sign * rows @ step <= room)
-            beyond = sign * (after - bound)[kinematic][within]
-            assert beyond.max() <= 1e-3
-            n_moved += np.count_nonzero(within & (np.abs(rows @ step) > 0.1))
-    assert n_moved > 0
+        direction = rng.normal(size=inner.scales.size) * [0.3, 0.3, 0.3, 0.3, 3.0]
+        for name, found in beyond.items():
+            used = []
+            for sign, bound in ((1.0, timed.upper), (-1.0, timed.lower)):
+                given = bound[kinematic] if name == "bounds" else None
+                slope = sign * at.inequality_rows(kinematic, given) @ direction
+                used.append((slope / (sign * (bound - at.inequalities)[kinematic])).max())
+            # The longest step within all bounds to first order.
+            after = at.inequalities_after(direction / max(used))
+            found.append(np.maximum(after - timed.upper, timed.lower - after)[kinematic].max())
+    assert max(beyond["bounds"]) <= 1e-9
+    assert max(beyond["values"]) > 1e-3
 
 
 def test_the_prediction_is_the_linear_one():
