@@ -175,6 +175,7 @@ class _Search:
         self.violated = infeasibility(program, self.here)
         self.start_cost, self.pull = self.here.cost, self.here.gradient
         self.weight, self.iterations = 0.0, 1
+        self.feasible = (self.x, self.here) if self.violated <= FEASIBLE else None
         self.memory = memory or self._blank()
 
     def _blank(self) -> SolverMemory:
@@ -225,6 +226,8 @@ class _Search:
             self.memory = replace(self.memory, curvature=self._learned(step, there))
         if decrease > 0.0:
             self.x, self.here, self.violated = self.x + step.change, there, violated
+            if violated <= FEASIBLE:
+                self.feasible = self.x, there
 
     def _restored(self, step: Step, subproblem: Subproblem) -> Step:
         """The step, corrected along the equalities where they are curved, before its evaluation.
@@ -282,6 +285,10 @@ class _Search:
         return replace(curvature, blocks=tuple(blocks))
 
     def _solution(self, converged: bool) -> Solution:
+        if self.violated > FEASIBLE and self.feasible is not None:
+            # An early end between two points within the constraints.
+            self.x, self.here = self.feasible
+            self.violated = infeasibility(self._program, self.here)
         return Solution(
             unknowns=self.x,
             cost=self.here.cost,
