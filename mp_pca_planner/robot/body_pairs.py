@@ -28,6 +28,8 @@ CONTACT = 1e-6
 _PRECISION = 1e-8
 # Hulls nearer than this beside their margin [m] are replaced by the meshes themselves.
 _NEAR = 3e-3
+# Number of bodies up to which the boxes of each pair are compared.
+_FEW = 50
 
 Indices = NDArray[np.intp]
 
@@ -274,13 +276,14 @@ class CollisionCheck:
         data, geometry_data = bodies.model.createData(), _working_memory(geometry, indices, margins)
         # Pinocchio's broad phase keeps no references to these.
         self._kept = bodies.model, data, geometry, geometry_data
-        # Sweep and prune: the fastest broad phase of Coal from 10 to 400 bodies.
-        sweep = getattr(pin, "BroadPhaseManager_SSaPCollisionManager", None)
-        if sweep is None:  # before release 3
+        # The fastest broad phases of Coal: each pair of boxes, or sweep and prune of many.
+        kind = "Naive" if len(bodies.names) <= _FEW else "SSaP"
+        manager = getattr(pin, f"BroadPhaseManager_{kind}CollisionManager", None)
+        if manager is None:  # before release 3
             self._arguments: tuple[Any, ...] = self._kept
         else:
             # Its boxes are enlarged by the margins in their first update.
-            self._arguments = *self._kept[:2], sweep(bodies.model, geometry, geometry_data)
+            self._arguments = *self._kept[:2], manager(bodies.model, geometry, geometry_data)
 
     def __call__(self, q: FloatArray) -> bool:
         """The answer for a configuration, shape (n_joints,)."""
