@@ -99,9 +99,15 @@ class BodyPairs:
         both = np.where(self._moved > 0.0, bodies.levers[second], bodies.levers[first])
         self.levers = both * np.abs(self._moved)
 
-    def check(self, distances: FloatArray) -> CollisionCheck:
-        """The check of configurations for pairs nearer than some distances, shape (n_pairs,)."""
-        return CollisionCheck(self._bodies, self._indices, distances)
+    def check(self, distances: FloatArray, *, hulls: bool = False) -> CollisionCheck:
+        """The check of configurations for pairs nearer than some distances, shape (n_pairs,).
+
+        With `hulls`, bodies that move are replaced by their convex hulls.
+        """
+        are_meshes = ~self._bodies.are_convex
+        if hulls:
+            are_meshes = are_meshes & (self._bodies.joints == 0)
+        return CollisionCheck(self._bodies, self._indices, distances, are_meshes)
 
     def bounds(self, q: FloatArray, enough: FloatArray | float) -> FloatArray:
         """Lower bounds of all distances in some configurations.
@@ -261,17 +267,25 @@ def _working_memory(geometry: Any, indices: Indices, margins: FloatArray) -> Any
 
 
 class CollisionCheck:
-    """Whether any pair is nearer than its margin in a configuration, exact also for meshes.
+    """Whether any pair is nearer than its margin in a configuration.
 
     Parameters
     ----------
     bodies, indices, margins
         See `BodyPairs`.
+    are_meshes : array of bool, shape (n_bodies,)
+        Bodies that are meshes; the others are convex hulls.
     """
 
-    def __init__(self, bodies: Bodies, indices: Indices, margins: FloatArray) -> None:
+    def __init__(
+        self,
+        bodies: Bodies,
+        indices: Indices,
+        margins: FloatArray,
+        are_meshes: NDArray[np.bool_],
+    ) -> None:
         geometry = bodies.hulls.copy()
-        for i in np.flatnonzero(~bodies.are_convex).tolist():
+        for i in np.flatnonzero(are_meshes).tolist():
             geometry.geometryObjects[i].geometry = bodies.shapes.geometryObjects[i].geometry
         data, geometry_data = bodies.model.createData(), _working_memory(geometry, indices, margins)
         # Pinocchio's broad phase keeps no references to these.
