@@ -108,7 +108,7 @@ def load(place: Path | str, jobs: int, journal: Path | None, until: float = 1.0)
             summarise=partial(MotionStatistics.of, options=OPTIONS),
             most_samples=0,
             jobs=jobs,
-            journal=journal,
+            resume=journal,
             progress=progress,
         )
     except KeyboardInterrupt:

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .exceptions import PlannerError, quote_names
+from .rows import is_in_file, row_blocks
 
 FloatArray = NDArray[np.float64]
 
@@ -23,6 +24,8 @@ def frozen_array(
     error: type[PlannerError],
 ) -> FloatArray:
     """Copy values into a read-only, finite float array of a given shape.
+
+    An array in a file is not copied, see :mod:`.rows`.
 
     Parameters
     ----------
@@ -41,7 +44,9 @@ def frozen_array(
         (as `error`) If the values are not numbers, have another shape or are not finite.
     """
     try:
-        array = np.array(values, dtype=np.float64, order="C")
+        is_mapped = is_in_file(values)
+        make = np.asarray if is_mapped else np.array
+        array = make(values, dtype=np.float64, order="C")
     except (TypeError, ValueError, OverflowError):
         raise error(f"{what} must be numbers, got {values!r:.80}") from None
     if array.ndim != len(shape) or any(
@@ -49,7 +54,8 @@ def frozen_array(
     ):
         expected = "(" + ", ".join("any" if n is None else str(n) for n in shape) + ")"
         raise error(f"{what} must have the shape {expected}, got {array.shape}")
-    if not np.isfinite(array).all():
+    blocks = row_blocks(array) if is_mapped else [(array,)]
+    if not all(np.isfinite(block).all() for (block,) in blocks):
         index = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
         where = f"[{', '.join(map(str, index))}]" if index else ""
         raise error(f"{what}{where} is {array[index]}, but only finite numbers are accepted")
@@ -87,5 +93,13 @@ def name_values(values: Mapping[str, float]) -> str:
 
 
 @lru_cache(maxsize=64)  # The same few joints are checked often.
+def short(value: str) -> str:
+    """A value, with four digits if it is a number that is not whole."""
+    try:
+        return value if value.lstrip("-").isdigit() else f"{float(value):.4g}"
+    except ValueError:
+        return value
+
+
 def _repeated(names: tuple[str, ...]) -> list[str]:
     return sorted(name for name, count in Counter(names).items() if count > 1)

@@ -13,7 +13,7 @@ import tempfile
 import tokenize
 import zipfile
 import zlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -22,6 +22,8 @@ import yaml
 
 from .exceptions import PlannerError
 from .input_limits import INPUT_LIMITS
+
+Content = bytes | Callable[[BinaryIO], object]
 
 _WORKSPACE = ".mp_pca_planner-tmp-"
 # Errors of parsers on unexpected content.
@@ -152,12 +154,12 @@ def _reason(error: BaseException) -> str:
     return reason if len(reason) <= 200 else reason[:200] + "…"
 
 
-def write_whole(path: str | Path, content: bytes, *, overwrite: bool = False) -> None:
+def write_whole(path: str | Path, content: Content, *, overwrite: bool = False) -> None:
     """Write a file atomically, see :func:`write_together`."""
     write_together({Path(path): content}, overwrite=overwrite)
 
 
-def write_together(contents: Mapping[Path, bytes | None], *, overwrite: bool = False) -> None:
+def write_together(contents: Mapping[Path, Content | None], *, overwrite: bool = False) -> None:
     """Write several files; none changes unless all of them could be stored.
 
     Each content is written to a hidden folder beside its file first. When all are complete and on
@@ -166,7 +168,8 @@ def write_together(contents: Mapping[Path, bytes | None], *, overwrite: bool = F
     Parameters
     ----------
     contents : mapping
-        Contents by path, in the order of renaming; None removes a file.
+        Contents by path, or functions that write them, in the order of renaming; None removes a
+        file.
     overwrite : bool
         Whether existing files may be replaced.
 
@@ -199,9 +202,12 @@ def write_together(contents: Mapping[Path, bytes | None], *, overwrite: bool = F
         raise PlannerError(f"'{target}' can't be written: {reason}") from None
 
 
-def _stored(path: Path, content: bytes) -> Path:
+def _stored(path: Path, content: Content) -> Path:
     with path.open("wb") as file:
-        file.write(content)
+        if callable(content):
+            content(file)
+        else:
+            file.write(content)
         file.flush()
         os.fsync(file.fileno())
     return path

@@ -6,7 +6,8 @@ from __future__ import annotations
 
 import argparse
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from functools import partial
 from itertools import count
 from pathlib import Path
@@ -14,7 +15,7 @@ from typing import Any
 
 from ..exceptions import PrimitiveError, RecordingError, quote_names
 from ..files import write_whole
-from ..plotting.library_report import library_page
+from ..plotting.report import library_page
 from ..plotting.text import table
 from ..plotting.units import unit_of
 from ..primitives.kind_names import plain_name
@@ -33,9 +34,9 @@ from ..primitives.primitive import MovementPrimitive
 from ..primitives.versioned_library import VersionedLibrary
 from ..recordings.demonstration import RecordingSet
 from ..robot.model import Robot
-from .build_primitives import load, options_like, origin, primitive_options
-from .common import check_output, print_json
-from .terminal import DONE, complain, say
+from .build_primitives import load, options_like, origin, primitive_options, repairs_of
+from .common import check_output, report
+from .terminal import DONE, complain
 
 Joints = tuple[str, ...]
 
@@ -64,7 +65,7 @@ def run(arguments: argparse.Namespace) -> int:
         recordings.require_motion()
     repairs = {name: x for one in known for name, x in one.metadata.get("repairs", {}).items()}
     prismatic = {name for x in known for name in x.metadata.get("prismatic_joints", [])}
-    repairs |= {report.name: report.repairs for report in recordings.reports}
+    repairs |= repairs_of(recordings)
     build = partial(
         library_content,
         options=options,
@@ -110,16 +111,16 @@ def _contents(
     """The library of each set of joints: of old and of new motions."""
     orders = {frozenset(joints): joints for joints in folders}
     old: dict[Joints, list[MotionStatistics]] = {}
-    new: dict[Joints, list[MotionStatistics]] = {}
+    new: dict[Joints, Iterable[MotionStatistics]] = {}
     for primitive in known:
         if primitive.statistics is not None:
             old.setdefault(primitive.joint_names, []).append(primitive.statistics)
     for part in recordings.summaries:
         joints = orders.setdefault(frozenset(part.joint_names), part.joint_names)
-        new.setdefault(joints, []).append(part.ordered(joints))
+        new[joints] = _Ordered(recordings.summaries, joints)
     contents, missing = {}, set(removed)
     for joints in sorted({*old, *new}):
-        parts = [MotionStatistics.merged(x[joints]) for x in (old, new) if joints in x]
+        parts = [MotionStatistics.merged(x) for x in (old.get(joints), new.get(joints)) if x]
         statistics = parts[0].added(parts[1]) if len(parts) > 1 else parts[0]
         here = [name for name in removed if statistics.of_recording(name)]
         statistics = statistics.without(here) if here else statistics
@@ -135,6 +136,18 @@ def _contents(
     if missing:
         raise PrimitiveError(f"the library holds no recordings called {quote_names(missing)}")
     return contents
+
+
+@dataclass(frozen=True)
+class _Ordered:
+    """Those of some statistics that have the same joints, with these in one order."""
+
+    parts: Sequence[MotionStatistics]
+    joints: Joints
+
+    def __iter__(self) -> Iterator[MotionStatistics]:
+        same = (x for x in self.parts if set(x.joint_names) == set(self.joints))
+        return (part.ordered(self.joints) for part in same)
 
 
 def _places(
@@ -162,13 +175,10 @@ def _print(
         "refused": [{"recording": r.recording, "reason": r.reason} for r in recordings.refused],
         "libraries": [_facts(folder, content) for folder, content in places.items()],
     }
-    if arguments.json:
-        print_json(facts)
-    else:
-        n_used = facts["n_recordings"]
-        say(f"recordings  {n_used} read, {len(recordings.refused)} refused")
-        for library, content in zip(facts["libraries"], places.values(), strict=True):
-            say("", *_text(library, content))
+    lines = [f"recordings  {facts['n_recordings']} read, {len(recordings.refused)} refused"]
+    for library, content in zip(facts["libraries"], places.values(), strict=True):
+        lines += ["", *_text(library, content)]
+    report(arguments, facts, *lines)
     for refusal in recordings.refused:
         complain(f"refused {refusal.recording}: {refusal.reason}")
 

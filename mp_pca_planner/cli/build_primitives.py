@@ -20,8 +20,8 @@ from ..exceptions import PrimitiveError, RecordingError
 from ..files import write_whole
 from ..mocap.marker_joint_states import MarkerSource, marker_source
 from ..plotting.report import REPORT_SAMPLES, report_page
+from ..plotting.text import variance_report
 from ..plotting.units import prismatic_joints, unit_of
-from ..plotting.variance import variance_report
 from ..primitives.build import build_from_statistics, options_to_update
 from ..primitives.file import load_primitive, save_primitive
 from ..primitives.motion_statistics import MotionStatistics
@@ -33,8 +33,8 @@ from ..recordings.repair import RepairOptions
 from ..recordings.segmentation import SegmentationOptions
 from ..recordings.segments_file import segments_table
 from ..robot.model import Robot
-from .common import check_output, print_json, progress_bar
-from .terminal import DONE, complain, say
+from .common import check_output, progress_bar, report
+from .terminal import DONE, complain
 
 _MAX_NAMES = 5  # names of recordings listed after a note
 _MANY = 10  # recordings of which the slowest ones are named
@@ -47,7 +47,7 @@ def run(arguments: argparse.Namespace) -> int:
     check_output(output, ".npz", force=force or output == arguments.update)
     check_output(arguments.report, ".html", force=force)
     if arguments.resume is not None and Path(arguments.resume).resolve() == output.resolve():
-        raise RecordingError("--resume and --output are the same file: name another one")
+        raise RecordingError("--resume and --output are the same: name another one")
     check_output(arguments.write_segments, ".csv", force=force)
     options = primitive_options(arguments)
     if old is not None:
@@ -125,9 +125,9 @@ def _statistics(
     removed: Sequence[str],
 ) -> MotionStatistics:
     """Statistics of the old motions and of the new ones."""
-    new = list(recordings.summaries)
+    new = recordings.summaries
     if recordings.demonstrations and not new:
-        new = [MotionStatistics.of(recordings.demonstrations, options)]
+        new = (MotionStatistics.of(recordings.demonstrations, options),)
     if old is None or old.statistics is None:
         return MotionStatistics.merged(new)
     statistics = old.statistics.added(MotionStatistics.merged(new)) if new else old.statistics
@@ -146,8 +146,14 @@ def _origin(
         built = ("options", "angle_variance_ratio", "demonstrations")
         gains = with_gains_only(old.metadata)
         kept = {key: value for key, value in gains.items() if key not in built}
-    repairs = kept.get("repairs", {}) | {r.name: r.repairs for r in recordings.reports}
+    repairs = kept.get("repairs", {}) | repairs_of(recordings)
     return kept | origin(statistics, repairs, robot, kept.get("prismatic_joints", []))
+
+
+def repairs_of(recordings: RecordingSet) -> dict[str, Any]:
+    """Repairs of each recording, by name; equal ones take memory once."""
+    known: dict[str, Any] = {}
+    return {r.name: known.setdefault(str(r.repairs), r.repairs) for r in recordings.reports}
 
 
 def origin(
@@ -191,7 +197,8 @@ def load(
             most_samples=None if is_warped else samples,
             jobs=arguments.jobs,
             dask=arguments.dask,
-            journal=arguments.resume,
+            resume=arguments.resume,
+            on_disk=samples == 0,
             markers=markers,
             state_field=arguments.field,
             repair=RepairOptions(max_gap=arguments.max_gap),
@@ -208,10 +215,7 @@ def _print(
     output: Path,
 ) -> None:
     facts = _facts(recordings, primitive, output)
-    if arguments.json:
-        print_json(facts)
-    else:
-        say(*_slowest_line(recordings), *_text(facts, primitive))
+    report(arguments, facts, *_slowest_line(recordings), *_text(facts, primitive))
     for refusal in recordings.refused:
         complain(f"refused {refusal.recording}: {refusal.reason}")
     if not primitive.n_components:

@@ -19,8 +19,8 @@ from scipy.optimize import minimize
 
 from ..arrays import FloatArray
 from ..motion.trajectory import Trajectory
-from .method import SOLVED, Method, PeerResult, import_peer
-from .problems import Problem, Scene
+from .method import SOLVED, Method, PeerResult
+from .problems import Problem, Scene, import_peer
 from .without_optimisation import minimum_jerk, sample_times
 
 

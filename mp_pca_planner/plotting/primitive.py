@@ -12,7 +12,7 @@ import numpy as np
 from ..arrays import FloatArray
 from ..primitives.alignment import own_phases
 from ..primitives.primitive import MovementPrimitive
-from .style import BLACK, GREY, Line, joint_panels, label_left, line, palette_line
+from .style import LINES, Line, joint_panels, label_left, palette_line
 from .units import prismatic_joints, unit_of
 
 if TYPE_CHECKING:
@@ -23,8 +23,6 @@ PHASES = np.linspace(0.0, 1.0, 101)
 """Phases at which primitives are plotted."""
 
 _MAX_COMPONENTS = 3  # curves around one mean; more are not distinguishable
-_DEMONSTRATION = line("demonstrations", GREY, "-", 0.8)
-_MEAN = line("mean", BLACK, "-", 2.5)
 
 
 def plot_demonstrations(
@@ -45,8 +43,8 @@ def plot_demonstrations(
     """
     unit = unit_of([primitive.joint_names[joint]], prismatic_joints(primitive))
     shown = unit.factor * demonstrations[:, :, joint]
-    axes.plot(PHASES, shown.T, **_DEMONSTRATION)
-    axes.plot(PHASES, shown.mean(axis=0), **_MEAN)
+    axes.plot(PHASES, shown.T, **LINES["demonstration"])
+    axes.plot(PHASES, shown.mean(axis=0), **LINES["mean"])
     axes.set(xlabel="phase", ylabel=f"position [{unit.name}]", xlim=(0.0, 1.0))
     return axes
 
@@ -75,7 +73,7 @@ def plot_components(axes: Axes, primitive: MovementPrimitive, joint: int) -> Axe
         axes.fill_between(PHASES, low, high, color=style["color"], alpha=0.12, linewidth=0)
         axes.plot(PHASES, high, **style)
         axes.plot(PHASES, low, **style | {"label": None})
-    axes.plot(PHASES, mean, **_MEAN)
+    axes.plot(PHASES, mean, **LINES["mean"])
     axes.set(xlabel="phase", ylabel=f"shape [{unit.name}]", xlim=(0.0, 1.0))
     return axes
 
@@ -106,7 +104,7 @@ def primitive_figure(
         By joint, the Axes of the demonstrations and of the components.
     """
     shown = _reproductions(primitive) if demonstrations is None else demonstrations
-    lines = [_DEMONSTRATION, _MEAN, *_component_lines(primitive)]
+    lines = [LINES["demonstration"], LINES["mean"], *_component_lines(primitive)]
     panels = joint_panels(figure, primitive.joint_names, 2, title, lines)
     for joint, (above, below) in enumerate(panels):
         plot_demonstrations(above, primitive, joint, shown)

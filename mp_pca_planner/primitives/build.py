@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
@@ -13,6 +13,7 @@ import numpy as np
 from ..arrays import FloatArray
 from ..exceptions import PrimitiveError
 from ..recordings.demonstration import Demonstration
+from ..rows import row_blocks, row_mean
 from .conditional_model import ConditionalModel
 from .motion_statistics import MotionStatistics, shape_functions
 from .options import PrimitiveOptions as PrimitiveOptions
@@ -109,9 +110,10 @@ def build_from_statistics(
         raise PrimitiveError(f"primitive '{name}' can't be built: no joint moves in any motion")
     shapes, remainders = statistics.shapes, statistics.shape_remainders
     directions, explained_variance = _fit_directions(shapes, options)
-    mean = shapes.mean(axis=0)
-    weights = _project(shapes - mean, directions)
-    left = shapes - mean - np.tensordot(weights, directions, axes=1)
+    mean = row_mean(shapes)
+    weights, left = map(
+        np.concatenate, zip(*_reproduced(statistics, mean, directions), strict=True)
+    )
     _, legendre_coefficients = shape_functions(options.degree, options.n_phases)
     return MovementPrimitive(
         name=name,
@@ -126,10 +128,20 @@ def build_from_statistics(
         boundary_states=statistics.boundary_states,
         durations=statistics.durations,
         warps=statistics.warps,
-        fit_residual=np.sqrt((np.sum(left**2, axis=2) + remainders) / options.n_phases),
-        model=_fit_model(statistics, directions),
+        fit_residual=np.sqrt(left / options.n_phases),
+        model=_fit_model(statistics, mean, directions),
         statistics=statistics,
     )
+
+
+def _reproduced(
+    statistics: MotionStatistics, mean: FloatArray, directions: FloatArray
+) -> Iterator[tuple[FloatArray, FloatArray]]:
+    """Weights, and sums of squares of what they leave of each joint, of some motions at a time."""
+    for part in statistics.blocks():
+        weights = _project(part.shapes - mean, directions)
+        left = part.shapes - mean - np.tensordot(weights, directions, axes=1)
+        yield weights, np.sum(left**2, axis=2) + part.shape_remainders
 
 
 def _facts(statistics: MotionStatistics, options: PrimitiveOptions) -> dict[str, Any]:
@@ -157,13 +169,16 @@ def _facts(statistics: MotionStatistics, options: PrimitiveOptions) -> dict[str,
     }
 
 
-def _fit_model(statistics: MotionStatistics, directions: FloatArray) -> ConditionalModel:
+def _fit_model(
+    statistics: MotionStatistics, mean: FloatArray, directions: FloatArray
+) -> ConditionalModel:
     """Regress the weights, time scalings and durations on the requests."""
-    requests, *shapes = statistics.requests_and_shapes()
     n_components, n_joints, n_functions = directions.shape
     rows = directions.reshape(n_components, n_joints * n_functions)  # there may be no component
-    there, back = (x @ rows.T for x in shapes)
-    straight = -rows @ shapes[0].mean(axis=0)
+    blocks = (part.requests_and_shapes() for part in statistics.blocks())
+    columns = zip(*((q, there @ rows.T, back @ rows.T) for q, there, back in blocks), strict=True)
+    requests, there, back = map(np.concatenate, columns)
+    straight = -rows @ mean.ravel()
     labels = [motion.label for motion in statistics.motions]
     return ConditionalModel.fit(requests, there, back, straight, statistics.paces, labels)
 
@@ -214,5 +229,8 @@ def _total_variance(coefficients: FloatArray, remainders: FloatArray) -> FloatAr
     remainders : array, shape (n_demonstrations, n_joints)
         Sums of squares of the residuals of the coefficients.
     """
-    squares = np.sum((coefficients - coefficients.mean(axis=0)) ** 2, axis=2) + remainders
-    return np.asarray(squares.sum(axis=0) / max(len(squares) - 1, 1))
+    mean = row_mean(coefficients)
+    squares = np.zeros(len(mean))
+    for some, left in row_blocks(coefficients, remainders):
+        squares += np.sum((some - mean) ** 2, axis=(0, 2)) + left.sum(axis=0)
+    return squares / max(len(coefficients) - 1, 1)

@@ -8,10 +8,12 @@ import hashlib
 import io
 import json
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import fields, replace
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import IO, Any, BinaryIO
 
 import numpy as np
 
@@ -20,6 +22,7 @@ from ..arrays import FloatArray, frozen_array
 from ..exceptions import PrimitiveFileError
 from ..files import open_regular, reading, write_whole
 from ..json_content import check_form, load_json
+from ..rows import row_blocks
 from .conditional_model import ConditionalModel
 from .motion_statistics import MotionSource, MotionStatistics
 from .pace import PACE_DEGREE
@@ -31,6 +34,9 @@ FORMAT_VERSION = 1
 
 MAX_BYTES = 1 << 28
 """Largest content of a file. Thousands of demonstrations have a few MB."""
+
+# Letters of the metadata that are written at a time.
+_MAX_LETTERS = 1 << 16
 
 _METADATA = {
     "name": str,
@@ -71,11 +77,18 @@ def save_primitive(
     PlannerError
         If the file exists and may not be overwritten, or can't be written.
     """
-    write_whole(path, primitive_bytes(primitive), overwrite=overwrite)
+    write_whole(path, partial(write_primitive, primitive), overwrite=overwrite)
 
 
 def primitive_bytes(primitive: MovementPrimitive) -> bytes:
-    """The content of a primitive file; the same primitive gives the same bytes."""
+    """The content of a primitive file, see :func:`write_primitive`."""
+    buffer = io.BytesIO()
+    write_primitive(primitive, buffer)
+    return buffer.getvalue()
+
+
+def write_primitive(primitive: MovementPrimitive, file: BinaryIO) -> None:
+    """Write the content of a primitive file; the same primitive gives the same bytes."""
     arrays, statistics = primitive.arrays(), primitive.statistics
     if statistics is not None:
         arrays |= {name: getattr(statistics, name) for name in _STATISTICS}
@@ -89,10 +102,27 @@ def primitive_bytes(primitive: MovementPrimitive) -> bytes:
         "coupling": primitive.coupling,
     }
     metadata["checksum"] = checksum(arrays, metadata)
-    buffer = io.BytesIO()
-    content: dict[str, Any] = {"metadata": np.array(json.dumps(metadata, sort_keys=True))}
-    np.savez(buffer, **content, **arrays)  # type: ignore[arg-type]  # its stub takes bool only
-    return buffer.getvalue()
+    text = json.dumps(metadata, sort_keys=True)
+    # As NumPy writes it, but some rows at a time.
+    with zipfile.ZipFile(file, "w") as archive:
+        with _member(archive, "metadata", f"<U{len(text)}", ()) as member:
+            for first in range(0, len(text), _MAX_LETTERS):
+                member.write(text[first : first + _MAX_LETTERS].encode("utf-32-le"))
+        for name, array in arrays.items():
+            with _member(archive, name, "<f8", array.shape) as member:
+                for (block,) in row_blocks(array):
+                    member.write(block.tobytes())
+
+
+@contextmanager
+def _member(
+    archive: zipfile.ZipFile, name: str, descr: str, shape: tuple[int, ...]
+) -> Iterator[IO[bytes]]:
+    """A member of an .npz file for an array, after its header."""
+    with archive.open(f"{name}.npy", "w", force_zip64=True) as member:
+        header = {"descr": descr, "fortran_order": False, "shape": shape}
+        np.lib.format.write_array_header_1_0(member, header)
+        yield member
 
 
 def load_primitive(path: str | Path) -> MovementPrimitive:
@@ -200,7 +230,7 @@ def checksum(arrays: Mapping[str, FloatArray], metadata: Mapping[str, Any]) -> s
     """SHA-256 of the arrays and of the metadata without their checksum."""
     digest = hashlib.sha256(json.dumps(metadata, sort_keys=True).encode())
     for name in sorted(arrays):
-        array = np.ascontiguousarray(arrays[name])
-        digest.update(f"{name}{array.shape}".encode())
-        digest.update(array.tobytes())
+        digest.update(f"{name}{arrays[name].shape}".encode())
+        for (block,) in row_blocks(arrays[name]):
+            digest.update(block.tobytes())
     return digest.hexdigest()

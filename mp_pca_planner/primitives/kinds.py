@@ -177,10 +177,20 @@ def _features(
     n_compared : int
         Number of the first ones that have the share of the variance to be compared.
     """
+    raw = np.concatenate([_raw_features(x, n_phases, options) for x in statistics.blocks()])
+    components = fit_components(raw)
+    found = components.transform(raw)
+    n_compared = components_for_share(components, options.variance) if found.size else 0
+    if found.shape[1] < 2:
+        found = np.pad(found, ((0, 0), (0, 2 - found.shape[1])))
+    return found, max(2, n_compared)
+
+
+def _raw_features(statistics: MotionStatistics, n_phases: int, options: KindOptions) -> FloatArray:
     start, goal = statistics.boundary_states[:, 0], statistics.boundary_states[:, 3]
     # The functions of the shapes are alternately even and odd.
     even = statistics.shapes[:, :, ::2].reshape(len(start), -1) / np.sqrt(n_phases)
-    features = np.column_stack(
+    return np.column_stack(
         [
             (start + goal) / np.sqrt(2.0),
             np.abs(goal - start) / np.sqrt(2.0),
@@ -188,10 +198,6 @@ def _features(
             options.duration_weight * np.log(statistics.durations),
         ]
     )
-    components = fit_components(features)
-    found = components.transform(features)
-    n_compared = components_for_share(components, options.variance) if found.size else 0
-    return np.pad(found, ((0, 0), (0, max(0, 2 - found.shape[1])))), max(2, n_compared)
 
 
 class _Tree:

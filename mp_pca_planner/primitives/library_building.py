@@ -7,6 +7,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,7 @@ from ..arrays import FloatArray
 from ..robot.model import Robot
 from .build import build_from_statistics
 from .conditional_model import left_out_squares
-from .file import load_primitive, primitive_bytes
+from .file import load_primitive, write_primitive
 from .kind_names import kind_names
 from .kinds import OUTLIER, Indices, KindOptions, Kinds, find_kinds
 from .library_journal import Change
@@ -170,9 +171,9 @@ def write_library(
     """
     names = {primitive.name for primitive in content.primitives}
     retired = sorted(known_motions(library)[0].keys() - names)
-    outliers = None if content.outliers is None else primitive_bytes(content.outliers)
-    files = {_OUTLIERS_FILE: outliers}
-    return library.change(content.primitives, retired, files, n_before=n_before, note=note)
+    outliers = content.outliers
+    kept = {_OUTLIERS_FILE: None if outliers is None else partial(write_primitive, outliers)}
+    return library.change(content.primitives, retired, kept, n_before=n_before, note=note)
 
 
 def known_motions(

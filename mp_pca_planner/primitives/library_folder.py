@@ -11,7 +11,7 @@ from dataclasses import asdict
 from pathlib import Path
 
 from ..exceptions import PlannerError, PrimitiveError
-from ..files import read_bytes, read_text, reading, write_together
+from ..files import Content, read_bytes, read_text, reading, write_together
 from .file import MAX_BYTES
 from .library_journal import MAX_JOURNAL_BYTES, Change, parsed_change
 
@@ -72,7 +72,7 @@ class LibraryFolder:
             return read_bytes(file, MAX_BYTES)
 
     def make(
-        self, changes: Sequence[Change], files: Mapping[Path, bytes | None]
+        self, changes: Sequence[Change], files: Mapping[Path, Content | None]
     ) -> tuple[Change, ...]:
         """Make changes atomically: their files, then their lines of the journal."""
         before = self._journal.read_bytes() if self._journal.exists() else b""

@@ -9,7 +9,7 @@ the primitive.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import lru_cache
 from typing import TYPE_CHECKING, NamedTuple
@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from ..arrays import FloatArray
 from ..exceptions import PrimitiveError, unknown_name
+from ..rows import empty_rows, release, row_blocks
 from .alignment import align, aligned_positions
 from .basis import end_vanishing_coefficients, legendre_values
 from .boundary import boundary_values, hermite_functions
@@ -147,20 +148,22 @@ class MotionStatistics:
     def merged(cls, parts: Iterable[MotionStatistics]) -> MotionStatistics:
         """Merge the statistics of parts of the demonstrations, at least one part.
 
+        The parts are iterated over twice. The arrays are in a temporary file if they are large.
+
         Raises
         ------
         PrimitiveError
             If they have different joints, or were made with other options.
         """
-        ordered = list(parts)
-        _check_joints([(x.joint_names, x.motions[0].recording) for x in ordered])
-        if len({(x.shapes.shape[2], x.angles.shape[2]) for x in ordered}) > 1:
-            raise PrimitiveError("statistics of different --degree or --phases can't be merged")
-        motions = tuple(motion for part in ordered for motion in part.motions)
-        arrays = {
-            name: np.concatenate([getattr(part, name) for part in ordered]) for name in _ARRAYS
-        }
-        return cls(ordered[0].joint_names, motions, **arrays)
+        first, motions = next(iter(parts)), list[MotionSource]()
+        row_shapes = first.shapes.shape[1:] + first.angles.shape[1:]
+        for part in parts:
+            _check_joints([(x.joint_names, x.motions[0].recording) for x in (first, part)])
+            if part.shapes.shape[1:] + part.angles.shape[1:] != row_shapes:
+                raise PrimitiveError("statistics of different --degree or --phases can't be merged")
+            motions += part.motions
+        arrays = _gathered(len(motions), first, (part._arrays() for part in parts))
+        return cls(first.joint_names, tuple(motions), **arrays)
 
     def requests_and_shapes(self) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Requests (q0, qT, log T), shapes, and shapes of the reversed motions, as rows."""
@@ -170,10 +173,25 @@ class MotionStatistics:
         there, back = (x.reshape(len(self.motions), -1) for x in (self.shapes, reversed_shapes))
         return np.column_stack([*ends, np.log(self.durations)]), there, back
 
+    def blocks(self) -> Iterator[MotionStatistics]:
+        """Some motions at a time, in order; arrays in a file take memory for these only."""
+        n_done = 0
+        for arrays in row_blocks(*self._arrays()):
+            motions = self.motions[n_done : n_done + len(arrays[0])]
+            yield MotionStatistics(self.joint_names, motions, *arrays)
+            n_done += len(motions)
+
     def chosen(self, which: Sequence[int] | NDArray[np.intp]) -> MotionStatistics:
         """The statistics of some of the demonstrations, by index."""
-        arrays = {name: getattr(self, name)[which] for name in _ARRAYS}
-        return replace(self, motions=tuple(self.motions[i] for i in which), **arrays)
+        indices = np.asarray(which, dtype=np.intp)
+        parts = ([array[some] for array in self._arrays()] for (some,) in row_blocks(indices))
+        arrays = _gathered(len(indices), self, parts)
+        release(self.angles)
+        motions = tuple(self.motions[i] for i in indices)
+        return MotionStatistics(self.joint_names, motions, **arrays)
+
+    def _arrays(self) -> list[FloatArray]:
+        return [getattr(self, name) for name in _ARRAYS]
 
     def ordered(self, joint_names: tuple[str, ...]) -> MotionStatistics:
         """The same motions with the same joints in another order."""
@@ -248,6 +266,20 @@ class MotionStatistics:
 
 
 _ARRAYS = tuple(x.name for x in fields(MotionStatistics)[2:])
+
+
+def _gathered(
+    n_rows: int, like: MotionStatistics, parts: Iterable[Sequence[FloatArray]]
+) -> dict[str, FloatArray]:
+    """All arrays by name, given some rows of all of them at a time."""
+    arrays = empty_rows(n_rows, {name: getattr(like, name).shape[1:] for name in _ARRAYS})
+    n_done = 0
+    for part in parts:
+        for array, rows in zip(arrays.values(), part, strict=True):
+            array[n_done : n_done + len(rows)] = rows
+            release(array)
+        n_done += len(part[0])
+    return arrays
 
 
 @lru_cache(maxsize=8)

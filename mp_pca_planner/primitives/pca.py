@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..arrays import FloatArray
+from ..rows import row_blocks, row_mean
 
 # Components whose variance is below this share of the largest are rounding errors.
 _RANK_TOLERANCE = 1e-12
@@ -67,12 +68,15 @@ def fit_components(samples: FloatArray) -> PrincipalComponents:
     samples : array, shape (n_samples, n_features)
         Constant ones (or a single one) give no components.
     """
-    mean = samples.mean(axis=0)
-    deviations = samples - mean
-    n = len(samples)
-    if n < 2 or np.sqrt(np.sum(deviations**2, axis=0).max() / (n - 1)) < _CONSTANT:
+    mean, n = row_mean(samples), len(samples)
+    # With the same singular values and right singular vectors as the deviations from the mean.
+    triangle = np.zeros((0, mean.size))
+    for (block,) in row_blocks(samples):
+        rows = np.concatenate([triangle, block - mean])
+        triangle = np.asarray(np.linalg.qr(rows, mode="r"))
+    if n < 2 or np.sqrt(np.sum(triangle**2, axis=0).max() / (n - 1)) < _CONSTANT:
         return PrincipalComponents(mean, np.zeros((0, mean.size)), np.zeros(0), 0.0)
-    _, singular, rows = np.linalg.svd(deviations, full_matrices=False)
+    _, singular, rows = np.linalg.svd(triangle, full_matrices=False)
     variance = singular**2 / (n - 1)
     keep = variance > _RANK_TOLERANCE * variance[0]
     rows = rows[keep] * largest_signs(rows[keep])

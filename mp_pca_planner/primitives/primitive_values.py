@@ -10,6 +10,7 @@ import numpy as np
 
 from ..arrays import frozen_array, unique_names
 from ..exceptions import PrimitiveFileError
+from ..rows import row_blocks
 from .kernels import INVERSE_LENGTHS
 from .pace import PACE_DEGREE
 
@@ -86,7 +87,7 @@ def _freeze_arrays(primitive: MovementPrimitive) -> None:
         expected = tuple(x if isinstance(x, int) else sizes.get(x) for x in shape)
         frozen = frozen_array(getattr(owner, array), expected, what, PrimitiveFileError)
         largest = _MAX_PRECISION if array.endswith("_precision") else _MAX_VALUE
-        if np.abs(frozen).max(initial=0.0) > largest:
+        if any(np.abs(block).max(initial=0.0) > largest for (block,) in row_blocks(frozen)):
             raise PrimitiveFileError(f"{what} holds numbers that are too large for motions")
         sizes |= dict(zip(shape, frozen.shape, strict=True))
         object.__setattr__(owner, array, frozen)
@@ -108,7 +109,8 @@ def _problem(primitive: MovementPrimitive) -> str:
             np.linalg.cholesky(matrix)
         except np.linalg.LinAlgError:
             return "a covariance is not positive definite"
-    ends = warps[:, [0, -1]] if warps.shape[1] > 1 else np.zeros(2)
-    if np.any(ends != (0.0, 1.0)) or np.any(np.diff(warps, axis=1) <= 0.0):
-        return "its warps must increase from 0 to 1"
+    for (block,) in row_blocks(warps):
+        ends = block[:, [0, -1]] if warps.shape[1] > 1 else np.zeros(2)
+        if np.any(ends != (0.0, 1.0)) or np.any(np.diff(block, axis=1) <= 0.0):
+            return "its warps must increase from 0 to 1"
     return ""

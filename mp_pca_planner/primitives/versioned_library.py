@@ -15,11 +15,13 @@ change first restores the files in use. Reading the history changes nothing.
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
+from functools import partial
 from itertools import count
 from pathlib import Path
 
 from ..exceptions import PrimitiveError, unknown_name
-from .file import load_primitive, primitive_bytes
+from ..files import Content
+from .file import load_primitive, primitive_bytes, write_primitive
 from .library_folder import LibraryFolder
 from .library_journal import (
     ADD,
@@ -53,7 +55,7 @@ class VersionedLibrary(LibraryFolder):
         self,
         primitives: Sequence[MovementPrimitive],
         retired: Collection[str],
-        kept: Mapping[str, bytes | None],
+        kept: Mapping[str, Content | None],
         *,
         n_before: int,
         note: str = "",
@@ -133,7 +135,7 @@ class VersionedLibrary(LibraryFolder):
         self,
         primitives: Sequence[MovementPrimitive],
         retired: Collection[str],
-        kept: Mapping[str, bytes | None],
+        kept: Mapping[str, Content | None],
         note: str,
     ) -> tuple[Change, ...]:
         for primitive in primitives:
@@ -142,7 +144,7 @@ class VersionedLibrary(LibraryFolder):
         for primitive in primitives:
             self._adopt(primitive.name)
         changes: list[Change] = []
-        files: dict[Path, bytes | None] = {}
+        files: dict[Path, Content | None] = {}
         for primitive in primitives:
             change, own = self._addition(primitive, note)
             changes.append(change)
@@ -178,9 +180,9 @@ class VersionedLibrary(LibraryFolder):
 
     def _addition(
         self, primitive: MovementPrimitive, note: str, name: str = ""
-    ) -> tuple[Change, dict[Path, bytes | None]]:
+    ) -> tuple[Change, dict[Path, Content | None]]:
         """The change that adds a primitive, and its files."""
-        name, content = name or primitive.name, primitive_bytes(primitive)
+        name, content = name or primitive.name, partial(write_primitive, primitive)
         known = [c.version or 0 for c in self.history() if c.name == name]
         # A version that the journal does not name was left by a process that was killed.
         free = (v for v in count(max(known, default=0) + 1) if not self.file_of(name, v).exists())

@@ -1,33 +1,38 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Files with what was read of recordings, so that other options need not read them again."""
+"""A folder with what was read of recordings, so that it is not read again.
+
+Each file holds a value by its key: the SHA-256 of the pickled value, then this. Values of this
+package and of NumPy are unpickled, others are not. A damaged file counts as missing.
+"""
 
 from __future__ import annotations
 
 import hashlib
 import io
-import json
 import os
+import pickle
+import tempfile
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, is_dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
-from zipfile import BadZipFile
 
-import numpy as np
-
-from ..exceptions import PlannerError
-from ..files import write_whole
+from .. import __version__
+from ..exceptions import RecordingError
 from . import bags
 from .bags.discovery import METADATA, translated_os_errors
-from .repair import CleanRecording, Piece
+from .repair import CleanRecording
 
 FOLDER_VARIABLE = "MP_PCA_PLANNER_CACHE"
 """Environment variable that names the folder of the command line's cache."""
 
-_UNREADABLE = (OSError, ValueError, KeyError, TypeError, BadZipFile)
+_SUFFIX = ".read"
+_PACKAGE = __name__.partition(".")[0]
+# NumPy's functions that make arrays and numbers, in modules of NumPy 1 and 2.
+_OF_NUMPY = ("_reconstruct", "_frombuffer", "ndarray", "dtype", "scalar")
 
 
 def default_folder() -> Path:
@@ -38,11 +43,7 @@ def default_folder() -> Path:
 
 @dataclass(frozen=True)
 class ReadingCache:
-    """A folder with the repaired joint states of recordings.
-
-    They are found by the checksum of the recording, the options of reading, and the code that
-    reads. The checksum of a recording whose files have the same names, sizes and times of
-    modification as before is known without reading it. A folder that can't be used is no error.
+    """Values by key in a folder. A folder that can't be used is no error.
 
     Attributes
     ----------
@@ -55,18 +56,66 @@ class ReadingCache:
     folder: Path | None = None
     max_bytes: int = 4 << 30
 
-    def checksum(self, path: Path) -> str:
-        """The checksum of a recording, see :func:`.bags.checksum`."""
+    @classmethod
+    def resumed(cls, path: str | Path) -> ReadingCache:
+        """The cache of --resume, which has a folder of its own.
+
+        Raises
+        ------
+        RecordingError
+            If it can't be used, or holds other files.
+        """
+        folder = Path(path)
+        try:
+            folder.mkdir(mode=0o700, exist_ok=True)
+            if any(file.suffix not in (_SUFFIX, ".tmp") for file in folder.iterdir()):
+                raise RecordingError(f"'{path}' (--resume) holds other files: name a new folder")
+            if not os.access(folder, os.W_OK):
+                raise PermissionError
+        except OSError as error:
+            reason = error.strerror or "it may not be changed"
+            raise RecordingError(f"'{path}' can't be the folder of --resume: {reason}") from None
+        return cls(folder)
+
+    def value(self, key: str) -> Any:
+        """The value of a key; None if there is none."""
         if self.folder is None:
-            return bags.checksum(path)
-        stamp = _stamp(path)
-        file = self.folder / f"{_digest(str(path.absolute()))}.json"
-        with suppress(*_UNREADABLE):
-            known = json.loads(file.read_text(encoding="utf-8"))
-            if known["stamp"] == stamp:
-                return str(known["checksum"])
-        found = bags.checksum(path)
-        _write(file, json.dumps({"stamp": stamp, "checksum": found}).encode())
+            return None
+        file = self.folder / f"{key}{_SUFFIX}"
+        # A damaged or hostile pickle may raise any error.
+        with suppress(Exception):
+            content = file.read_bytes()
+            if hashlib.sha256(content[32:]).digest() == content[:32]:
+                os.utime(file)  # used last
+                return _Reader(io.BytesIO(content[32:])).load()
+        return None
+
+    def keep(self, key: str, value: Any) -> None:
+        """Keep a value, if that is possible."""
+        if self.folder is None:
+            return
+        with suppress(OSError):
+            self.folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+            content = pickle.dumps(value)
+            descriptor, name = tempfile.mkstemp(".tmp", dir=self.folder)
+            try:
+                with os.fdopen(descriptor, "wb") as file:
+                    file.write(hashlib.sha256(content).digest() + content)
+                os.replace(name, self.folder / f"{key}{_SUFFIX}")
+            except OSError:
+                os.unlink(name)
+
+    def checksum(self, path: Path) -> str:
+        """The checksum of a recording, see :func:`.bags.checksum`.
+
+        That of a recording whose files have the same names, sizes and times of modification as
+        before is known without reading it.
+        """
+        key = key_of(str(path.absolute()), _stamp(path))
+        found = self.value(key)
+        if not isinstance(found, str):
+            found = bags.checksum(path)
+            self.keep(key, found)
         return found
 
     def clean(self, path: Path, options: str, read: Callable[[], CleanRecording]) -> CleanRecording:
@@ -85,16 +134,13 @@ class ReadingCache:
             return read()
         names = [name for name, *_ in _stamp(path)]
         with suppress(OSError):
-            names.append(_digest((path / METADATA).read_text(encoding="utf-8")))
-        key = [self.checksum(path), options, names, _code_digest()]
-        file = self.folder / f"{_digest(json.dumps(key))}.npz"
-        with suppress(*_UNREADABLE):
-            found = _loaded(file)
-            os.utime(file)  # used last
-            return found
-        clean = read()
-        _write(file, _content(clean))
-        return clean
+            names.append((path / METADATA).read_text(encoding="utf-8"))
+        key = key_of(self.checksum(path), options, names)
+        found = self.value(key)
+        if not isinstance(found, CleanRecording):
+            found = read()
+            self.keep(key, found)
+        return found
 
     def prune(self) -> None:
         """Delete the files that were used first, until the others have at most `max_bytes`."""
@@ -109,49 +155,35 @@ class ReadingCache:
                     file.unlink(missing_ok=True)
 
 
-def _write(file: Path, content: bytes) -> None:
-    with suppress(OSError, PlannerError):
-        file.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
-        write_whole(file, content, overwrite=True)
+def key_of(*values: Any) -> str:
+    """The key of what the code of this release makes of some values."""
+    return hashlib.sha256(pickle.dumps((__version__, _code_digest(), *values))).hexdigest()
 
 
-def _stamp(path: Path) -> list[list[Any]]:
+def _stamp(path: Path) -> list[tuple[str, int, int]]:
     """Names, sizes and times of modification of the files of a recording."""
     files = sorted(path.iterdir()) if path.is_dir() else [path]
     with translated_os_errors(path):
         status = [(file.name, file.stat()) for file in files]
-    return [[name, one.st_size, one.st_mtime_ns] for name, one in status]
+    return [(name, one.st_size, one.st_mtime_ns) for name, one in status]
 
 
 @lru_cache(maxsize=1)
-def _code_digest() -> str:
+def _code_digest() -> bytes:
     """Digest of the code that reads and repairs recordings."""
     files = sorted(Path(__file__).parent.rglob("*.py"))
-    return _digest("".join(file.read_text(encoding="utf-8") for file in files))
+    return hashlib.sha256(b"".join(file.read_bytes() for file in files)).digest()
 
 
-def _digest(text: str) -> str:
-    return hashlib.sha256(text.encode("utf-8", "surrogateescape")).hexdigest()
+class _Reader(pickle.Unpickler):
+    """Unpickles dataclasses and tuples of this package, and arrays."""
 
-
-def _content(clean: CleanRecording) -> bytes:
-    facts = {f.name: getattr(clean, f.name) for f in fields(clean) if f.name != "pieces"}
-    arrays: dict[str, Any] = {"facts": np.array(json.dumps(facts))}
-    for i, piece in enumerate(clean.pieces):
-        arrays |= {f"times_{i}": piece.times, f"positions_{i}": piece.positions}
-    buffer = io.BytesIO()
-    np.savez(buffer, **arrays)
-    return buffer.getvalue()
-
-
-def _loaded(file: Path) -> CleanRecording:
-    with np.load(file, allow_pickle=False) as content:
-        facts: dict[str, Any] = json.loads(str(content["facts"]))
-        n_pieces = sum(name.startswith("times_") for name in content.files)
-        pieces = tuple(
-            Piece(content[f"times_{i}"], content[f"positions_{i}"]) for i in range(n_pieces)
-        )
-    values: dict[str, Any] = {
-        key: tuple(x) if isinstance(x, list) else x for key, x in facts.items()
-    }
-    return CleanRecording(pieces=pieces, **values)
+    def find_class(self, module: str, name: str) -> Any:
+        package = module.partition(".")[0]
+        if package == "numpy" and name in _OF_NUMPY:
+            return super().find_class(module, name)
+        if package == _PACKAGE:
+            found = super().find_class(module, name)
+            if isinstance(found, type) and (is_dataclass(found) or issubclass(found, tuple)):
+                return found
+        raise pickle.UnpicklingError(f"it holds {module}.{name}")

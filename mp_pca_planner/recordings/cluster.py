@@ -9,7 +9,6 @@ import pickle
 import re
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from pathlib import Path
 from typing import Any
 
 from .. import __version__
@@ -30,7 +29,7 @@ def map_on_cluster(
     function: Callable[[Item], Result],
     items: Sequence[Item],
     address: str,
-    paths: Sequence[Path | None],
+    path_of: Callable[[Item], str],
 ) -> Iterator[Outcome[Result]]:
     """Call a function with every item, on the workers of a cluster.
 
@@ -45,9 +44,9 @@ def map_on_cluster(
         Arguments of the calls.
     address :
         Address of the scheduler, for example 'tcp://192.0.2.1:8786'.
-    paths :
-        The file or folder that each item is about, absolute, if it has one; all workers must see
-        it.
+    path_of :
+        Path of the file or folder that an item is about, absolute; '' if it has none. All workers
+        must see it.
 
     Yields
     ------
@@ -84,8 +83,7 @@ def map_on_cluster(
         def submit(bundle: list[int]) -> Any:
             (index,) = bundle
             work = pickle.dumps((function, items[index]))
-            path = str(paths[index] or "")
-            return client.submit(run, work, path, __version__, pure=False)
+            return client.submit(run, work, path_of(items[index]), __version__, pure=False)
 
         def check() -> None:
             if not client.nthreads():

@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
@@ -262,22 +262,24 @@ class RecordingReport:
 class RecordingSet:
     """Demonstrations from several recordings, with a report or a refusal for each of these.
 
+    The fields are tuples, or temporary files if the recordings were loaded `on_disk`.
+
     Attributes
     ----------
-    demonstrations : tuple of Demonstration
+    demonstrations : sequence of Demonstration
         Those of all recordings, in order.
-    reports : tuple of RecordingReport
+    reports : sequence of RecordingReport
         One for each recording that is used.
-    refused : tuple of Refusal
+    refused : sequence of Refusal
         One for each that is not.
-    summaries : tuple
+    summaries : sequence
         Results of `summarise` for the recordings that are used, if it was given.
     """
 
-    demonstrations: tuple[Demonstration, ...] = ()
-    reports: tuple[RecordingReport, ...] = ()
-    refused: tuple[Refusal, ...] = ()
-    summaries: tuple[Any, ...] = ()
+    demonstrations: Sequence[Demonstration] = ()
+    reports: Sequence[RecordingReport] = ()
+    refused: Sequence[Refusal] = ()
+    summaries: Sequence[Any] = ()
 
     def __len__(self) -> int:
         return len(self.demonstrations)

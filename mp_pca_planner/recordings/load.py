@@ -5,9 +5,10 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Generator, Iterable, Sequence
-from contextlib import closing, nullcontext
-from dataclasses import dataclass, field, fields, replace
+from array import array
+from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
+from contextlib import closing
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, Literal, Protocol
@@ -16,7 +17,7 @@ import numpy as np
 
 from ..exceptions import RecordingError, unknown_name
 from . import bags, cutting
-from .cache import ReadingCache
+from .cache import ReadingCache, key_of
 from .cluster import map_on_cluster
 from .demonstration import (
     Demonstration,
@@ -28,7 +29,6 @@ from .demonstration import (
     Segment,
 )
 from .joint_states import RawJointStates
-from .journal import Journal, key_of, open_journal
 from .processes import Outcome, map_in_processes
 from .reading import read_clean
 from .repair import CleanRecording, RepairOptions, repair
@@ -40,6 +40,7 @@ from .segmentation import (
 )
 from .segments_file import SegmentRow, segments_by_hand
 from .smoothing import SmoothingOptions, SmoothPiece
+from .spool import GatheredSets
 
 __all__ = ["LoadOptions", "RecordingReport", "RecordingSet", "load_recordings"]
 
@@ -136,7 +137,8 @@ def load_recordings(
     dask: str | None = None,
     progress: Callable[[int, int], None] | None = None,
     known_extents: Sequence[float] = (),
-    journal: str | Path | None = None,
+    resume: str | Path | None = None,
+    on_disk: bool = False,
     **options: Any,
 ) -> RecordingSet:
     """Load the demonstrated motions of recordings.
@@ -155,9 +157,12 @@ def load_recordings(
         Called with the bytes of recordings done and in all.
     known_extents :
         Extents of further motions of the set, which are not loaded again [rad or m].
-    journal :
-        A file that keeps what was read of each recording, so that an interrupted run continues
+    resume :
+        A folder that keeps what was read of each recording, so that an interrupted run continues
         where it was. What it holds is not read again.
+    on_disk :
+        Holds demonstrations, reports and summaries in temporary files: they can be iterated over,
+        and their number takes hardly any memory.
     **options :
         The fields of :class:`LoadOptions`.
 
@@ -170,20 +175,17 @@ def load_recordings(
     settings = LoadOptions(**options)
     if jobs < 1:
         raise RecordingError(f"the number of jobs must be 1 or more, got {jobs}")
-    tasks = _tasks(bags.find_recordings(paths), settings)
-    with nullcontext() if journal is None else open_journal(journal) as known:
-        loaded = _load_all(tasks, jobs, dask, progress, known)
-        again = _tasks_again(tasks, loaded, known_extents)
-        repeated = _load_all(list(again.values()), jobs, dask, None, known)
-    for index, one in zip(again, repeated, strict=True):
-        loaded[index] = one
+    tasks = _tasks(bags.find_recordings(paths), settings, is_absolute=dask is not None)
+    kept = ReadingCache() if resume is None else ReadingCache.resumed(resume)
+    loaded = GatheredSets(len(tasks), on_disk=on_disk)
+    _load_all(dict(enumerate(tasks)), loaded, kept, jobs, dask, progress)
+    again = _tasks_again(tasks, loaded, known_extents)
+    _load_all(again, loaded, kept, jobs, dask, None)
     settings.cache.prune()
-    return RecordingSet(
-        *(tuple(x for one in loaded for x in getattr(one, f.name)) for f in fields(RecordingSet))
-    )
+    return loaded.result()
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class _LoadTask:
     """A recording to load; its motions, if they were cut by hand; the set's least extent."""
 
@@ -194,74 +196,76 @@ class _LoadTask:
     least_extent: float = 0.0
 
 
-def _tasks(found: Sequence[bags.Recording], options: LoadOptions) -> list[_LoadTask]:
+def _tasks(
+    found: Sequence[bags.Recording], options: LoadOptions, *, is_absolute: bool
+) -> list[_LoadTask]:
     names = bags.recording_names(found)
     by_hand = segments_by_hand(options.segments_csv, options.labels, names)
-    if by_hand is None:
-        return [
-            _LoadTask(path, name, None, options) for path, name in zip(found, names, strict=True)
-        ]
-    return [
-        _LoadTask(path, name, tuple(by_hand.get(name, ())), options)
-        for path, name in zip(found, names, strict=True)
+    tasks = []
+    for path, name in zip(found, names, strict=True):
+        rows = None if by_hand is None else tuple(by_hand.get(name, ()))
         # A recording with motions of other labels only has nothing to load.
-        if by_hand.get(name) != []
-    ]
+        if by_hand is None or by_hand.get(name) != []:
+            if is_absolute and isinstance(path, Path):
+                path = path.absolute()
+            tasks.append(_LoadTask(path, name, rows, options))
+    return tasks
 
 
 def _load_all(
-    tasks: Sequence[_LoadTask],
+    tasks: Mapping[int, _LoadTask],
+    loaded: GatheredSets,
+    kept: ReadingCache,
     jobs: int,
     dask: str | None,
     progress: Callable[[int, int], None] | None,
-    journal: Journal | None,
-) -> list[RecordingSet]:
-    """Load recordings; a set for each, in their order."""
-    loaded = [RecordingSet() for _ in tasks]
-    sizes = [0 if progress is None else bags.stored_size(task.path) for task in tasks]
-    total, done, left = sum(sizes), 0, list(range(len(tasks)))
-    keys: list[bytes] = []
-    if journal is not None:
-        keys = [key_of(task, bags.stored_state(task.path)) for task in tasks]
-        left = [i for i, key in enumerate(keys) if key not in journal]
-        for i in set(range(len(tasks))) - set(left):
-            loaded[i] = journal.value(keys[i])
-            done += sizes[i]
+) -> None:
+    """Load recordings by index."""
+    indices, left = array("q", tasks), array("q")
+    sizes = array("q", [bags.stored_size(x.path) if progress else 0 for x in tasks.values()])
+    total, done = sum(sizes), 0
+    for position, index in enumerate(indices):
+        found = kept.value(_key(tasks[index])) if kept.folder else None
+        if isinstance(found, RecordingSet):
+            loaded[index] = found
+            done += sizes[position]
+        else:
+            left.append(position)
 
-    def within(index: int, share: float) -> None:
+    def within(item: int, share: float) -> None:
         if progress is not None:
-            progress(done + int(share * sizes[left[index]]), total)
+            progress(done + int(share * sizes[left[item]]), total)
 
-    with closing(_outcomes([tasks[i] for i in left], jobs, dask, within)) as ready:
+    with closing(_outcomes([tasks[indices[i]] for i in left], jobs, dask, within)) as ready:
         for outcome in ready:
-            i = left[outcome.index]
-            loaded[i] = _final(outcome, tasks[i].name)
+            position = left[outcome.index]
+            index = indices[position]
+            loaded[index] = _final(outcome, tasks[index].name)
             # What was refused is tried again: the reason may have been the network.
-            if journal is not None and outcome.result is not None and not outcome.result.refused:
-                journal.add(keys[i], outcome.result)
-            done += sizes[i]
+            if kept.folder and outcome.result is not None and not outcome.result.refused:
+                kept.keep(_key(tasks[index]), outcome.result)
+            done += sizes[position]
             within(outcome.index, 0.0)
-    return loaded
+
+
+def _key(task: _LoadTask) -> str:
+    return key_of(task, bags.stored_state(task.path))
 
 
 def _tasks_again(
-    tasks: Sequence[_LoadTask], loaded: Sequence[RecordingSet], known_extents: Sequence[float]
+    tasks: Sequence[_LoadTask], loaded: GatheredSets, known_extents: Sequence[float]
 ) -> dict[int, _LoadTask]:
     """Recordings with movements that count as rest relative to the motions of the set, by index."""
-    found = {
-        index: [motion.extent for motion in one.reports[0].motions]
-        for index, one in enumerate(loaded)
-        if one.reports and tasks[index].segments is None
-    }
-    if not found:
+    extents, least_own = array("d", known_extents), array("d")
+    for index, task in enumerate(tasks):
+        own = [m.extent for x in loaded.reports(index) for m in x.motions if task.segments is None]
+        extents.extend(own)
+        least_own.append(min(own, default=np.inf))
+    if np.isinf(least_own).all():
         return {}
-    extents = [*known_extents, *(extent for own in found.values() for extent in own)]
     least = least_extent_of_set(extents, tasks[0].options.segmentation)
-    return {
-        index: replace(tasks[index], least_extent=least)
-        for index, own in found.items()
-        if min(own) <= least
-    }
+    small = np.flatnonzero(np.asarray(least_own) <= least).tolist()
+    return {index: replace(tasks[index], least_extent=least) for index in small}
 
 
 def _outcomes(
@@ -271,15 +275,16 @@ def _outcomes(
     within: Callable[[int, float], None],
 ) -> Generator[Outcome[RecordingSet], None, None]:
     if dask is not None and tasks:
-        # Workers have working directories of their own.
-        local = [x.path.absolute() if isinstance(x.path, Path) else None for x in tasks]
-        tasks = [replace(x, path=path or x.path) for x, path in zip(tasks, local, strict=True)]
-        yield from map_on_cluster(_load, tasks, dask, local)
+        yield from map_on_cluster(_load, tasks, dask, _local_path)
     elif jobs > 1 and len(tasks) > 1:
         yield from map_in_processes(_load, tasks, jobs)
     else:
         for index, task in enumerate(tasks):
             yield Outcome(index, _load(task, partial(within, index)))
+
+
+def _local_path(task: _LoadTask) -> str:
+    return str(task.path) if isinstance(task.path, Path) else ""
 
 
 def _final(outcome: Outcome[RecordingSet], name: str) -> RecordingSet:

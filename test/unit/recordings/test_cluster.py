@@ -94,7 +94,7 @@ def bags(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def on(found: Cluster, function: Callable, items: Sequence, path: Path = FOLDER) -> list[Outcome]:
-    outcomes = map_on_cluster(function, items, found.address, [path] * len(items))
+    outcomes = map_on_cluster(function, items, found.address, lambda _: str(path))
     return sorted(outcomes, key=lambda outcome: outcome.index)
 
 
@@ -210,4 +210,4 @@ def test_scheduler_that_does_not_answer_is_refused_in_one_line(
 def test_missing_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(MissingDependencyError, match=r"mp_pca_planner\[dask\]"):
-        list(map_on_cluster(abs, [1], "tcp://127.0.0.1:1", [FOLDER]))
+        list(map_on_cluster(abs, [1], "tcp://127.0.0.1:1", str))

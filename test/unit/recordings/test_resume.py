@@ -18,15 +18,15 @@ from mp_pca_planner.primitives.build import build_from_statistics
 from mp_pca_planner.primitives.file import primitive_bytes
 from mp_pca_planner.primitives.motion_statistics import MotionStatistics
 from mp_pca_planner.primitives.options import PrimitiveOptions
-from mp_pca_planner.recordings import journal
 from mp_pca_planner.recordings.bags import write_joint_states
+from mp_pca_planner.recordings.cache import ReadingCache
 from mp_pca_planner.recordings.load import RecordingSet, load_recordings
 from mp_pca_planner.recordings.synthetic import continuous_recording, generate_motions
 
 OPTIONS = PrimitiveOptions(n_components=3)
 KILLED = """
 import os, signal, sys
-from test_journal import load
+from test_resume import load
 def progress(done, total):
     if done >= float(sys.argv[3]) * total:
         os.kill(os.getpid(), signal.SIGKILL)
@@ -59,7 +59,7 @@ def bags(content: dict[str, bytes], tmp_path: Path) -> Path:
 def load(folder: str | Path, kept: str | Path | None = None, **options: object) -> RecordingSet:
     """Read the recordings."""
     summarise = partial(MotionStatistics.of, options=OPTIONS)
-    return load_recordings(folder, summarise=summarise, most_samples=9, journal=kept, **options)
+    return load_recordings(folder, summarise=summarise, most_samples=9, resume=kept, **options)
 
 
 def learned(loaded: RecordingSet) -> tuple[object, ...]:
@@ -79,7 +79,7 @@ def hide_damage(file: Path) -> None:
 
 @pytest.mark.parametrize("jobs", [1, 2])
 def test_a_killed_run_goes_on_where_it_was(bags: Path, tmp_path: Path, jobs: int) -> None:
-    expected, kept = learned(load(bags)), tmp_path / "journal"
+    expected, kept = learned(load(bags)), tmp_path / "kept"
     command = [sys.executable, "-c", KILLED, str(bags), str(kept), "0.6"]
     paths = os.pathsep.join([str(Path(__file__).parent), *filter(None, sys.path)])
     killed = subprocess.run(command, env={**os.environ, "PYTHONPATH": paths}, check=False)
@@ -92,7 +92,7 @@ def test_a_killed_run_goes_on_where_it_was(bags: Path, tmp_path: Path, jobs: int
 
 
 def test_what_changed_is_read_again(bags: Path, tmp_path: Path) -> None:
-    kept = tmp_path / "journal"
+    kept = tmp_path / "kept"
     load(bags, kept)
     (bags / "0.mcap").write_bytes(b"damaged, too")
     assert [one.recording for one in load(bags, kept).refused] == ["0", "3"]
@@ -100,32 +100,42 @@ def test_what_changed_is_read_again(bags: Path, tmp_path: Path) -> None:
     assert "'other'" in refused.reason
 
 
-def test_an_entry_that_was_not_complete_is_read_again(bags: Path, tmp_path: Path) -> None:
-    expected, kept = learned(load(bags)), tmp_path / "journal"
+def test_a_damaged_file_is_read_again(bags: Path, tmp_path: Path) -> None:
+    expected, kept = learned(load(bags)), tmp_path / "kept"
     load(bags, kept)
-    whole = kept.read_bytes()
-    for n in (len(whole) - 1, len(whole) // 2, 30, 3, 0):
-        kept.write_bytes(whole[:n])
+    whole = {file: file.read_bytes() for file in kept.iterdir()}
+    assert len(whole) == 3
+    for n in (-1, 40, 3, 0):
+        for file, content in whole.items():
+            file.write_bytes(content[:n])
         assert learned(load(bags, kept)) == expected
-        assert kept.stat().st_size == len(whole)
+        assert {file: len(file.read_bytes()) for file in whole} == {
+            file: len(content) for file, content in whole.items()
+        }
 
 
-def test_a_journal_in_use_is_refused(bags: Path, tmp_path: Path) -> None:
-    kept = tmp_path / "journal"
-    with (
-        journal.open_journal(kept),
-        pytest.raises(RecordingError, match="is in use by another process"),
-    ):
-        load(bags, kept)
-
-
-def test_another_file_is_left_as_it_is(bags: Path, tmp_path: Path) -> None:
+def test_other_places_are_left_as_they_are(bags: Path, tmp_path: Path) -> None:
     (tmp_path / "table.csv").write_text("recording,start_time_s,end_time_s\n")
-    with pytest.raises(RecordingError, match=r"table\.csv' is no file of --resume"):
+    with pytest.raises(RecordingError, match=r"table\.csv' can't be the folder of --resume: File"):
         load(bags, tmp_path / "table.csv")
-    assert (tmp_path / "table.csv").read_text() == "recording,start_time_s,end_time_s\n"
-    with pytest.raises(RecordingError, match="can't be the file of --resume: Is a directory"):
+    with pytest.raises(RecordingError, match="holds other files: name a new folder"):
         load(bags, tmp_path)
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["bags", "table.csv"]
+
+
+def test_sets_on_disk_are_those_in_memory(bags: Path) -> None:
+    summarise = partial(MotionStatistics.of, options=OPTIONS)
+    found, spooled = (
+        load_recordings(bags, summarise=summarise, most_samples=9, on_disk=on_disk)
+        for on_disk in (False, True)
+    )
+    assert learned(spooled) == learned(found)
+    assert [len(x) for x in (spooled.reports, spooled.refused, spooled)] == [3, 1, len(found)]
+    assert [one.name for one in spooled.reports[1:]] == [one.name for one in found.reports[1:]]
+    for i in range(len(found)):
+        assert spooled[i].recording == found[i].recording
+    with pytest.raises(IndexError):
+        spooled[len(found)]
 
 
 class Hostile:
@@ -139,22 +149,13 @@ class Hostile:
 
 
 @pytest.mark.parametrize("function", [os.mkdir, load_recordings, eval])
-def test_a_hostile_journal_calls_nothing(tmp_path: Path, function: object) -> None:
-    place, key = tmp_path / "made", journal.key_of("x")
+def test_a_hostile_file_calls_nothing(tmp_path: Path, function: object) -> None:
+    place, kept = tmp_path / "made", ReadingCache(tmp_path)
     argument = f"__import__('os').mkdir({str(place)!r})" if function is eval else str(place)
     content = pickle.dumps(Hostile(function, argument))
-    kept = tmp_path / "journal"
-    with journal.open_journal(kept) as opened:
-        opened.add(key, 1)
-    whole = kept.read_bytes()
-    old = pickle.dumps(1)
-    head = hashlib.sha256(old).digest() + len(old).to_bytes(8, "little") + old
-    new = hashlib.sha256(content).digest() + len(content).to_bytes(8, "little") + content
-    assert head in whole
-    kept.write_bytes(whole.replace(head, new))
-    with (
-        journal.open_journal(kept) as opened,
-        pytest.raises(RecordingError, match="is no work of this package"),
-    ):
-        opened.value(key)
+    kept.keep("key", 1)
+    assert kept.value("key") == 1
+    (file,) = tmp_path.iterdir()
+    file.write_bytes(hashlib.sha256(content).digest() + content)
+    assert kept.value("key") is None
     assert not place.exists()
