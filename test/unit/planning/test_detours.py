@@ -164,7 +164,8 @@ def test_least_effort_begins_at_a_path_and_likeness_at_the_expected_motion():
     bare = Planner(robot, [primitive]).plan(goal, start).trajectory
     middle = bare.positions[[bare.n_steps // 2]]
     hand = robot.frame_positions(middle, [robot.frame_names[-1]])[0, 0]
-    world = mp.World([mp.Obstacle("ball", mp.Sphere(0.03, hand + [0.0, 0.04, 0.0]))])
+    beside = hand + np.array([0.0, 0.04, 0.0])
+    world = mp.World([mp.Obstacle("ball", mp.Sphere(0.03, beside))])
 
     def message(timing, naturalness):
         options = PlannerOptions(timing=timing, naturalness=naturalness, max_solve_time=math.inf)
