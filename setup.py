@@ -23,7 +23,9 @@ setup(
     license="Apache-2.0",
     python_requires=">=3.11",
     packages=find_packages(include=[PACKAGE, f"{PACKAGE}.*"]),
-    package_data={PACKAGE: ["py.typed", "plotting/templates/*.html"]},
+    package_data={
+        PACKAGE: ["py.typed", "cli/*.toml", "plotting/*.mplstyle", "plotting/templates/*.html"]
+    },
     zip_safe=False,
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
@@ -60,7 +62,14 @@ setup(
         # Pictures, and the pages that hold them.
         "plot": ["matplotlib>=3.6", "jinja2>=3.0"],
         # The page in the browser, with meshes in COLLADA.
-        "view": ["viser>=1.1", "websockets>=15.0", "trimesh>=4.6", "pycollada>=0.8", "rich>=13.0"],
+        "view": [
+            "jinja2>=3.0",
+            "pycollada>=0.8",
+            "rich>=13.0",
+            "trimesh>=4.6",
+            "viser>=1.1",
+            "websockets>=15.0",
+        ],
         # Other ways to motions, to compare with: ProMP and DMP, optimal control, time-optimal.
         "peers": [
             "movement_primitives>=0.9",

@@ -93,5 +93,13 @@ def name_values(values: Mapping[str, float]) -> str:
 
 
 @lru_cache(maxsize=64)  # The same few joints are checked often.
+def short(value: str) -> str:
+    """A value, with four digits if it is a number that is not whole."""
+    try:
+        return value if value.lstrip("-").isdigit() else f"{float(value):.4g}"
+    except ValueError:
+        return value
+
+
 def _repeated(names: tuple[str, ...]) -> list[str]:
     return sorted(name for name, count in Counter(names).items() if count > 1)

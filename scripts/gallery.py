@@ -17,8 +17,8 @@ import numpy as np
 
 import mp_pca_planner as mp
 from mp_pca_planner.plotting.arm import arm_figure
-from mp_pca_planner.plotting.drawing import picture
-from mp_pca_planner.plotting.plan import plan_figure
+from mp_pca_planner.plotting.figures import plan_figure
+from mp_pca_planner.plotting.page import picture
 from mp_pca_planner.plotting.primitive import PHASES, primitive_figure
 from mp_pca_planner.plotting.recording import recording_figure
 from mp_pca_planner.recordings.demonstration import RecordingSet

@@ -66,9 +66,13 @@ def machine() -> str:
 
 
 def commit() -> str:
-    """The commit, with a mark if files differ from it."""
-    command = ["git", "describe", "--always", "--dirty", "--exclude", "*"]
-    return subprocess.check_output(command, cwd=ROOT, text=True).strip()
+    """The commit, with a mark if code differs from it."""
+
+    def answer(*command: str) -> str:
+        return subprocess.check_output(["git", *command], cwd=ROOT, text=True).strip()
+
+    changes = answer("status", "--porcelain", "--untracked-files=no", ":!doc")
+    return answer("rev-parse", "--short", "HEAD") + ("-dirty" if changes else "")
 
 
 def record(name: str, data: Path) -> None:

@@ -15,7 +15,7 @@ from typing import Any
 
 from ..exceptions import PrimitiveError, RecordingError, listed, quote_names
 from ..files import write_whole
-from ..plotting.library_report import library_page
+from ..plotting.report import library_page
 from ..plotting.text import table
 from ..plotting.units import unit_of
 from ..primitives.kind_names import plain_name
@@ -35,8 +35,8 @@ from ..primitives.versioned_library import VersionedLibrary
 from ..recordings.demonstration import RecordingSet
 from ..robot.model import Robot
 from .build_primitives import load, options_like, origin, primitive_options, repairs_of
-from .common import check_output, print_json
-from .terminal import DONE, complain, say
+from .common import check_output, report
+from .terminal import DONE, complain
 
 Joints = tuple[str, ...]
 
@@ -175,13 +175,10 @@ def _print(
         "refused": [{"recording": r.recording, "reason": r.reason} for r in recordings.refused],
         "libraries": [_facts(folder, content) for folder, content in places.items()],
     }
-    if arguments.json:
-        print_json(facts)
-    else:
-        n_used = facts["n_recordings"]
-        say(f"recordings  {n_used} read, {len(recordings.refused)} refused")
-        for library, content in zip(facts["libraries"], places.values(), strict=True):
-            say("", *_text(library, content))
+    lines = [f"recordings  {facts['n_recordings']} read, {len(recordings.refused)} refused"]
+    for library, content in zip(facts["libraries"], places.values(), strict=True):
+        lines += ["", *_text(library, content)]
+    report(arguments, facts, *lines)
     for refusal in recordings.refused:
         complain(f"refused {refusal.recording}: {refusal.reason}")
 

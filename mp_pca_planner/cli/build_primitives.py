@@ -20,9 +20,9 @@ from ..control.law import with_gains_only
 from ..exceptions import PrimitiveError, RecordingError, listed, quote_names
 from ..files import write_whole
 from ..mocap.marker_joint_states import MarkerSource, marker_source
-from ..plotting.report import REPORT_SAMPLES, report_page
+from ..plotting.report import REPORT, report_page
+from ..plotting.text import variance_report
 from ..plotting.units import prismatic_joints, unit_of
-from ..plotting.variance import variance_report
 from ..primitives.build import build_from_statistics, options_to_update
 from ..primitives.file import load_primitive, save_primitive
 from ..primitives.motion_statistics import MotionStatistics
@@ -60,7 +60,7 @@ def run(arguments: argparse.Namespace) -> int:
         joints = arguments.joints if like is None else like.joint_names
         known = [old.statistics] if old and old.statistics else []
         recordings = load(
-            arguments, options, joints, REPORT_SAMPLES if arguments.report else 0, known
+            arguments, options, joints, REPORT.n_samples if arguments.report else 0, known
         )
         recordings.require_motion()
     statistics = _statistics(recordings, options, old, arguments.remove)

@@ -19,15 +19,14 @@ from ..evaluation.case_study import CaseStudy, study
 from ..exceptions import RecordingError
 from ..files import exists_already, write_whole
 from ..mocap.marker_joint_states import marker_source
-from ..plotting.case_study_page import case_study_page, draw_pictures
-from ..plotting.case_study_tables import facts, summary, tables
+from ..plotting.case_study_page import case_study_page, draw_pictures, facts, summary, tables
 from ..plotting.page import require_pages
 from ..recordings.demonstrations import write_example_recording
 from ..recordings.load import RecordingSet, load_recordings
 from ..resources import config_file
 from ..robot.model import Robot
-from .common import Progress, make_folder, plain, print_json, progress_bar
-from .terminal import DONE, say
+from .common import Progress, make_folder, plain, progress_bar, report
+from .terminal import DONE
 
 _PAGE = "case_study.html"
 
@@ -50,11 +49,9 @@ def run(arguments: argparse.Namespace) -> int:
     with progress_bar("planning", "motion") as progress:
         found = study(motions, arguments.motions, robot, frames[-1], progress)
     written = _write(folder, found, robot, frames, source)
-    if arguments.json:
-        print_json({**facts(found, source), "files": [str(path) for path in written]})
-    else:
-        files = ", ".join(map(str, written))
-        say(source, "", *summary(found).splitlines(), "", f"written: {files}")
+    files = [str(path) for path in written]
+    lines = [source, "", *summary(found).splitlines(), "", f"written: {', '.join(files)}"]
+    report(arguments, {**facts(found, source), "files": files}, *lines)
     return DONE
 
 

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import argparse
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -13,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from tqdm import tqdm
 
+from ..arrays import short
 from ..exceptions import PlannerError, unknown_name
 from ..files import check_writable, write_whole
 from ..motion.trajectory import check_format
@@ -33,6 +35,14 @@ REPORTED = ("status", "effort_cost", "solve_time_s", "duration", "primitive", "i
 def print_json(content: Any) -> None:
     """Print one JSON object on stdout."""
     say(json_text(content))
+
+
+def report(arguments: argparse.Namespace, content: Any, *lines: str) -> None:
+    """Print one JSON object if ``--json`` was given, else lines of text."""
+    if arguments.json:
+        print_json(content)
+    else:
+        say(*lines)
 
 
 def json_text(content: Any) -> str:
@@ -152,14 +162,6 @@ def known(values: Mapping[str, str], names: Sequence[str] | None = None) -> dict
     """
     chosen = values if names is None else {n: values[n] for n in names if n in values}
     return {name: value for name, value in chosen.items() if value != "nan"}
-
-
-def short(value: str) -> str:
-    """A value, with four digits if it is a number that is not whole."""
-    try:
-        return value if value.lstrip("-").isdigit() else f"{float(value):.4g}"
-    except ValueError:
-        return value
 
 
 def report_lines(values: Mapping[str, str], *, is_verbose: bool) -> list[str]:

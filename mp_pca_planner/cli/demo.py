@@ -6,11 +6,15 @@ from __future__ import annotations
 
 import argparse
 import os
+import signal
+import subprocess
+import sys
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import yaml
@@ -19,15 +23,13 @@ from sensor_msgs.msg import JointState as JointStateMessage
 from ..arrays import FloatArray
 from ..exceptions import PlannerError
 from ..files import write_whole
-from ..motion.goal import JointGoal, JointState
+from ..motion.goal import JointState
 from ..motion.trajectory import Trajectory
 from ..motion.validation import check_executable, check_limits
-from ..planning.plan import Plan, PlannerOptions
-from ..planning.planner import Planner
 from ..plotting.animation import at_frames, write_animation
 from ..plotting.arm import arm_figure
-from ..plotting.drawing import picture, require_matplotlib
 from ..plotting.motion import motion_figure
+from ..plotting.page import picture, require_matplotlib
 from ..plotting.primitive import PHASES, primitive_figure
 from ..plotting.recording import runs
 from ..plotting.text import table
@@ -43,10 +45,61 @@ from ..ros.client import READY, Answer, GoalClient, this_machine_only
 from ..ros.messages import to_trajectory
 from ..ros.monitor import Monitor
 from . import build_primitives
-from .children import Children
 from .common import make_folder
 from .options import parse
 from .terminal import DONE, FAILED, say
+
+_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+_PATIENCE = 10.0  # time between the signal to end and SIGKILL [s]
+
+
+class Children:
+    """Context manager that starts commands, and ends all of them when its block ends.
+
+    The first SIGINT, SIGTERM or SIGHUP raises KeyboardInterrupt, except while a child is started
+    and while the children are ended; then it is deferred or ignored.
+    """
+
+    def __init__(self) -> None:
+        self._processes: list[subprocess.Popen[str]] = []
+        self._previous: dict[int, Any] = {}
+        self._is_starting = self._is_interrupted = False
+
+    def start(self, command: str, *arguments: str) -> None:
+        """Start a command of this package; its stdout is discarded."""
+        words = [sys.executable, "-m", __package__.partition(".")[0], command, *arguments]
+        self._is_starting = True
+        self._processes.append(subprocess.Popen(words, stdout=subprocess.DEVNULL, text=True))
+        self._is_starting = False
+        if self._is_interrupted:
+            raise KeyboardInterrupt
+
+    def __enter__(self) -> Children:
+        for number in _SIGNALS:
+            # An ignored SIGHUP, as under nohup, stays ignored. SIGINT, which shells ignore for
+            # background jobs, is handled, because it must end the children.
+            if number == signal.SIGINT or signal.getsignal(number) != signal.SIG_IGN:
+                self._previous[number] = signal.signal(number, self._interrupt)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._is_interrupted = True  # from now on, signals are ignored
+        for process in self._processes:
+            process.send_signal(signal.SIGINT)
+        for process in self._processes:
+            try:
+                process.wait(_PATIENCE)
+            except subprocess.TimeoutExpired:
+                process.kill()
+                process.wait()
+        for ending, handler in self._previous.items():
+            signal.signal(ending, handler)
+
+    def _interrupt(self, *_: object) -> None:
+        is_first, self._is_interrupted = not self._is_interrupted, True
+        if is_first and not self._is_starting:
+            raise KeyboardInterrupt
+
 
 _ARM = ("upper_arm", "lower_arm", "wrist")
 _GOOD = "executable"
@@ -254,23 +307,11 @@ def _draw(
     planned = [goal.trajectory for goal in served if goal.trajectory is not None]
     if not planned:
         return pictures[:1]
-    plans = {
-        name: _plan_again(robot, primitive, basis, planned[0])
-        for name, basis in (("principal components", "pca"), ("B-splines", "bspline"))
-    }
-    labelled = {
-        f"{name}, {plan.solution.effort_cost:.1f} N²m²s"
-        + ("" if plan.is_executable else " (breaks limits)"): plan.trajectory
-        for name, plan in plans.items()
-    }
     with picture(pictures[1], force=True) as figure:
-        title = "Planned motion, and the same goal with B-splines"
-        motion_figure(figure, labelled, title, robot.limits(), ())
-    chains = {
-        name: robot.frame_positions(plan.trajectory.positions, _ARM) for name, plan in plans.items()
-    }
+        motion_figure(figure, {"planned": planned[0]}, "Motion to the first goal", robot.limits())
+    chain = robot.frame_positions(planned[0].positions, _ARM)
     with picture(pictures[2], force=True) as figure:
-        arm_figure(figure, chains, "The arm on its path to the goal", _ARM[-1])
+        arm_figure(figure, {"planned": chain}, "The arm on its path to the goal", _ARM[-1])
     # Motions away from the start: every other one.
     demonstrated = [at_frames(motion.times, motion.positions) for motion in motions[:16:4]]
     executed = _measured_motions(folder / _RECORD)[: _OPTIONS.n_animated]
@@ -287,10 +328,3 @@ def _measured_motions(file: Path) -> list[FloatArray]:
         at_frames(times[first : last + 1], measured[first : last + 1])
         for first, last in runs(is_moving)
     ]
-
-
-def _plan_again(robot: Robot, primitive: MovementPrimitive, basis: str, motion: Trajectory) -> Plan:
-    """Plan a motion with the start, the end and the duration of a given one."""
-    start, end = (JointState(JOINT_NAMES, q) for q in motion.positions[[0, -1]])
-    planner = Planner(robot, [primitive], robot.limits(), PlannerOptions(basis=basis))
-    return planner.plan(JointGoal(end, motion.duration), start)

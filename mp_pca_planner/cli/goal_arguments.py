@@ -12,7 +12,7 @@ import numpy as np
 
 from ..exceptions import GoalError, unknown_name
 from ..motion.goal import JointGoal, JointState, Pose, PoseGoal, SequenceGoal, Via
-from .option_types import Stop, seconds
+from .options import Stop, seconds
 
 if TYPE_CHECKING:
     from ..robot.model import Robot

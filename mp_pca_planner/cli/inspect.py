@@ -12,9 +12,8 @@ import numpy as np
 
 from ..control.law import control_statement
 from ..exceptions import PlannerError, listed
-from ..plotting.text import table
+from ..plotting.text import table, variance_report
 from ..plotting.units import prismatic_joints, unit_of
-from ..plotting.variance import variance_report
 from ..primitives.file import load_primitive
 from ..primitives.primitive import MovementPrimitive
 from ..recordings.bags import find_recordings

@@ -13,17 +13,15 @@ from ..plotting.text import table
 from ..primitives.file import load_primitive
 from ..primitives.library_journal import Change
 from ..primitives.versioned_library import VersionedLibrary
-from .common import print_json
-from .terminal import DONE, say
+from .common import report
+from .terminal import DONE
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the command; returns the exit status."""
     changes = _changes(arguments)
-    if arguments.json:
-        print_json({"changes": [asdict(change) for change in changes]})
-    else:
-        say(*_text(changes).splitlines())
+    content = {"changes": [asdict(change) for change in changes]}
+    report(arguments, content, *_text(changes).splitlines())
     return DONE
 
 

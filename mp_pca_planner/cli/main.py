@@ -5,46 +5,19 @@
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from functools import partial
 from importlib import import_module
 
 from .. import __version__
 from ..exceptions import MissingDependencyError, PlannerError, unknown_name
-from .completion import complete_if_asked
-from .options import parse
-from .parser import ROS_ARGUMENTS
+from .options import COMMANDS, ROS_ARGUMENTS, add_options, module_of, parse
 from .terminal import DEBUG, DEBUG_HELP, OneLineParser, guard
 
 PROGRAM = "mp_pca_planner"
-COMMANDS = {
-    "build_primitives": "recorded bags to a primitive file",
-    "build_library": "mixed recordings to a primitive for each kind of motion",
-    "inspect": "what is in a bag or a primitive file",
-    "plan": "one motion from primitive files, offline",
-    "sequence": "one motion through several configurations, offline",
-    "refine": "improve a motion, keep it as a primitive",
-    "benchmark": "components against B-splines and other methods",
-    "library": "a folder of primitives that keeps its history",
-    "verify": "a control law for a motion, its bound, simulations of it",
-    "case_study": "the paper's case study, and naturalness measured",
-    "demo": "the whole pipeline: record, build, plan, publish",
-    "send_goal": "a goal for the running node, and its answer",
-    "stop": "the robot brought to rest by the running node",
-    "save_motion": "the last motion of the running node as a primitive",
-    "reload": "the primitive files read again by the running node",
-    "simulate": "a simulated robot on ROS topics, with faults on demand",
-    "teach": "motions shown to the running robot, a primitive of them",
-    "view": "robot, primitives and plans on a page in the browser",
-    "planner_node": "the ROS 2 node",
-}
-_RUN_BY_ANOTHER_MODULE = {
-    "sequence": "plan",
-    "stop": "call_service",
-    "save_motion": "call_service",
-    "reload": "call_service",
-}
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -62,10 +35,27 @@ def main(argv: Sequence[str] | None = None) -> int:
         such command or it can't be loaded. Without a command, the help is printed.
     """
     if argv is None:
-        complete_if_asked(COMMANDS)
+        _complete_if_asked()
     arguments, is_debugged = _without_debug(sys.argv[1:] if argv is None else argv)
     program = " ".join([PROGRAM, *(name for name in arguments[:1] if name in COMMANDS)])
     return guard(program, lambda: _run(arguments), debug=is_debugged)
+
+
+def _complete_if_asked() -> None:
+    """Print completions and exit if the shell asks for them and argcomplete is installed.
+
+    It sets a variable to ask, after ``eval "$(register-python-argcomplete mp-pca)"``.
+    """
+    if "_ARGCOMPLETE" not in os.environ:
+        return
+    with suppress(ImportError):
+        from argcomplete import autocomplete
+
+        parser = argparse.ArgumentParser()
+        parsers = parser.add_subparsers()
+        for name in COMMANDS:
+            add_options(parsers.add_parser(name), name)
+        autocomplete(parser)
 
 
 def _run(arguments: Sequence[str]) -> int:
@@ -101,7 +91,7 @@ def load_command(name: str) -> Callable[[Sequence[str]], int]:
 def _parse_and_run(name: str, argv: Sequence[str]) -> int:
     # The module is imported after the parser has printed help or refused the arguments.
     arguments = parse(name, argv)
-    module = import_module(f".{_RUN_BY_ANOTHER_MODULE.get(name, name)}", __package__)
+    module = import_module(f".{module_of(name)}", __package__)
     status: int = module.run(arguments)
     return status
 
@@ -111,7 +101,7 @@ def _extra_with(module_name: str | None) -> str | None:
     top_level = (module_name or "").partition(".")[0]
     if top_level in {"rclpy", "std_srvs"} or top_level.endswith(("_msgs", "_interfaces")):
         return "ros"
-    return "view" if top_level in {"rich", "trimesh", "viser", "websockets"} else None
+    return "view" if top_level in {"jinja2", "rich", "trimesh", "viser", "websockets"} else None
 
 
 def _parser() -> OneLineParser:

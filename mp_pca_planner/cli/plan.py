@@ -9,9 +9,9 @@ from collections.abc import Mapping
 from typing import Any
 
 from ..planning.plan import Plan
-from ..plotting.drawing import picture
-from ..plotting.plan import plan_figure
-from .common import check_motion_file, check_output, print_json, write_motion
+from ..plotting.figures import plan_figure
+from ..plotting.page import picture
+from .common import check_motion_file, check_output, report, write_motion
 from .requests import (
     PlannedRequest,
     collision_lines,
@@ -19,7 +19,7 @@ from .requests import (
     plan_request,
     status_line,
 )
-from .terminal import DONE, FAILED, say, written_lines
+from .terminal import DONE, FAILED, written_lines
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -34,13 +34,10 @@ def run(arguments: argparse.Namespace) -> int:
         write_motion(output, plan.trajectory, facts, force=force)
     if plot is not None:
         _draw(arguments, request)
-    if arguments.json:
-        print_json(facts)
-    else:
-        say(*_text(request, facts))
-        not_written = [] if plan.is_executable or output is None else [output]
-        say(*(f"not written  {file}" for file in not_written))
-        say(*written_lines(file for file in (output, plot) if file not in not_written))
+    not_written = [] if plan.is_executable or output is None else [output]
+    written = written_lines(file for file in (output, plot) if file not in not_written)
+    files = [*(f"not written  {file}" for file in not_written), *written]
+    report(arguments, facts, *_text(request, facts), *files)
     return DONE if plan.is_executable else FAILED
 
 

@@ -17,7 +17,7 @@ from ..learning.refinement import AcceptedMotion, Refinement, RefinementOptions,
 from ..learning.trials import TrialLearner
 from ..motion.collision import NOT_CHECKED
 from ..primitives.file import save_primitive
-from .common import check_motion_file, check_output, print_json, write_motion
+from .common import check_motion_file, check_output, report, write_motion
 from .options import parse
 from .requests import (
     PlannedRequest,
@@ -25,7 +25,7 @@ from .requests import (
     plan_request,
     status_line,
 )
-from .terminal import DONE, FAILED, complain, flush, say, written_lines
+from .terminal import DONE, FAILED, complain, flush, written_lines
 
 # Options of `plan` that sequences don't have.
 _ONLY_OF_SINGLE_MOTIONS = (
@@ -156,10 +156,8 @@ def _write_and_print(
 ) -> None:
     content = facts | accepted.trajectory.columns()
     write_motion(arguments.trajectory, accepted.trajectory, content, force=arguments.force)
-    if arguments.json:
-        print_json(content)
-    else:
-        say(f"planned      {status_line(request.plan)}", *request.lines(), *lines)
+    planned = f"planned      {status_line(request.plan)}"
+    report(arguments, content, planned, *request.lines(), *lines)
 
 
 def _measured_cost(arguments: argparse.Namespace, learner: TrialLearner) -> float:

@@ -1,12 +1,13 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""`send_goal`: a goal, a sequence or a pose sent to the node, and its answer."""
+"""Goals, sequences and poses sent to the node, calls of its services, and the answers."""
 
 from __future__ import annotations
 
 import argparse
 import math
 import time
+from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PoseStamped
@@ -17,35 +18,58 @@ from ..exceptions import GoalError, quote_names
 from ..motion.goal import JointState, Pose, SequenceGoal
 from ..ros.client import READY, GoalClient, NoAnswerError, check_node_name, is_served
 from ..ros.messages import to_pose_message, to_sequence_message
-from .common import print_json, report_lines
+from .common import print_json, report, report_lines
 from .goal_arguments import joint_values, sequence_goal, stated_pose
 from .terminal import DONE, FAILED, REFUSED, complain, say
+
+_SERVICES = {"reload": "reload_primitives"}
+"""Names of services that differ from their command's."""
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the command; returns the exit status."""
-    message = _pose_message(arguments) if arguments.pose else _joint_message(arguments)
+    command = arguments.command
+    message = None
+    if command == "send_goal":
+        message = (_pose_message if arguments.pose else _joint_message)(arguments)
     check_node_name(arguments.namespace, arguments.node)
+    try:
+        with GoalClient(command, arguments.namespace, arguments.node) as client:
+            if message is not None:
+                return _send(arguments, client, message)
+            return _call(arguments, client, _SERVICES.get(command, command))
+    except NoAnswerError as error:
+        complain(f"mp_pca_planner {command}: {error}")
+        return FAILED
+
+
+def _send(arguments: argparse.Namespace, client: GoalClient, message: Any) -> int:
+    """Send a goal, and print the node's report."""
     # The stamp distinguishes the report from those of other goals.
     stamp = message.header.stamp
     stamp.sec, stamp.nanosec = divmod(time.time_ns(), 10**9)
-    try:
-        with GoalClient("send_goal", arguments.namespace, arguments.node) as client:
-            client.wait_for_node(arguments.wait or arguments.timeout, with_trajectory=False)
-            if arguments.wait:
-                client.wait_for_diagnostics(lambda values: values["text"] == READY, arguments.wait)
-            answer = client.send(message, arguments.timeout, with_trajectory=False)
-    except NoAnswerError as error:
-        complain(f"mp_pca_planner send_goal: {error}")
-        return FAILED
-    report = answer.report
-    if arguments.json:
-        print_json({"message": report.message, **answer.values})
-    else:
-        say(report.message, *report_lines(answer.values, is_verbose=arguments.verbose))
-    if report.level == DiagnosticStatus.ERROR:
+    client.wait_for_node(arguments.wait or arguments.timeout, with_trajectory=False)
+    if arguments.wait:
+        client.wait_for_diagnostics(lambda values: values["text"] == READY, arguments.wait)
+    answer = client.send(message, arguments.timeout, with_trajectory=False)
+    found, lines = answer.report, report_lines(answer.values, is_verbose=arguments.verbose)
+    report(arguments, {"message": found.message, **answer.values}, found.message, *lines)
+    if found.level == DiagnosticStatus.ERROR:
         return REFUSED
-    return DONE if is_served(report) else FAILED
+    return DONE if is_served(found) else FAILED
+
+
+def _call(arguments: argparse.Namespace, client: GoalClient, service: str) -> int:
+    """Call a service of the node, and print its answer."""
+    client.wait_for_node(arguments.timeout, with_trajectory=False)
+    answer = client.call(service, arguments.timeout)
+    if arguments.json:
+        print_json({"success": answer.success, "message": answer.message})
+    elif answer.success:
+        say(answer.message)
+    else:
+        complain(f"mp_pca_planner {arguments.command}: {answer.message}")
+    return DONE if answer.success else FAILED
 
 
 def _pose_message(arguments: argparse.Namespace) -> PoseStamped:

@@ -19,9 +19,9 @@ from ..files import write_whole
 from ..robot.model import Robot
 from ..ros.simulated_robot import SimulatedRobotNode, run_node, start_ros
 from ..simulation import Faults, SimulatedRobot
-from .common import check_output, print_json
+from .common import check_output, report
 from .goal_arguments import joint_values
-from .terminal import DONE, say, written_lines
+from .terminal import DONE, written_lines
 
 _FAULTS = ("speed_scaling", "payload", "delay", "jitter", "drop", "noise")
 
@@ -59,14 +59,14 @@ def _simulate(arguments: argparse.Namespace, stop: threading.Event) -> int:
     )
     run_node(node, stop)
     if arguments.record is not None:
-        arrays = simulated.record.arrays() | {"taken": np.reshape(simulated.taken, (-1, 2))}
+        arrays = simulated.record.arrays() | {
+            "taken": np.reshape(simulated.taken, (-1, 2)),
+            "delays": np.array(node.delays),
+        }
         _write(arguments.record, arrays, robot, overwrite=arguments.force)
     summary = _summary(simulated)
-    if arguments.json:
-        print_json(summary)
-    else:
-        say(f"{summary['received']} trajectories received, {len(summary['rejected'])} rejected")
-        say(*written_lines([arguments.record]))
+    line = f"{summary['received']} trajectories received, {len(summary['rejected'])} rejected"
+    report(arguments, summary, line, *written_lines([arguments.record]))
     return DONE
 
 

@@ -25,10 +25,10 @@ from ..exceptions import ControlError
 from ..files import check_writable, write_whole
 from ..plotting.text import table
 from ..primitives.file import save_primitive
-from .common import check_output, print_json, progress_bar
+from .common import check_output, progress_bar, report
 from .goal_arguments import joint_values
 from .requests import PlannedRequest, plan_request
-from .terminal import DONE, FAILED, say, written_lines
+from .terminal import DONE, FAILED, written_lines
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -58,12 +58,10 @@ def run(arguments: argparse.Namespace) -> int:
         save_primitive(paired, output, overwrite=arguments.force)
     if parameters is not None:
         write_whole(parameters_file, parameters, overwrite=arguments.force)
-    if arguments.json:
-        print_json(facts | {"law": law.kind, "joint_names": list(law.joint_names)})
-    else:
-        duration = f"duration     {trajectory.duration:.3f} s, of robot '{robot.name}'"
-        say(*request.lines(), duration)
-        say(*_text(law, stability, found), *written_lines([output, parameters_file]))
+    duration = f"duration     {trajectory.duration:.3f} s, of robot '{robot.name}'"
+    lines = [*request.lines(), duration, *_text(law, stability, found)]
+    content = facts | {"law": law.kind, "joint_names": list(law.joint_names)}
+    report(arguments, content, *lines, *written_lines([output, parameters_file]))
     return DONE if found.bound_held == arguments.trials and stability.holds else FAILED
 
 

@@ -11,12 +11,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
-from scipy.interpolate import BPoly
 
 from ..arrays import FloatArray, set_frozen
 from ..exceptions import ControlError
+from ..motion.interpolation import interpolate_at, segment_ends
 from ..motion.trajectory import Trajectory
 from ..robot.model import Robot
 from .law import COMPUTED_TORQUE, ControlLaw
@@ -116,19 +117,15 @@ class Sampling:
 DEFAULT_SAMPLING = Sampling()
 
 
-@dataclass(frozen=True, eq=False)
-class Reference:
+class Reference(NamedTuple):
     """The desired motion at some instants, followed by rest at its end.
 
     Attributes
     ----------
-    times : array, shape (n_steps,)
-        [s].
     q, v, a : array, shape (n_steps, n_joints)
         Positions, velocities and accelerations.
     """
 
-    times: FloatArray
     q: FloatArray
     v: FloatArray
     a: FloatArray
@@ -136,13 +133,9 @@ class Reference:
     @classmethod
     def of(cls, trajectory: Trajectory, times: FloatArray) -> Reference:
         """The controller's quintic interpolation of a trajectory at any times [s]."""
-        values = np.stack(
-            [trajectory.positions, trajectory.velocities, trajectory.accelerations], axis=1
-        )
-        # A copy: SciPy before 1.12 refuses breakpoints that are read-only.
-        curve = BPoly.from_derivatives(trajectory.times.copy(), values)
         inside = np.clip(times, 0.0, trajectory.duration)
-        return cls(times, *(np.asarray(curve(inside, nu), dtype=np.float64) for nu in range(3)))
+        ends = segment_ends(trajectory.times, *trajectory.states)
+        return cls(*interpolate_at(inside, trajectory.times, ends))
 
 
 @dataclass(frozen=True, eq=False)
@@ -239,7 +232,7 @@ def simulate(
     for one in (robot, loop.model):
         one.require_inertias("simulations")
     desired, limits = loop.reference, loop.effort_limits
-    feedforward = loop.model.inverse_dynamics(desired.q, desired.v, desired.a)
+    feedforward = loop.model.inverse_dynamics(*desired)
     q, v = desired.q[0] - start_error, desired.v[0] - start_velocity_error
     # Before the start, the robot is at rest under the same law.
     pending = [_command(loop, feedforward, 0, q, v)] * loop.sampling.delay

@@ -28,8 +28,7 @@ class NominalLoop:
         per_interval = max(len(self.times) // n_intervals, 1)
         self.interval = np.arange(len(self.times)) // per_interval
         self.edges = np.arange(0, len(self.times), per_interval)
-        ref = control.reference
-        self.feedforward, linear = model.inverse_dynamics_derivatives(ref.q, ref.v, ref.a)
+        self.feedforward, linear = model.inverse_dynamics_derivatives(*control.reference)
         # Feedback gains of the law at the samples: effort per error.
         gains = np.concatenate([np.diag(law.position_gains), np.diag(law.velocity_gains)], axis=1)
         self.feedback = np.broadcast_to(gains, (len(self.times), n, 2 * n))
@@ -37,8 +36,7 @@ class NominalLoop:
             self.feedback = linear[:, :, 2 * n :] @ gains - linear[:, :, : 2 * n]
         # The dynamics between samples, with coefficients of the middle of the step.
         self.middle = Reference.of(trajectory, self.times + 0.5 * step)
-        mid = self.middle
-        self.middle_efforts, self.linear = model.inverse_dynamics_derivatives(mid.q, mid.v, mid.a)
+        self.middle_efforts, self.linear = model.inverse_dynamics_derivatives(*self.middle)
         self.mass_inverse = np.linalg.inv(self.linear[:, :, 2 * n :])
         eigenvalues, vectors = np.linalg.eigh(self.linear[:, :, 2 * n :])
         self.root = (vectors * np.sqrt(eigenvalues)[:, None]) @ vectors.transpose(0, 2, 1)

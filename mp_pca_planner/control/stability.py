@@ -195,10 +195,9 @@ class _Known(NamedTuple):
 def _known_responses(
     loop: NominalLoop, directions: Sequence[_Direction], errors: ErrorModel, safety: float
 ) -> _Known:
-    n, mid = loop.n, loop.middle
-    pushes = []
+    n, pushes = loop.n, []
     for robot, magnitude, _ in directions:
-        difference = robot.inverse_dynamics(mid.q, mid.v, mid.a) - loop.middle_efforts
+        difference = robot.inverse_dynamics(*loop.middle) - loop.middle_efforts
         pushes.append(magnitude * difference)
     # Efforts computed for one sample act `delay` samples later.
     computed = np.arange(len(loop.times)) - loop.delay
@@ -253,11 +252,11 @@ def _parameter_changes(
     loop: NominalLoop, directions: Sequence[_Direction], errors: ErrorModel
 ) -> FloatArray:
     """Vector c of the module docstring: norms of ΔG, ΔC and ΔM, shape (n_intervals, 3)."""
-    n, mid = loop.n, loop.middle
+    n = loop.n
     change = np.zeros((len(loop.times), 3))
     root = loop.inverse_root[:, None]
     for robot, magnitude, is_share in directions:
-        _, linear = robot.inverse_dynamics_derivatives(mid.q, mid.v, mid.a)
+        _, linear = robot.inverse_dynamics_derivatives(*loop.middle)
         difference = (linear - loop.linear).reshape(-1, n, 3, n).transpose(0, 2, 1, 3)
         norms = np.linalg.norm(root @ difference @ root, 2, axis=(2, 3))
         change += magnitude * norms * ([1.0, 1.0, 0.0] if is_share else 1.0)
@@ -359,8 +358,7 @@ class _Remainder:
         rng = np.random.default_rng(0)
         self._n = loop.n
         self._signs = rng.choice([-1.0, 1.0], size=(options.n_corners, 1, 3 * loop.n))
-        ref = loop.middle
-        self._states = np.concatenate([ref.q[rows], ref.v[rows], ref.a[rows]], axis=1)
+        self._states = np.concatenate([values[rows] for values in loop.middle], axis=1)
         self._robot, self._law = control.model, control.law
         self._factor = options.safety * (1.0 + errors.inertia)
         self._linear, self._efforts = loop.linear[rows], loop.middle_efforts[rows]

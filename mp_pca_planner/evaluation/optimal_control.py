@@ -19,8 +19,8 @@ import numpy as np
 from ..arrays import FloatArray
 from ..motion.trajectory import Trajectory
 from .check import RigidArm
-from .method import Method, PeerResult, import_peer
-from .problems import Problem, Scene
+from .method import Method, PeerResult
+from .problems import Problem, Scene, import_peer
 from .without_optimisation import minimum_jerk
 
 

@@ -1,18 +1,21 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Robots, demonstrations and problems of the benchmark, with fixed seeds."""
+"""Robots, demonstrations and problems: generated ones, and MotionBenchMaker's with obstacles."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy.interpolate import CubicSpline
 
 from ..arrays import FloatArray
-from ..exceptions import RobotError, quote_names
+from ..exceptions import MissingDependencyError, PlannerError, RobotError, quote_names
+from ..files import load_yaml, read_text, reading
 from ..primitives.primitive import MovementPrimitive
 from ..recordings.demonstration import Demonstration
 from ..recordings.reaches import random_ends, random_reaches
@@ -20,7 +23,6 @@ from ..recordings.synthetic import JOINT_NAMES, generate_motions
 from ..resources import config_file
 from ..robot.limits import JointLimits
 from ..robot.model import Robot
-from .method import import_peer
 
 # Files of the package example-robot-data, and the joints of the arms.
 EXAMPLE_ROBOTS = {
@@ -58,7 +60,7 @@ class Problem:
     start, goal : array, shape (n_joints,)
         Configurations [rad or m].
     duration : float
-        Duration [s].
+        Duration [s]; NaN: the method chooses it.
     demonstration : Demonstration or None
         The held-out motion with these ends, if there is one; it is not used to build primitives.
     """
@@ -95,6 +97,20 @@ class Scene:
     limits: JointLimits
     demonstrations: tuple[Demonstration, ...]
     primitive: MovementPrimitive | None = None
+
+
+def import_peer(module: str, purpose: str, extra: str = "peers") -> Any:
+    """Import an optional module.
+
+    Raises
+    ------
+    MissingDependencyError
+        If it can't be imported.
+    """
+    try:
+        return import_module(module)
+    except ImportError:
+        raise MissingDependencyError(module, extra, purpose) from None
 
 
 def scene_of(name: str, urdf: Path, joints: Sequence[str] | None, n_motions: int) -> Scene:
@@ -202,3 +218,126 @@ def _between(
         ends.append(np.clip(between, limits.lower, limits.upper))
     expected = primitive.model.predict(ends[0], ends[1])
     return Problem(ends[0], ends[1], expected.duration)
+
+
+# Folders above the problems in which the robot's description is searched.
+_LEVELS = 4
+
+
+@dataclass(frozen=True, eq=False)
+class SceneProblem:
+    """A motion from rest to rest among obstacles.
+
+    Attributes
+    ----------
+    group : str
+        Name of the folder that holds it.
+    number : str
+        Its number in the names of the files.
+    scene : Path
+        The file of its obstacles.
+    start, goal : dict
+        Positions by joint name [rad or m].
+    """
+
+    group: str
+    number: str
+    scene: Path
+    start: Mapping[str, float]
+    goal: Mapping[str, float]
+
+    def ends(self, joint_names: Sequence[str]) -> tuple[FloatArray, FloatArray]:
+        """Positions at the start and at the goal, both of shape (n_joints,).
+
+        Raises
+        ------
+        PlannerError
+            If the request leaves a joint out.
+        """
+        for what, state in (("start", self.start), ("goal", self.goal)):
+            for name in joint_names:
+                if name not in state:
+                    raise PlannerError(
+                        f"the request of '{self.scene}' has no {what} position of joint '{name}'"
+                    )
+        start, goal = ([x[name] for name in joint_names] for x in (self.start, self.goal))
+        return np.array(start), np.array(goal)
+
+
+def scene_problems(folder: Path, n_problems: int) -> list[SceneProblem]:
+    """The problems in a folder and those below it.
+
+    Parameters
+    ----------
+    folder : Path
+        The folder.
+    n_problems : int
+        Largest number of problems of each group, evenly spread.
+
+    Raises
+    ------
+    PlannerError
+        If there are none, or a request can't be read.
+    """
+    groups: dict[Path, list[Path]] = {}
+    for scene in sorted(folder.rglob("scene*.yaml")):
+        if _request_of(scene).is_file():
+            groups.setdefault(scene.parent, []).append(scene)
+    if not groups:
+        raise PlannerError(
+            f"no problems in '{folder}': expected scene0001.yaml beside request0001.yaml, as in "
+            "MotionBenchMaker"
+        )
+    return [
+        _problem(scenes[i])
+        for scenes in groups.values()
+        for i in np.linspace(0, len(scenes) - 1, min(n_problems, len(scenes))).round().astype(int)
+    ]
+
+
+def scene_robot(problem: SceneProblem) -> Path:
+    """The URDF file of the robot that a scene names, in a folder above or of that name.
+
+    Raises
+    ------
+    PlannerError
+        If there is none.
+    """
+    with reading(f"the scene '{problem.scene}'", PlannerError):
+        content = load_yaml(read_text(problem.scene))
+        name = Path(str(content["robot_model_name"])).name
+    for folder in list(problem.scene.resolve().parents)[:_LEVELS]:
+        for path in (folder / f"{name}.urdf", folder / name / f"{name}.urdf"):
+            if path.is_file():
+                return path
+    raise PlannerError(
+        f"no '{name}.urdf' in a folder '{name}' above '{problem.scene}'; give it by --robot"
+    )
+
+
+def _request_of(scene: Path) -> Path:
+    return scene.with_name(scene.name.replace("scene", "request", 1))
+
+
+def _problem(scene: Path) -> SceneProblem:
+    path = _request_of(scene)
+    with reading(f"the request '{path}'", PlannerError):
+        content = load_yaml(read_text(path))
+        state = content["start_state"]["joint_state"]
+        start = _positions(zip(state["name"], state["position"], strict=True))
+        goals = [
+            (one["joint_name"], one["position"])
+            for constraint in content["goal_constraints"]
+            for one in constraint["joint_constraints"]
+        ]
+        number = scene.stem.removeprefix("scene")
+        return SceneProblem(scene.parent.name, number, scene, start, _positions(goals))
+
+
+def _positions(pairs: Any) -> dict[str, float]:
+    """Positions by joint name; finite numbers."""
+    found = {str(name): float(position) for name, position in pairs}
+    for name, position in found.items():
+        if not np.isfinite(position):
+            raise ValueError(f"the position of joint '{name}' is {position}")
+    return found

@@ -7,18 +7,29 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ..exceptions import MissingDependencyError, PlannerError
+from ..motion.collision import CollisionModel
+from ..planning.plan import FREE, PlannerOptions
+from ..primitives.build import PrimitiveOptions, build_primitive
+from ..robot.world import World
 from .check import RigidArm, judge
-from .method import Method, PeerResult
+from .method import BSPLINE, Method, PeerResult, planner_method, planner_methods
 from .optimal_control import crocoddyl_method
-from .own import BSPLINE, planner_methods
-from .problems import Problem, Scene
+from .problems import Problem, Scene, SceneProblem
+from .scene_referee import SceneReferee
 from .spline_peers import drake_method, slsqp_method
-from .without_optimisation import dmp_method, minimum_jerk_method, promp_method, ruckig_method
+from .without_optimisation import (
+    dmp_method,
+    minimum_jerk_method,
+    promp_method,
+    ruckig_method,
+    sampling_method,
+)
 
 PEERS: dict[str, Callable[[Scene, float], Method]] = {
     "promp": promp_method,
@@ -31,6 +42,19 @@ PEERS: dict[str, Callable[[Scene, float], Method]] = {
     "ruckig": ruckig_method,
 }
 """Methods to compare the planner with: set up with the scene and a time limit [s]."""
+SCENE_PEERS: dict[str, Callable[[Scene, float, CollisionModel], Method]] = {
+    "ompl_toppra": sampling_method
+}
+"""Those among obstacles: set up with the collision model, too."""
+OWN = "pca"
+"""Name of the planner of this package among obstacles."""
+QUICK = 0.1
+"""Time limit of its second run there [s]."""
+
+# Least effort near the expected motion, in the duration of least effort.
+_SCENE_OPTIONS = PlannerOptions(naturalness=0.01, timing=FREE)
+_SCENE_PRIMITIVE = PrimitiveOptions("arm", 8)
+_FACTS = ("solve_time_s", "duration", "effort_cost", "path_length", "rms_jerk", "clearance")
 
 Results = Sequence[Mapping[str, PeerResult]]
 """For each problem, the results of the methods that were run on it, by method name."""
@@ -48,11 +72,42 @@ def set_up(
     absent : dict
         Reasons why the other peers are missing, by name.
     """
-    methods = [*planner_methods(scene, max_time), minimum_jerk_method(scene)]
+    own = [*planner_methods(scene, max_time), minimum_jerk_method(scene)]
+    return _with_peers(own, {name: partial(PEERS[name], scene, max_time) for name in peers})
+
+
+def set_up_in_scenes(
+    scene: Scene, collision: CollisionModel, peers: Iterable[str], max_time: float
+) -> tuple[list[Method], dict[str, str]]:
+    """Set up the planner, with `max_time` and with 100 ms if that is longer, and the peers.
+
+    Returns
+    -------
+    methods, absent :
+        As :func:`set_up`.
+    """
+    primitive = scene.primitive or build_primitive(
+        scene.demonstrations, scene.name, _SCENE_PRIMITIVE
+    )
+    limits = {OWN: max_time} | ({f"{OWN}_{1e3 * QUICK:.0f}ms": QUICK} if max_time > QUICK else {})
+    own = [
+        planner_method(
+            name, scene, primitive, replace(_SCENE_OPTIONS, max_solve_time=limit), collision
+        )
+        for name, limit in limits.items()
+    ]
+    setting = scene, max_time, collision
+    return _with_peers(own, {name: partial(SCENE_PEERS[name], *setting) for name in peers})
+
+
+def _with_peers(
+    methods: list[Method], peers: Mapping[str, Callable[[], Method]]
+) -> tuple[list[Method], dict[str, str]]:
+    """Add the peers that are installed; reasons why the others are missing, by name."""
     absent = {}
-    for name in peers:
+    for name, make in peers.items():
         try:
-            methods.append(PEERS[name](scene, max_time))
+            methods.append(make())
         except MissingDependencyError as error:
             absent[name] = str(error)
     return methods, absent
@@ -105,6 +160,51 @@ def compare(
     return results
 
 
+def compare_in_scenes(
+    scene: Scene,
+    collision: CollisionModel,
+    methods: Sequence[Method],
+    problems: Sequence[SceneProblem],
+    srdf: Path | None,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+) -> list[dict[str, PeerResult]]:
+    """Run methods on problems among obstacles, in an order that alternates between problems.
+
+    Parameters
+    ----------
+    scene : Scene
+        The robot and its limits.
+    collision : CollisionModel
+        The model that the methods were set up with.
+    methods : sequence of Method
+        The methods.
+    problems : sequence of SceneProblem
+        The problems.
+    srdf : Path or None
+        File of the pairs of links that are not checked, for the referee.
+    progress : callable
+        Called with the problems done and their number.
+
+    Returns
+    -------
+    results : list of dict
+        For each problem, the result of each method, by name.
+    """
+    arm, results = RigidArm(scene.urdf, scene.robot.joint_names), []
+    for i, one in enumerate(problems):
+        problem = Problem(*one.ends(scene.robot.joint_names), float("nan"))
+        collision.set_world(World.from_file(one.scene))
+        referee = SceneReferee(arm, scene.urdf, one.scene, srdf)
+        found = {}
+        for method in methods if i % 2 == 0 else methods[::-1]:
+            result = _judged([_solve(method, problem)], problem, arm, scene)
+            verdict = referee.judge(result.trajectory) if result.trajectory else None
+            found[method.name] = replace(result, among_obstacles=verdict)
+        results.append({method.name: found[method.name] for method in methods})
+        progress(i + 1, len(problems))
+    return results
+
+
 def _solve(method: Method, problem: Problem) -> PeerResult:
     try:
         return method.solve(problem)
@@ -144,15 +244,66 @@ def _summary(results: Sequence[PeerResult]) -> dict[str, Any]:
         "iterations": _quantile([r.iterations for r in solved]),
         **{name: _quantile([getattr(v, name) for v in verdicts]) for name in medians},
         **{name: max((getattr(v, name) for v in verdicts), default=None) for name in worst},
-        "limits_active_share": float(np.mean([v.limits_active for v in verdicts]))
-        if verdicts
-        else None,
+        "limits_active_share": _share([v.limits_active for v in verdicts]),
     }
 
 
 def _quantile(values: Sequence[float], share: float = 0.5) -> float | None:
     known = [value for value in values if np.isfinite(value)]
     return float(np.quantile(known, share)) if known else None
+
+
+def summarise_scenes(
+    problems: Sequence[SceneProblem], results: Results
+) -> dict[str, dict[str, Any]]:
+    """By group and method: shares of solved problems, and medians over those.
+
+    The ratios of effort and jerk are those of the planner to a method on problems that both solve.
+    """
+    groups: dict[str, list[Mapping[str, PeerResult]]] = {}
+    for problem, found in zip(problems, results, strict=True):
+        groups.setdefault(problem.group, []).append(found)
+    return {name: _group_summary(group) for name, group in groups.items()}
+
+
+def _group_summary(results: Results) -> dict[str, dict[str, Any]]:
+    summary = {}
+    for name in results[0]:
+        of_method = [found[name] for found in results]
+        solved = [one for one in of_method if one.avoids_obstacles]
+        facts = [one.facts() for one in solved]
+        n_quick = sum(x["solve_time_s"] <= QUICK for x in facts)
+        collided = [one.among_obstacles for one in of_method if one.solved]
+        summary[name] = {
+            "n_problems": len(of_method),
+            "solved_share": len(solved) / len(of_method),
+            "solved_in_100_ms_share": n_quick / len(of_method),
+            "n_collisions": sum(
+                verdict is not None and verdict.collision != "" for verdict in collided
+            ),
+            "limits_kept_share": _share([one.feasible for one in solved]),
+            "time_of_all_s": _quantile([one.solve_time for one in of_method]),
+            **{fact: _quantile([x[fact] for x in facts]) for fact in _FACTS},
+            **_against(results, name),
+        }
+    return summary
+
+
+def _against(results: Results, name: str) -> dict[str, Any]:
+    """Share of the problems in which the planner needs less effort and less jerk."""
+    both = [
+        found for found in results if found[OWN].avoids_obstacles and found[name].avoids_obstacles
+    ]
+    compared: dict[str, Any] = {}
+    for fact in ("effort_cost", "rms_jerk"):
+        ratios = [found[OWN].facts()[fact] / found[name].facts()[fact] for found in both]
+        compared[f"{fact}_ratio"] = _quantile(ratios)
+        compared[f"{fact}_lower_share"] = _share([ratio < 1.0 for ratio in ratios])
+    return compared
+
+
+def _share(truths: Sequence[bool]) -> float | None:
+    return float(np.mean(truths)) if truths else None
 
 
 def ratios(results: Results, ours: str, other: str) -> dict[str, float | None]:

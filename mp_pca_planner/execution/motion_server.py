@@ -217,14 +217,16 @@ class MotionServer:
 
     def watch(self, model: Model) -> None:
         """Check how the robot follows its motion; call this at 10 Hz or more."""
-        try:
-            following = self._states.follow(model.settings)
-        except GoalError:
-            following = None
-        now = self._states.motion_time
-        self._monitor.update(following, now)
-        if self._monitor.never_started(now):
-            self._states.give_up()
+        # No motion may be published in between: the robot would seem to follow the one before.
+        with self._publishing:
+            try:
+                following = self._states.follow(model.settings)
+            except GoalError:
+                following = None
+            now = self._states.motion_time
+            self._monitor.update(following, now)
+            if self._monitor.never_started(now):
+                self._states.give_up()
 
     def stop(self, model: Model, reason: str = "") -> str:
         """Publish a trajectory that brings the robot to rest.
@@ -247,10 +249,19 @@ class MotionServer:
             If the robot's state is unknown; nothing was published then.
         """
         with self._publishing:
-            message, joined = self._stops.find(model)
+            message, joined = self._find_stop(model)
             self._monitor.stop(self._publish_joined(joined), joined.time, reason)
             self.served = self.surroundings.threat = None
         return message
+
+    def _find_stop(self, model: Model) -> tuple[str, Joined]:
+        """Find a stop; again if a busy computer interrupted that, while the robot moved on."""
+        for _ in range(self._options.max_attempts):
+            began = self._clock()
+            found = self._stops.find(model)
+            if self._clock() - began <= self._options.stop_latency:
+                break
+        return found
 
     def _serve_once(
         self,

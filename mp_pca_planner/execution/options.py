@@ -153,7 +153,8 @@ class ServingOptions:
     ----------
     max_attempts : int
         Times that a motion is planned if the robot has moved past its start, ≥ 1. Each time, the
-        start is twice as far ahead as the last planning took.
+        start is twice as far ahead as the last planning took. A stop is found as many times, if
+        each takes too long.
     max_lookahead : float
         Longest time that a joint goal is planned ahead [s]; by then, a displaced motion is
         published.
@@ -169,7 +170,7 @@ class ServingOptions:
         Change of the goal up to which a motion is displaced without planning, while it runs and
         at its end.
     stop_latency : float
-        Time to find a stop [s].
+        Longest time to find a stop, from whose end on it begins [s].
     acceleration_share, jerk_share : float
         Shares of the limits for stops of a robot whose velocity is estimated, 0 to 1.
     away_time : float

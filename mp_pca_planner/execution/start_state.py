@@ -130,6 +130,10 @@ class StartStates(MotionFollower):
             # A robot that has just arrived at the end of its motion may still settle.
             may_settle = holds and not last.is_arrived
         if not may_settle and self.measured.velocities(measured).any():
+            if following is not None and following.how != OFF and start_from != MEASURED:
+                raise UnconfirmedError(
+                    "the robot is coming to rest; send the goal again when it is at rest"
+                )
             raise GoalError(_motion_refusal(start_from, following, settings))
         here, place = measured.positions, 0.0
         if holds and following is not None:

@@ -108,6 +108,11 @@ class Attempt:
         return not any(self.violation)
 
     @property
+    def meets_bodies(self) -> bool:
+        """Whether it, or an earlier motion of the same program, is in collision."""
+        return bool(self.collisions) or self.has_clearances
+
+    @property
     def is_hopeless(self) -> bool:
         """Whether bodies collide at an end of the motion that is fixed."""
         return self.collision_at_end is not None

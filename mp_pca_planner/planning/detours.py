@@ -25,7 +25,7 @@ from .constraints import LimitTables
 from .fallback import Paths
 from .motion import Motion
 from .paths import PathFinder
-from .plan import FREE, MotionSolution
+from .plan import DEMONSTRATED, FREE, MotionSolution
 from .recoveries import Setting
 from .request import Request
 from .setup import Setup
@@ -48,12 +48,16 @@ class DetourOptions:
         Number of points of the path that the B-splines follow.
     min_naturalness : float
         Least weight ρ of deviations from the path. Without it, the program takes too many passes.
+    share_of_solving : float
+        Share of the remaining time for a motion near a path, 0 to 1, if the one along it may not be
+        executed; the rest is for checks and for other paths.
     """
 
     n_control_points: int = 6
     spread: float = 0.3
     n_phases: int = 80
-    min_naturalness: float = 0.02
+    min_naturalness: float = 0.005
+    share_of_solving: float = 0.8
 
 
 _OPTIONS = DetourOptions()
@@ -104,31 +108,49 @@ class DetourPlanner:
         collision = self._setup.collision
         return collision is not None and bool(collision.pairs) and not request.n_vias
 
-    def better(
-        self, failed: Attempt, request: Request, budget: Budget, paths: Paths
-    ) -> tuple[Attempt, bool]:
-        """The best motion along a detour, or the failed attempt if there is none.
-
-        If no motion keeps the limits, a path that was found is added to `paths`. Returns also
-        whether the search for paths was complete, so that more descent is of no use.
-        """
+    def may_help(self, request: Request, failed: Attempt) -> bool:
+        """Whether an attempt failed by collisions between its ends."""
+        if failed.is_hopeless or not self.may_serve(request):
+            return False
         # Collisions of a motion outside the limits are not known yet.
-        met = failed.collisions or failed.has_clearances
-        if failed.is_hopeless or not (met or self._setup.collisions(failed.trajectory)):
-            return failed, False
-        best, path = failed, None
+        return failed.meets_bodies or bool(self._setup.collisions(failed.trajectory))
+
+    def lead_first(self, request: Request, basis: MotionBasis) -> bool:
+        """Whether detours are tried before descent from the expected motion.
+
+        They are if that is in collision at a quadrature node: descent from there takes longer than
+        a path. It stays nearer to the demonstrations, so it comes first where their timing or
+        naturalness is asked for.
+        """
+        options, collision = self._setup.options, self._setup.collision
+        is_natural = options.naturalness >= options.search.near_expected
+        if is_natural or options.timing == DEMONSTRATED or not request.duration_is_free:
+            return False
+        if collision is None or not self.may_serve(request):
+            return False
+        duration = request.usual_duration
+        motion = Motion(request.start, request.goal, duration, basis.basis, basis.expected)
+        positions = motion.evaluate(duration * basis.tables.phases)[0]
+        return any(map(collision.collides, positions))
+
+    def best(self, request: Request, budget: Budget, paths: Paths) -> Attempt | None:
+        """The best motion along a detour; None if there is no path.
+
+        If no motion keeps the limits, a path that was found is added to `paths`.
+        """
+        best, path = None, None
         follower = self._follower(request.primitive)
         ends = request.start.positions, request.goal.positions
         for found in self._finder.paths(ends, budget):
             path = found if path is None else path
             tried = self._attempt(request, follower.detour(request, found), budget)
-            if tried.violation < best.violation:
+            if best is None or tried.violation < best.violation:
                 best = tried
             if best.is_valid or budget.is_over():
                 break
-        if path is not None and not best.is_valid:
+        if path is not None and best is not None and not best.is_valid:
             paths[id(request.goal)] = self._finder.corners(path)
-        return best, not self.hint
+        return best
 
     def _follower(self, primitive: MovementPrimitive) -> PathFollower:
         if primitive.name not in self._followers:
@@ -147,9 +169,12 @@ class DetourPlanner:
             along = self._along(request, detour.basis, duration)
         if budget.is_over():
             return along
+        share = _OPTIONS.share_of_solving
+        if along.is_valid:
+            share = self._setup.options.search.share_of_descent
         naturalness = max(self._setup.options.naturalness, _OPTIONS.min_naturalness)
         setting = Setting(detour.basis, duration, naturalness, is_first=True)
-        found, _ = self._solve(request, setting, budget)
+        found, _ = self._solve(request, setting, budget.share(share))
         if found.check.violations and request.duration_is_free:
             # A little slower, the same path keeps the limits.
             slower = found.duration * slowdown(found.check)

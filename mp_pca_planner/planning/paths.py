@@ -33,6 +33,9 @@ class PathOptions:
         Standard deviation of vias from the middle of the motion [rad or m].
     n_paths : int
         Number of searches for paths, with different seeds.
+    reach : float
+        Distance beyond the ends, joint by joint, within which the first search stays [rad or m];
+        each further one reaches as much further. Most paths are near the ends.
     n_checks : int
         Number of configurations that the first search checks; each further one checks as many more.
     share_of_search : float
@@ -49,9 +52,10 @@ class PathOptions:
 
     n_vias: int = 40
     via_spread: float = 0.6
-    n_paths: int = 4
-    n_checks: int = 12_000
-    share_of_search: float = 0.9
+    n_paths: int = 6
+    reach: float = 1.0
+    n_checks: int = 5_000
+    share_of_search: float = 0.75
     share_of_comparison: float = 0.2
     max_detour: float = 1.5
     step: float = 0.07
@@ -109,8 +113,9 @@ class PathFinder:
             # Few searches take far longer than most: another seed is often faster.
             n_checks = _OPTIONS.n_checks * seed
             options = SamplingOptions(seed, _OPTIONS.step, max_checks=n_checks)
+            near = _around(ends, _OPTIONS.reach * seed, bounds)
             try:
-                path = sampled_path(collides, bounds, ends, options, search.is_over)
+                path = sampled_path(collides, near, ends, options, search.is_over)
             except MissingDependencyError as error:
                 self.hint = str(error)
                 yield from paths_by_vias(collides, bounds, ends, budget.is_over)
@@ -143,6 +148,14 @@ class PathFinder:
         """The corners of the first path, shape (n_corners, n_joints); None if there is none."""
         path = next(self.paths(ends, budget), None)
         return None if path is None else self.corners(path)
+
+
+def _around(
+    ends: tuple[FloatArray, FloatArray], reach: float, bounds: tuple[FloatArray, FloatArray]
+) -> tuple[FloatArray, FloatArray]:
+    """Least and largest positions within a reach of the ends, and within bounds."""
+    low, high = np.min(ends, axis=0) - reach, np.max(ends, axis=0) + reach
+    return np.maximum(low, bounds[0]), np.minimum(high, bounds[1])
 
 
 def _length(path: FloatArray) -> float:

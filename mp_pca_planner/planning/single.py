@@ -198,19 +198,23 @@ class SinglePlanner:
         if not self._searches(request):
             natural = MoreNatural(options.search.naturalness_steps)
             recoveries = [Slower(stretch * usual), natural, wider]
-        best, setting, rest = None, wider.propose(), budget
-        if self._detours.may_serve(request):
-            budget = budget.share(options.search.share_of_descent)
+        best, setting, descent, searched = None, wider.propose(), budget, False
+        if setting and self._detours.lead_first(request, setting.basis):
+            best, searched = self._detours.best(request, budget, paths), True
+            if best is not None and (best.is_valid or budget.is_over()):
+                return best
+        elif self._detours.may_serve(request):
+            descent = budget.share(options.search.share_of_descent)
         while setting is not None:
-            tried, setting = self._attempt(request, setting, budget)
-            if best is None or tried.violation < best.violation:
-                best = tried
-            met = tried.collisions or tried.has_clearances
-            if budget is not rest and not tried.is_valid and (met or budget.is_over()):
-                budget = rest
-                best, is_done = self._detours.better(best, request, rest, paths)
-                if is_done:
-                    break
+            tried, setting = self._attempt(request, setting, descent)
+            best = tried if best is None else min(best, tried, key=lambda one: one.violation)
+            if not best.is_valid and (descent.is_over() or tried.meets_bodies):
+                descent = budget
+                if self._detours.may_help(request, tried):
+                    around = None if searched else self._detours.best(request, budget, paths)
+                    best, searched = min(best, around or best, key=lambda one: one.violation), True
+                    if not self._detours.hint:  # then more descent is of no use
+                        break
             if best.is_valid or best.is_hopeless or budget.is_over():
                 break
             failure = Failure(tried, setting, self._setup)
@@ -247,7 +251,8 @@ class SinglePlanner:
             setting.naturalness,
             duration_is_free=duration_is_free,
         )
-        if self._detours.may_serve(request) and problem.starts_in_collision:
+        may_meet = self._detours.may_serve(request) and not problem.has_clearances
+        if may_meet and problem.starts_in_collision:
             problem.keep_clear()
         return attempt(problem, budget, n_starts=self._setup.options.n_starts)
 

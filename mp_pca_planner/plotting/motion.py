@@ -14,7 +14,17 @@ from ..arrays import FloatArray
 from ..exceptions import PlannerError, printable
 from ..motion.trajectory import Trajectory
 from ..robot.limits import JointLimits
-from .style import BLACK, COLOURS, GREY, MAX_COLUMNS, STYLES, Line, add_header, label_left, line
+from .style import (
+    BLACK,
+    COLOURS,
+    LINES,
+    MAX_COLUMNS,
+    STYLES,
+    Line,
+    add_header,
+    label_left,
+    line,
+)
 from .units import unit_of
 
 if TYPE_CHECKING:
@@ -29,10 +39,6 @@ _MIN_SPAN = {"positions": 0.02, "velocities": 0.02, "efforts": 0.2}
 # A limit is drawn if it is nearer to the curve than this share of the curve's range; a farther one
 # would flatten the curve.
 _NEAR_LIMIT = 0.25
-_LIMIT = line("limit (where near)", BLACK, (0, (2, 2)), 1.5)
-_BEHIND = line("nearest demonstrations, re-timed", GREY, "-", 0.8, zorder=1.5, alpha=0.6)
-_VIA = line("via", BLACK, "", marker="D", markersize=8, markerfacecolor="white", zorder=3)
-_WARNING = line("", COLOURS[1], "", marker="^", markersize=11)
 
 Curve = tuple[FloatArray, FloatArray]
 """Times [s] and positions [rad or m], shapes (n_times,) and (n_times, n_joints)."""
@@ -58,8 +64,8 @@ class MotionContext:
 
     def entries(self) -> list[Line]:
         """Entries of the legend."""
-        entries = [_BEHIND] * bool(self.behind) + [_VIA] * bool(self.vias.size)
-        return entries + [_WARNING | {"label": warning} for warning in self.warnings]
+        entries = [LINES["behind"]] * bool(self.behind) + [LINES["via"]] * bool(self.vias.size)
+        return entries + [LINES["warning"] | {"label": warning} for warning in self.warnings]
 
 
 def plot_motion(
@@ -149,7 +155,7 @@ def motion_figure(
         for i, label in enumerate(motions)
     ]
     context = MotionContext() if context is None else context
-    header = [*entries, *([] if limits is None else [_LIMIT]), *context.entries()]
+    header = [*entries, *([] if limits is None else [LINES["limit"]]), *context.entries()]
     width, height = 3.5 * max(len(groups), 2), 2.3 * len(quantities)
     add_header(figure, title, header, width, height)
     grid = figure.subplots(len(quantities), len(groups), squeeze=False, sharex=True)
@@ -195,7 +201,11 @@ def _show_context(
     factor, _ = _scale("positions", names, prismatic)
     for i, name in enumerate(names):
         joint = motion.joint_names.index(name)
-        colour = _BEHIND if len(names) == 1 else _BEHIND | {"color": COLOURS[i % len(COLOURS)]}
+        colour = (
+            LINES["behind"]
+            if len(names) == 1
+            else LINES["behind"] | {"color": COLOURS[i % len(COLOURS)]}
+        )
         for times, positions in context.behind:
             values = factor * positions[:, joint]
             axes.plot(times, values, **colour | {"label": None})
@@ -203,7 +213,7 @@ def _show_context(
             axes.set_ylim(min(low, values.min()), max(high, values.max()))
         for via in context.vias:
             passed = np.interp(via, motion.times, motion.positions[:, joint])
-            axes.plot(via, factor * passed, **_VIA | {"label": None})
+            axes.plot(via, factor * passed, **LINES["via"] | {"label": None})
 
 
 def _lines(style: object, names: Sequence[str]) -> list[Line]:
@@ -239,7 +249,7 @@ def _show_limits(
         colour = BLACK if len(names) == 1 else COLOURS[i % len(COLOURS)]
         for bound in factor * _bounds(limits, quantity, name):
             if reach[0] < bound < reach[1]:
-                axes.axhline(bound, **_LIMIT | {"color": colour})
+                axes.axhline(bound, **LINES["limit"] | {"color": colour})
                 shown.append(bound)
     axes.set_ylim(min(shown) - 0.08 * span, max(shown) + 0.08 * span)
 

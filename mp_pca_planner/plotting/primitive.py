@@ -12,7 +12,7 @@ import numpy as np
 from ..arrays import FloatArray
 from ..primitives.alignment import own_phases
 from ..primitives.primitive import MovementPrimitive
-from .style import BLACK, GREY, Line, joint_panels, label_left, line, palette_line
+from .style import LINES, Line, joint_panels, label_left, palette_line
 from .units import prismatic_joints, unit_of
 
 if TYPE_CHECKING:
@@ -23,8 +23,6 @@ PHASES = np.linspace(0.0, 1.0, 101)
 """Phases at which primitives are plotted."""
 
 _MAX_COMPONENTS = 3  # curves around one mean; more are not distinguishable
-_DEMONSTRATION = line("demonstrations", GREY, "-", 0.8)
-_MEAN = line("mean", BLACK, "-", 2.5)
 
 
 def plot_demonstrations(
@@ -45,8 +43,8 @@ def plot_demonstrations(
     """
     unit = unit_of([primitive.joint_names[joint]], prismatic_joints(primitive))
     shown = unit.factor * demonstrations[:, :, joint]
-    axes.plot(PHASES, shown.T, **_DEMONSTRATION)
-    axes.plot(PHASES, shown.mean(axis=0), **_MEAN)
+    axes.plot(PHASES, shown.T, **LINES["demonstration"])
+    axes.plot(PHASES, shown.mean(axis=0), **LINES["mean"])
     axes.set(xlabel="phase", ylabel=f"position [{unit.name}]", xlim=(0.0, 1.0))
     return axes
 
@@ -75,7 +73,7 @@ def plot_components(axes: Axes, primitive: MovementPrimitive, joint: int) -> Axe
         axes.fill_between(PHASES, low, high, color=style["color"], alpha=0.12, linewidth=0)
         axes.plot(PHASES, high, **style)
         axes.plot(PHASES, low, **style | {"label": None})
-    axes.plot(PHASES, mean, **_MEAN)
+    axes.plot(PHASES, mean, **LINES["mean"])
     axes.set(xlabel="phase", ylabel=f"shape [{unit.name}]", xlim=(0.0, 1.0))
     return axes
 
@@ -105,8 +103,10 @@ def primitive_figure(
     panels : list of list of Axes
         By joint, the Axes of the demonstrations and of the components.
     """
-    shown = _reproductions(primitive) if demonstrations is None else demonstrations
-    lines = [_DEMONSTRATION, _MEAN, *_component_lines(primitive)]
+    shown = demonstrations
+    if shown is None:
+        shown = reproductions(primitive, range(len(primitive.durations)))
+    lines = [LINES["demonstration"], LINES["mean"], *_component_lines(primitive)]
     panels = joint_panels(figure, primitive.joint_names, 2, title, lines)
     for joint, (above, below) in enumerate(panels):
         plot_demonstrations(above, primitive, joint, shown)
@@ -159,13 +159,7 @@ def _component_lines(primitive: MovementPrimitive) -> list[Line]:
     ]
 
 
-def _reproductions(primitive: MovementPrimitive) -> FloatArray:
-    """The demonstrations as the components reproduce them, shape (n, 101, n_joints)."""
-    return np.array(
-        [
-            primitive.reproduction(i, duration * own_phases(warp, PHASES))
-            for i, (duration, warp) in enumerate(
-                zip(primitive.durations, primitive.warps, strict=True)
-            )
-        ]
-    )
+def reproductions(primitive: MovementPrimitive, chosen: Sequence[int]) -> FloatArray:
+    """Some demonstrations as the components reproduce them, shape (n_chosen, 101, n_joints)."""
+    times = [primitive.durations[i] * own_phases(primitive.warps[i], PHASES) for i in chosen]
+    return np.array(list(map(primitive.reproduction, chosen, times)))

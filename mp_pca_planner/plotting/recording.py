@@ -12,14 +12,11 @@ from numpy.typing import NDArray
 
 from ..exceptions import PlannerError
 from ..recordings.load import RecordingReport
-from .style import BLACK, COLOURS, GREY, add_header, line, palette_line
+from .style import BLACK, COLOURS, GREY, LINES, add_header, palette_line
 from .units import unit_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-_MOTION = line("motion", "#CFE6F5", width=8.0)
-_REST = line("rest", "#E6E6E6", width=8.0)
 
 
 def recording_figure(
@@ -46,7 +43,7 @@ def recording_figure(
         raise PlannerError(f"recording '{report.name}' can't be drawn: its report has no overview")
     joints = [palette_line(name, i, 1.4) for i, name in enumerate(report.joint_names)]
     unit = unit_of(report.joint_names, prismatic)
-    add_header(figure, "", [*joints, _MOTION, _REST], 12.0, 3.6)
+    add_header(figure, "", [*joints, LINES["motion"], LINES["rest"]], 12.0, 3.6)
     above, below = figure.subplots(2, 1, sharex=True, height_ratios=[3, 2])
     for values, style in zip(overview.positions.T, joints, strict=True):
         above.plot(overview.times, unit.factor * values, **style)
@@ -56,10 +53,10 @@ def recording_figure(
     rests = runs(overview.speed <= report.thresholds.rest)
     for axes in (above, below):
         for first, last in rests:
-            axes.axvspan(*overview.times[[first, last]], color=_REST["color"], linewidth=0)
+            axes.axvspan(*overview.times[[first, last]], color=LINES["rest"]["color"], linewidth=0)
         for motion in report.motions:
             span = motion.start, motion.end
-            axes.axvspan(*span, color=_MOTION["color"], alpha=0.6, linewidth=0)
+            axes.axvspan(*span, color=LINES["motion"]["color"], alpha=0.6, linewidth=0)
             for cut in span:
                 axes.axvline(cut, color=COLOURS[0], linewidth=1.0)
     above.set(ylabel=f"position [{unit.name}]")

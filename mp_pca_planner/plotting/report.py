@@ -1,14 +1,15 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""The report of `build_primitives`, an HTML page."""
+"""The reports of `build_primitives` and `build_library`, HTML pages."""
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -18,23 +19,26 @@ from ..evaluation.paper import TABLE_2
 from ..exceptions import PrimitiveError
 from ..primitives.alignment import aligned_positions
 from ..primitives.cross_validation import HeldOutErrors, leave_one_out
+from ..primitives.kinds import OUTLIER
+from ..primitives.library_building import LibraryContent
 from ..primitives.options import PrimitiveOptions
 from ..primitives.prediction import nearest_demonstrations
 from ..primitives.primitive import MovementPrimitive
-from ..recordings.demonstration import Demonstration
+from ..recordings.demonstration import Demonstration, Refusal
 from ..recordings.load import RecordingReport, RecordingSet
 from ..recordings.repair import REPAIRS
 from ..robot.model import Robot
 from .arm import goals_figure
 from .page import figure_address, render
-from .primitive import PHASES, primitive_figure
+from .primitive import PHASES, primitive_figure, reproductions
 from .recording import recording_figure
-from .units import primitive_unit, prismatic_joints
-from .variance import is_arm_of_paper, variance_table
+from .style import GREY, LINES, Line, add_header, joint_panels, palette_line
+from .text import is_arm_of_paper, variance_table
+from .units import primitive_unit, prismatic_joints, unit_of
 from .verdict import PrimitiveVerdict, goals_in_span, verdict_on
 
-REPORT_SAMPLES = 301
-"""Number of samples of a motion for curves and leave-one-out predictions."""
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 
 @dataclass(frozen=True)
@@ -43,6 +47,8 @@ class ReportOptions:
 
     Attributes
     ----------
+    n_samples : int
+        Samples of a motion for curves and leave-one-out predictions.
     max_recordings_drawn : int
         Recordings with a figure.
     max_demonstrations_drawn : int
@@ -52,15 +58,25 @@ class ReportOptions:
     max_built_from : int
         Total number of demonstrations in all primitives for these predictions. With many
         demonstrations, fewer are left out, but at least five.
-    max_rows : int
-        Rows of a table.
+    max_rows, max_motions : int
+        Rows of a table, and motions of a library in a list.
+    max_kinds, max_paths, max_joints : int
+        Kinds of motions with a figure, and motions and joints in it.
     """
 
+    n_samples: int = 301
     max_recordings_drawn: int = 100
     max_demonstrations_drawn: int = 200
     max_left_out: int = 60
     max_built_from: int = 6000
     max_rows: int = 500
+    max_motions: int = 200
+    max_kinds: int = 40
+    max_paths: int = 60
+    max_joints: int = 8
+
+
+REPORT = ReportOptions()
 
 
 def report_page(
@@ -87,7 +103,7 @@ def report_page(
     MissingDependencyError
         If matplotlib or jinja2 is not installed.
     """
-    limits = ReportOptions()
+    limits = REPORT
     motions = recordings.demonstrations
     drawn = _evenly(len(motions), limits.max_demonstrations_drawn)
     prismatic = prismatic_joints(primitive)
@@ -182,3 +198,94 @@ def _repairs(reports: Sequence[RecordingReport]) -> list[tuple[str, int, int]]:
 def _evenly(n: int, most: int) -> list[int]:
     """At most the given number of n indices, evenly spread."""
     return [int(i) for i in np.unique(np.linspace(0, n - 1, min(n, most)).round())]
+
+
+_MARKERS = "osD^v<>P*X"
+
+
+def library_page(places: Mapping[Path, LibraryContent], refused: Sequence[Refusal]) -> str:
+    """Make the page.
+
+    Parameters
+    ----------
+    places : mapping
+        The libraries by their folders.
+    refused : sequence of Refusal
+        Recordings that were not used.
+
+    Raises
+    ------
+    MissingDependencyError
+        If matplotlib or jinja2 is not installed.
+    """
+    return render(
+        "library.html",
+        title="Kinds of motions",
+        libraries=[_library(folder, content) for folder, content in places.items()],
+        refused=refused,
+        max_rows=REPORT.max_motions,
+    )
+
+
+def _library(folder: Path, content: LibraryContent) -> dict[str, Any]:
+    motions, unit = content.statistics.motions, primitive_unit(content.primitives[0])
+    kinds = zip(content.primitives, content.errors_alone, content.errors_in_one_pot, strict=True)
+    return {
+        "folder": str(folder),
+        "content": content,
+        "unit": unit,
+        "map": figure_address(partial(kinds_map, content=content)),
+        "agreement": content.label_agreement(),
+        "kinds": [
+            {
+                "primitive": primitive,
+                "labels": _labels(primitive),
+                "alone": unit.number(alone),
+                "together": unit.number(together),
+                "figure": _kind_figure(primitive) if i < REPORT.max_kinds else None,
+            }
+            for i, (primitive, alone, together) in enumerate(kinds)
+        ],
+        "outliers": [motions[i] for i in content.kinds.members(OUTLIER)],
+        "ambiguous": [(motions[i], ", ".join(names)) for i, names in content.ambiguous],
+    }
+
+
+def _labels(primitive: MovementPrimitive) -> str:
+    counts = Counter(d["label"] for d in primitive.metadata["demonstrations"] if d["label"])
+    return ", ".join(f"{label} {n}" for label, n in counts.most_common())
+
+
+def kinds_map(figure: Figure, content: LibraryContent) -> None:
+    """Draw every motion as a point, by kind."""
+    kinds, styles = content.kinds, [_points(GREY, "x", "none of them")]
+    for k, primitive in enumerate(content.primitives):
+        colour = palette_line("", k)["color"]
+        styles.append(_points(colour, _MARKERS[k % len(_MARKERS)], primitive.name))
+    add_header(figure, "Motions by kind", styles[1:] + styles[:1], 10.0, 6.0)
+    axes = figure.subplots()
+    for k, style in enumerate(styles, start=OUTLIER):
+        axes.plot(*kinds.positions[kinds.members(k)].T, **style)
+    axes.set(xlabel="first component of the features", ylabel="second component")
+
+
+def _points(colour: str, marker: str, label: str) -> Line:
+    shape = {"marker": marker, "markersize": 6.0, "alpha": 0.8}
+    return {"color": colour, "linestyle": "none", "label": label, **shape}
+
+
+def _kind_figure(primitive: MovementPrimitive) -> str:
+    return figure_address(partial(paths_figure, primitive=primitive))
+
+
+def paths_figure(figure: Figure, primitive: MovementPrimitive) -> None:
+    """Draw the motions of a kind over the aligned phase, in the joints that move most."""
+    paths = reproductions(primitive, _evenly(len(primitive.durations), REPORT.max_paths))
+    moved = np.argsort(-np.ptp(paths, axis=1).mean(axis=0), kind="stable")
+    joints = np.sort(moved[: REPORT.max_joints])
+    names = [primitive.joint_names[j] for j in joints]
+    panels = joint_panels(figure, names, 1, primitive.name, [LINES["demonstration"]])
+    for joint, (axes,) in zip(joints, panels, strict=True):
+        unit = unit_of([primitive.joint_names[joint]], prismatic_joints(primitive))
+        axes.plot(PHASES, unit.factor * paths[:, :, joint].T, **LINES["demonstration"])
+        axes.set(xlabel="phase", ylabel=f"position [{unit.name}]", xlim=(0.0, 1.0))

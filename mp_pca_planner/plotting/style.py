@@ -11,6 +11,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from itertools import product
 from math import ceil
+from pathlib import Path
 from textwrap import fill
 from typing import TYPE_CHECKING, Any
 
@@ -33,26 +34,6 @@ BLACK, GREY = "#000000", "#8C8C8C"
 MAX_COLUMNS = 4
 """Most panels beside each other."""
 
-# Sizes that are readable when the figure is shown at half its size.
-_SETTINGS: Any = {
-    "axes.axisbelow": True,
-    "axes.grid": True,
-    "axes.labelsize": 12,
-    "axes.titlesize": 12,
-    "axes.titleweight": "bold",
-    "figure.dpi": 120,
-    "figure.facecolor": "white",
-    "font.size": 12,
-    "grid.color": "#DDDDDD",
-    "legend.frameon": False,
-    "legend.handlelength": 3.0,
-    "legend.title_fontsize": 15,
-    "savefig.dpi": 120,
-    "text.parse_math": False,  # names may hold a $
-    "xtick.labelsize": 11,
-    "ytick.labelsize": 11,
-}
-
 
 def line(label: str, colour: str, style: Any = "-", width: float = 2.2, **marker: Any) -> Line:
     """Properties of a line."""
@@ -63,6 +44,19 @@ def palette_line(label: str, index: int, width: float = 2.2) -> Line:
     """Properties of the line of that index, each with a colour and a style of its own."""
     n = len(COLOURS)
     return line(label, COLOURS[index % n], STYLES[(index + index // n) % len(STYLES)], width)
+
+
+LINES = {
+    "limit": line("limit (where near)", BLACK, (0, (2, 2)), 1.5),
+    "behind": line("nearest demonstrations, re-timed", GREY, "-", 0.8, zorder=1.5, alpha=0.6),
+    "via": line("via", BLACK, "", marker="D", markersize=8, markerfacecolor="white", zorder=3),
+    "warning": line("", COLOURS[1], "", marker="^", markersize=11),
+    "demonstration": line("demonstrations", GREY, "-", 0.8),
+    "mean": line("mean", BLACK, "-", 2.5),
+    "motion": line("motion", "#CFE6F5", width=8.0),
+    "rest": line("rest", "#E6E6E6", width=8.0),
+}
+"""Lines of several figures, by what they show."""
 
 
 def require_matplotlib() -> None:
@@ -94,9 +88,9 @@ def styled_figure(*, interactive: bool = False) -> Iterator[Figure]:
         If matplotlib is not installed.
     """
     require_matplotlib()
-    from matplotlib import rc_context
+    from matplotlib import style
 
-    with rc_context(_SETTINGS):
+    with style.context(Path(__file__).with_name("style.mplstyle")):
         if interactive:
             from matplotlib import pyplot
 

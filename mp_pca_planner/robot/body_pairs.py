@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -153,8 +154,8 @@ class BodyPairs:
         """
         found, margins = np.empty(pairs.size), self.margins[pairs]
         for entries in self._placed(q, configurations, self._bodies.hulls, self._hull_data):
-            for e in entries:
-                found[e] = self._hull_distance(int(pairs[e])).min_distance
+            distances = map(self._hull_distance, pairs[entries].tolist())
+            found[entries] = [one.min_distance for one in distances]
         found -= margins
         near = np.flatnonzero(~(found >= CONTACT) & ~self._are_convex[pairs])
         shapes, data = self._bodies.shapes, self._shape_data
@@ -220,12 +221,11 @@ class BodyPairs:
     ) -> Iterator[Indices]:
         """Place the geometry for one configuration after the other; yield its entries."""
         order = np.argsort(configurations, kind="stable")
-        starts = np.flatnonzero(np.diff(configurations[order], prepend=-1))
-        for entries in np.split(order, starts[1:]):
-            if entries.size:
-                one = np.ascontiguousarray(q[configurations[entries[0]]])
-                pin.updateGeometryPlacements(self._model, self._data, geometry, data, one)
-                yield entries
+        every, starts = np.unique(configurations[order], return_index=True)
+        edges = [*starts.tolist(), order.size]
+        for one, (first, last) in zip(every.tolist(), pairwise(edges), strict=True):
+            pin.updateGeometryPlacements(self._model, self._data, geometry, data, q[one])
+            yield order[first:last]
 
     def _rows(
         self,

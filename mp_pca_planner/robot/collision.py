@@ -82,6 +82,7 @@ class CollisionGeometry:
         self_collision: bool = True,
     ) -> None:
         model, geometry, self.model_order = robot.collision_geometry(package_dirs)
+        self._in_order = bool(np.all(np.diff(self.model_order) == 1))
         if not self_collision:
             geometry.removeAllCollisionPairs()
         elif srdf is None:
@@ -185,7 +186,7 @@ class CollisionGeometry:
         return self._distances.nearest_point(self._in_model_order(q), pair)
 
     def _in_model_order(self, q: FloatArray) -> FloatArray:
-        return np.ascontiguousarray(q[..., self.model_order])
+        return np.ascontiguousarray(q if self._in_order else q[..., self.model_order])
 
 
 def _checked_margin(margin: float) -> float:

@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, replace
 
 from rcl_interfaces.msg import SetParametersResult
@@ -57,6 +57,11 @@ class SimulatedRobotNode(Node):
         Name of the topic of trajectories.
     keep_record : bool
         Whether the robot's record is kept from the start.
+
+    Attributes
+    ----------
+    delays : list of float
+        Time that each trajectory was on its way [s].
     """
 
     def __init__(
@@ -64,11 +69,14 @@ class SimulatedRobotNode(Node):
     ) -> None:
         super().__init__(NODE_NAME)
         self._robot, self._keep_record = robot, keep_record
+        self.delays: list[float] = []
         self._published, self._n_rejections = robot.state_time_ns, 0
         self._states = self.create_publisher(JointState, "joint_states", 10)
         self._descriptions = self.create_publisher(String, "robot_description", LATCHED)
         self._descriptions.publish(String(data=urdf))
-        self.create_subscription(JointTrajectory, controller_topic, self._on_trajectory, 10)
+        # The types of rclpy don't know of callbacks that take facts of the message, too.
+        callback: Callable[..., None] = self._on_trajectory
+        self.create_subscription(JointTrajectory, controller_topic, callback, 10)
         for name, value in asdict(robot.faults).items():
             self.declare_parameter(name, value)
         self.add_on_set_parameters_callback(self._on_parameters)
@@ -97,8 +105,9 @@ class SimulatedRobotNode(Node):
         stamp.sec, stamp.nanosec = divmod(self._published, NANOSECONDS)
         self._states.publish(message)
 
-    def _on_trajectory(self, message: JointTrajectory) -> None:
+    def _on_trajectory(self, message: JointTrajectory, facts: dict[str, int]) -> None:
         self.advance()
+        self.delays.append(1e-9 * (self._robot.time_ns - facts["source_timestamp"]))
         self._robot.send_message(to_controller_message(message))
 
     def _on_parameters(self, parameters: Sequence[Parameter]) -> SetParametersResult:

@@ -1,23 +1,24 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Demonstrations to show: those of recordings, or those that a primitive reproduces."""
+"""Demonstrations on the page: which are drawn, and which one is played."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from ..plotting.style import COLOURS
 from ..primitives.primitive import MovementPrimitive
 from ..recordings.demonstration import RecordingSet
-from .motion import ShownMotion
+from .options import PAGE
+from .player import Player, ShownMotion
+from .stage import DrawnPaths, Stage, from_hex
+from .words import part
 
 _UNLABELLED = "without a label"
-
-N_SAMPLES = 60
-"""Number of configurations of a shown demonstration."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +43,7 @@ def reproduced(primitives: Iterable[MovementPrimitive]) -> list[DemonstrationGro
     for primitive in primitives:
         sources = _provenance(primitive)
         for i, (duration, source) in enumerate(zip(primitive.durations, sources, strict=True)):
-            times = np.linspace(0.0, float(duration), N_SAMPLES)
+            times = np.linspace(0.0, float(duration), PAGE.n_samples)
             name = _name(i, str(source.get("recording", "")), source.get("start_time_s"))
             motion = ShownMotion(name, times, primitive.reproduction(i, times))
             found.setdefault(str(source.get("label") or primitive.name), []).append(motion)
@@ -54,8 +55,8 @@ def recorded(recordings: RecordingSet) -> list[DemonstrationGroup]:
     found: dict[str, list[ShownMotion]] = {}
     for i, one in enumerate(recordings.demonstrations):
         name = _name(i, one.recording, one.start_time)
-        times = np.linspace(0.0, one.duration, N_SAMPLES)
-        motion = ShownMotion(name, times, one.time_normalised(N_SAMPLES))
+        times = np.linspace(0.0, one.duration, PAGE.n_samples)
+        motion = ShownMotion(name, times, one.time_normalised(PAGE.n_samples))
         found.setdefault(one.label or _UNLABELLED, []).append(motion)
     return [DemonstrationGroup(label, tuple(motions)) for label, motions in found.items()]
 
@@ -73,3 +74,101 @@ def _name(index: int, recording: str, start: Any) -> str:
     is_known = recording and isinstance(start, int | float)
     where = f" {recording} at {start:.1f} s" if is_known else ""
     return f"{index + 1}.{where}"
+
+
+NAME = "Demonstrations"
+
+_ALL, _NONE = "All", "None"
+
+
+class DemonstrationsPanel:
+    """The list of the demonstrations, their paths by label, and their playback.
+
+    Parameters
+    ----------
+    stage : Stage
+        The scene.
+    player : Player
+        Plays the chosen demonstration.
+    groups : sequence of DemonstrationGroup
+        The demonstrations by label; at least one.
+    remarks : sequence of str
+        Sentences on them: where they are from, what was repaired.
+    """
+
+    def __init__(
+        self,
+        stage: Stage,
+        player: Player,
+        groups: Sequence[DemonstrationGroup],
+        remarks: Sequence[str],
+    ) -> None:
+        self._stage, self._player = stage, player
+        gui = stage.server.gui
+        gui.add_html(part("lines", remarks))
+        self._is_drawn: Any = gui.add_checkbox("Draw the paths", False)
+        self._motions: dict[str, ShownMotion] = {}
+        self._boxes: list[list[tuple[Any, ShownMotion]]] = []
+        self._paths: list[DrawnPaths] = []
+        several = len(groups) > 1
+        names = [
+            f"{group.label}: {motion.name}" if several else motion.name
+            for group in groups
+            for motion in group.motions
+        ]
+        self._choice = gui.add_dropdown("Play", tuple(dict.fromkeys(names)))
+        picks = gui.add_button_group("Draw", (_ALL, _NONE))
+        self._add_lists(groups, iter(names))
+        self._places: dict[int, Any] = {}
+        stage.on_change(self._choice, self._on_choice)
+        stage.on_change(self._is_drawn, self._draw)
+        stage.on_click(picks, lambda: self._pick(picks.value == _ALL))
+        self._player.offer(NAME, self._motions[self._choice.value], take=False)
+
+    def _add_lists(self, groups: Sequence[DemonstrationGroup], names: Any) -> None:
+        """A folder of checkboxes for each label."""
+        gui = self._stage.server.gui
+        listed = max(1, PAGE.max_listed // len(groups))
+        for i, group in enumerate(groups):
+            colour = COLOURS[i % len(COLOURS)]
+            path = DrawnPaths(
+                self._stage.server.scene, f"/demonstrations/{i}", from_hex(colour), 2.0
+            )
+            self._paths.append(path)
+            self._boxes.append([])
+            title = f"{group.label} ({len(group.motions)})"
+            with gui.add_folder(title, expand_by_default=False):
+                gui.add_html(f'<div style="height:4px;background:{colour}"></div>')
+                for k, motion in enumerate(group.motions):
+                    self._motions[next(names)] = motion
+                    if k < listed:
+                        box = gui.add_checkbox(motion.name, True)
+                        self._stage.on_change(box, self._on_box)
+                        self._boxes[-1].append((box, motion))
+                left = len(group.motions) - listed
+                if left > 0:
+                    gui.add_markdown(f"{left} more are in the list above.")
+
+    def _on_choice(self) -> None:
+        self._player.offer(NAME, self._motions[self._choice.value])
+
+    def _on_box(self) -> None:
+        self._is_drawn.value = True
+        self._draw()
+
+    def _pick(self, is_picked: bool) -> None:
+        for box, _ in (pair for boxes in self._boxes for pair in boxes):
+            box.value = is_picked
+        self._is_drawn.value = is_picked
+        self._draw()
+
+    def _draw(self) -> None:
+        for path, boxes in zip(self._paths, self._boxes, strict=True):
+            picked = [motion for box, motion in boxes if box.value and self._is_drawn.value]
+            path.show(*map(self._place, picked))
+
+    def _place(self, motion: ShownMotion) -> Any:
+        """The path of the end effector, computed once."""
+        if id(motion) not in self._places:
+            self._places[id(motion)] = self._stage.path(motion.positions)
+        return self._places[id(motion)]

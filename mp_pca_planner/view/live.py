@@ -13,11 +13,7 @@ import numpy as np
 from ..arrays import FloatArray
 from ..motion.trajectory import Trajectory
 from ..robot.world import World
-
-SILENCE = 3.0
-"""Time without diagnostics, which come once a second, after which the node counts as gone [s]."""
-STALE = 0.5
-"""Age above which joint states count as old [s]."""
+from .options import PAGE
 
 
 @dataclass(frozen=True)
@@ -77,7 +73,7 @@ class LiveView:
 
     def has_node(self, now: float) -> bool:
         """Whether the node runs."""
-        return self.diagnostics is not None and now - self.diagnostics.time < SILENCE
+        return self.diagnostics is not None and now - self.diagnostics.time < PAGE.silence
 
 
 class LiveLink(Protocol):

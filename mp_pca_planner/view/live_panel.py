@@ -18,24 +18,20 @@ from ..arrays import FloatArray
 from ..exceptions import PlannerError
 from ..robot.limits import JointLimits
 from ..robot.world import World
-from .drawing import DrawnPaths, DrawnRobot
-from .drawn_world import DrawnWorld
 from .live import LiveLink, LiveView
-from .live_words import figures_html, node_html, reports_html, states_html
-from .stage import Stage
-from .words import lines_html
+from .options import PAGE
+from .stage import DrawnPaths, DrawnRobot, Stage
+from .words import figures_html, node_html, part, reports_html, states_html
 from .world_edit import WorldEditor
+from .world_panel import DrawnWorld
 
 NAME = "Live"
 
-_PERIOD = 0.05  # time between two looks at the node [s]
-_TEXT_STEPS = 4  # text follows every so many of them
 _ON_PHONES = """<style>@media (max-width: 600px) {
     button[style*="--mantine-color-red"] { position: fixed; bottom: 0; left: 0; right: 0;
         width: auto; min-height: 3.5em; z-index: 1000; }
     .mantine-ScrollArea-viewport { padding-bottom: 3.5em; }
 }</style>"""
-_MEASURED, _COMMANDED = (230, 159, 0), (230, 159, 0)
 
 
 class LivePanel:
@@ -62,9 +58,9 @@ class LivePanel:
         self._goals: SimpleQueue[dict[str, float]] = SimpleQueue()
         self._drawn_motion: Any = None
         scene = stage.server.scene
-        self._measured = DrawnRobot(scene, "/measured", stage.shapes, _MEASURED, 0.6)
+        self._measured = DrawnRobot(scene, "/measured", stage.shapes, PAGE.measured, 0.6)
         self._measured.visible = False
-        self._path = DrawnPaths(scene, "/commanded", _COMMANDED, 4.0)
+        self._path = DrawnPaths(scene, "/commanded", PAGE.measured, 4.0)
         self._drawn_world, self._obstacles = World(), DrawnWorld(stage, lambda _: None, "/measured")
         self._closed, self._stopping = threading.Event(), threading.Event()
         self._thread = threading.Thread(target=self._run, name="live", daemon=True)
@@ -139,7 +135,7 @@ class LivePanel:
             answer = self._link.stop()
             with self._stage.lock:
                 self._disarm()
-                self._answer.content = lines_html([answer])
+                self._answer.content = part("lines", [answer])
             while not self._goals.empty():
                 self._goals.get()
             self._stopping.clear()
@@ -148,19 +144,19 @@ class LivePanel:
 
     def _run(self) -> None:
         steps = 0
-        while not self._closed.wait(_PERIOD):
+        while not self._closed.wait(PAGE.live_period):
             try:
                 self._serve()
                 self.view = self._link.view()
             except PlannerError as error:
                 with self._stage.lock:
-                    self._answer.content = lines_html([str(error)])
+                    self._answer.content = part("lines", [str(error)])
             except Exception:  # the stop button must outlive every error
                 traceback.print_exc()
             # A page that is busy must not delay a stop.
-            if self._stage.lock.acquire(timeout=_PERIOD):
+            if self._stage.lock.acquire(timeout=PAGE.live_period):
                 try:
-                    self._show(with_text=steps % _TEXT_STEPS == 0)
+                    self._show(with_text=steps % PAGE.text_steps == 0)
                 finally:
                     self._stage.lock.release()
             steps += 1

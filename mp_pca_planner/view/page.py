@@ -7,28 +7,25 @@ from __future__ import annotations
 import numpy as np
 
 from ..robot.model import Robot
-from .components_panel import NAME as COMPONENTS
-from .components_panel import ComponentsPanel
+from .components import NAME as COMPONENTS
+from .components import ComponentsPanel
 from .content import PageContent, first_ends
-from .demonstrations import recorded, reproduced
-from .demonstrations_panel import NAME as DEMONSTRATIONS
-from .demonstrations_panel import DemonstrationsPanel
+from .demonstrations import NAME as DEMONSTRATIONS
+from .demonstrations import DemonstrationsPanel, recorded, reproduced
 from .live import LiveLink
 from .live_panel import NAME as LIVE
 from .live_panel import LivePanel
-from .motion import ShownMotion
+from .options import PAGE
 from .plan_panel import NAME as PLAN
 from .plan_panel import PlanPanel
 from .planning import InteractivePlanner, ViewRequest
-from .player import Player
+from .player import Player, ShownMotion
 from .robot_shapes import RobotShapes
 from .server import PageServer
 from .stage import Stage
-from .words import lines_html
+from .words import part
 from .world_panel import NAME as WORLD
 from .world_panel import WorldPanel
-
-_BRAND = (0, 82, 130)
 
 
 class ViewPage:
@@ -94,7 +91,7 @@ class ViewPage:
         start, goal = content.ends or first_ends(content.primitives[0], content.limits)
         self.stage.arrange(np.array([start, goal]))
         if self.stage.shapes.notes:
-            gui.add_html(lines_html(self.stage.shapes.notes[:3]))
+            gui.add_html(part("lines", self.stage.shapes.notes[:3]))
         if self.live is not None:
             self.live.add_stop()
         first = ShownMotion(PLAN, np.array([0.0]), start[None])
@@ -136,7 +133,7 @@ class ViewPage:
             control_width="large",
             show_logo=False,
             show_share_button=False,
-            brand_color=_BRAND,
+            brand_color=PAGE.brand,
         )
 
     @property

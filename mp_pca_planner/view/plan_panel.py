@@ -14,16 +14,60 @@ import viser
 from ..arrays import FloatArray
 from ..execution.preemptive_worker import PreemptiveWorker
 from ..motion.goal import Pose
-from .export import add_export
 from .live_panel import LivePanel
-from .motion import ShownMotion
-from .plan_drawing import PlanDrawing
-from .plan_settings import add_settings
+from .options import PAGE
+from .plan_widgets import ViaHandles, add_export, add_settings
 from .planning import InteractivePlanner, PlanAnswer, ViewRequest
-from .player import Player
-from .stage import Stage
-from .vias import ViaHandles
-from .words import answer_html, bars_html, limit_shares
+from .player import Player, ShownMotion
+from .stage import DrawnPaths, DrawnRobot, Stage
+from .words import answer_html, limit_shares, part
+
+
+class PlanDrawing:
+    """Ghost and paths of the newest answer; red if the goal is refused.
+
+    Parameters
+    ----------
+    stage : Stage
+        The scene.
+    goal : array, shape (n_joints,)
+        The first goal.
+    """
+
+    def __init__(self, stage: Stage, goal: FloatArray) -> None:
+        self._stage = stage
+        scene = stage.server.scene
+        self._ghost = DrawnRobot(scene, "/goal", stage.shapes, PAGE.goal)
+        self._path = DrawnPaths(scene, "/plan/path", PAGE.path, 5.0)
+        self._splines = DrawnPaths(scene, "/plan/splines", PAGE.splines, 3.0)
+        self._answer: PlanAnswer | None = None
+        self._ghost.show(goal)
+
+    def show_goal(self, goal: FloatArray) -> None:
+        """Put the ghost into a configuration, shape (n_joints,)."""
+        self._ghost.show(goal)
+
+    def show(self, answer: PlanAnswer) -> None:
+        """Draw an answer."""
+        self._answer = answer
+        self._ghost.show(answer.goal)
+        self._ghost.paint(PAGE.refused if answer.problem else PAGE.goal)
+        self._draw_paths()
+
+    def set_visible(self, is_visible: bool) -> None:
+        """Show or hide the drawing."""
+        self._ghost.visible = is_visible
+        self._draw_paths()
+
+    def _draw_paths(self) -> None:
+        answer = self._answer if self._ghost.visible else None
+        plan = None if answer is None else answer.plan
+        other = None if answer is None else answer.comparison
+        colour = PAGE.refused if answer is not None and answer.problem else PAGE.path
+        for path, one, tint in ((self._path, plan, colour), (self._splines, other, PAGE.splines)):
+            drawn = [] if one is None else [self._stage.path(one.trajectory.positions)]
+            path.show(*drawn, colour=tint)
+
 
 NAME = "Plan"
 
@@ -73,7 +117,7 @@ class PlanPanel:
         )
         self.handle.on_update(self._on_handle)
         self._add_goal()
-        self._vias = ViaHandles(stage, self._new_via, self._on_vias)
+        self._vias = ViaHandles(stage, self._new_via, lambda vias: self.submit(vias=vias))
         add_settings(stage, lambda settings: self.submit(settings=settings))
         gui = stage.server.gui
         with gui.add_folder("Limits used"):
@@ -169,9 +213,6 @@ class PlanPanel:
         motion = self._request.start[None] if plan is None else plan.trajectory.positions
         return np.asarray(self._stage.path(motion[len(motion) // 2][None])[0])
 
-    def _on_vias(self, vias: tuple[Pose, ...]) -> None:
-        self.submit(vias=vias)
-
     def _place_handle(self, q: FloatArray | None = None) -> None:
         """Put the handle onto the end effector in a configuration, by default at the goal."""
         goal = self._request.goal if q is None else q
@@ -188,8 +229,11 @@ class PlanPanel:
             traceback.print_exc()
             problem = f"internal error, {type(error).__name__}: {error}"
             answer = PlanAnswer(request, request.goal, None, problem, None, 0.0)
-        with self._stage.lock, self._stage.server.atomic():
-            self._show(answer)
+        # Words sent alone appear at once; with the scene, they would wait until it is drawn.
+        for show in (self._say, self._draw):
+            with self._stage.lock, self._stage.server.atomic():
+                show(answer)
+            self._stage.server.flush()
 
     def _with_newest_goal(self, request: ViewRequest) -> ViewRequest:
         """Begin the search for a pose where the last answer ended."""
@@ -197,19 +241,21 @@ class PlanPanel:
             return request
         return replace(request, goal=self.answer.goal)
 
-    def _show(self, answer: PlanAnswer) -> None:
+    def _say(self, answer: PlanAnswer) -> None:
         self.answer, plan = answer, answer.plan
         if answer.request.pose is not None:
             self._request = replace(self._request, goal=answer.goal)
             for slider, q in zip(self._sliders, answer.goal, strict=True):
                 slider.value = float(np.clip(q, slider.min, slider.max))
-        self._player.take(NAME)
         self._verdict.content = answer_html(answer)
+        if plan is not None:
+            shares = limit_shares(plan.trajectory, self._stage.limits)
+            self._bars.content = part("bars", plan.trajectory.joint_names, shares)
+
+    def _draw(self, answer: PlanAnswer) -> None:
+        self._player.take(NAME)
         self._drawing.show(answer)
         if self._live is not None and answer.request.is_final:
             self._live.send(self.goal)
-        if plan is not None:
-            shares = limit_shares(plan.trajectory, self._stage.limits)
-            self._bars.content = bars_html(plan.trajectory.joint_names, shares)
-            if not answer.problem:
-                self._player.offer(NAME, ShownMotion.of(NAME, plan.trajectory))
+        if answer.plan is not None and not answer.problem:
+            self._player.offer(NAME, ShownMotion.of(NAME, answer.plan.trajectory))

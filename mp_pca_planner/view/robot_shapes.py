@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
@@ -16,17 +16,24 @@ import pinocchio as pin
 import trimesh
 
 from ..arrays import FloatArray
-from ..exceptions import RobotError
+from ..exceptions import PlannerError, RobotError
 from ..robot.inertias import joint_of
 from ..robot.model import Robot
 from ..robot.urdf import parse_xml
+from ..robot.world import Box, Capsule, Cylinder, Mesh, Shape, Sphere
+from .options import PAGE
 
 Colour = tuple[float, float, float, float]
 """Red, green, blue and opacity, 0 to 1."""
 
-# A ghost around the robot itself must not flicker with its surface.
-_GROWTH = 1.02
 _PLAIN: Colour = (0.76, 0.79, 0.83, 1.0)
+# Shapes of a URDF by their tags: their sizes are attributes with so many numbers.
+_SHAPES: dict[str, tuple[Callable[..., Shape], tuple[tuple[str, int], ...]]] = {
+    "box": (Box, (("size", 3),)),
+    "sphere": (Sphere, (("radius", 1),)),
+    "cylinder": (Cylinder, (("radius", 1), ("length", 1))),
+    "capsule": (Capsule, (("radius", 1), ("length", 1))),
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +61,7 @@ class RobotShape:
             hull = self.mesh.convex_hull
         except Exception:  # a flat mesh; the library has no error type of its own for that
             hull = self.mesh.copy()
-        hull.vertices = hull.centroid + _GROWTH * (hull.vertices - hull.centroid)
+        hull.vertices = hull.centroid + PAGE.ghost_growth * (hull.vertices - hull.centroid)
         return hull
 
 
@@ -111,20 +118,14 @@ class RobotShapes:
             Unit quaternions (w, x, y, z).
         """
         pin.forwardKinematics(self._model, self._data, np.ascontiguousarray(q[self._order]))
-        places = [self._data.oMi[joint] for joint in range(self.n_joints)]
-        turns = [pin.Quaternion(place.rotation).coeffs() for place in places]
-        return (
-            np.array([place.translation for place in places]),
-            np.roll(np.array(turns), 1, axis=1),
-        )
+        return _pose([self._data.oMi[joint] for joint in range(self.n_joints)])
 
     def frame_pose(self, q: FloatArray, frame: str) -> tuple[FloatArray, FloatArray]:
         """Position [m], shape (3,), and orientation (w, x, y, z), shape (4,), of a link."""
         pin.forwardKinematics(self._model, self._data, np.ascontiguousarray(q[self._order]))
         index = self._model.getFrameId(frame, pin.FrameType.BODY)
-        place = pin.updateFramePlacement(self._model, self._data, index)
-        turn = pin.Quaternion(place.rotation).coeffs()
-        return np.array(place.translation), np.roll(turn, 1)
+        (position,), (turn,) = _pose([pin.updateFramePlacement(self._model, self._data, index)])
+        return position, turn
 
     def link_place(self, frame: str) -> tuple[int, FloatArray, FloatArray]:
         """The joint that moves a link, and the place of the link in the frame of the joint.
@@ -139,8 +140,8 @@ class RobotShapes:
             Unit quaternion (w, x, y, z).
         """
         found = self._model.frames[self._model.getFrameId(frame, pin.FrameType.BODY)]
-        turn = pin.Quaternion(found.placement.rotation).coeffs()
-        return joint_of(found), np.array(found.placement.translation), np.roll(turn, 1)
+        (position,), (turn,) = _pose([found.placement])
+        return joint_of(found), position, turn
 
     def corners(self, q: FloatArray) -> FloatArray:
         """Lowest and highest coordinates of all shapes, shape (2, 3) [m]."""
@@ -151,6 +152,12 @@ class RobotShapes:
             for corner in product(*s.mesh.bounds.T)
         ]
         return np.array([np.min(points, axis=0), np.max(points, axis=0)])
+
+
+def _pose(places: Sequence[Any]) -> tuple[FloatArray, FloatArray]:
+    """Positions [m] and orientations (w, x, y, z) of places, shapes (n, 3) and (n, 4)."""
+    found = np.array([pin.SE3ToXYZQUAT(place) for place in places])
+    return found[:, :3], np.roll(found[:, 3:], 1, axis=1)
 
 
 class _ShapeReader:
@@ -170,7 +177,7 @@ class _ShapeReader:
                 try:
                     mesh, has_colours = self._mesh(part)
                     place = frame.placement * pin.SE3(_origin(part))
-                except (ValueError, RobotError) as error:
+                except (ValueError, PlannerError) as error:
                     self.notes.append(f"link '{link.get('name')}': {error}")
                     continue
                 mesh.apply_transform(place.homogeneous)
@@ -194,17 +201,10 @@ class _ShapeReader:
             raise RobotError(f"a <{part.tag}> lacks its <geometry>")
         if shape.tag == "mesh":
             return self._loaded(shape)
-        if shape.tag == "box":
-            return trimesh.creation.box(_numbers(shape, "size", 3)), False
-        radius = float(_numbers(shape, "radius", 1)[0])
-        if shape.tag == "sphere":
-            return trimesh.creation.icosphere(radius=radius, subdivisions=3), False
-        length = float(_numbers(shape, "length", 1)[0])
-        if shape.tag == "cylinder":
-            return trimesh.creation.cylinder(radius=radius, height=length, sections=32), False
-        if shape.tag == "capsule":
-            return trimesh.creation.capsule(length, radius), False
-        raise RobotError(f"no shape is called <{shape.tag}>")
+        if shape.tag not in _SHAPES:
+            raise RobotError(f"no shape is called <{shape.tag}>")
+        kind, sizes = _SHAPES[shape.tag]
+        return surface(kind(*(_numbers(shape, *size).squeeze() for size in sizes))), False
 
     def _loaded(self, shape: ET.Element) -> tuple[Any, bool]:
         name = shape.get("filename", "")
@@ -221,6 +221,22 @@ class _ShapeReader:
         if shape.get("scale") is not None:
             mesh.apply_scale(_numbers(shape, "scale", 3))
         return mesh, mesh.visual.kind in ("texture", "face", "vertex")
+
+
+def surface(shape: Shape) -> Any:
+    """The surface of a shape in its own frame, a trimesh.Trimesh."""
+    make = trimesh.creation
+    if isinstance(shape, Box):
+        return make.box(shape.size)
+    if isinstance(shape, Sphere):
+        return make.icosphere(radius=shape.radius, subdivisions=3)
+    if isinstance(shape, Capsule):
+        return make.capsule(shape.height, shape.radius)
+    if isinstance(shape, Cylinder):
+        return make.cylinder(shape.radius, shape.height, sections=32)
+    if isinstance(shape, Mesh):
+        return trimesh.Trimesh(shape.vertices, shape.triangles, process=False)
+    raise TypeError(f"no drawing of a {type(shape).__name__}")
 
 
 def _named_colour(material: ET.Element) -> tuple[str, Colour] | None:

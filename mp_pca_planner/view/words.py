@@ -1,34 +1,49 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Plans as HTML for the page: a verdict, figures in words, and limits as bars."""
+"""Plans and the running node as HTML for the page."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from html import escape
+from functools import cache
+from typing import Any
 
+import jinja2  # noqa: F401  # missing, it is reported before the page is made
 import numpy as np
 
-from ..arrays import FloatArray
-from ..exceptions import printable
+from ..arrays import FloatArray, short
 from ..motion.trajectory import Trajectory
 from ..planning.plan import Plan
 from ..planning.remarks import UNUSUAL_IN_SPAN_SCORE
+from ..plotting.page import environment
 from ..robot.limits import JointLimits
+from .live import LiveView, NodeStatus
+from .options import PAGE
 from .planning import PlanAnswer
 
 GOOD, WARNING, BAD, GREY = "#009E73", "#E69F00", "#D9352B", "#8C8C8C"
 """Colours of verdicts, legible on light and on dark."""
 
-LIKE_SCORE = 1.5
-"""In-span score up to which a request is like the demonstrations; about 1 is usual."""
 
-_NEAR_LIMIT = 0.9  # share of a limit from which its bar warns
+_COLOURS = (GOOD, WARNING, BAD, GREY)
+_FIGURES = ("effort_cost", "solve_time_s", "duration", "primitive", "in_span_score", "outcome")
+
+
+def part(macro: str, *content: Any) -> str:
+    """HTML of a part of the page, by a macro of the template."""
+    return str(getattr(_macros(), macro)(*content))
+
+
+@cache
+def _macros() -> Any:
+    colours = {"GOOD": GOOD, "WARNING": WARNING, "BAD": BAD, "GREY": GREY}
+    return environment().get_template("view.html", globals=colours).module
 
 
 def in_span_words(score: float) -> str:
     """How near a request is to the demonstrations, in words."""
-    if score <= LIKE_SCORE:
+    if score <= PAGE.like_score:
         return "like the demonstrations"
     if score <= UNUSUAL_IN_SPAN_SCORE:
         return "at the edge of the demonstrations"
@@ -61,9 +76,10 @@ def answer_html(answer: PlanAnswer) -> str:
     """The verdict and the figures of an answer."""
     plan = answer.plan
     if plan is None or answer.problem:
-        return verdict_html("No motion", answer.problem, BAD)
+        return part("verdict", "No motion", answer.problem, BAD)
     unlike = plan.in_span_score > UNUSUAL_IN_SPAN_SCORE
-    head = verdict_html(
+    head = part(
+        "verdict",
         "Motion found" if plan.status == "solved" else "Motion found, not optimal",
         plan.message,
         WARNING if unlike or plan.status != "solved" else GOOD,
@@ -80,7 +96,7 @@ def answer_html(answer: PlanAnswer) -> str:
         rows.append(("B-splines", _comparison(plan, answer.comparison)))
     elif answer.request.settings.compares:
         rows.append(("B-splines", "no motion"))
-    return head + rows_html(rows)
+    return head + part("rows", rows)
 
 
 def _effort(plan: Plan) -> str:
@@ -96,58 +112,55 @@ def _comparison(plan: Plan, other: Plan) -> str:
     return f"effort {_effort(other)}, solved in {times}"
 
 
-def verdict_html(title: str, text: str, colour: str) -> str:
-    """A title and a sentence on a coloured ground."""
-    return (
-        f'<div style="margin:0.3em 0.6em;padding:0.5em 0.7em;border-left:5px solid {colour};'
-        f'border-radius:4px;background:{colour}22;font-size:0.85em;line-height:1.35">'
-        f'<b style="color:{colour}">{text_html(title)}</b><br>{text_html(text)}</div>'
-    )
+def node_html(view: LiveView, now: float) -> str:
+    """Whether the node runs, and what it says of itself."""
+    if view.diagnostics is None:
+        return part("verdict", "No node yet", "waiting for a planner node", GREY)
+    if not view.has_node(now):
+        age = now - view.diagnostics.time
+        return part("verdict", "The node is gone", f"nothing was heard of it for {age:.0f} s", BAD)
+    return _status_html("Node", view.diagnostics, now)
 
 
-def rows_html(rows: Sequence[tuple[str, str]]) -> str:
-    """A table of names and values."""
-    cells = "".join(
-        f'<tr><td style="opacity:0.7;padding:1px 0.8em 1px 0;white-space:nowrap;'
-        f'vertical-align:top">{text_html(name)}</td><td>{text_html(value)}</td></tr>'
-        for name, value in rows
-    )
-    table = f'<table style="font-size:0.82em;line-height:1.3">{cells}</table>'
-    return padded_html(table)
+def reports_html(view: LiveView, now: float) -> str:
+    """The goal, the obstacles, the report of the plan, and that of its execution."""
+    goal = "none yet" if view.goal is None else f"{view.goal[0]} ({_age(view.goal[1], now)})"
+    obstacles = ", ".join(view.world.names) or "none"
+    parts = [part("rows", [("Last goal", goal), ("Obstacles", obstacles)])]
+    for title, status in (("Plan", view.report), ("Execution", view.execution)):
+        if status is not None:
+            parts.append(_status_html(title, status, now, _FIGURES))
+    return "".join(parts)
 
 
-def lines_html(lines: Sequence[str]) -> str:
-    """Lines of small text."""
-    text = "<br>".join(map(text_html, lines))
-    return padded_html(f'<div style="font-size:0.8em;opacity:0.85">{text}</div>')
+def figures_html(view: LiveView) -> str:
+    """All figures of the node."""
+    if view.diagnostics is None:
+        return ""
+    return part("rows", [(name, short(value)) for name, value in view.diagnostics.values.items()])
 
 
-def padded_html(content: str) -> str:
-    """Content with the margins of the page's widgets."""
-    return f'<div style="padding:0.2em 0.6em">{content}</div>'
+def states_html(view: LiveView, limits: JointLimits, now: float) -> str:
+    """The measured joint states within their limits; old ones are pale, those outside are red."""
+    ends = zip(limits.lower.tolist(), limits.upper.tolist(), strict=True)
+    bounds, rows = dict(zip(limits.joint_names, ends, strict=True)), []
+    for name, (q, v, received) in view.states.items():
+        low, high = bounds.get(name, (-math.inf, math.inf))
+        is_bounded = math.isfinite(high - low) and math.isfinite(q)
+        share = min(max((q - low) / (high - low), 0.0), 1.0) if is_bounded else None
+        age = now - received if now - received > PAGE.stale else None
+        velocity = v if math.isfinite(v) else None
+        rows.append((name, q, share, low, high, not low <= q <= high, velocity, age))
+    return part("states", rows)
 
 
-def bars_html(names: Sequence[str], shares: dict[str, FloatArray]) -> str:
-    """Bars of the shares of the limits that a motion uses, a row per joint."""
-    head = "".join(f'<td style="opacity:0.7">{quantity}</td>' for quantity in shares)
-    rows = [f"<tr><td></td>{head}</tr>"]
-    for i, name in enumerate(names):
-        bars = "".join(f"<td>{bar_html(float(values[i]))}</td>" for values in shares.values())
-        rows.append(f'<tr><td style="padding-right:0.6em">{text_html(name)}</td>{bars}</tr>')
-    return f'<table style="width:100%;font-size:0.75em;line-height:1.25">{"".join(rows)}</table>'
+def _status_html(title: str, status: NodeStatus, now: float, figures: Sequence[str] = ()) -> str:
+    colour = _COLOURS[min(status.level, len(_COLOURS) - 1)]
+    head = part("verdict", f"{title}, {_age(status.time, now)}", status.message, colour)
+    known = [(name, status.values[name]) for name in figures if name in status.values]
+    rows = [(name, short(value)) for name, value in known if value != "nan"]
+    return head + (part("rows", rows) if rows else "")
 
 
-def bar_html(share: float) -> str:
-    """A bar that fills up to a share; red beyond 1."""
-    colour = BAD if share > 1.0 + 1e-6 else WARNING if share >= _NEAR_LIMIT else GOOD
-    width = 100.0 * min(max(share, 0.0), 1.0)
-    return (
-        f'<div title="{100.0 * share:.0f} %" style="height:0.7em;min-width:2.5em;margin-right:4px;'
-        f'border-radius:3px;background:{GREY}44"><div style="height:100%;width:{width:.0f}%;'
-        f'border-radius:3px;background:{colour}"></div></div>'
-    )
-
-
-def text_html(text: str) -> str:
-    """Text without markup; what is not printable is escaped."""
-    return escape(printable(text))
+def _age(time: float, now: float) -> str:
+    return f"{now - time:.0f} s ago"

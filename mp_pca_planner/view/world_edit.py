@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -82,31 +83,19 @@ class WorldEditor:
 
     def resize(self, name: str, sizes: Iterable[float]) -> None:
         """Give the sizes of :meth:`sizes` of an obstacle other values [m]."""
-        obstacle = self[name]
-        shape, values = obstacle.shapes[0], tuple(sizes)
-        place = shape.position, shape.orientation
-        new: Shape = shape
-        if isinstance(shape, Box):
-            new = Box(values, *place)
-        elif isinstance(shape, Sphere):
-            new = Sphere(values[0], *place)
-        elif isinstance(shape, Cylinder):
-            new = type(shape)(values[0], values[1], *place)
+        obstacle, values = self[name], tuple(sizes)
+        shape: Any = obstacle.shapes[0]
+        given = (values,) if isinstance(shape, Box) else values
+        new = type(shape)(*given, shape.position, shape.orientation) if values else shape
         self._replace(self._with_shapes(obstacle, [new]))
 
     def sizes(self, name: str) -> dict[str, float]:
         """The sizes of an obstacle that can be changed [m]; none if it has several shapes."""
-        obstacle = self[name]
-        shape = obstacle.shapes[0]
-        if len(obstacle.shapes) > 1:
-            return {}
-        if isinstance(shape, Box):
+        shape, *others = self[name].shapes
+        if isinstance(shape, Box) and not others:
             return dict(zip(("Length", "Width", "Height"), map(float, shape.size), strict=True))
-        if isinstance(shape, Sphere):
-            return {"Radius": shape.radius}
-        if isinstance(shape, Cylinder):
-            return {"Radius": shape.radius, "Height": shape.height}
-        return {}
+        names = () if others else ("radius", "height")
+        return {x.capitalize(): getattr(shape, x) for x in names if hasattr(shape, x)}
 
     def remove(self, name: str) -> None:
         """Remove an obstacle."""

@@ -13,8 +13,7 @@ from patience import EVER
 
 from mp_pca_planner.cli.main import main
 from mp_pca_planner.evaluation.check import RigidArm, judge
-from mp_pca_planner.evaluation.method import Method, PeerResult
-from mp_pca_planner.evaluation.own import planner_methods
+from mp_pca_planner.evaluation.method import Method, PeerResult, planner_methods
 from mp_pca_planner.evaluation.problems import (
     Problem,
     Scene,

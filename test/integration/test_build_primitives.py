@@ -443,7 +443,7 @@ def test_page_of_many_recordings_says_what_it_leaves_out(
     few = report.ReportOptions(
         max_recordings_drawn=2, max_demonstrations_drawn=2, max_left_out=2, max_rows=2
     )
-    monkeypatch.setattr(report, "ReportOptions", lambda: few)
+    monkeypatch.setattr(report, "REPORT", few)
     build(bags, "--output", tmp_path / "p.npz", "--report", tmp_path / "page.html")
     page = read_page(tmp_path / "page.html")
     assert "2 of the 8 demonstrations are drawn" in page.text

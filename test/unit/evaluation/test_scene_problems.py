@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from obstacle_scenes import write_request, write_scene
 
-from mp_pca_planner.evaluation.scene_problems import scene_problems, scene_robot
+from mp_pca_planner.evaluation.problems import scene_problems, scene_robot
 from mp_pca_planner.exceptions import PlannerError
 
 JOINTS = ("one", "two")

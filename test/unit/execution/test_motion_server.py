@@ -7,6 +7,7 @@ Time is virtual; planning takes as long as the tests say.
 
 from __future__ import annotations
 
+import threading
 from dataclasses import replace
 
 import numpy as np
@@ -20,6 +21,7 @@ from mp_pca_planner.exceptions import GoalError
 from mp_pca_planner.execution.assembly import assemble_model
 from mp_pca_planner.execution.goal_planner import AdaptedPlan
 from mp_pca_planner.execution.motion_server import GoalStatistics, MotionServer
+from mp_pca_planner.execution.options import ServingOptions
 from mp_pca_planner.execution.parameters import Settings
 from mp_pca_planner.execution.preemptive_worker import CancelledError
 from mp_pca_planner.motion.goal import JointGoal, JointState, Pose, PoseGoal, SequenceGoal
@@ -236,6 +238,28 @@ def test_goal_that_repeats_is_under_way_and_then_there_and_publishes_nothing(nod
     assert node.outcomes == ["arrived"]
 
 
+def test_motion_that_is_published_while_the_robot_is_watched_is_not_taken_for_another(node):
+    node.ask(GOAL)
+    node.run(0.3)
+    command, watchers = node.states.command, []
+
+    def watched(joined):
+        motion = command(joined)
+        watchers.append(threading.Thread(target=node.server.watch, args=[MODEL]))
+        watchers[-1].start()
+        watchers[-1].join(0.2)  # it has to wait until the motion is published
+        return motion
+
+    node.states.command = watched
+    node.ask(START)
+    node.stop()
+    assert len(watchers) == 2
+    for watcher in watchers:
+        watcher.join()
+    node.run(5.0)
+    assert node.outcomes == ["replaced", "stopped"]
+
+
 def test_goal_is_served_again_after_a_stop(node):
     node.ask(GOAL)
     node.run(0.3)
@@ -446,6 +470,27 @@ def test_goal_after_stops_starts_where_the_robot_rests_beside_their_point(node, 
     node.ask(START)
     node.run(0.1)
     np.testing.assert_allclose(node.sent[-1][1].positions[0], held, atol=1e-6)
+
+
+@pytest.mark.parametrize("n_interruptions", [1, 100])
+def test_stop_that_took_long_to_find_is_found_again_a_few_times(node, monkeypatch, n_interruptions):
+    node.ask(GOAL, duration=3.0)
+    node.run(0.4)
+    node.robot.faults.silent = True
+    node.run(0.6)
+    find, found = node.server._stops.find, []
+
+    def interrupted(model):
+        found.append(find(model))
+        if len(found) <= n_interruptions:
+            node.advance(0.15)
+        return found[-1]
+
+    monkeypatch.setattr(node.server._stops, "find", interrupted)
+    monkeypatch.setattr(node.server, "watch", lambda _: None)
+    node.stop()
+    assert len(found) == min(n_interruptions + 1, ServingOptions().max_attempts)
+    assert node.sent[-1][1] is found[-1][1].trajectory
 
 
 def test_stop_of_a_robot_that_was_never_heard_of_is_refused(node):

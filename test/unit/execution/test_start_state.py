@@ -234,6 +234,16 @@ def test_start_beyond_the_end_of_the_running_motion_is_its_goal_at_rest(moving):
     assert not start.state.velocities.any()
 
 
+def test_robot_that_moves_at_the_end_of_its_motion_is_waited_for(world):
+    world.begin()
+    world.follow(DURATION + 0.5)
+    world.measure(world.here, (0.2, 0.0))
+    with pytest.raises(UnconfirmedError, match="is coming to rest"):
+        world.choose()
+    with pytest.raises(GoalError, match="start_from is 'measured'"):
+        world.choose("measured")
+
+
 def test_robot_that_moves_away_from_the_running_motion_is_refused(moving):
     moving.run(0.5, lambda time: [0.3 - 0.5 * (time - moving.motion.began), 0.6])
     with pytest.raises(GoalError, match="joint '.' is .* commanded_tolerance"):

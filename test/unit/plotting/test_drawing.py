@@ -20,10 +20,9 @@ from mp_pca_planner.motion.trajectory import Trajectory
 from mp_pca_planner.planning.plan import Plan
 from mp_pca_planner.planning.planner import Planner
 from mp_pca_planner.plotting.arm import arm_figure
-from mp_pca_planner.plotting.drawing import picture
-from mp_pca_planner.plotting.figures import plot_plan, plot_primitive
+from mp_pca_planner.plotting.figures import N_DEMONSTRATIONS, plan_figure, plot_plan, plot_primitive
 from mp_pca_planner.plotting.motion import motion_figure
-from mp_pca_planner.plotting.plan import N_DEMONSTRATIONS, plan_figure
+from mp_pca_planner.plotting.page import picture
 from mp_pca_planner.plotting.primitive import PHASES, primitive_figure
 from mp_pca_planner.plotting.recording import recording_figure
 from mp_pca_planner.plotting.style import add_header, line, styled_figure
@@ -367,7 +366,7 @@ def run_python(code: str) -> subprocess.CompletedProcess[str]:
 def test_missing_matplotlib_is_said_in_one_sentence(tmp_path: Path) -> None:
     done = run_python(
         "import sys; sys.modules['matplotlib'] = None\n"
-        "from mp_pca_planner.plotting.drawing import picture\n"
+        "from mp_pca_planner.plotting.page import picture\n"
         "from mp_pca_planner.exceptions import MissingDependencyError\n"
         "try:\n"
         f"    with picture({str(tmp_path / 'a.png')!r}): pass\n"
@@ -382,7 +381,7 @@ def test_missing_matplotlib_is_said_in_one_sentence(tmp_path: Path) -> None:
 def test_pyplot_and_its_settings_are_left_alone(tmp_path: Path) -> None:
     done = run_python(
         "import sys\n"
-        "from mp_pca_planner.plotting.drawing import picture\n"
+        "from mp_pca_planner.plotting.page import picture\n"
         "assert 'matplotlib' not in sys.modules\n"
         "import matplotlib; before = matplotlib.rcParams['font.size']\n"
         f"with picture({str(tmp_path / 'a.png')!r}) as figure: figure.subplots()\n"

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from mp_pca_planner.recordings.demonstration import RecordingSet
 from mp_pca_planner.view.components import bent_motion, component_names, variance_shares
 from mp_pca_planner.view.demonstrations import recorded, reproduced
-from mp_pca_planner.view.motion import Playback, ShownMotion
+from mp_pca_planner.view.player import Playback, ShownMotion
 
 
 def ramp(duration: float = 2.0) -> ShownMotion:

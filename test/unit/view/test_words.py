@@ -13,7 +13,7 @@ from mp_pca_planner.planning.planner import Planner
 from mp_pca_planner.robot.limits import JointLimits
 from mp_pca_planner.view.content import first_ends
 from mp_pca_planner.view.planning import PlanAnswer, ViewRequest
-from mp_pca_planner.view.words import BAD, GOOD, answer_html, bar_html, in_span_words, limit_shares
+from mp_pca_planner.view.words import BAD, GOOD, answer_html, in_span_words, limit_shares, part
 
 START, GOAL = first_ends(arm_primitive(), arm_robot().limits())
 
@@ -59,5 +59,5 @@ def test_shares_of_limits():
 
 
 def test_a_bar_fills_up_to_its_share_and_is_red_beyond_the_limit():
-    assert "width:25%" in bar_html(0.25) and GOOD in bar_html(0.25)
-    assert "width:100%" in bar_html(1.7) and BAD in bar_html(1.7)
+    assert "width:25%" in part("bar", 0.25) and GOOD in part("bar", 0.25)
+    assert "width:100%" in part("bar", 1.7) and BAD in part("bar", 1.7)
