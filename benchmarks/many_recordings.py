@@ -21,7 +21,6 @@ CPU) of `build_primitives --update` with one more recording.
 from __future__ import annotations
 
 import argparse
-import json
 import os
 import subprocess
 import sys
@@ -52,24 +51,15 @@ EPOCH_NS = 1_700_000_000_000_000_000
 OPTIONS = PrimitiveOptions()
 
 PEAK = """
-import json, sys
-from pathlib import Path
-import numpy as np
-from many_recordings import OPTIONS, learn, load_recordings
-from mp_pca_planner.primitives.build import build_primitive
-def peak():
-    # The peak that `resource` tells is the parent's if that was larger.
-    with open("/proc/self/status") as status:
-        return next(int(line.split()[1]) for line in status if line.startswith("VmHWM")) / 1024
-paths = sorted(Path(sys.argv[1]).iterdir())[:int(sys.argv[2])]
-learn(paths[:2], 1)
-before = peak()
-if sys.argv[3] == "statistics":
-    learn(paths, 1)
-else:
-    build_primitive(load_recordings(paths).demonstrations, "x", OPTIONS)
-print(json.dumps(peak() - before))
+import sys
+from mp_pca_planner.cli.main import main
+status = main(sys.argv[1:])
+# The peak that `resource` tells is the parent's if that was larger.
+with open("/proc/self/status") as lines:
+    print(next(int(line.split()[1]) for line in lines if line.startswith("VmHWM")))
+sys.exit(status)
 """
+COMMANDS = ("build_primitives", "build_library")
 
 
 def main() -> None:
@@ -115,12 +105,12 @@ def main() -> None:
                     f"{several:.2f}",
                     f"{1e3 * several / count:.2f}",
                     f"{one / several:.2f}",
-                    *(f"{_peak(folder, count, kept):.1f}" for kept in ("statistics", "samples")),
+                    *(f"{_peak(paths[:count], x, arguments.jobs):.0f}" for x in COMMANDS),
                 ]
             )
     one_job = ["1 job [s]", "each [ms]", "processor [ms]"]
     jobs_columns = [f"{arguments.jobs} jobs [s]", "each [ms]", "ratio"]
-    header = ["recordings", *one_job, *jobs_columns, "peak [MB]", "all samples [MB]"]
+    header = ["recordings", *one_job, *jobs_columns, *(f"{x} [MB]" for x in COMMANDS)]
     show({"Many recordings": (header, rows)}, as_json=arguments.json)
 
 
@@ -192,16 +182,18 @@ def _content(statistics: MotionStatistics) -> bytes:
     return b"".join(arrays[name].tobytes() for name in sorted(arrays))
 
 
-def _peak(folder: str, count: int, kept: str) -> float:
-    """Largest growth of the memory of a separate process [MB]."""
-    done = subprocess.run(
-        [sys.executable, "-c", PEAK, folder, str(count), kept],
-        check=True,
-        capture_output=True,
-        text=True,
-        cwd=Path(__file__).parent,
-    )
-    return float(json.loads(done.stdout))
+def _peak(paths: list[Path], command: str, jobs: int) -> float:
+    """Largest memory of the process of a command, without those that read recordings [MB]."""
+    with tempfile.TemporaryDirectory() as folder:
+        links = Path(folder, "bags")
+        links.mkdir()
+        for path in paths:
+            (links / path.name).symlink_to(path)
+        output = str(Path(folder, "all.npz" if command == COMMANDS[0] else "library"))
+        options = ["--segment", "none", "--no-cache", "--jobs", str(jobs), "--output", output]
+        arguments = [sys.executable, "-c", PEAK, command, str(links), *options]
+        done = subprocess.run(arguments, check=True, capture_output=True, text=True)
+    return int(done.stdout.split()[-1]) / 1024
 
 
 if __name__ == "__main__":

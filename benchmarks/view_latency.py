@@ -30,12 +30,22 @@ from mp_pca_planner.view.page import ViewPage
 
 PAUSE = 0.4  # between two movements [s], so that each answer belongs to one of them
 OBSERVE = """() => {
-  window.moves = []; window.changes = [];
+  window.moves = []; window.shown = []; window.drawn = [];
   addEventListener("pointermove", () => window.moves.push(performance.now()), true);
   const figures = [...document.querySelectorAll("table")].find(
     table => table.textContent.includes("Planned in")).closest("div").parentElement;
-  new MutationObserver(() => window.changes.push(performance.now())).observe(
+  new MutationObserver(() => window.shown.push(performance.now())).observe(
     figures, {childList: true, subtree: true, characterData: true});
+  let last;
+  const look = () => {
+    let path;
+    window.__viserMutable.nodeRefFromName["/plan/path"].traverse(
+      node => { if (node.geometry) path = node.geometry.uuid; });
+    if (path !== last) window.drawn.push(performance.now());
+    last = path;
+    requestAnimationFrame(look);
+  };
+  look();
 }"""
 
 
@@ -50,15 +60,15 @@ def main() -> None:
     rows = []
     for n_obstacles in (0, 10):
         world = obstacles(content, n_obstacles)
-        shown, planned = measured(
-            replace(content, world=world), arguments.moves, tuple(arguments.window)
-        )
-        numbers = [f"{1e3 * value:.0f}" for value in (*quantiles(shown), *quantiles(planned))]
-        rows.append([str(n_obstacles), str(len(shown)), *numbers])
+        times = measured(replace(content, world=world), arguments.moves, tuple(arguments.window))
+        numbers = [f"{1e3 * value:.0f}" for one in times for value in quantiles(one)]
+        rows.append([str(n_obstacles), str(len(times[0])), *numbers])
     header = [
         "obstacles",
         "movements",
         "shown: median [ms]",
+        "90 %",
+        "drawn: median [ms]",
         "90 %",
         "planned: median [ms]",
         "90 %",
@@ -89,8 +99,8 @@ def obstacles(content: PageContent, n: int) -> World:
 
 def measured(
     content: PageContent, n_moves: int, window: tuple[int, int]
-) -> tuple[list[float], list[float]]:
-    """Times to the page and of planning alone for movements to and fro [s]."""
+) -> tuple[list[float], list[float], list[float]]:
+    """Times to figures, to the path and of planning alone for movements to and fro [s]."""
     planned: list[float] = []
     with ViewPage(content, port=0) as page, chromium() as browser:
         page.player.play(False)
@@ -112,10 +122,17 @@ def measured(
             time.sleep(PAUSE)
             answer = page.plan.answer
             planned.append(np.nan if answer is None else answer.seconds)
-        moves, changes = (np.array(tab.evaluate(f"window.{x}")) for x in ("moves", "changes"))
+        moves, shown, drawn = (
+            np.array(tab.evaluate(f"window.{x}")) for x in ("moves", "shown", "drawn")
+        )
         tab.mouse.up()
+    return first_after(moves, shown), first_after(moves, drawn), planned
+
+
+def first_after(moves: np.ndarray, changes: np.ndarray) -> list[float]:
+    """Times from movements to the first change after each [s]; one without a change has none."""
     later = [changes[(changes > moved) & (changes < moved + 1e3 * PAUSE)] for moved in moves]
-    return [1e-3 * (c[0] - m) for c, m in zip(later, moves, strict=True) if c.size], planned
+    return [1e-3 * (c[0] - m) for c, m in zip(later, moves, strict=True) if c.size]
 
 
 def quantiles(values: list[float]) -> tuple[float, float]:

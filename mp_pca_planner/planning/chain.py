@@ -262,6 +262,10 @@ class ChainProgram:
             points.append(self.parts[i].evaluate(local))
         return ChainAt(self, points, maps)
 
+    def equalities_at(self, x: FloatArray) -> FloatArray:
+        """No equalities: junctions are met by construction."""
+        return np.zeros(0)
+
     def _local(
         self, i: int, x: FloatArray, ends: Sequence[tuple[Any, ...]], duration: float
     ) -> tuple[FloatArray, FloatArray]:
@@ -326,13 +330,16 @@ class ChainAt:
         )
         return BlockMatrix(tuple(self._chain.slices), blocks)
 
-    def inequality_rows(self, chosen: NDArray[np.intp]) -> FloatArray:
+    def inequality_rows(
+        self, chosen: NDArray[np.intp], values: FloatArray | None = None
+    ) -> FloatArray:
         """Derivatives of the chosen inequalities, shape (n_chosen, n)."""
         rows, first = np.zeros((chosen.size, self._chain.size)), self._chain.first
         for i, (where, point, local) in enumerate(self._segments()):
             own = (chosen >= first[i]) & (chosen < first[i + 1])
             if own.any():
-                rows[own, where] = point.inequality_rows(chosen[own] - first[i]) @ local
+                there = None if values is None else values[own]
+                rows[own, where] = point.inequality_rows(chosen[own] - first[i], there) @ local
         return rows
 
     def inequalities_after(self, step: FloatArray) -> FloatArray:

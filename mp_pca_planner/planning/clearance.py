@@ -147,6 +147,10 @@ class ClearProgram:
         """Objective and inequalities at x, with their derivatives."""
         return ClearPoint(self._limited.evaluate(x), Distances(self._states, self._model, x))
 
+    def equalities_at(self, x: FloatArray) -> FloatArray:
+        """Residuals of the conditions alone."""
+        return self._limited.equalities_at(x)
+
 
 class Distances:
     """Distances of all pairs at the phases of constraints, with their derivatives.
@@ -211,12 +215,15 @@ class ClearPoint:
         """The known part of the Hessian."""
         return self._limited.hessian
 
-    def inequality_rows(self, chosen: NDArray[np.intp]) -> FloatArray:
+    def inequality_rows(
+        self, chosen: NDArray[np.intp], values: FloatArray | None = None
+    ) -> FloatArray:
         """Derivatives of the chosen inequalities, shape (n_chosen, n)."""
         n_limited = self._limited.inequalities.size
         of_limits = chosen < n_limited
         rows = np.empty((chosen.size, self.gradient.size))
-        rows[of_limits] = self._limited.inequality_rows(chosen[of_limits])
+        limits = None if values is None else values[of_limits]
+        rows[of_limits] = self._limited.inequality_rows(chosen[of_limits], limits)
         if not of_limits.all():
             rows[~of_limits] = self._distances.rows(chosen[~of_limits] - n_limited)
         return rows

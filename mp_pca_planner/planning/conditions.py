@@ -125,6 +125,15 @@ class ConditionEquations:
         places = iter(x[self._unknowns.first_place :])
         return [c.phase_at(next(places) if c.phase is None else 0.0) for c in self._conditions]
 
+    def errors(self, x: FloatArray) -> FloatArray:
+        """Residuals of the conditions, shape (m,)."""
+        if not self._conditions:
+            return np.zeros(0)
+        phases = self.phases(x)
+        q, _ = (self._map or self._map_at(phases)).values(x).reshape(2, -1, len(phases))
+        targets = zip(self._conditions, q.T, strict=True)
+        return np.concatenate([condition.target.error(place)[0] for condition, place in targets])
+
     def residuals(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Residuals of the conditions, shape (m,), and their derivatives, shape (m, n_unknowns)."""
         errors, rows = [np.zeros(0)], [np.zeros((0, x.size))]

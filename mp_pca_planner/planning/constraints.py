@@ -29,10 +29,10 @@ from .unknowns import (
     hermite_tables,
 )
 
-# Margin between motions and limits, as a share of the limit. It leaves room for peaks between
-# points of the grid, which the check on the denser grid finds.
-MARGIN = 5e-4
-# Points of the grid. The peaks of a motion with two waves are resolved to 0.05 %.
+# Margin between motions and limits, as a share of the limit. It leaves room for what the bounds of
+# peaks between points of the grid miss, which the check on the denser grid finds.
+MARGIN = 2e-4
+# Points of the grid. Peaks of accelerations are bounded to about 0.1 %.
 N_LIMIT_POINTS = 200
 # Distance of the first and last point from the ends of the motion, as a share of the duration.
 _INSIDE = 1e-6
@@ -86,9 +86,9 @@ class LimitTables:
         """
         if highest not in self._states:
             basis = self._tables.basis
-            values = basis.tables(self._phases, highest)
+            values = _peaks(basis.tables(self._phases, highest))
             self._states[highest] = (
-                hermite_tables(self._phases.tobytes())[: highest + 1],
+                _hermite_peaks(self._phases.tobytes())[: highest + 1],
                 values[..., 0],
                 values[..., 1:] * basis.scales,
             )
@@ -103,9 +103,28 @@ class LimitTables:
         )
 
 
+def _peaks(values: FloatArray) -> FloatArray:
+    """Values at points, shape (n, n_points, ...), as bounds of peaks between them.
+
+    The parabola through a largest value and its neighbours rises above it by at most an eighth of
+    the second difference, and falls as much below a least value. This is linear in the values.
+    """
+    peaks = values.copy()
+    peaks[:, 1:-1] -= np.diff(values, 2, axis=1) / 8.0
+    return peaks
+
+
+@lru_cache(maxsize=16)
+def _hermite_peaks(phases: bytes) -> FloatArray:
+    return _peaks(hermite_tables(phases))
+
+
 @lru_cache(maxsize=16)
 def _interpolation(nodes: bytes, breakpoints: bytes, points: bytes) -> FloatArray:
-    """Matrix from values at nodes to those, in each piece, of the polynomial through them."""
+    """Matrix from values at nodes to those of the polynomials through them, piece by piece.
+
+    To bounds of peaks, see :func:`_peaks`.
+    """
     # Imported late for a fast start of the node.
     from scipy.interpolate import BarycentricInterpolator
 
@@ -117,7 +136,7 @@ def _interpolation(nodes: bytes, breakpoints: bytes, points: bytes) -> FloatArra
         of_points = np.flatnonzero(piece_of_point == piece)
         lagrange = BarycentricInterpolator(known[of_nodes], np.eye(of_nodes.size))
         matrix[np.ix_(of_points, of_nodes)] = lagrange(asked[of_points])
-    return matrix
+    return np.asarray(_peaks(matrix[None])[0])
 
 
 class LimitedProgram:
@@ -211,6 +230,10 @@ class LimitedProgram:
         """Objective and bounded quantities at scaled weights x, with their derivatives."""
         return LimitedPoint(self, x, self.program.linearise(x))
 
+    def equalities_at(self, x: FloatArray) -> FloatArray:
+        """Residuals of the conditions alone."""
+        return self.program.equations.errors(x)
+
     def _efforts(self, node_efforts: FloatArray) -> FloatArray:
         """Bounded efforts from those at the nodes, shape (n_effort_joints, n_points)."""
         shares = node_efforts[:, self._effort_joints] / self._effort_units
@@ -258,13 +281,16 @@ class LimitedPoint:
         states = self._owner._states
         return None if states is None else states.slopes(self._x, self._states)
 
-    def inequality_rows(self, chosen: NDArray[np.intp]) -> FloatArray:
-        """Derivatives of the chosen inequalities, shape (n_chosen, n)."""
+    def inequality_rows(
+        self, chosen: NDArray[np.intp], values: FloatArray | None = None
+    ) -> FloatArray:
+        """Derivatives of the chosen inequalities, shape (n_chosen, n); see :class:`.Slopes`."""
         n_states = self._states.size
         of_states = chosen < n_states
         rows = np.empty((chosen.size, self._x.size))
         if self._slopes is not None:
-            rows[of_states] = self._slopes.rows(chosen[of_states])
+            room = 0.0 if values is None else (values - self.inequalities[chosen])[of_states]
+            rows[of_states] = self._slopes.rows(chosen[of_states], room)
         if not of_states.all():
             rows[~of_states] = self._effort_rows(chosen[~of_states] - n_states)
         return rows
@@ -277,10 +303,10 @@ class LimitedPoint:
         return np.asarray((from_nodes[:, None] @ by_joint)[:, 0])
 
     def inequalities_after(self, step: FloatArray) -> FloatArray:
-        """Their linear prediction, exact but for the efforts and a free duration."""
+        """Their prediction, exact but for the efforts."""
         values, n_states = self.inequalities.copy(), self._states.size
-        if self._slopes is not None:
-            values[:n_states] += self._slopes.changes(step)
+        if self._owner._states is not None:
+            values[:n_states] = self._owner._states.values(self._x + step).ravel()
         if n_states < values.size:
             by_unknown = self._at.effort_jacobian.reshape(-1, step.size)
             change = (by_unknown @ step).reshape(self._at.efforts.shape)

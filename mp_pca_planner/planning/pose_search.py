@@ -44,7 +44,7 @@ class PoseSearchOptions:
         Configurations nearer to each other than this count as one [rad or m].
     """
 
-    max_steps: int = 100
+    max_steps: int = 30
     reached: float = 1e-10
     first_damping: float = 1e-3
     max_damping: float = 1e8

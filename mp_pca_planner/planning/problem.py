@@ -74,8 +74,8 @@ class Part:
 
     def bound(self, limits: JointLimits | None, robot: Robot) -> None:
         """Add the limits as constraints."""
-        known = [state for state in self.ends if state is not None]
-        # Only fixed ends reduce the margin.
+        # Only fixed ends reduce the margin, and only of limits.
+        known = [state for state in self.ends if state is not None and limits is not None]
         states = np.zeros((len(known), 4, robot.n_joints))
         if known:
             q, v, a = (

@@ -43,11 +43,17 @@ class Point(Protocol):
     def inequalities(self) -> FloatArray:
         """c, shape (n_inequalities,); there may be thousands."""
 
-    def inequality_rows(self, chosen: NDArray[np.intp]) -> FloatArray:
-        """∂c/∂x of the chosen ones, shape (n_chosen, n)."""
+    def inequality_rows(
+        self, chosen: NDArray[np.intp], values: FloatArray | None = None
+    ) -> FloatArray:
+        """∂c/∂x of the chosen ones, shape (n_chosen, n).
+
+        With other values of them, shape (n_chosen,), derivatives such that steps within these
+        values to first order are within them altogether, where the program can provide them.
+        """
 
     def inequalities_after(self, step: FloatArray) -> FloatArray:
-        """Linear prediction c + ∂c/∂x · step of all of them, shape (n_inequalities,)."""
+        """Prediction of all of them, correct to first order, shape (n_inequalities,)."""
 
     @property
     def equalities(self) -> FloatArray:
@@ -71,6 +77,9 @@ class Program(Protocol):
 
     def evaluate(self, x: FloatArray) -> Point:
         """Value and derivatives at x, shape (n,)."""
+
+    def equalities_at(self, x: FloatArray) -> FloatArray:
+        """Only e at x."""
 
 
 @runtime_checkable

@@ -23,8 +23,11 @@ from .matrices import BlockMatrix, Matrix, added, as_array
 from .program import ChainPoint, Point, Program
 from .subproblem import TINY, Step, Subproblem, infeasibility
 
-FEASIBLE = 1e-7
+FEASIBLE = 1e-6
 """Sum of constraint violations that counts as rounding, in shares of the limits and SI units."""
+
+# Evaluations of curved equalities in the correction of a step.
+_MAX_CORRECTIONS = 4
 
 
 @dataclass(frozen=True)
@@ -191,8 +194,10 @@ class _Search:
             step = subproblem.solve(memory.sides, less)
             self.pull = step.pull
             self.memory = replace(memory, sides=step.sides, damping=step.damping)
-            # An exact penalty needs a weight above every multiplier.
-            self.weight = max(self.weight, 2.0 * step.largest_multiplier)
+            # An exact penalty needs a weight above every multiplier. It may fall again (Powell, "A
+            # fast algorithm for nonlinearly constrained optimization calculations", 1978).
+            least = 2.0 * step.largest_multiplier
+            self.weight = max(least, 0.5 * (self.weight + least))
             predicted = step.decrease + self.weight * (self.violated - step.infeasibility)
             negligible = predicted <= options.tolerance * self.here.cost
             if negligible and less > 0.0:
@@ -209,23 +214,42 @@ class _Search:
 
     def _take(self, step: Step, subproblem: Subproblem, predicted: float) -> None:
         """Evaluate a step, update the curvature, accept the step if it lowers the penalty."""
+        step = self._restored(step, subproblem)
         there, violated, decrease = self._evaluated(step)
-        if not decrease >= 0.25 * predicted and self.here.equalities.size:
-            # A step along curved equalities violates them; a correction is tried before the step is
-            # rejected.
-            step = replace(step, change=step.change + subproblem.way_back(there))
-            there, violated, decrease = self._evaluated(step)
         radius, length = self.memory.radius, float(np.linalg.norm(step.change))
         if not decrease >= 0.25 * predicted:  # a NaN must shrink the radius, too
             radius = 0.25 * length
         elif decrease > 0.75 * predicted and (step.damping > 0.0 or length > 0.8 * radius):
             radius = 2.0 * max(length, radius)
-        curvature = self._learned(step, there)
-        self.memory = replace(self.memory, curvature=curvature, radius=radius)
+        self.memory = replace(self.memory, radius=radius)
+        if step.infeasibility <= FEASIBLE:  # otherwise, multipliers may be penalties
+            self.memory = replace(self.memory, curvature=self._learned(step, there))
         if decrease > 0.0:
             self.x, self.here, self.violated = self.x + step.change, there, violated
             if violated <= FEASIBLE:
                 self.feasible = self.x, there
+
+    def _restored(self, step: Step, subproblem: Subproblem) -> Step:
+        """The step, corrected along the equalities where they are curved, before its evaluation.
+
+        Corrections are kept while they shrink the error of the linear prediction.
+        """
+        if not self.here.equalities.size:
+            return step
+        change, longest = step.change, 0.5 * float(np.linalg.norm(step.change))
+        predicted, least = self.here.equalities + self.here.equality_rows @ change, np.inf
+        correction = subproblem.correction(step.sides)
+        for _ in range(_MAX_CORRECTIONS):
+            missed = self._program.equalities_at(self.x + change) - predicted
+            error = float(np.abs(missed).sum())
+            if not error < 0.5 * least:
+                break
+            step, least = replace(step, change=change), error
+            back = -correction @ missed
+            if error <= 0.1 * FEASIBLE or float(np.linalg.norm(back)) > longest:
+                break
+            change = change + back
+        return step
 
     def _evaluated(self, step: Step) -> tuple[Point, float, float]:
         """The point after a step, its infeasibility, and the decrease of the penalty function."""

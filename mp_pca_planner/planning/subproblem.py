@@ -40,13 +40,22 @@ _DEPENDENT = 1e-9
 def infeasibility(program: Program, at: Point) -> float:
     """Sum of the violations of all constraints."""
     outside = outside_bounds(program, at.inequalities)
-    return float(np.maximum(outside, 0.0).sum() + np.abs(at.equalities).sum())
+    return _sum_of_peaks(outside) + float(np.abs(at.equalities).sum())
 
 
 def outside_bounds(program: Program, values: FloatArray) -> FloatArray:
     """Distances of inequalities beyond their nearer bounds, negative within them."""
     outside: FloatArray = values - program.upper
     return np.maximum(outside, program.lower - values, out=outside)
+
+
+def _sum_of_peaks(outside: FloatArray) -> float:
+    """Sum of the largest violations of each arc of neighbours."""
+    where = np.flatnonzero(outside > 0.0)
+    if not where.size:
+        return 0.0
+    starts = np.concatenate([[0], np.flatnonzero(np.diff(where) > 1) + 1])
+    return float(np.maximum.reduceat(outside[where], starts).sum())
 
 
 def violated_sides(program: Program, values: FloatArray, outside: FloatArray) -> NDArray[np.intp]:
@@ -128,7 +137,8 @@ class Step:
         """∇f + Σ multiplier · ∇constraint at a point, with the multipliers of this step."""
         gradient = at.gradient
         if self.sides.size:
-            gradient = gradient + self.multipliers @ _rows_of_sides(at, self.sides)
+            signed = np.where(self.sides % 2, self.multipliers, -self.multipliers)
+            gradient = gradient + signed @ at.inequality_rows(self.sides // 2)
         if self.equality_multipliers.size:
             gradient = gradient + self.equality_multipliers @ at.equality_rows
         return gradient
@@ -163,7 +173,7 @@ class Subproblem:
         sides = sides if feasible else sides[:0]
         if not sides.size:
             y = self._free.step
-        rows, bounds = _rows_of_sides(here, sides), _room_at_sides(program, here, sides)
+        rows, bounds = _at_sides(program, here, sides)
         for left in reversed(range(_MAX_ROUNDS)):
             if sides.size:
                 reduced = self._reduced(rows, bounds)
@@ -177,8 +187,9 @@ class Subproblem:
                 break
             kept = multipliers > 0.0
             sides = np.concatenate([sides[kept], added])
-            rows = np.concatenate([rows[kept], _rows_of_sides(here, added)])
-            bounds = np.concatenate([bounds[kept], _room_at_sides(program, here, added)])
+            new_rows, new_bounds = _at_sides(program, here, added)
+            rows = np.concatenate([rows[kept], new_rows])
+            bounds = np.concatenate([bounds[kept], new_bounds])
         holding = multipliers > 0.0
         curved = self._whole @ change
         pull = here.gradient + multipliers[holding] @ rows[holding]
@@ -190,7 +201,7 @@ class Subproblem:
         return Step(
             change=change,
             decrease=-float((here.gradient + 0.5 * curved) @ change),
-            infeasibility=float(np.maximum(outside, 0.0).sum()) + missed,
+            infeasibility=_sum_of_peaks(outside) + missed,
             sides=sides[holding],
             multipliers=multipliers[holding],
             equality_multipliers=equality_multipliers,
@@ -198,10 +209,17 @@ class Subproblem:
             damping=damping if sides.size else 0.0,
         )
 
-    def way_back(self, there: Point) -> FloatArray:
-        """The shortest step that restores the equalities at a nearby point, to first order."""
-        assert self._tangent is not None
-        return np.asarray(-self._tangent.pseudo_inverse @ there.equalities)
+    def correction(self, sides: NDArray[np.intp]) -> FloatArray:
+        """The shortest steps that change the equalities to first order, shape (n, n_equalities).
+
+        They keep the values of the given sides of inequalities, if these are not too many.
+        """
+        equalities = self._here.equality_rows
+        n_equalities, n = equalities.shape
+        if n_equalities + sides.size > n:
+            sides = sides[:0]
+        rows = np.concatenate([equalities, self._here.inequality_rows(sides // 2)])
+        return np.asarray(np.linalg.pinv(rows, rcond=_DEPENDENT)[:, :n_equalities])
 
     def _lifted(self, y: FloatArray) -> FloatArray:
         if self._tangent is None:
@@ -241,7 +259,9 @@ class Subproblem:
             found = solve_quadratic(hessian, self._gradient, rows, bounds, shift + damping)
             if found is None:
                 regular = shifted(as_array(hessian), shift + damping)
-                return *_nearest(regular, self._gradient, rows, bounds), damping, False
+                step, multipliers = _nearest(regular, self._gradient, rows, bounds)
+                length = math.sqrt(float(step @ step))
+                return min(1.0, longest / max(length, TINY)) * step, multipliers, damping, False
             step, multipliers = found.step, found.multipliers
             length = math.sqrt(float(step @ step))
             if length <= longest:
@@ -258,17 +278,17 @@ def _convexified(hessian: FloatArray) -> FloatArray:
     return np.asarray((vectors * np.maximum(sizes, 1e-10 * sizes.max())) @ vectors.T)
 
 
-def _rows_of_sides(at: Point, sides: NDArray[np.intp]) -> FloatArray:
-    """Derivatives of sides of inequalities, with signs such that all are bounded above."""
-    signs = np.where(sides % 2, 1.0, -1.0)
-    return np.asarray(signs[:, None] * at.inequality_rows(sides // 2))
+def _at_sides(
+    program: Program, at: Point, sides: NDArray[np.intp]
+) -> tuple[FloatArray, FloatArray]:
+    """Derivatives of sides of inequalities, with signs such that all are bounded above.
 
-
-def _room_at_sides(program: Program, at: Point, sides: NDArray[np.intp]) -> FloatArray:
-    """Distances of sides of inequalities from their bounds, negative beyond them."""
-    index = sides // 2
-    values = at.inequalities[index]
-    return np.where(sides % 2, program.upper[index] - values, values - program.lower[index])
+    With them their distances from the bounds, negative beyond them.
+    """
+    index, signs = sides // 2, np.where(sides % 2, 1.0, -1.0)
+    bounds = np.where(sides % 2, program.upper[index], program.lower[index])
+    rows = signs[:, None] * at.inequality_rows(index, bounds)
+    return rows, signs * (bounds - at.inequalities[index])
 
 
 def _nearest(

@@ -221,6 +221,8 @@ class Slopes(NamedTuple):
         Factors of the states.
     by_duration : array, shape (n_states,), or None
         Derivatives by the unknown of the duration, if that is free.
+    decay : array, shape (n_states,), or None
+        Relative decrease of the states of given path with that unknown.
     n_unknowns : int
         Number of unknowns.
     """
@@ -229,6 +231,7 @@ class Slopes(NamedTuple):
     growth: FloatArray
     rates: FloatArray
     by_duration: FloatArray | None
+    decay: FloatArray | None
     n_unknowns: int
 
     def changes(self, step: FloatArray) -> FloatArray:
@@ -239,14 +242,22 @@ class Slopes(NamedTuple):
             changes += step[self.growth.size] * self.by_duration
         return np.asarray(changes)
 
-    def rows(self, chosen: NDArray[np.intp] | slice = slice(None)) -> FloatArray:
-        """Derivatives of the chosen states, shape (n_chosen, n_unknowns)."""
+    def rows(
+        self, chosen: NDArray[np.intp] | slice = slice(None), room: FloatArray | float = 0.0
+    ) -> FloatArray:
+        """Derivatives of the chosen states, shape (n_chosen, n_unknowns).
+
+        With bounds less the states as the room, derivatives of dᵏq/dsᵏ − bound · Tᵏ, in units of
+        Tᵏ. It is negative where the state is within its bound, linear in the weights and concave in
+        log T, so that a step within this bound to first order is within it altogether.
+        """
         columns = self.columns[chosen]
         rows = np.zeros((len(columns), self.n_unknowns))
         np.multiply(columns, self.growth, out=rows[:, : self.growth.size])
         rows *= self.rates[chosen, None]
         if self.by_duration is not None:
-            rows[:, self.growth.size] = self.by_duration[chosen]
+            assert self.decay is not None
+            rows[:, self.growth.size] = self.by_duration[chosen] - self.decay[chosen] * room
         return rows
 
 
@@ -291,7 +302,7 @@ class StateMap:
         if not unknowns.duration_is_free:
             rates = self._rates(unknowns.duration)
             self._fixed = (self._boundary_part(unknowns.boundary) + self._mean) * rates
-            self._constant = self._slopes(np.ones(unknowns.n_linear), rates, None)
+            self._constant = self._slopes(np.ones(unknowns.n_linear), rates)
 
     def _rates(self, duration: float) -> FloatArray:
         """Factors of the derivatives by phase, shape (n_rows, 1)."""
@@ -301,10 +312,14 @@ class StateMap:
         return np.asarray((self._hermite @ boundary.T[self._joints][:, :, None])[:, :, 0])
 
     def _slopes(
-        self, growth: FloatArray, rates: FloatArray, by_duration: FloatArray | None
+        self,
+        growth: FloatArray,
+        rates: FloatArray,
+        by_duration: FloatArray | None = None,
+        decay: FloatArray | None = None,
     ) -> Slopes:
-        of_states = np.repeat(rates[:, 0], self._mean.shape[1])
-        return Slopes(self._columns, growth, of_states, by_duration, self._unknowns.scales.size)
+        of_states, n = np.repeat(rates[:, 0], self._mean.shape[1]), self._unknowns.scales.size
+        return Slopes(self._columns, growth, of_states, by_duration, decay, n)
 
     def values(self, x: FloatArray) -> FloatArray:
         """The states, shape (n_rows, n_phases)."""
@@ -322,9 +337,10 @@ class StateMap:
         if not unknowns.duration_is_free:
             return self._constant
         rates, (_, growth) = self._rates(unknowns.duration_at(x)), unknowns.boundary_at(x)
-        by_log_duration = self._boundary_part(growth) * rates - self._orders * values
-        by_duration = unknowns.log_duration_slope(x) * by_log_duration.ravel()
-        return self._slopes(unknowns.growth(x), rates, by_duration)
+        slope = unknowns.log_duration_slope(x)
+        by_duration = slope * (self._boundary_part(growth) * rates - self._orders * values).ravel()
+        decay = np.asarray(slope * np.repeat(self._orders, self._mean.shape[1]))
+        return self._slopes(unknowns.growth(x), rates, by_duration, decay)
 
     def jacobian(self, x: FloatArray, values: FloatArray) -> FloatArray:
         """The same as an array, shape (n_rows * n_phases, n_unknowns)."""

@@ -211,6 +211,11 @@ def _read(path: str | Path) -> tuple[dict[str, FloatArray], str]:
     """Arrays and metadata of a file."""
     with open_regular(path) as file:
         file.read(1)  # a file that can't be read is not damaged
+        if not zipfile.is_zipfile(file):
+            raise PrimitiveFileError(
+                "it is no .npz file, or not all of it: expected a file that build_primitives made"
+            )
+        file.seek(0)
         with zipfile.ZipFile(file) as archive:
             if sum(entry.file_size for entry in archive.infolist()) > MAX_BYTES:
                 raise PrimitiveFileError(f"it claims to hold over {MAX_BYTES >> 20} MiB")

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import FloatArray
-from ..exceptions import PlannerError, PrimitiveError, PrimitiveFileError
+from ..exceptions import PlannerError, PrimitiveError, PrimitiveFileError, quote_names
 from ..files import open_regular, reading, write_whole
 from ..json_content import check_form, load_json
 from .file import load_primitive
@@ -133,8 +133,8 @@ def index_files(folder: Path, files: Sequence[str]) -> FileIndex:
             rows[file] = (found.joint_names, found.name, *requests)
         if rows[file][0] != rows[files[0]][0]:
             raise PrimitiveError(
-                f"'{folder / file}' moves {rows[file][0]}, but '{files[0]}' moves "
-                f"{rows[files[0]][0]}: they can't be used together"
+                f"'{folder / file}' moves {quote_names(rows[file][0])}, but '{files[0]}' moves "
+                f"{quote_names(rows[files[0]][0])}: they can't be used together"
             )
     joints, names, means, precisions = zip(*(rows[file] for file in files), strict=True)
     index = FileIndex(tuple(files), names, joints[0], stamps, np.array(means), np.array(precisions))

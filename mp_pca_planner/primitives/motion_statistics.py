@@ -19,7 +19,7 @@ from numpy.polynomial import legendre
 from numpy.typing import NDArray
 
 from ..arrays import FloatArray
-from ..exceptions import PrimitiveError, unknown_name
+from ..exceptions import PrimitiveError, quote_names, unknown_name
 from ..rows import empty_rows, release, row_blocks
 from .alignment import align, aligned_positions
 from .basis import end_vanishing_coefficients, legendre_values
@@ -349,6 +349,6 @@ def _check_joints(found: Sequence[tuple[tuple[str, ...], str]]) -> None:
     for joint_names, recording in found:
         if joint_names != first:
             raise PrimitiveError(
-                f"the joints of '{recording}', {joint_names}, "
-                f"are not those of '{first_recording}', {first}"
+                f"the joints of '{recording}', {quote_names(joint_names)}, "
+                f"are not those of '{first_recording}', {quote_names(first)}"
             )

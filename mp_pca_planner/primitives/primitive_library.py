@@ -214,6 +214,6 @@ def _check_together(
             )
         if joint_names != first:
             raise PrimitiveError(
-                f"'{file}' moves {joint_names}, but '{files[0]}' moves {first}: they can't be "
-                "used together"
+                f"'{file}' moves {quote_names(joint_names)}, but '{files[0]}' moves "
+                f"{quote_names(first)}: they can't be used together"
             )

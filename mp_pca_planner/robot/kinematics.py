@@ -152,7 +152,8 @@ class Kinematics(PinocchioModel):
         )
         error, jacobian = placement.translation - position, aligned[:3]
         if orientation is not None:
-            expected = pin.Quaternion(*np.roll(orientation, 1)).toRotationMatrix()
+            x, y, z, w = orientation
+            expected = pin.Quaternion(w, x, y, z).toRotationMatrix()
             turned = expected.T @ placement.rotation
             own_axes = placement.rotation.T @ aligned[3:]
             error = np.concatenate([error, pin.log3(turned)])

@@ -227,8 +227,11 @@ class PlanPanel:
             traceback.print_exc()
             problem = f"internal error, {type(error).__name__}: {error}"
             answer = PlanAnswer(request, request.goal, None, problem, None, 0.0)
-        with self._stage.lock, self._stage.server.atomic():
-            self._show(answer)
+        # Words sent alone appear at once; with the scene, they would wait until it is drawn.
+        for show in (self._say, self._draw):
+            with self._stage.lock, self._stage.server.atomic():
+                show(answer)
+            self._stage.server.flush()
 
     def _with_newest_goal(self, request: ViewRequest) -> ViewRequest:
         """Begin the search for a pose where the last answer ended."""
@@ -236,19 +239,21 @@ class PlanPanel:
             return request
         return replace(request, goal=self.answer.goal)
 
-    def _show(self, answer: PlanAnswer) -> None:
+    def _say(self, answer: PlanAnswer) -> None:
         self.answer, plan = answer, answer.plan
         if answer.request.pose is not None:
             self._request = replace(self._request, goal=answer.goal)
             for slider, q in zip(self._sliders, answer.goal, strict=True):
                 slider.value = float(np.clip(q, slider.min, slider.max))
-        self._player.take(NAME)
         self._verdict.content = answer_html(answer)
-        self._drawing.show(answer)
-        if self._live is not None and answer.request.is_final:
-            self._live.send(self.goal)
         if plan is not None:
             shares = limit_shares(plan.trajectory, self._stage.limits)
             self._bars.content = part("bars", plan.trajectory.joint_names, shares)
-            if not answer.problem:
-                self._player.offer(NAME, ShownMotion.of(NAME, plan.trajectory))
+
+    def _draw(self, answer: PlanAnswer) -> None:
+        self._player.take(NAME)
+        self._drawing.show(answer)
+        if self._live is not None and answer.request.is_final:
+            self._live.send(self.goal)
+        if answer.plan is not None and not answer.problem:
+            self._player.offer(NAME, ShownMotion.of(NAME, answer.plan.trajectory))

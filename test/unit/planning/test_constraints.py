@@ -10,7 +10,9 @@ from arm import JOINTS, arm_robot
 from scipy.optimize import minimize
 from test_compiler import BASES, compile_motion
 
+from mp_pca_planner.motion.goal import JointState
 from mp_pca_planner.motion.validation import Violation
+from mp_pca_planner.planning.compiler import MotionProgram
 from mp_pca_planner.planning.constraints import (
     MARGIN,
     N_LIMIT_POINTS,
@@ -19,7 +21,7 @@ from mp_pca_planner.planning.constraints import (
     LimitTables,
 )
 from mp_pca_planner.planning.solver import solve
-from mp_pca_planner.planning.unknowns import QuadratureTables
+from mp_pca_planner.planning.unknowns import QuadratureTables, Unknowns
 
 FAR_FROM_LIMITS = np.zeros((2, 4, 4))
 FAR_FROM_LIMITS[:, 0, 3] = -1.0
@@ -39,7 +41,7 @@ def weights_of(program, motion):
 
 
 @pytest.mark.parametrize("name", BASES)
-def test_values_are_the_quantities_as_shares_of_their_limits(name):
+def test_values_bound_the_quantities_as_shares_of_their_limits(name):
     bounds = {"elbow": {"max_acceleration": 7.0, "max_jerk": 70.0}}
     program, motion, limits = constrained(name, bounds)
     values = program.evaluate(weights_of(program, motion)).inequalities
@@ -56,7 +58,11 @@ def test_values_are_the_quantities_as_shares_of_their_limits(name):
         found = values[program.groups == group]
         # Between the nodes of a spline's piece efforts are those of a polynomial through them.
         tolerance = {"jerk": 1e-4, "effort": 5e-4}.get(QUANTITIES[quantity], 1e-9)
-        np.testing.assert_allclose(found, expected[quantity][:, joint], atol=tolerance)
+        course = expected[quantity][:, joint]
+        # The vertex of a parabola half-way between two points is an eighth of the second
+        # difference beyond them.
+        vertices = course - np.concatenate([[0.0], np.diff(course, 2), [0.0]]) / 8.0
+        np.testing.assert_allclose(found, vertices, atol=tolerance)
     assert np.unique(program.groups).size == 4 + 4 + 1 + 1 + 4
 
 
@@ -73,6 +79,47 @@ def test_gradient_and_rows_are_the_derivatives(name):
         np.testing.assert_allclose(rows[:, k], difference, atol=1e-6 * (1 + np.abs(rows).max()))
         slope = (ends[0].cost - ends[1].cost) / (2.0 * step)
         assert at.gradient[k] == pytest.approx(slope, rel=1e-5, abs=1e-6 * at.cost)
+
+
+@pytest.mark.parametrize("name", BASES)
+@pytest.mark.parametrize("seed", range(3))
+def test_no_peak_between_the_points_exceeds_the_values(name, seed):
+    program, motion, limits = constrained(name, {}, seed)
+    values = program.evaluate(weights_of(program, motion)).inequalities
+    times = np.linspace(0.0, motion.duration, 20 * N_LIMIT_POINTS)
+    speeds = motion.evaluate(times)[1] / limits.velocity
+    for joint in range(4):
+        found = values[program.groups == 4 + joint]
+        assert found.min() <= speeds[:, joint].min() + 1e-5
+        assert found.max() >= speeds[:, joint].max() - 1e-5
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_step_from_rest_within_the_rows_keeps_bounds_at_a_free_duration(seed):
+    _, motion, limits = constrained("arm", {})
+    motion = replace(motion, start=JointState(JOINTS, motion.start.positions), duration=3.0)
+    unknowns = Unknowns(motion.basis.scales, motion.boundary, 3.0, duration_is_free=True)
+    tables = QuadratureTables(motion.basis)
+    inner = MotionProgram(arm_robot(), tables, unknowns, motion.weights)
+    timed = LimitedProgram(inner, LimitTables(tables), limits, FAR_FROM_LIMITS)
+    rng = np.random.default_rng(seed)
+    at = timed.evaluate(0.1 * rng.normal(size=inner.scales.size))
+    assert np.all((timed.lower < at.inequalities) & (at.inequalities < timed.upper))
+    kinematic = np.flatnonzero(timed.groups < 4 * QUANTITIES.index("effort"))
+    beyond = {"bounds": [], "values": []}
+    for _ in range(20):
+        direction = rng.normal(size=inner.scales.size) * [0.3, 0.3, 0.3, 0.3, 3.0]
+        for name, found in beyond.items():
+            used = []
+            for sign, bound in ((1.0, timed.upper), (-1.0, timed.lower)):
+                given = bound[kinematic] if name == "bounds" else None
+                slope = sign * at.inequality_rows(kinematic, given) @ direction
+                used.append((slope / (sign * (bound - at.inequalities)[kinematic])).max())
+            # The longest step within all bounds to first order.
+            after = at.inequalities_after(direction / max(used))
+            found.append(np.maximum(after - timed.upper, timed.lower - after)[kinematic].max())
+    assert max(beyond["bounds"]) <= 1e-9
+    assert max(beyond["values"]) > 1e-3
 
 
 def test_the_prediction_is_the_linear_one():

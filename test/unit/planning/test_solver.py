@@ -49,7 +49,7 @@ class MadeUpPoint:
     def hessian(self):
         return self.jacobian.T @ self.jacobian
 
-    def inequality_rows(self, chosen):
+    def inequality_rows(self, chosen, values=None):
         return self.rows[chosen]
 
     def inequalities_after(self, step):
@@ -66,6 +66,9 @@ class Rosenbrock:
         self.lower, self.upper = np.array([-np.inf]), np.array([wall])
         self.groups = np.zeros(1, dtype=np.intp)
         self.circle = circle
+
+    def equalities_at(self, x):
+        return self.evaluate(x).equalities
 
     def evaluate(self, x):
         on_circle = self.circle is not None
