@@ -13,14 +13,14 @@ import re
 import shlex
 import sys
 import sysconfig
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
 _PACKAGE = "mp_pca_planner"
 
-MAX_NAMES = 100
+MAX_NAMES = 12
 """Largest number of names that a message lists."""
 MAX_COMPARED = 2000
 """Largest number of names among which the nearest one is searched, which takes 20 µs each."""
@@ -138,9 +138,13 @@ def _requirements(extra: str) -> list[str]:
 
 def quote_names(names: Iterable[str]) -> str:
     """Format names as ``'a', 'b', 'c'``, at most `MAX_NAMES` of them, or ``none``."""
-    quoted = [f"'{name}'" for name in names]
-    more = f" and {len(quoted) - MAX_NAMES} more" if quoted[MAX_NAMES:] else ""
-    return ", ".join(quoted[:MAX_NAMES]) + more or "none"
+    return listed([f"'{name}'" for name in names]) or "none"
+
+
+def listed(items: Sequence[str], most: int = MAX_NAMES, between: str = ", ") -> str:
+    """The first items, at most this number, and how many more there are."""
+    more = f" and {len(items) - most} more" if items[most:] else ""
+    return between.join(items[:most]) + more
 
 
 def unknown_name(kind: str, name: str, valid: Iterable[str]) -> str:

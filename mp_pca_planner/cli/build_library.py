@@ -13,7 +13,7 @@ from itertools import count
 from pathlib import Path
 from typing import Any
 
-from ..exceptions import PrimitiveError, RecordingError, quote_names
+from ..exceptions import PrimitiveError, RecordingError, listed, quote_names
 from ..files import write_whole
 from ..plotting.report import library_page
 from ..plotting.text import table
@@ -41,7 +41,7 @@ from .terminal import DONE, complain
 Joints = tuple[str, ...]
 
 # Motions listed in the text after a kind of finding.
-_MAX_LISTED = 5
+_MAX_LISTED = 3
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -228,7 +228,7 @@ def _text(facts: dict[str, Any], content: LibraryContent) -> list[str]:
     agreement = facts["adjusted_rand_index"]
     return [
         f"motions     {facts['n_motions']} of {len(facts['joint_names'])} joints, of "
-        f"{len(rows)} kinds",
+        f"{len(rows)} {'kind' if len(rows) == 1 else 'kinds'}",
         *table(rows, header=header).splitlines(),
         *_listed("outliers", [_place(d) for d in facts["outliers"]]),
         *_listed(
@@ -248,5 +248,4 @@ def _listed(what: str, motions: Sequence[str]) -> list[str]:
     """A line with the number of motions and the first of them, if there are any."""
     if not motions:
         return []
-    more = f" and {len(motions) - _MAX_LISTED} more" if motions[_MAX_LISTED:] else ""
-    return [f"{what:<12}{len(motions)}: {'; '.join(motions[:_MAX_LISTED])}{more}"]
+    return [f"{what:<12}{len(motions)}: {listed(motions, _MAX_LISTED, '; ')}"]

@@ -10,16 +10,17 @@ from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, replace
 from functools import partial
+from heapq import nlargest
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ..control.law import with_gains_only
-from ..exceptions import PrimitiveError, RecordingError
+from ..exceptions import PrimitiveError, RecordingError, listed, quote_names
 from ..files import write_whole
 from ..mocap.marker_joint_states import MarkerSource, marker_source
-from ..plotting.report import REPORT_SAMPLES, report_page
+from ..plotting.report import REPORT, report_page
 from ..plotting.text import variance_report
 from ..plotting.units import prismatic_joints, unit_of
 from ..primitives.build import build_from_statistics, options_to_update
@@ -33,8 +34,8 @@ from ..recordings.repair import RepairOptions
 from ..recordings.segmentation import SegmentationOptions
 from ..recordings.segments_file import segments_table
 from ..robot.model import Robot
-from .common import check_output, progress_bar, report
-from .terminal import DONE, complain
+from .common import check_output, print_json, progress_bar
+from .terminal import DONE, complain, say
 
 _MAX_NAMES = 5  # names of recordings listed after a note
 _MANY = 10  # recordings of which the slowest ones are named
@@ -59,7 +60,7 @@ def run(arguments: argparse.Namespace) -> int:
         joints = arguments.joints if like is None else like.joint_names
         known = [old.statistics] if old and old.statistics else []
         recordings = load(
-            arguments, options, joints, REPORT_SAMPLES if arguments.report else 0, known
+            arguments, options, joints, REPORT.n_samples if arguments.report else 0, known
         )
         recordings.require_motion()
     statistics = _statistics(recordings, options, old, arguments.remove)
@@ -101,7 +102,9 @@ def _primitive_to_update(arguments: argparse.Namespace) -> MovementPrimitive | N
         raise RecordingError("--report shows the samples of all motions: leave out --update")
     old = load_primitive(arguments.update)
     if arguments.joints and tuple(arguments.joints) != old.joint_names:
-        raise RecordingError(f"'{old.name}' moves {old.joint_names}: leave out --joints")
+        raise RecordingError(
+            f"'{old.name}' moves {quote_names(old.joint_names)}: leave out --joints"
+        )
     return old
 
 
@@ -214,8 +217,10 @@ def _print(
     primitive: MovementPrimitive,
     output: Path,
 ) -> None:
-    facts = _facts(recordings, primitive, output)
-    report(arguments, facts, *_slowest_line(recordings), *_text(facts, primitive))
+    if arguments.json:
+        print_json(_facts(recordings, primitive, output))
+    else:
+        say(*_text(recordings, primitive, output))
     for refusal in recordings.refused:
         complain(f"refused {refusal.recording}: {refusal.reason}")
     if not primitive.n_components:
@@ -281,26 +286,28 @@ def _facts(recordings: RecordingSet, primitive: MovementPrimitive, output: Path)
     }
 
 
-def _text(facts: dict[str, Any], primitive: MovementPrimitive) -> list[str]:
+def _text(recordings: RecordingSet, primitive: MovementPrimitive, output: Path) -> list[str]:
     repairs = Counter[str]()
-    for counts in facts["repairs"].values():
-        repairs.update({kind: count for kind, count in counts.items() if count})
+    for report in recordings.reports:
+        repairs.update({kind: count for kind, count in report.repairs.items() if count})
     repaired = ", ".join(f"{count} {kind}" for kind, count in sorted(repairs.items())) or "none"
     durations = primitive.durations
     unit = unit_of(primitive.joint_names, prismatic_joints(primitive))
+    fit_residual = unit.number(np.sqrt(np.mean(primitive.fit_residual**2)))
     return [
-        f"recordings  {facts['n_recordings']} used, {len(facts['refused'])} refused",
+        *_slowest_line(recordings),
+        f"recordings  {len(recordings.reports)} used, {len(recordings.refused)} refused",
         f"repairs     {repaired}",
-        *_note_lines(facts["notes"]),
-        *_marker_lines(facts["marker_residuals"]),
-        f"motions     {facts['n_motions']} of {primitive.n_joints} joints, "
+        *_note_lines(recordings),
+        *_marker_lines(recordings),
+        f"motions     {len(durations)} of {primitive.n_joints} joints, "
         f"{durations.min():.2f} to {durations.max():.2f} s",
         f"components  {primitive.n_components}, coupling '{primitive.coupling}', which "
-        f"reproduce the motions to {unit.number(facts['fit_residual_rms'])} {unit.name} RMS",
+        f"reproduce the motions to {fit_residual} {unit.name} RMS",
         "",
         *variance_report(primitive),
         "",
-        f"written to  {facts['output']}",
+        f"written to  {output}",
     ]
 
 
@@ -308,35 +315,36 @@ def _slowest_line(recordings: RecordingSet) -> list[str]:
     """The recordings of many that took most time."""
     if len(recordings.reports) < _MANY:
         return []
-    order = sorted(recordings.reports, key=lambda report: -report.seconds)[:3]
+    order = nlargest(3, recordings.reports, key=lambda report: report.seconds)
     return ["slowest     " + ", ".join(f"{one.name} {one.seconds:.2g} s" for one in order)]
 
 
-def _note_lines(notes: dict[str, list[str]]) -> list[str]:
+def _note_lines(recordings: RecordingSet) -> list[str]:
     """Notes on recordings; notes that differ in numbers only are merged."""
-    alike: dict[str, list[tuple[str, str]]] = {}
-    for name, own in notes.items():
-        for note in own:
-            alike.setdefault(re.sub(r"\d+", "", note), []).append((name, note))
-    lines = []
-    for (first, note), *others in alike.values():
-        names = ", ".join(name for name, _ in others[:_MAX_NAMES])
-        more = f" and {len(others) - _MAX_NAMES} more" if others[_MAX_NAMES:] else ""
-        lines.append(f"note        {first}: {note}" + (f"; so {names}{more}" if others else ""))
-    return lines
+    alike: dict[str, list[str]] = {}
+    first: dict[str, str] = {}
+    for report in recordings.reports:
+        for note in report.notes:
+            kind = re.sub(r"\d+", "", note)
+            first.setdefault(kind, f"note        {report.name}: {note}")
+            alike.setdefault(kind, []).append(report.name)
+    return [
+        line + (f"; so {listed(names[1:], _MAX_NAMES)}" if names[1:] else "")
+        for line, names in zip(first.values(), alike.values(), strict=True)
+    ]
 
 
-def _marker_lines(residuals: dict[str, dict[str, dict[str, float]]]) -> list[str]:
+def _marker_lines(recordings: RecordingSet) -> list[str]:
     """The largest marker residuals of all recordings."""
-    if not residuals:
+    if not any(report.marker_residuals for report in recordings.reports):
         return []
     lines = []
     for key, how in (("median", "the median"), ("percentile_95", "95 % of its frames")):
         residual, marker, name = max(
-            (values[key], marker, name)
-            for name, found in residuals.items()
-            for marker, values in found.items()
-            if values["n_frames"]
+            (getattr(found, key), marker, report.name)
+            for report in recordings.reports
+            for marker, found in report.marker_residuals.items()
+            if found.n_frames
         )
         lines.append(
             f"markers     the worst, '{marker}' of '{name}', is met to {1000 * residual:.2f} mm in "

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from ..control.law import control_statement
-from ..exceptions import MAX_NAMES, PlannerError
+from ..exceptions import PlannerError, listed
 from ..plotting.text import table, variance_report
 from ..plotting.units import prismatic_joints, unit_of
 from ..primitives.file import load_primitive
@@ -21,6 +21,9 @@ from ..recordings.inspection import RecordingInspection, inspect_recording
 from ..recordings.repair import REPAIRS
 from .common import print_json
 from .terminal import DONE, REFUSED, complain, say
+
+# Joints that are listed.
+_MAX_JOINTS = 100
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -65,9 +68,7 @@ def _recording_text(facts: RecordingInspection) -> list[str]:
     if facts.topic is not None:
         lines.append(f"  looked at {facts.topic}: {facts.n_messages} messages")
     if facts.joint_names:
-        names, n = facts.joint_names[:MAX_NAMES], len(facts.joint_names)
-        more = f" and {n - MAX_NAMES} more" if n > MAX_NAMES else ""
-        lines.append(f"  joints    {', '.join(names)}{more}")
+        lines.append(f"  joints    {listed(facts.joint_names, _MAX_JOINTS)}")
     if facts.rate is not None and facts.duration is not None:
         lines.append(f"  time      {facts.duration:.2f} s at {facts.rate:.1f} Hz")
     lines += [f"  repair    {kind}: {n} ({REPAIRS[kind]})" for kind, n in facts.repairs.items()]

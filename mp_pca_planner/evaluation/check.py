@@ -41,6 +41,8 @@ class RefereeOptions:
         Share of a limit from which it counts as active.
     end_share : float
         Share of the duration at either end in which limits don't count as active.
+    collision_period, clearance_period : float
+        Steps of the grids on which collisions and clearances are computed [s].
     """
 
     period: float = 5e-4
@@ -49,9 +51,11 @@ class RefereeOptions:
     velocity_tolerance: float = 1e-2
     active_share: float = 0.998
     end_share: float = 0.05
+    collision_period: float = 1e-3
+    clearance_period: float = 1e-2
 
 
-_OPTIONS = RefereeOptions()
+REFEREE = RefereeOptions()
 
 
 @dataclass(frozen=True)
@@ -155,13 +159,10 @@ def judge(
     problem: Problem,
     arm: RigidArm,
     limits: JointLimits,
-    options: RefereeOptions = _OPTIONS,
+    options: RefereeOptions = REFEREE,
 ) -> Verdict:
     """Evaluate a motion as a controller executes it: quintic polynomials between its points."""
-    curve = BPoly.from_derivatives(
-        trajectory.times.copy(),  # older releases of SciPy refuse read-only arrays
-        np.stack([trajectory.positions, trajectory.velocities, trajectory.accelerations], axis=1),
-    )
+    curve = executed(trajectory)
     n_steps = int(np.ceil(trajectory.duration / options.period))
     times = np.linspace(0.0, trajectory.duration, n_steps + 1)
     q, v, a, jerk = (curve(times) if k == 0 else curve.derivative(k)(times) for k in range(4))
@@ -181,6 +182,14 @@ def judge(
         feasible=excess <= options.limit_tolerance
         and end_error <= options.position_tolerance
         and end_velocity <= options.velocity_tolerance,
+    )
+
+
+def executed(trajectory: Trajectory) -> BPoly:
+    """A motion as a controller executes it: quintic polynomials between its points."""
+    return BPoly.from_derivatives(
+        trajectory.times.copy(),  # older releases of SciPy refuse read-only arrays
+        np.stack([trajectory.positions, trajectory.velocities, trajectory.accelerations], axis=1),
     )
 
 

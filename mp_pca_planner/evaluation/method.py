@@ -18,7 +18,7 @@ from ..planning.plan import FREE, PlannerOptions
 from ..planning.planner import Planner
 from ..primitives.build import PrimitiveOptions, build_primitive
 from ..primitives.primitive import MovementPrimitive
-from .check import RefereeOptions, Verdict
+from .check import REFEREE, Verdict
 from .problems import Problem, Scene
 from .scene_referee import SceneVerdict
 
@@ -73,11 +73,10 @@ class PeerResult:
         """Whether the motion reaches the goal without a collision; peers may exceed limits."""
         if not self.solved or self.among_obstacles is None or self.verdict is None:
             return False
-        tolerated = RefereeOptions()
         return (
             not self.among_obstacles.collision
-            and self.verdict.end_error <= tolerated.position_tolerance
-            and self.verdict.end_velocity <= tolerated.velocity_tolerance
+            and self.verdict.end_error <= REFEREE.position_tolerance
+            and self.verdict.end_velocity <= REFEREE.velocity_tolerance
         )
 
     def facts(self) -> dict[str, Any]:

@@ -16,14 +16,13 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import yaml
-from scipy.interpolate import BPoly
 
 from ..arrays import FloatArray
 from ..exceptions import PlannerError
 from ..files import read_text, reading
 from ..input_limits import INPUT_LIMITS
 from ..motion.trajectory import Trajectory
-from .check import RigidArm
+from .check import REFEREE, RigidArm, executed
 
 try:
     import coal
@@ -31,8 +30,6 @@ except ImportError:  # its name before release 3
     import hppfcl as coal
 
 _LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
-_PERIOD = 1e-3  # of the check for collisions [s]
-_CLEARANCE_PERIOD = 1e-2  # of the clearance [s]
 
 
 @dataclass(frozen=True)
@@ -104,14 +101,13 @@ class SceneReferee:
 
     def judge(self, trajectory: Trajectory) -> SceneVerdict:
         """Evaluate a motion as a controller executes it: quintic polynomials between its points."""
-        curve = BPoly.from_derivatives(
-            trajectory.times.copy(),
-            np.stack(
-                [trajectory.positions, trajectory.velocities, trajectory.accelerations], axis=1
-            ),
+        curve = executed(trajectory)
+        n_fine, n_coarse = (
+            1 + _count(trajectory.duration, period)
+            for period in (REFEREE.collision_period, REFEREE.clearance_period)
         )
-        times = np.linspace(0.0, trajectory.duration, 1 + _count(trajectory.duration, _PERIOD))
-        coarse = np.linspace(0, len(times) - 1, 1 + _count(trajectory.duration, _CLEARANCE_PERIOD))
+        times = np.linspace(0.0, trajectory.duration, n_fine)
+        coarse = np.linspace(0, n_fine - 1, n_coarse)
         q, jerk = curve(times), curve.derivative(3)(times)
         return SceneVerdict(
             collision=self._collision(times, q),

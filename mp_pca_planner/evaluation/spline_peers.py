@@ -14,11 +14,11 @@ import time
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.interpolate import BSpline
 from scipy.optimize import minimize
 
 from ..arrays import FloatArray
 from ..motion.trajectory import Trajectory
+from ..primitives.basis import BSplineBasis
 from .method import SOLVED, Method, PeerResult
 from .problems import Problem, Scene, import_peer
 from .without_optimisation import minimum_jerk, sample_times
@@ -144,12 +144,9 @@ class SplineProgram:
 
     def __init__(self, scene: Scene, problem: Problem) -> None:
         self._robot, self._problem = scene.robot, problem
-        n_functions = _OPTIONS.n_control_points + 6
-        breaks = np.linspace(0.0, 1.0, n_functions - _OPTIONS.degree + 1)
-        knots = np.concatenate([np.zeros(_OPTIONS.degree), breaks, np.ones(_OPTIONS.degree)])
-        # The three first and three last control points express rest at the ends.
-        self._splines = BSpline(knots, np.eye(n_functions)[:, 3:-3], _OPTIONS.degree)
-        self.n_weights = _OPTIONS.n_control_points * scene.robot.n_joints
+        n_joints = scene.robot.n_joints
+        self._basis = BSplineBasis(n_joints, _OPTIONS.n_control_points, _OPTIONS.degree)
+        self.n_weights = self._basis.n_weights
         phases = np.linspace(0.0, 1.0, _OPTIONS.n_phases)
         self._fixed = np.array(minimum_jerk(problem, phases))
         self._functions = self._values(phases)
@@ -165,14 +162,12 @@ class SplineProgram:
         self._middles, self._half_widths = (upper + lower) / 2.0, (upper - lower) / 2.0
 
     def _values(self, phases: FloatArray) -> FloatArray:
-        """The splines and two derivatives by time, shape (3, n_phases, n_control_points)."""
-        return np.array(
-            [self._splines(phases, nu=order) / self._problem.duration**order for order in range(3)]
-        )
+        """Derivatives of the states by the weights, shape (3, n_phases, n_joints, n_weights)."""
+        rates = self._problem.duration ** -np.arange(3.0)
+        return np.asarray(self._basis.tables(phases, 2)[..., 1:] * rates[:, None, None, None])
 
     def _states(self, weights: FloatArray) -> FloatArray:
-        points = weights.reshape(_OPTIONS.n_control_points, -1)
-        return np.asarray(self._fixed + self._functions @ points)
+        return np.asarray(self._fixed + self._functions @ weights)
 
     def cost(self, weights: FloatArray) -> float:
         """J as a share of the minimum-jerk motion's."""
@@ -187,10 +182,8 @@ class SplineProgram:
     def _effort_rows(self, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Efforts and their derivatives, shape (n_phases, n_joints, n_weights)."""
         tau, dtau = self._robot.inverse_dynamics_derivatives(*self._states(weights))
-        n = self._robot.n_joints
-        parts = dtau.reshape(len(tau), n, 3, n)
-        rows = np.einsum("kjdi,dkc->kjci", parts, self._functions)
-        return tau, rows.reshape(len(tau), n, self.n_weights)
+        states = self._functions.transpose(1, 0, 2, 3).reshape(len(tau), -1, self.n_weights)
+        return tau, dtau @ states
 
     def slack(self, weights: FloatArray) -> FloatArray:
         """Distances to the upper and the lower limits, shape (n_bounds,)."""
@@ -202,10 +195,8 @@ class SplineProgram:
 
     def slack_rows(self, weights: FloatArray) -> FloatArray:
         """Its derivatives by the weights, shape (n_bounds, n_weights)."""
-        n = self._robot.n_joints
-        linear = np.einsum("dkc,ji->dkjci", self._functions, np.eye(n))
         _, efforts = self._effort_rows(weights)
-        rows = np.array([*linear.reshape(3, _OPTIONS.n_phases, n, -1), efforts])[:, 1:-1]
+        rows = np.array([*self._functions, efforts])[:, 1:-1]
         limited = rows.transpose(0, 2, 1, 3)[self._is_limited] / self._half_widths[:, None, None]
         shares = limited.reshape(-1, self.n_weights)
         return np.concatenate([-shares, shares])
@@ -215,5 +206,6 @@ class SplineProgram:
         times = sample_times(self._problem.duration)
         phases = times / self._problem.duration
         states = np.array(minimum_jerk(self._problem, phases))
-        states = states + self._values(phases) @ weights.reshape(_OPTIONS.n_control_points, -1)
-        return Trajectory(self._robot.joint_names, times, *states)
+        return Trajectory(
+            self._robot.joint_names, times, *(states + self._values(phases) @ weights)
+        )

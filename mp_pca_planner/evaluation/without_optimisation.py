@@ -17,6 +17,7 @@ from ..arrays import FloatArray
 from ..motion.collision import CollisionModel
 from ..motion.trajectory import Trajectory
 from ..planning.sampling import SamplingOptions, sampled_path
+from ..primitives.boundary import hermite_functions
 from ..primitives.differences import FINE_PHASES
 from ..recordings.demonstration import Demonstration
 from .method import Method, PeerResult
@@ -181,13 +182,11 @@ def sampling_method(scene: Scene, max_time: float, collision: CollisionModel) ->
 
 def minimum_jerk(problem: Problem, phases: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Positions, velocities and accelerations of the minimum-jerk motion."""
-    s = phases[:, None]
-    displacement = problem.goal - problem.start
-    return (
-        problem.start + (10.0 * s**3 - 15.0 * s**4 + 6.0 * s**5) * displacement,
-        (30.0 * s**2 - 60.0 * s**3 + 30.0 * s**4) * displacement / problem.duration,
-        (60.0 * s - 180.0 * s**2 + 120.0 * s**3) * displacement / problem.duration**2,
+    ends = np.array([problem.start, problem.goal])
+    q, v, a = (
+        hermite_functions(phases, d)[:, [0, 3]] @ ends / problem.duration**d for d in range(3)
     )
+    return q, v, a
 
 
 def sample_times(duration: float) -> FloatArray:

@@ -33,7 +33,7 @@ from ..exceptions import LearningError, PlannerError
 from ..motion.trajectory import Trajectory
 from ..planning.motion import Motion
 from ..primitives.basis import end_vanishing_coefficients, legendre_values
-from ..primitives.boundary import boundary_values, hermite_functions
+from ..primitives.boundary import hermite_functions
 from ..primitives.pace import PacedBasis
 from ..primitives.primitive import MovementPrimitive
 from ..robot.model import Robot
@@ -236,7 +236,7 @@ def segment_states(segment: Motion, parameters: FloatArray, phases: FloatArray) 
     s, rate, bend = warp.values
     by_s, by_rate, by_bend = (x[:, None, :] for x in warp.by_parameter)
     s = np.clip(s, 0.0, 1.0)
-    boundary = _boundary(segment, duration)
+    boundary = replace(segment, duration=duration).boundary
     # A boundary value of order d is proportional to Tᵈ.
     growth = np.array([0.0, 1.0, 2.0, 0.0, 1.0, 2.0])[:, None] * boundary
     hermite = [hermite_functions(s, d) for d in range(4)]
@@ -264,11 +264,6 @@ def segment_states(segment: Motion, parameters: FloatArray, phases: FloatArray) 
         (x3 * rate**2 + x2 * bend) * by_s + 2.0 * x2 * rate * by_rate + x1 * by_bend
     ) / duration**2
     return SegmentStates(duration, values, derivatives)
-
-
-def _boundary(segment: Motion, duration: float) -> FloatArray:
-    ends = [(x.positions, x.velocities, x.accelerations) for x in (segment.start, segment.goal)]
-    return boundary_values(ends[0], ends[1], duration)
 
 
 def primitive_around(
@@ -343,7 +338,7 @@ def _shape_coefficients(
             phases
         )
     q, _, _ = motion.evaluate(phases * motion.duration)
-    shape = q - hermite_functions(aligned) @ _boundary(segment, motion.duration)
+    shape = q - hermite_functions(aligned) @ replace(segment, duration=motion.duration).boundary
     admissible = end_vanishing_coefficients(primitive.degree)
     weights, *_ = np.linalg.lstsq(legendre_values(admissible, aligned), shape, rcond=None)
     return np.asarray(weights.T @ admissible)

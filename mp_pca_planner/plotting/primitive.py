@@ -103,7 +103,9 @@ def primitive_figure(
     panels : list of list of Axes
         By joint, the Axes of the demonstrations and of the components.
     """
-    shown = _reproductions(primitive) if demonstrations is None else demonstrations
+    shown = demonstrations
+    if shown is None:
+        shown = reproductions(primitive, range(len(primitive.durations)))
     lines = [LINES["demonstration"], LINES["mean"], *_component_lines(primitive)]
     panels = joint_panels(figure, primitive.joint_names, 2, title, lines)
     for joint, (above, below) in enumerate(panels):
@@ -157,13 +159,7 @@ def _component_lines(primitive: MovementPrimitive) -> list[Line]:
     ]
 
 
-def _reproductions(primitive: MovementPrimitive) -> FloatArray:
-    """The demonstrations as the components reproduce them, shape (n, 101, n_joints)."""
-    return np.array(
-        [
-            primitive.reproduction(i, duration * own_phases(warp, PHASES))
-            for i, (duration, warp) in enumerate(
-                zip(primitive.durations, primitive.warps, strict=True)
-            )
-        ]
-    )
+def reproductions(primitive: MovementPrimitive, chosen: Sequence[int]) -> FloatArray:
+    """Some demonstrations as the components reproduce them, shape (n_chosen, 101, n_joints)."""
+    times = [primitive.durations[i] * own_phases(primitive.warps[i], PHASES) for i in chosen]
+    return np.array(list(map(primitive.reproduction, chosen, times)))

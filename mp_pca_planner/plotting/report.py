@@ -18,7 +18,6 @@ from ..control.law import control_statement
 from ..evaluation.paper import TABLE_2
 from ..exceptions import PrimitiveError
 from ..primitives.alignment import aligned_positions
-from ..primitives.boundary import boundary_values, hermite_functions
 from ..primitives.cross_validation import HeldOutErrors, leave_one_out
 from ..primitives.kinds import OUTLIER
 from ..primitives.library_building import LibraryContent
@@ -31,7 +30,7 @@ from ..recordings.repair import REPAIRS
 from ..robot.model import Robot
 from .arm import goals_figure
 from .page import figure_address, render
-from .primitive import PHASES, primitive_figure
+from .primitive import PHASES, primitive_figure, reproductions
 from .recording import recording_figure
 from .style import GREY, LINES, Line, add_header, joint_panels, palette_line
 from .text import is_arm_of_paper, variance_table
@@ -41,9 +40,7 @@ from .verdict import PrimitiveVerdict, goals_in_span, verdict_on
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-
-REPORT_SAMPLES = 301
-"""Number of samples of a motion for curves and leave-one-out predictions."""
+_MARKERS = "osD^v<>P*X"
 
 
 @dataclass(frozen=True)
@@ -52,6 +49,8 @@ class ReportOptions:
 
     Attributes
     ----------
+    n_samples : int
+        Samples of a motion for curves and leave-one-out predictions.
     max_recordings_drawn : int
         Recordings with a figure.
     max_demonstrations_drawn : int
@@ -67,6 +66,7 @@ class ReportOptions:
         Kinds of motions with a figure, and motions and joints in it.
     """
 
+    n_samples: int = 301
     max_recordings_drawn: int = 100
     max_demonstrations_drawn: int = 200
     max_left_out: int = 60
@@ -202,9 +202,6 @@ def _evenly(n: int, most: int) -> list[int]:
     return [int(i) for i in np.unique(np.linspace(0, n - 1, min(n, most)).round())]
 
 
-_MARKERS = "osD^v<>P*X"
-
-
 def library_page(places: Mapping[Path, LibraryContent], refused: Sequence[Refusal]) -> str:
     """Make the page.
 
@@ -282,9 +279,7 @@ def _kind_figure(primitive: MovementPrimitive) -> str:
 
 def paths_figure(figure: Figure, primitive: MovementPrimitive) -> None:
     """Draw the motions of a kind over the aligned phase, in the joints that move most."""
-    n = len(primitive.durations)
-    shown = np.unique(np.linspace(0, n - 1, min(n, REPORT.max_paths)).round().astype(int))
-    paths = np.array([_aligned(primitive, i) for i in shown])
+    paths = reproductions(primitive, _evenly(len(primitive.durations), REPORT.max_paths))
     moved = np.argsort(-np.ptp(paths, axis=1).mean(axis=0), kind="stable")
     joints = np.sort(moved[: REPORT.max_joints])
     names = [primitive.joint_names[j] for j in joints]
@@ -293,12 +288,3 @@ def paths_figure(figure: Figure, primitive: MovementPrimitive) -> None:
         unit = unit_of([primitive.joint_names[joint]], prismatic_joints(primitive))
         axes.plot(PHASES, unit.factor * paths[:, :, joint].T, **LINES["demonstration"])
         axes.set(xlabel="phase", ylabel=f"position [{unit.name}]", xlim=(0.0, 1.0))
-
-
-def _aligned(primitive: MovementPrimitive, i: int) -> FloatArray:
-    """A motion as its weights reproduce it, by aligned phase."""
-    state, duration = primitive.boundary_states[i], primitive.durations[i]
-    straight = boundary_values(tuple(state[:3]), tuple(state[3:]), duration)
-    return np.asarray(
-        hermite_functions(PHASES) @ straight + primitive.basis.shape(primitive.weights[i], PHASES)
-    )

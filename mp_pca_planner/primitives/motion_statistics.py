@@ -19,7 +19,7 @@ from numpy.polynomial import legendre
 from numpy.typing import NDArray
 
 from ..arrays import FloatArray
-from ..exceptions import PrimitiveError, unknown_name
+from ..exceptions import PrimitiveError, quote_names, unknown_name
 from ..rows import empty_rows, release, row_blocks
 from .alignment import align, aligned_positions
 from .basis import end_vanishing_coefficients, legendre_values
@@ -196,15 +196,10 @@ class MotionStatistics:
     def ordered(self, joint_names: tuple[str, ...]) -> MotionStatistics:
         """The same motions with the same joints in another order."""
         order = [self.joint_names.index(name) for name in joint_names]
-        return replace(
-            self,
-            joint_names=joint_names,
-            boundary_states=self.boundary_states[:, :, order],
-            shapes=self.shapes[:, order],
-            shape_remainders=self.shape_remainders[:, order],
-            angles=self.angles[:, order],
-            angle_remainders=self.angle_remainders[:, order],
-        )
+        of_joints = ("shapes", "shape_remainders", "angles", "angle_remainders")
+        arrays = {name: getattr(self, name)[:, order] for name in of_joints}
+        states = self.boundary_states[:, :, order]
+        return replace(self, joint_names=joint_names, boundary_states=states, **arrays)
 
     def added(self, new: MotionStatistics) -> MotionStatistics:
         """These and the new ones; a motion that is in already is counted once.
@@ -349,6 +344,6 @@ def _check_joints(found: Sequence[tuple[tuple[str, ...], str]]) -> None:
     for joint_names, recording in found:
         if joint_names != first:
             raise PrimitiveError(
-                f"the joints of '{recording}', {joint_names}, "
-                f"are not those of '{first_recording}', {first}"
+                f"the joints of '{recording}', {quote_names(joint_names)}, "
+                f"are not those of '{first_recording}', {quote_names(first)}"
             )

@@ -19,7 +19,7 @@ from functools import partial
 from itertools import count
 from pathlib import Path
 
-from ..exceptions import PrimitiveError, unknown_name
+from ..exceptions import PrimitiveError, quote_names, unknown_name
 from ..files import Content
 from .file import load_primitive, primitive_bytes, write_primitive
 from .library_folder import LibraryFolder
@@ -167,8 +167,9 @@ class VersionedLibrary(LibraryFolder):
             for primitive in primitives:
                 if other.joint_names != primitive.joint_names:
                     raise PrimitiveError(
-                        f"'{primitive.name}' moves {primitive.joint_names}, but '{name}' of the "
-                        f"library moves {other.joint_names}: use another library"
+                        f"'{primitive.name}' moves {quote_names(primitive.joint_names)}, but "
+                        f"'{name}' of the library moves {quote_names(other.joint_names)}: use "
+                        "another library"
                     )
 
     def _adopt(self, name: str) -> None:

@@ -85,14 +85,15 @@ def map_on_cluster(
             work = pickle.dumps((function, items[index]))
             return client.submit(run, work, path_of(items[index]), __version__, pure=False)
 
-        def check() -> None:
+        def has_workers() -> bool:
             if not client.nthreads():
                 raise RecordingError(f"{name} has no workers, also after {PATIENCE:g} s")
+            return True
 
         try:
             with _quiet(), client:
                 threads = sum(client.nthreads().values())
-                yield submit, check, IN_FLIGHT * max(threads, MIN_THREADS)
+                yield submit, has_workers, IN_FLIGHT * max(threads, MIN_THREADS)
         except CancelledError:
             raise RecordingError(f"{name} was lost") from None
         except (ImportError, FileNotFoundError) as error:

@@ -10,7 +10,7 @@ import signal
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
@@ -54,9 +54,9 @@ class Outcome(Generic[Result]):
     repeated: bool = False
 
 
-Hired = tuple[Callable[[list[int]], Any], Callable[[], object], int]
-"""A function from a bundle of indices to its future, one that raises an error if there are no
-workers left, and the number of bundles to be submitted at a time."""
+Hired = tuple[Callable[[list[int]], Any], Callable[[], bool], int]
+"""A function from a bundle of indices to its future, one that returns whether there are workers
+left, and the number of bundles to be submitted at a time."""
 
 Hire = Callable[[int], AbstractContextManager[Hired]]
 """Makes workers for a number of bundles."""
@@ -104,28 +104,31 @@ def _round(hire: Hire, left: list[list[int]], died: type[Exception]) -> Iterator
     done: Queue[Any] = Queue()
     running: dict[Any, list[int]] = {}
     is_whole = True
-    with hire(len(left)) as (submit, check, max_running):
+    with hire(len(left)) as (submit, has_workers, max_running):
         while running or (left and is_whole):
+            while left and is_whole and len(running) < max_running:
+                future = submit(left[-1])
+                running[future] = left.pop()
+                future.add_done_callback(done.put)
             try:
-                while left and is_whole and len(running) < max_running:
-                    bundle = left.pop()
-                    future = submit(bundle)
-                    running[future] = bundle
-                    future.add_done_callback(done.put)
-                future = done.get(timeout=PATIENCE)
-                bundle = running.pop(future)
-                yield from zip(bundle, future.result(), strict=True)
+                ended = [done.get(timeout=PATIENCE)]
             except Empty:
-                try:
-                    check()
-                except died:  # without a word on what it had begun
-                    is_whole = False
-                    for bundle in running.values():
-                        yield from zip_longest(bundle, ())
-                    running.clear()
-            except died:
-                is_whole = False
-                yield from zip_longest(bundle, ())
+                ended = [] if has_workers() else list(running)
+            for future in ended:
+                bundle, results = running.pop(future), _results(future, died)
+                is_whole = is_whole and results is not None
+                yield from zip_longest(bundle, results or ())
+
+
+def _results(future: Any, died: type[Exception]) -> list[Any] | None:
+    """Results of a bundle; None if its worker died."""
+    if not future.done():
+        return None  # its worker is gone without a word
+    try:
+        found: list[Any] = future.result()
+    except died:
+        return None
+    return found
 
 
 def map_in_processes(
@@ -152,14 +155,19 @@ def map_in_processes(
         others = set(multiprocessing.active_children())
         with _pool(min(n_processes, n_bundles)) as pool:
 
-            def check() -> None:
-                if not set(multiprocessing.active_children()) - others:
-                    raise BrokenProcessPool("no process is left")
+            def has_workers() -> bool:
+                return bool(set(multiprocessing.active_children()) - others)
 
-            def submit(bundle: list[int]) -> Any:
-                return pool.submit(_map, function, [items[i] for i in bundle])
+            def submit(bundle: list[int]) -> Future[list[Result]]:
+                try:
+                    return pool.submit(_map, function, [items[i] for i in bundle])
+                except BrokenProcessPool as error:
+                    # As if a process had died with it.
+                    lost: Future[list[Result]] = Future()
+                    lost.set_exception(error)
+                    return lost
 
-            yield submit, check, IN_FLIGHT * n_processes
+            yield submit, has_workers, IN_FLIGHT * n_processes
 
     return map_by(hire, bundles, BrokenProcessPool)
 

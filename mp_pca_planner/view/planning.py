@@ -7,6 +7,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -128,8 +129,6 @@ class InteractivePlanner:
         Longest time for a plan [s].
     """
 
-    _MAX_PLANNERS = 20
-
     def __init__(
         self,
         robot: Robot,
@@ -140,7 +139,7 @@ class InteractivePlanner:
     ) -> None:
         self.robot, self.primitives, self.limits = robot, primitives, limits
         self.collision, self._max_solve_time = collision, max_solve_time
-        self._planners: dict[PlannerOptions, Planner] = {}
+        self._planner = lru_cache(maxsize=20)(self._new_planner)
 
     def answer(self, request: ViewRequest) -> PlanAnswer:
         """Plan the motion of a request; a goal that can't be served is an answer, too."""
@@ -185,7 +184,7 @@ class InteractivePlanner:
             return JointGoal(state, duration, vias=vias)
         return PoseGoal(request.pose, duration, vias=vias)
 
-    def _planner(self, basis: str, settings: PlanSettings) -> Planner:
+    def _new_planner(self, basis: str, settings: PlanSettings) -> Planner:
         timing = settings.timing if settings.timing in TIMINGS else DEMONSTRATED
         options = PlannerOptions(
             basis=basis,
@@ -194,10 +193,4 @@ class InteractivePlanner:
             naturalness=settings.naturalness,
             max_solve_time=self._max_solve_time,
         )
-        if options not in self._planners:
-            if len(self._planners) >= self._MAX_PLANNERS:
-                self._planners.clear()
-            self._planners[options] = Planner(
-                self.robot, self.primitives, self.limits, options, self.collision
-            )
-        return self._planners[options]
+        return Planner(self.robot, self.primitives, self.limits, options, self.collision)

@@ -23,11 +23,11 @@ from mp_pca_planner.cli.main import COMMANDS, main
 
 ROOT = Path(__file__).parents[2]
 PACKAGE = "mp_pca_planner"
-ROS_COMMANDS = ["cli.call_service", "cli.demo", "cli.send_goal", "cli.simulate"]
+ROS_COMMANDS = ["cli.demo", "cli.send_goal", "cli.simulate"]
 SOURCES = sorted((ROOT / PACKAGE).rglob("*.py"))
 
 LAYERS = [
-    {"exceptions", "arrays", "files", "input_limits", "json_content", "resources"},
+    {"exceptions", "arrays", "files", "input_limits", "json_content", "resources", "rows"},
     {"robot"},
     {"motion"},
     {"recordings", "mocap", "primitives"},

@@ -208,7 +208,7 @@ def test_pickled_content_is_not_executed(tmp_path):
 def test_what_is_no_npz_is_refused(tmp_path, content):
     path = tmp_path / "file.npz"
     path.write_bytes(content)
-    with pytest.raises(PrimitiveFileError, match="can't be read"):
+    with pytest.raises(PrimitiveFileError, match=r"no \.npz file.*that build_primitives made"):
         load_primitive(path)
 
 

@@ -2,17 +2,22 @@
 # SPDX-License-Identifier: Apache-2.0
 """Work in several processes: nothing is lost, whoever dies."""
 
+import multiprocessing
 import os
 import signal
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
+from concurrent.futures import Future
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
 from patience import HANG
 
-from mp_pca_planner.recordings.processes import Outcome, map_in_processes
+from mp_pca_planner.recordings import processes
+from mp_pca_planner.recordings.processes import Outcome, map_by, map_in_processes
 
 
 def square(number: int) -> int:
@@ -62,6 +67,39 @@ def test_item_of_a_process_that_was_killed_is_done_again(tmp_path: Path) -> None
     (outcome,) = map_in_processes(die_once, [tmp_path / "marker"], 2)
     assert outcome.repeated
     assert outcome.result not in (None, os.getpid())
+
+
+def test_a_pool_that_lost_all_processes_between_submissions_is_replaced() -> None:
+    results = {}
+    for outcome in map_in_processes(square, range(100), 2):
+        if not results:
+            for process in multiprocessing.active_children():
+                process.kill()
+                process.join()
+        results[outcome.index] = outcome.result
+    assert results == {i: i * i for i in range(100)}
+
+
+def test_bundles_of_workers_that_are_gone_without_a_word_are_done_again(monkeypatch) -> None:
+    monkeypatch.setattr(processes, "PATIENCE", 0.01)
+    n_hired = 0
+
+    @contextmanager
+    def hire(n_bundles: int) -> Iterator[processes.Hired]:
+        nonlocal n_hired
+        n_hired += 1
+
+        def submit(bundle: list[int]) -> Future:
+            future = Future()
+            if n_hired > 1:
+                future.set_result([square(i) for i in bundle])
+            return future
+
+        yield submit, lambda: n_hired > 1, 2
+
+    outcomes = sorted(map_by(hire, [[0, 1], [2], [3]], OSError), key=lambda o: o.index)
+    # Two bundles were submitted, and lost.
+    assert outcomes == [Outcome(i, i * i, repeated=i <= 2) for i in range(4)]
 
 
 def test_error_of_the_function_comes_through() -> None:
