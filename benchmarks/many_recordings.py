@@ -5,17 +5,18 @@
 Writes short recordings of a synthetic arm into a temporary folder. A primitive is learned from 100,
 500 and 2000 of them, with one process and with several; both must give the same primitive. Prints
 the time until all statistics are merged [s], the time per recording, and the ratio of the times.
-Prints also the growth of the memory of the process, and that of a process that keeps all samples.
 The best of several alternating repetitions counts, because other load disturbs the times. The CPU
-time of one process depends less on such load.
+time of one process depends less on such load. Prints also the largest memory of the process of
+`build_primitives`, and with --kinds of `build_library`, without those that read recordings.
 
 With --kinds, the recordings are of that many kinds, in turn. Prints the kinds found, the adjusted
 Rand index with the true ones, and CPU times: to read each recording, and to find the kinds and
-learn their primitives. Prints also the size of a primitive of all of them, and the time (wall and
-CPU) of `build_primitives --update` with one more recording.
+learn their primitives. Prints also the size of a primitive of all of them, the time (wall and CPU)
+of `build_primitives --update` with one more recording, and the memory as above. With --folder, the
+recordings are written there, unless they are there already, and kept.
 
     python benchmarks/many_recordings.py [--counts 100,500,2000] [--jobs 2] [--repeat 2]
-    python benchmarks/many_recordings.py --kinds 20 --counts 2000,20000
+    python benchmarks/many_recordings.py --kinds 20 --counts 2000,20000 [--folder FOLDER]
 """
 
 from __future__ import annotations
@@ -70,11 +71,12 @@ def main() -> None:
     parser.add_argument("--repeat", type=int, default=2)
     parser.add_argument("--format", choices=("rosbag1", "sqlite3", "mcap"), default="mcap")
     parser.add_argument("--kinds", type=int)
+    parser.add_argument("--folder", type=Path, help="where recordings of kinds are kept")
     arguments = parser.parse_args()
     counts = sorted(int(count) for count in arguments.counts.split(","))
     if arguments.kinds:
         with tempfile.TemporaryDirectory() as folder:
-            content = _kinds_table(Path(folder), counts, arguments)
+            content = _kinds_table(arguments.folder or Path(folder), counts, arguments)
         show({"Kinds of many recordings": content}, as_json=arguments.json)
         return
     rows = []
@@ -105,17 +107,18 @@ def main() -> None:
                     f"{several:.2f}",
                     f"{1e3 * several / count:.2f}",
                     f"{one / several:.2f}",
-                    *(f"{_peak(paths[:count], x, arguments.jobs):.0f}" for x in COMMANDS),
+                    f"{_peak(paths[:count], COMMANDS[0], arguments.jobs):.0f}",
                 ]
             )
     one_job = ["1 job [s]", "each [ms]", "processor [ms]"]
     jobs_columns = [f"{arguments.jobs} jobs [s]", "each [ms]", "ratio"]
-    header = ["recordings", *one_job, *jobs_columns, *(f"{x} [MB]" for x in COMMANDS)]
+    header = ["recordings", *one_job, *jobs_columns, f"{COMMANDS[0]} [MB]"]
     show({"Many recordings": (header, rows)}, as_json=arguments.json)
 
 
 def _kinds_table(folder: Path, counts: list[int], arguments: argparse.Namespace) -> Table:
     n_kinds = arguments.kinds
+    folder.mkdir(exist_ok=True)
     paths = [_write(folder, i, arguments.format, n_kinds) for i in range(counts[-1] + 1)]
     learn(paths[:2], 1, "none")
     rows = []
@@ -130,14 +133,20 @@ def _kinds_table(folder: Path, counts: list[int], arguments: argparse.Namespace)
         cells = [f"{1e3 * (read - start) / count:.2f}", f"{1e3 * (learned - read) / count:.2f}"]
         cells += [f"{1e3 * (learned - start) / count:.2f}"]
         found = [str(count), str(len(content.primitives)), f"{index:.3f}"]
-        rows.append([*found, *cells, *_update(folder, statistics, paths[-1])])
+        found += [*cells, *_update(statistics, paths[-1])]
+        rows.append([*found, *(f"{_peak(paths[:count], x, arguments.jobs):.0f}" for x in COMMANDS)])
     header = ["recordings", "kinds", "adjusted Rand index", "read, each [ms]", "kinds, each [ms]"]
-    return [*header, "both [ms]", "one pot [MB]", "update [s]", "processor [s]"], rows
+    header += ["both [ms]", "one pot [MB]", "update [s]", "processor [s]"]
+    return [*header, *(f"{x} [MB]" for x in COMMANDS)], rows
 
 
-def _update(folder: Path, statistics: MotionStatistics, path: Path) -> list[str]:
+def _update(statistics: MotionStatistics, path: Path) -> list[str]:
     """Size of a primitive of all, and times of an update by one recording."""
-    file = folder / "all.npz"
+    with tempfile.TemporaryDirectory() as folder:
+        return _updated(Path(folder, "all.npz"), statistics, path)
+
+
+def _updated(file: Path, statistics: MotionStatistics, path: Path) -> list[str]:
     origin = {"repairs": {}, "prismatic_joints": []}
     primitive = build_from_statistics(statistics, "all", OPTIONS, origin)
     save_primitive(primitive, file, overwrite=True)
@@ -160,18 +169,21 @@ def learn(
         summarise=partial(MotionStatistics.of, options=OPTIONS),
         most_samples=0,
         jobs=jobs,
+        on_disk=True,
     )
     return MotionStatistics.merged(loaded.summaries)
 
 
 def _write(folder: Path, seed: int, bag_format: BagFormat, n_kinds: int | None = None) -> Path:
-    """A recording with one motion, about 3 s long."""
+    """A recording with one motion, about 3 s long, unless it is there already."""
+    path = folder / f"{seed:05d}{'.bag' if bag_format == 'rosbag1' else ''}"
+    if path.exists():
+        return path
     motions = generate_motions(1, seed)
     if n_kinds is not None:
         motions = generate_kinds(1, n_kinds, seed=0, first=seed)
     made = continuous_recording(motions, RATE, (0.8, 1.2), seed=seed)
     stamps = EPOCH_NS + np.round(made.times * 1e9).astype(np.int64)
-    path = folder / f"{seed:05d}{'.bag' if bag_format == 'rosbag1' else ''}"
     write_joint_states(path, bag_format, made.joint_names, stamps, made.positions)
     return path
 

@@ -40,7 +40,7 @@ from tables import Table, benchmark_parser, show
 from mp_pca_planner.motion.goal import JointGoal, JointState
 from mp_pca_planner.planning.plan import Plan
 from mp_pca_planner.planning.planner import Planner
-from mp_pca_planner.planning.selection import Selector, is_near
+from mp_pca_planner.planning.selection import SelectionOptions, Selector, is_near
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
 from mp_pca_planner.primitives.file import primitive_bytes
 from mp_pca_planner.primitives.primitive import MovementPrimitive
@@ -122,7 +122,7 @@ def choose_and_plan(robot: Robot, counts: Sequence[int], n_goals: int) -> dict[s
 def chosen_of_all(robot: Robot, library: PrimitiveLibrary, selector: Selector, ends: Ends) -> str:
     """Name of the primitive that is chosen after the scores of all."""
     scores = selector.scores(*ends)
-    nearest = np.argsort(scores, kind="stable")[:32]
+    nearest = np.argsort(scores, kind="stable")[: SelectionOptions.max_considered]
     near = [library[i] for i in nearest[is_near(scores[nearest])]]
     return Selector(robot, near).choose(*ends).first.name
 

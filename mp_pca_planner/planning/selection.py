@@ -43,7 +43,8 @@ class SelectionOptions:
     near_score : float
         All primitives below this score are considered: the request is like their demonstrations.
     max_considered : int
-        Largest number of primitives that are considered.
+        Largest number of primitives that are considered. Among many alike, the least expected
+        cost of the 12 nearest is 0.6 % above that of the 32 nearest, in the mean.
     usual_error : float
         Usual relative error of expected costs: three standard deviations of optimised to expected
         costs among the primitives of a request (1.6 % for the human-like arm).
@@ -57,7 +58,7 @@ class SelectionOptions:
 
     relative_score: float = 1.25
     near_score: float = 1.0
-    max_considered: int = 32
+    max_considered: int = 12
     usual_error: float = 0.05
     max_contenders: int = 5
     max_named: int = 8

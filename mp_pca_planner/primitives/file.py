@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import IO, Any, BinaryIO
 
 import numpy as np
+from numpy.lib.npyio import NpzFile
 
 from .. import __version__
 from ..arrays import FloatArray, frozen_array
@@ -211,16 +212,11 @@ def _read(path: str | Path) -> tuple[dict[str, FloatArray], str]:
     """Arrays and metadata of a file."""
     with open_regular(path) as file:
         file.read(1)  # a file that can't be read is not damaged
-        if not zipfile.is_zipfile(file):
-            raise PrimitiveFileError(
-                "it is no .npz file, or not all of it: expected a file that build_primitives made"
-            )
         file.seek(0)
-        with zipfile.ZipFile(file) as archive:
-            if sum(entry.file_size for entry in archive.infolist()) > MAX_BYTES:
+        with _archive(file) as content:
+            entries = content.zip.infolist() if content.zip else []
+            if sum(int(entry.file_size) for entry in entries) > MAX_BYTES:
                 raise PrimitiveFileError(f"it claims to hold over {MAX_BYTES >> 20} MiB")
-        file.seek(0)
-        with np.load(file, allow_pickle=False) as content:
             raw = {name: content[name] for name in content.files}
     text = raw.pop("metadata", None)
     if text is None or text.dtype.kind != "U" or text.ndim != 0:
@@ -229,6 +225,18 @@ def _read(path: str | Path) -> tuple[dict[str, FloatArray], str]:
     if wrong:
         raise PrimitiveFileError(f"array '{wrong[0]}' holds {raw[wrong[0]].dtype}, not float64")
     return raw, str(text)
+
+
+def _archive(file: BinaryIO) -> NpzFile:
+    try:
+        content = np.load(file, allow_pickle=False)
+    except (zipfile.BadZipFile, EOFError, ValueError):
+        content = None
+    if not isinstance(content, NpzFile):
+        raise PrimitiveFileError(
+            "it is no .npz file, or not all of it: expected a file that build_primitives made"
+        )
+    return content
 
 
 def checksum(arrays: Mapping[str, FloatArray], metadata: Mapping[str, Any]) -> str:

@@ -196,15 +196,10 @@ class MotionStatistics:
     def ordered(self, joint_names: tuple[str, ...]) -> MotionStatistics:
         """The same motions with the same joints in another order."""
         order = [self.joint_names.index(name) for name in joint_names]
-        return replace(
-            self,
-            joint_names=joint_names,
-            boundary_states=self.boundary_states[:, :, order],
-            shapes=self.shapes[:, order],
-            shape_remainders=self.shape_remainders[:, order],
-            angles=self.angles[:, order],
-            angle_remainders=self.angle_remainders[:, order],
-        )
+        of_joints = ("shapes", "shape_remainders", "angles", "angle_remainders")
+        arrays = {name: getattr(self, name)[:, order] for name in of_joints}
+        states = self.boundary_states[:, :, order]
+        return replace(self, joint_names=joint_names, boundary_states=states, **arrays)
 
     def added(self, new: MotionStatistics) -> MotionStatistics:
         """These and the new ones; a motion that is in already is counted once.

@@ -169,7 +169,7 @@ def load_primitives(paths: Sequence[str | Path]) -> PrimitiveLibrary:
     """
     files: list[Path] = []
     for path in map(Path, paths):
-        found = sorted(path.glob("*.npz")) if path.is_dir() else [path]
+        found = sorted(path.glob("*.npz"), key=str) if path.is_dir() else [path]
         if not found:
             raise PrimitiveError(f"the folder '{path}' holds no primitive file (.npz)")
         files += found
@@ -184,11 +184,12 @@ def load_primitives(paths: Sequence[str | Path]) -> PrimitiveLibrary:
 
 def _library_in_files(files: Sequence[Path]) -> PrimitiveLibrary:
     """A library that reads each file when its primitive is used."""
-    names_in: dict[Path, list[str]] = {}
+    files_in: dict[Path, list[Path]] = {}
     for file in files:
-        names_in.setdefault(file.parent, []).append(file.name)
-    indices = [index_files(folder, names) for folder, names in names_in.items()]
-    indexed = [x for folder, i in zip(names_in, indices, strict=True) for x in i.in_folder(folder)]
+        files_in.setdefault(file.parent, []).append(file)
+    indices = [index_files(folder, [x.name for x in own]) for folder, own in files_in.items()]
+    pairs = zip(indices, files_in.values(), strict=True)
+    indexed = [one for index, own in pairs for one in index.at(own)]
     _check_together([x.path for x in indexed], [(x.name, x.joint_names) for x in indexed])
     return PrimitiveLibrary(
         [x.name for x in indexed],
