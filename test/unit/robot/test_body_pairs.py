@@ -55,14 +55,20 @@ def test_distance_of_a_sphere_from_a_box_is_that_of_its_centre_from_the_box():
     assert found["turner", "box"] == pytest.approx(np.hypot(0.4, 0.3) - RADIUS, abs=1e-6)
 
 
+@pytest.mark.parametrize("n_others", [0, 60])
+def test_configurations_are_checked_with_the_margin_among_few_and_many_bodies(n_others):
+    ball = mp.Obstacle("ball", mp.Sphere(0.2, (0.0, 0.8, 1.0)))
+    others = [mp.Obstacle(f"o{k}", mp.Sphere(0.1, (3.0 + k, 0.0, 1.0))) for k in range(n_others)]
+    # The slider is 0.5 m away from the ball.
+    assert not model(ball, *others, margin=0.49).collides(np.zeros(2))
+    assert model(ball, *others, margin=0.51).collides(np.zeros(2))
+
+
 def test_margin_is_subtracted_from_distances_of_obstacles_alone():
     ball = mp.Obstacle("ball", mp.Sphere(0.2, (0.0, 0.8, 1.0)))
     near, far = distances(model(ball), [0, 0]), distances(model(ball, margin=0.3), [0, 0])
     assert far["slider", "ball"] == pytest.approx(near["slider", "ball"] - 0.3, abs=1e-9)
     assert far["base", "turner"] == near["base", "turner"]
-    # The slider is 0.5 m away from the ball.
-    assert not model(ball, margin=0.49).collides(np.zeros(2))
-    assert model(ball, margin=0.51).collides(np.zeros(2))
 
 
 def test_open_mesh_is_a_surface_and_a_closed_convex_one_is_solid():
