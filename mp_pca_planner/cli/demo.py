@@ -51,6 +51,16 @@ from .terminal import DONE, FAILED, say
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 _PATIENCE = 10.0  # time between the signal to end and SIGKILL [s]
+_ARM = ("upper_arm", "lower_arm", "wrist")
+_GOOD = "executable"
+_RECORD = "commands.npz"
+_COLUMNS = (
+    ("duration", 1.0, ".2f"),
+    ("effort_cost", 1.0, ".2f"),
+    ("solve_time_s", 1e3, ".2f"),
+    ("goal_error", 1.0, ".1g"),
+)
+"""Values of the node's report in the table: name, factor of the unit, and format."""
 
 
 class Children:
@@ -99,18 +109,6 @@ class Children:
         is_first, self._is_interrupted = not self._is_interrupted, True
         if is_first and not self._is_starting:
             raise KeyboardInterrupt
-
-
-_ARM = ("upper_arm", "lower_arm", "wrist")
-_GOOD = "executable"
-_RECORD = "commands.npz"
-_COLUMNS = (
-    ("duration", 1.0, ".2f"),
-    ("effort_cost", 1.0, ".2f"),
-    ("solve_time_s", 1e3, ".2f"),
-    ("goal_error", 1.0, ".1g"),
-)
-"""Values of the node's report in the table: name, factor of the unit, and format."""
 
 
 @dataclass(frozen=True)

@@ -49,6 +49,8 @@ EXAMPLE_ROBOTS = {
 HUMAN_ARM = "human_arm"
 DEMONSTRATIONS_SEED = 1
 """Seed of the demonstrations; problems need another one."""
+# Folders above the problems in which the robot's description is searched.
+_LEVELS = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -218,10 +220,6 @@ def _between(
         ends.append(np.clip(between, limits.lower, limits.upper))
     expected = primitive.model.predict(ends[0], ends[1])
     return Problem(ends[0], ends[1], expected.duration)
-
-
-# Folders above the problems in which the robot's description is searched.
-_LEVELS = 4
 
 
 @dataclass(frozen=True, eq=False)

@@ -303,10 +303,10 @@ class LimitedPoint:
         return np.asarray((from_nodes[:, None] @ by_joint)[:, 0])
 
     def inequalities_after(self, step: FloatArray) -> FloatArray:
-        """Their prediction, exact but for the efforts."""
+        """Their prediction, exact at a fixed duration but for the efforts."""
         values, n_states = self.inequalities.copy(), self._states.size
-        if self._owner._states is not None:
-            values[:n_states] = self._owner._states.values(self._x + step).ravel()
+        if self._slopes is not None:
+            values[:n_states] = self._slopes.after(values[:n_states], step)
         if n_states < values.size:
             by_unknown = self._at.effort_jacobian.reshape(-1, step.size)
             change = (by_unknown @ step).reshape(self._at.efforts.shape)

@@ -9,7 +9,7 @@ cost within limits and clearances, as for any other motion.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -169,17 +169,28 @@ class DetourPlanner:
             along = self._along(request, detour.basis, duration)
         if budget.is_over():
             return along
-        share = _OPTIONS.share_of_solving
-        if along.is_valid:
-            share = self._setup.options.search.share_of_descent
         naturalness = max(self._setup.options.naturalness, _OPTIONS.min_naturalness)
         setting = Setting(detour.basis, duration, naturalness, is_first=True)
-        found, _ = self._solve(request, setting, budget.share(share))
-        if found.check.violations and request.duration_is_free:
-            # A little slower, the same path keeps the limits.
-            slower = found.duration * slowdown(found.check)
-            found = self._along(request, detour.basis, slower, found.motions[0].weights)
+        shares = [_OPTIONS.share_of_solving]
+        if along.is_valid:
+            shares.insert(0, self._setup.options.search.share_of_descent)
+        for share in shares:
+            found = self._near(request, setting, budget.share(share))
+            if found.is_valid or found.solution.converged or budget.is_over():
+                break
+            start = StartPoint(found.motions[0].weights)
+            basis = replace(detour.basis, starts=(start,))
+            setting = replace(setting, basis=basis, duration=found.duration)
         return min(found, along, key=lambda one: one.violation)
+
+    def _near(self, request: Request, setting: Setting, budget: Budget) -> Attempt:
+        """The motion of least cost near a path, slower if it exceeds limits."""
+        found, setting = self._solve(request, setting, budget)
+        if not (found.check.violations and request.duration_is_free):
+            return found
+        # A little slower, the same path keeps the limits.
+        slower = found.duration * slowdown(found.check)
+        return self._along(request, setting.basis, slower, found.motions[0].weights)
 
     def _along(
         self,

@@ -102,8 +102,10 @@ class PathFinder:
         bounds = limits.lower, limits.upper
         if _is_free(collision.collides, *ends, _OPTIONS.step):
             yield np.array(ends)
-        collides = collision.check(least_distances(np.array(ends), collision))
-        if any(map(collides, ends)):  # OMPL would wait for other ends
+        least = least_distances(np.array(ends), collision)
+        checks = (collision.check(least, hulls=hulls) for hulls in (True, False))
+        collides = next((one for one in checks if not any(map(one, ends))), None)
+        if collides is None:  # OMPL would wait for other ends
             return
         longest = _OPTIONS.max_detour * _length(np.array(ends))
         found: list[FloatArray] = []

@@ -242,6 +242,15 @@ class Slopes(NamedTuple):
             changes += step[self.growth.size] * self.by_duration
         return np.asarray(changes)
 
+    def after(self, values: FloatArray, step: FloatArray) -> FloatArray:
+        """States after a step, by their values before: to first order but for powers of T."""
+        after = values + self.changes(step)
+        if self.decay is not None:
+            fallen = step[self.growth.size] * self.decay
+            after += fallen * values
+            after *= np.exp(-fallen)
+        return np.asarray(after)
+
     def rows(
         self, chosen: NDArray[np.intp] | slice = slice(None), room: FloatArray | float = 0.0
     ) -> FloatArray:

@@ -40,6 +40,8 @@ from .verdict import PrimitiveVerdict, goals_in_span, verdict_on
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+_MARKERS = "osD^v<>P*X"
+
 
 @dataclass(frozen=True)
 class ReportOptions:
@@ -198,9 +200,6 @@ def _repairs(reports: Sequence[RecordingReport]) -> list[tuple[str, int, int]]:
 def _evenly(n: int, most: int) -> list[int]:
     """At most the given number of n indices, evenly spread."""
     return [int(i) for i in np.unique(np.linspace(0, n - 1, min(n, most)).round())]
-
-
-_MARKERS = "osD^v<>P*X"
 
 
 def library_page(places: Mapping[Path, LibraryContent], refused: Sequence[Refusal]) -> str:

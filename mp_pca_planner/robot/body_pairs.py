@@ -28,6 +28,8 @@ CONTACT = 1e-6
 _PRECISION = 1e-8
 # Hulls nearer than this beside their margin [m] are replaced by the meshes themselves.
 _NEAR = 3e-3
+# Number of bodies up to which the boxes of each pair are compared.
+_FEW = 50
 
 Indices = NDArray[np.intp]
 
@@ -97,9 +99,15 @@ class BodyPairs:
         both = np.where(self._moved > 0.0, bodies.levers[second], bodies.levers[first])
         self.levers = both * np.abs(self._moved)
 
-    def check(self, distances: FloatArray) -> CollisionCheck:
-        """The check of configurations for pairs nearer than some distances, shape (n_pairs,)."""
-        return CollisionCheck(self._bodies, self._indices, distances)
+    def check(self, distances: FloatArray, *, hulls: bool = False) -> CollisionCheck:
+        """The check of configurations for pairs nearer than some distances, shape (n_pairs,).
+
+        With `hulls`, bodies that move are replaced by their convex hulls.
+        """
+        are_meshes = ~self._bodies.are_convex
+        if hulls:
+            are_meshes = are_meshes & (self._bodies.joints == 0)
+        return CollisionCheck(self._bodies, self._indices, distances, are_meshes)
 
     def bounds(self, q: FloatArray, enough: FloatArray | float) -> FloatArray:
         """Lower bounds of all distances in some configurations.
@@ -259,28 +267,37 @@ def _working_memory(geometry: Any, indices: Indices, margins: FloatArray) -> Any
 
 
 class CollisionCheck:
-    """Whether any pair is nearer than its margin in a configuration, exact also for meshes.
+    """Whether any pair is nearer than its margin in a configuration.
 
     Parameters
     ----------
     bodies, indices, margins
         See `BodyPairs`.
+    are_meshes : array of bool, shape (n_bodies,)
+        Bodies that are meshes; the others are convex hulls.
     """
 
-    def __init__(self, bodies: Bodies, indices: Indices, margins: FloatArray) -> None:
+    def __init__(
+        self,
+        bodies: Bodies,
+        indices: Indices,
+        margins: FloatArray,
+        are_meshes: NDArray[np.bool_],
+    ) -> None:
         geometry = bodies.hulls.copy()
-        for i in np.flatnonzero(~bodies.are_convex).tolist():
+        for i in np.flatnonzero(are_meshes).tolist():
             geometry.geometryObjects[i].geometry = bodies.shapes.geometryObjects[i].geometry
         data, geometry_data = bodies.model.createData(), _working_memory(geometry, indices, margins)
         # Pinocchio's broad phase keeps no references to these.
         self._kept = bodies.model, data, geometry, geometry_data
-        # Sweep and prune: the fastest broad phase of Coal from 10 to 400 bodies.
-        sweep = getattr(pin, "BroadPhaseManager_SSaPCollisionManager", None)
-        if sweep is None:  # before release 3
+        # The fastest broad phases of Coal: each pair of boxes, or sweep and prune of many.
+        kind = "Naive" if len(bodies.names) <= _FEW else "SSaP"
+        manager = getattr(pin, f"BroadPhaseManager_{kind}CollisionManager", None)
+        if manager is None:  # before release 3
             self._arguments: tuple[Any, ...] = self._kept
         else:
             # Its boxes are enlarged by the margins in their first update.
-            self._arguments = *self._kept[:2], sweep(bodies.model, geometry, geometry_data)
+            self._arguments = *self._kept[:2], manager(bodies.model, geometry, geometry_data)
 
     def __call__(self, q: FloatArray) -> bool:
         """The answer for a configuration, shape (n_joints,)."""

@@ -142,20 +142,22 @@ class CollisionGeometry:
         """
         return self._distances.collide(self._in_model_order(q))
 
-    def check(self, distances: FloatArray) -> Callable[[FloatArray], bool]:
+    def check(self, distances: FloatArray, *, hulls: bool = False) -> Callable[[FloatArray], bool]:
         """A check whether any pair is nearer than some distance beside its margin.
 
         Parameters
         ----------
         distances : array, shape (n_pairs,)
             The distances [m].
+        hulls : bool
+            Whether convex hulls take the place of meshes that move: faster, on the safe side.
 
         Returns
         -------
         is_near : callable
             A function like `collides`.
         """
-        is_near = self._distances.check(self.margins + distances)
+        is_near = self._distances.check(self.margins + distances, hulls=hulls)
         return lambda q: is_near(self._in_model_order(q))
 
     def bounds(self, q: FloatArray, enough: FloatArray | float) -> FloatArray:

@@ -19,6 +19,12 @@ from .player import Player, ShownMotion
 from .stage import DrawnPaths, Stage
 from .words import part
 
+NAME = "Components"
+_TEXT = (
+    "The **mean motion** of the demonstrations, and how they vary about it. Each slider bends the "
+    "motion along one principal component, in standard deviations. Plans are such bends, too."
+)
+
 
 def bent_motion(primitive: MovementPrimitive, deviations: ArrayLike) -> ShownMotion:
     """The mean motion between the mean ends of the demonstrations, bent by components.
@@ -56,14 +62,6 @@ def component_names(primitive: MovementPrimitive) -> list[str]:
 def variance_shares(primitive: MovementPrimitive) -> FloatArray:
     """Share of the whole variance that each component explains, shape (n_components,)."""
     return np.asarray(primitive.explained_variance / primitive.total_variance.sum())
-
-
-NAME = "Components"
-
-_TEXT = (
-    "The **mean motion** of the demonstrations, and how they vary about it. Each slider bends the "
-    "motion along one principal component, in standard deviations. Plans are such bends, too."
-)
 
 
 class ComponentsPanel:

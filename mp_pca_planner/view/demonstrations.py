@@ -19,6 +19,8 @@ from .stage import DrawnPaths, Stage, from_hex
 from .words import part
 
 _UNLABELLED = "without a label"
+NAME = "Demonstrations"
+_ALL, _NONE = "All", "None"
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,11 +76,6 @@ def _name(index: int, recording: str, start: Any) -> str:
     is_known = recording and isinstance(start, int | float)
     where = f" {recording} at {start:.1f} s" if is_known else ""
     return f"{index + 1}.{where}"
-
-
-NAME = "Demonstrations"
-
-_ALL, _NONE = "All", "None"
 
 
 class DemonstrationsPanel:

@@ -22,6 +22,9 @@ from .player import Player, ShownMotion
 from .stage import DrawnPaths, DrawnRobot, Stage
 from .words import answer_html, limit_shares, part
 
+NAME = "Plan"
+_CONTINUE, _RESET = "At the goal", "Reset"
+
 
 class PlanDrawing:
     """Ghost and paths of the newest answer; red if the goal is refused.
@@ -67,11 +70,6 @@ class PlanDrawing:
         for path, one, tint in ((self._path, plan, colour), (self._splines, other, PAGE.splines)):
             drawn = [] if one is None else [self._stage.path(one.trajectory.positions)]
             path.show(*drawn, colour=tint)
-
-
-NAME = "Plan"
-
-_CONTINUE, _RESET = "At the goal", "Reset"
 
 
 class PlanPanel:

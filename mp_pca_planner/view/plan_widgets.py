@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Points that the end effector is to pass, as handles in the scene."""
+"""Widgets of a plan: points to pass, options, and buttons that save the motion."""
 
 from __future__ import annotations
 
@@ -19,6 +19,9 @@ from .planning import FIXED, PlanSettings
 from .stage import Stage
 
 _ADD, _REMOVE = "Add", "Remove all"
+_NATURALNESS = ("0", "0.01", "0.1", "1", "10")
+_OBJECTIVES = ("effort", "energy", "jerk", "straightness")
+_FORMATS = {"CSV": "motion.csv", "JSON": "motion.json", "Bag (.mcap)": "motion.mcap"}
 
 
 class ViaHandles:
@@ -90,10 +93,6 @@ class ViaHandles:
         self._react(())
 
 
-_NATURALNESS = ("0", "0.01", "0.1", "1", "10")
-_OBJECTIVES = ("effort", "energy", "jerk", "straightness")
-
-
 def add_settings(stage: Stage, react: Callable[[PlanSettings], None]) -> None:
     """Add the widgets.
 
@@ -126,9 +125,6 @@ def add_settings(stage: Stage, react: Callable[[PlanSettings], None]) -> None:
 
     for widget in (naturalness, objective, timing, duration, compares):
         stage.on_change(widget, on_change)
-
-
-_FORMATS = {"CSV": "motion.csv", "JSON": "motion.json", "Bag (.mcap)": "motion.mcap"}
 
 
 def add_export(stage: Stage, plan: Callable[[], Plan | None]) -> None:

@@ -18,6 +18,8 @@ from ..motion.trajectory import Trajectory
 from .options import PAGE
 from .stage import DrawnRobot, Stage
 
+_SPEEDS = ("0.1", "0.25", "0.5", "1", "2")
+
 
 @dataclass(frozen=True, eq=False)
 class ShownMotion:
@@ -112,9 +114,6 @@ class Playback:
             return False
         self.seek(0.0)
         return True
-
-
-_SPEEDS = ("0.1", "0.25", "0.5", "1", "2")
 
 
 class Player:

@@ -18,6 +18,10 @@ from .robot_shapes import surface
 from .stage import Stage, add_mesh
 from .world_edit import KINDS, WorldEditor
 
+NAME = "World"
+_NOTHING = "none"
+_TEXT = "Plans avoid obstacles while these are moved. Click an obstacle, or choose it, to move it."
+
 
 @dataclass(frozen=True, eq=False)
 class _DrawnObstacle:
@@ -100,12 +104,6 @@ class DrawnWorld:
         scene, is_flat = self._stage.server.scene, isinstance(shape, Box)
         look: Any = {"side": "double", "flat_shading": is_flat, **place}
         return add_mesh(scene, node, surface(shape), PAGE.obstacle, **look)
-
-
-NAME = "World"
-
-_NOTHING = "none"
-_TEXT = "Plans avoid obstacles while these are moved. Click an obstacle, or choose it, to move it."
 
 
 class WorldPanel:

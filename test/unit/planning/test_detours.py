@@ -11,15 +11,18 @@ from arm import JOINTS, arm_primitive, arm_robot
 from dense import assert_keeps, spline
 from obstacle_scenes import write_scene
 
+import mp_pca_planner as mp
 from mp_pca_planner.evaluation.check import RigidArm
 from mp_pca_planner.evaluation.scene_referee import SceneReferee
 from mp_pca_planner.exceptions import MissingDependencyError
 from mp_pca_planner.motion.collision import CollisionModel
 from mp_pca_planner.motion.goal import JointGoal, JointState, Via
-from mp_pca_planner.planning.paths import paths_by_vias
+from mp_pca_planner.planning.budget import Budget
+from mp_pca_planner.planning.paths import PathFinder, PathOptions, paths_by_vias
 from mp_pca_planner.planning.plan import PlannerOptions
 from mp_pca_planner.planning.planner import Planner
 from mp_pca_planner.planning.sampling import SamplingOptions, sampled_path
+from mp_pca_planner.planning.setup import Setup
 from mp_pca_planner.resources import config_file
 from mp_pca_planner.robot.world import World
 
@@ -140,6 +143,37 @@ def test_refusal_names_bodies_place_and_the_missing_extra(tmp_path, monkeypatch)
     assert plan.status == "infeasible"
     assert "'lower_arm' and 'wall' collide from" in plan.message
     assert "needs the Python module 'ompl'" in plan.message
+
+
+def test_first_path_stays_near_its_ends(post):
+    pytest.importorskip("ompl", reason="the extra ompl is not installed")
+    _, planner, start, goal = post
+    setup = Setup(planner.robot, planner.limits, planner.options, planner.collision)
+    path = next(PathFinder(setup).paths((start, goal), Budget(math.inf)))
+    reach = PathOptions().reach
+    assert len(path) > 2
+    assert np.all(path >= np.minimum(start, goal) - reach)
+    assert np.all(path <= np.maximum(start, goal) + reach)
+    assert not any(map(planner.collision.collides, dense(path)))
+
+
+def test_least_effort_begins_at_a_path_and_likeness_at_the_expected_motion():
+    pytest.importorskip("ompl", reason="the extra ompl is not installed")
+    primitive, robot = arm_primitive(), arm_robot()
+    start, goal = primitive.boundary_states[0, [0, 3]]
+    bare = Planner(robot, [primitive]).plan(goal, start).trajectory
+    middle = bare.positions[[bare.n_steps // 2]]
+    hand = robot.frame_positions(middle, [robot.frame_names[-1]])[0, 0]
+    beside = hand + np.array([0.0, 0.04, 0.0])
+    world = mp.World([mp.Obstacle("ball", mp.Sphere(0.03, beside))])
+
+    def message(timing, naturalness):
+        options = PlannerOptions(timing=timing, naturalness=naturalness, max_solve_time=math.inf)
+        return Planner(robot, [primitive], None, options, world=world).plan(goal, start).message
+
+    assert "near a collision-free path" in message("free", 0.01)
+    for likeness in (("free", 1.0), ("demonstrated", 0.01)):
+        assert "bodies that would collide otherwise are kept apart" in message(*likeness)
 
 
 def test_same_problem_gives_the_same_detour(post):

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The solver: right optima, honest ends."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -13,7 +13,7 @@ from scipy.optimize import minimize
 from test_compiler import BASES, compile_motion
 
 from mp_pca_planner.planning.constraints import LimitedProgram, LimitTables
-from mp_pca_planner.planning.solver import SolverOptions, solve
+from mp_pca_planner.planning.solver import FEASIBLE, SolverOptions, solve
 from mp_pca_planner.planning.subproblem import _nearest
 from mp_pca_planner.planning.trust_region import trust_region_step
 from mp_pca_planner.planning.unknowns import QuadratureTables
@@ -205,6 +205,30 @@ def test_running_out_of_iterations_or_time_is_said_and_never_worse_than_the_star
     solution = solve(program, motion.weights / program.program.scales, options)
     assert not solution.converged
     assert solution.cost <= solution.start_cost
+
+
+def test_an_early_end_is_at_a_point_within_the_constraints_if_one_was_passed():
+    class InDisc(Rosenbrock):
+        def evaluate(self, x):
+            at = super().evaluate(x)
+            return replace(at, inequalities=np.array([x @ x]), rows=np.array([2.0 * x]))
+
+    disc, start = InDisc(wall=1.0), np.array([-0.6, 0.2])
+    # Steps along the edge of the disc leave it.
+    evaluated = []
+    for n in range(1, 20):
+        found = solve(disc, start, SolverOptions(max_iterations=n))
+        assert found.unknowns @ found.unknowns <= 1.0 + FEASIBLE
+        assert found.infeasibility == max(found.unknowns @ found.unknowns - 1.0, 0.0)
+        evaluated.append(found.cost)
+    assert evaluated[0] == InDisc().evaluate(start).cost
+    assert np.all(np.diff(evaluated) <= 1e-6)
+    best = minimize(
+        lambda x: disc.evaluate(x).cost,
+        start,
+        constraints={"type": "ineq", "fun": lambda x: 1.0 - x @ x},
+    )
+    assert evaluated[-1] == pytest.approx(best.fun, rel=1e-4)
 
 
 def test_a_family_without_weights_is_solved_as_it_is():

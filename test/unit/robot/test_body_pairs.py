@@ -76,6 +76,17 @@ def test_open_mesh_is_a_surface_and_a_closed_convex_one_is_solid():
 # Pairs
 
 
+def test_hulls_take_the_place_of_meshes_that_move_alone():
+    nothing = np.zeros(2)
+    held = mp.Mesh(TRAY.vertices, TRAY.triangles, (0.0, 0.0, -0.5))
+    around = model(mp.Obstacle("tray", held, frame="slider"))
+    distances = np.zeros(len(around.pairs))
+    assert not around.check(distances)(nothing)
+    assert around.check(distances, hulls=True)(nothing)  # the turner is inside the tray
+    still = model(mp.Obstacle("tray", mp.Mesh(TRAY.vertices, TRAY.triangles, (0.0, 0.0, 0.5))))
+    assert not still.check(np.zeros(len(still.pairs)), hulls=True)(nothing)
+
+
 def test_pairs_without_relative_motion_are_not_checked():
     table = mp.Obstacle("table", mp.Sphere(0.1, (5, 0, 0)))
     held = mp.Obstacle("held", mp.Sphere(0.1, (0.8, 0, 0)), "turner")

@@ -3,11 +3,14 @@
 """The running node in the words of the page."""
 
 import numpy as np
+import pytest
 from arm import JOINTS, arm_robot
 
 from mp_pca_planner.robot.limits import JointLimits
 from mp_pca_planner.view.live import LiveView, NodeStatus
 from mp_pca_planner.view.options import PAGE
+
+pytest.importorskip("jinja2", reason="the extra 'view' is not installed")
 from mp_pca_planner.view.words import (
     BAD,
     GOOD,

@@ -9,6 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mp_pca_planner.recordings.demonstration import RecordingSet
+
+pytest.importorskip("viser", reason="the extra 'view' is not installed")
 from mp_pca_planner.view.components import bent_motion, component_names, variance_shares
 from mp_pca_planner.view.demonstrations import recorded, reproduced
 from mp_pca_planner.view.player import Playback, ShownMotion

@@ -5,6 +5,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from arm import JOINTS, arm_primitive, arm_robot
 
 from mp_pca_planner.motion.goal import JointState
@@ -13,6 +14,8 @@ from mp_pca_planner.planning.planner import Planner
 from mp_pca_planner.robot.limits import JointLimits
 from mp_pca_planner.view.content import first_ends
 from mp_pca_planner.view.planning import PlanAnswer, ViewRequest
+
+pytest.importorskip("jinja2", reason="the extra 'view' is not installed")
 from mp_pca_planner.view.words import BAD, GOOD, answer_html, in_span_words, limit_shares, part
 
 START, GOAL = first_ends(arm_primitive(), arm_robot().limits())
