@@ -147,12 +147,13 @@ def listed(items: Sequence[str], most: int = MAX_NAMES, between: str = ", ") -> 
     return between.join(items[:most]) + more
 
 
-def unknown_name(kind: str, name: str, valid: Iterable[str]) -> str:
-    """Message for an unknown name, with the nearest valid name and all of them."""
+def unknown_name(kind: str, name: str, valid: Iterable[str], most: int = MAX_NAMES) -> str:
+    """Message for an unknown name, with the nearest valid name and the first of them."""
     names = list(valid)
     close = get_close_matches(name, names[:MAX_COMPARED], n=1)
     hint = f" (did you mean '{close[0]}'?)" if close else ""
-    return f"no {kind} is called '{name}'{hint}; valid names: {quote_names(names)}"
+    valid_names = listed([f"'{one}'" for one in names], most) or "none"
+    return f"no {kind} is called '{name}'{hint}; valid names: {valid_names}"
 
 
 def printable(text: str) -> str:

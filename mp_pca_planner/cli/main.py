@@ -62,7 +62,7 @@ def _run(arguments: Sequence[str]) -> int:
     # The command parses the other arguments.
     name = _parser().parse_args(arguments[:1] or ["--help"]).command
     if name not in COMMANDS:
-        raise PlannerError(unknown_name("command", name, COMMANDS))
+        raise PlannerError(unknown_name("command", name, COMMANDS, len(COMMANDS)))
     try:
         return load_command(name)(arguments[1:])
     except ModuleNotFoundError as error:
