@@ -89,7 +89,7 @@ class RequestIndex:
         means: FloatArray,
         precisions: FloatArray,
         continuous: NDArray[np.bool_],
-        n_exact: int = 256,
+        n_exact: int = 64,
     ) -> None:
         self._means, self._precisions, self._continuous = means, precisions, continuous
         self._n_exact = n_exact
