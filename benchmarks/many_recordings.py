@@ -55,7 +55,7 @@ PEAK = """
 import sys
 from mp_pca_planner.cli.main import main
 status = main(sys.argv[1:])
-# The peak that `resource` tells is the parent's if that was larger.
+# The peak of `resource` is the parent's if that was larger.
 with open("/proc/self/status") as lines:
     print(next(int(line.split()[1]) for line in lines if line.startswith("VmHWM")))
 sys.exit(status)

@@ -54,7 +54,7 @@ def work(path):
 MEASURE = """
 import json, sys, time
 def peak():
-    # The peak that `resource` tells is the parent's if that was larger.
+    # The peak of `resource` is the parent's if that was larger.
     with open("/proc/self/status") as status:
         return next(int(line.split()[1]) for line in status if line.startswith("VmHWM")) / 1024
 before, start = peak(), time.perf_counter()

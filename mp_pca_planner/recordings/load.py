@@ -162,7 +162,7 @@ def load_recordings(
         where it was. What it holds is not read again.
     on_disk :
         Holds demonstrations, reports and summaries in temporary files: they can be iterated over,
-        and their number takes hardly any memory.
+        and each takes little memory.
     **options :
         The fields of :class:`LoadOptions`.
 
