@@ -86,8 +86,6 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _check(arguments: argparse.Namespace, folders: Mapping[Joints, Path]) -> None:
     """Reject options that don't fit together or to the folder."""
-    if arguments.align == "dtw":
-        raise PrimitiveError("--align dtw needs motions of one kind: use another alignment")
     if not arguments.bags and not arguments.update:
         raise RecordingError("give at least one recording, or --update")
     if arguments.remove and not arguments.update:

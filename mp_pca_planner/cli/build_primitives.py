@@ -63,7 +63,7 @@ def run(arguments: argparse.Namespace) -> int:
             arguments, options, joints, REPORT.n_samples if arguments.report else 0, known
         )
         recordings.require_motion()
-    statistics = _statistics(recordings, options, old, arguments.remove)
+    statistics = _statistics(recordings, old, arguments.remove)
     name = arguments.name or (old.name if old else output.stem)
     metadata = _origin(recordings, statistics, robot, old)
     primitive = build_from_statistics(statistics, name, options, metadata)
@@ -122,15 +122,10 @@ def options_like(old: MovementPrimitive, given: PrimitiveOptions) -> PrimitiveOp
 
 
 def _statistics(
-    recordings: RecordingSet,
-    options: PrimitiveOptions,
-    old: MovementPrimitive | None,
-    removed: Sequence[str],
+    recordings: RecordingSet, old: MovementPrimitive | None, removed: Sequence[str]
 ) -> MotionStatistics:
     """Statistics of the old motions and of the new ones."""
     new = recordings.summaries
-    if recordings.demonstrations and not new:
-        new = (MotionStatistics.of(recordings.demonstrations, options),)
     if old is None or old.statistics is None:
         return MotionStatistics.merged(new)
     statistics = old.statistics.added(MotionStatistics.merged(new)) if new else old.statistics
@@ -182,8 +177,6 @@ def load(
     known: Sequence[MotionStatistics] = (),
 ) -> RecordingSet:
     """Read the recordings of a set that known motions belong to, too."""
-    # Dynamic time warping needs all motions at once.
-    is_warped = options.align == "dtw"
     segmentation, markers = _segmentation(arguments), _marker_source(arguments)
     with progress_bar("reading", "B") as progress:
         return load_recordings(
@@ -196,8 +189,8 @@ def load(
             segmentation=segmentation,
             labels=arguments.label,
             overviews=samples > 0,
-            summarise=None if is_warped else partial(MotionStatistics.of, options=options),
-            most_samples=None if is_warped else samples,
+            summarise=partial(MotionStatistics.of, options=options),
+            most_samples=samples,
             jobs=arguments.jobs,
             dask=arguments.dask,
             resume=arguments.resume,

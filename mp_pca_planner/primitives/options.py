@@ -28,7 +28,7 @@ class PrimitiveOptions:
         Samples of a time-normalised demonstration.
     degree : int
         Degree of the polynomials that carry mean and components.
-    align : {'linear', 'arc_length', 'dtw'}
+    align : {'linear', 'arc_length'}
         How the demonstrations are aligned in time, see :func:`.align`.
 
     Raises
