@@ -37,9 +37,6 @@ from ..robot.model import Robot
 from .common import check_output, print_json, progress_bar
 from .terminal import DONE, complain, say
 
-_MAX_NAMES = 5  # names of recordings listed after a note
-_MANY = 10  # recordings of which the slowest ones are named
-
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the command; returns the exit status."""
@@ -304,16 +301,16 @@ def _text(recordings: RecordingSet, primitive: MovementPrimitive, output: Path) 
     ]
 
 
-def _slowest_line(recordings: RecordingSet) -> list[str]:
-    """The recordings of many that took most time."""
-    if len(recordings.reports) < _MANY:
+def _slowest_line(recordings: RecordingSet, many: int = 10) -> list[str]:
+    """The recordings that took most time, if there are many."""
+    if len(recordings.reports) < many:
         return []
     order = nlargest(3, recordings.reports, key=lambda report: report.seconds)
     return ["slowest     " + ", ".join(f"{one.name} {one.seconds:.2g} s" for one in order)]
 
 
-def _note_lines(recordings: RecordingSet) -> list[str]:
-    """Notes on recordings; notes that differ in numbers only are merged."""
+def _note_lines(recordings: RecordingSet, most: int = 5) -> list[str]:
+    """Notes on recordings; those that differ in numbers only are merged, with so many names."""
     alike: dict[str, list[str]] = {}
     first: dict[str, str] = {}
     for report in recordings.reports:
@@ -322,7 +319,7 @@ def _note_lines(recordings: RecordingSet) -> list[str]:
             first.setdefault(kind, f"note        {report.name}: {note}")
             alike.setdefault(kind, []).append(report.name)
     return [
-        line + (f"; so {listed(names[1:], _MAX_NAMES)}" if names[1:] else "")
+        line + (f"; so {listed(names[1:], most)}" if names[1:] else "")
         for line, names in zip(first.values(), alike.values(), strict=True)
     ]
 
