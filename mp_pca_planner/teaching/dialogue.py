@@ -13,9 +13,6 @@ from .words import SessionWords
 
 KEYS = "d discards the last motion, b builds the primitive, q quits; all that is recorded is kept"
 
-# Pauses are at least so many times as long as an update of the session.
-_IDLE_RATIO = 4.0
-
 
 class StateSource(Protocol):
     """Where the joint states of a session come from."""
@@ -41,6 +38,7 @@ def hold_dialogue(
     keys: KeySource,
     words: SessionWords,
     say: Callable[..., None],
+    idle_ratio: float = 4.0,
 ) -> bool:
     """Show motions as they end, until a person ends the session.
 
@@ -56,6 +54,8 @@ def hold_dialogue(
         Describes the motions.
     say :
         Prints lines.
+    idle_ratio :
+        Pauses are at least so many times as long as an update of the session.
 
     Returns
     -------
@@ -69,7 +69,7 @@ def hold_dialogue(
         say(*words.update_lines(session.update(is_over=not is_fed), session.motions))
         if is_fed and not source.pause:
             continue
-        pause = max(source.pause, _IDLE_RATIO * (time.monotonic() - started))
+        pause = max(source.pause, idle_ratio * (time.monotonic() - started))
         key = keys.pressed(pause if is_fed else None)
         if key is None or key == "q":
             return False
