@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..arrays import frozen_array, unique_names
-from ..exceptions import PrimitiveFileError
+from ..exceptions import PrimitiveFileError, quote_names
 from ..input_limits import INPUT_LIMITS
 from ..rows import row_blocks
 from .kernels import INVERSE_LENGTHS
@@ -66,7 +66,8 @@ def _freeze_names(primitive: MovementPrimitive) -> None:
         raise PrimitiveFileError(f"the names of primitive '{name}' must be valid Unicode")
     if primitive.coupling not in COUPLINGS:
         raise PrimitiveFileError(
-            f"the coupling of primitive '{name}' is {primitive.coupling!r}, not one of {COUPLINGS}"
+            f"the coupling of primitive '{name}' is {primitive.coupling!r}, not one of "
+            f"{quote_names(COUPLINGS)}"
         )
     names = unique_names(primitive.joint_names, f"joints of '{name}'", PrimitiveFileError)
     object.__setattr__(primitive, "joint_names", names)

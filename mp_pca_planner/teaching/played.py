@@ -67,3 +67,7 @@ class PlayedBag:
         part, self._left = self._left[: self._n], self._left[self._n :]
         record(part)
         return bool(self._left)
+
+    def silence(self) -> str:
+        """Why nothing has come."""
+        return f"the recording holds no messages on '{self.topic}'"
