@@ -7,7 +7,7 @@ from __future__ import annotations
 import argparse
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import partial
 from itertools import count
 from pathlib import Path
@@ -167,7 +167,7 @@ def _print(
 ) -> None:
     facts: dict[str, Any] = {
         "n_recordings": len(recordings.reports),
-        "refused": [{"recording": r.recording, "reason": r.reason} for r in recordings.refused],
+        "refused": [asdict(refusal) for refusal in recordings.refused],
         "libraries": [_facts(folder, content) for folder, content in places.items()],
     }
     lines = [f"recordings  {facts['n_recordings']} read, {len(recordings.refused)} refused"]

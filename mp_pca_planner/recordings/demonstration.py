@@ -324,15 +324,20 @@ class RecordingSet:
         )
 
     @property
+    def repairs(self) -> dict[str, int]:
+        """Repairs in all recordings, by kind."""
+        totals = Counter[str]()
+        for one in self.reports:
+            totals.update(one.repairs)
+        return {kind: count for kind, count in sorted(totals.items()) if count}
+
+    @property
     def report(self) -> str:
         """What was repaired and rejected, one line for each kind and recording."""
-        repairs = Counter[str]()
-        for one in self.reports:
-            repairs.update({kind: count for kind, count in one.repairs.items() if count})
         return "\n".join(
             [
                 f"{len(self.demonstrations)} motions in {len(self.reports)} usable recording(s)",
-                *(f"repaired: {count} {kind}" for kind, count in sorted(repairs.items())),
+                *(f"repaired: {count} {kind}" for kind, count in self.repairs.items()),
                 *(f"{one.name}: {note}" for one in self.reports for note in one.notes),
                 *(f"rejected {one.recording}: {one.reason}" for one in self.refused),
             ]
