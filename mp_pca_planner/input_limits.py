@@ -42,6 +42,11 @@ class InputLimits:
         Joints, and points, of a goal of the node.
     state_bytes : int
         Message of joint states to the node: a thousand joints have a quarter of that.
+    primitive_bytes : int
+        Content of a primitive file; thousands of demonstrations have a few MB.
+    primitive_value, primitive_precision : float
+        Positions, coefficients and durations of a primitive [rad, m, s], and inverses of its small
+        variances.
     segments : int
         Rows of a table of segments: learning takes minutes from so many motions.
     segment_time : float
@@ -80,6 +85,9 @@ class InputLimits:
     commanded_duration: float = 1000.0
     goal_items: int = 1000
     state_bytes: int = 2**18
+    primitive_bytes: int = 1 << 28
+    primitive_value: float = 1e6
+    primitive_precision: float = 1e15
     segments: int = 10_000
     segment_time: float = 1e9
     links: int = 2000
