@@ -243,7 +243,7 @@ def absurd_reason(largest: float, absurd: float) -> str:
     """Why a recording with a motion of an absurdly large extent is rejected [rad or m]."""
     return (
         f"its joints move over {largest:.3g} rad (or m), and over {absurd:.3g} is absurd beside "
-        "the motions of the other recordings: joint states must be in radians (or m), not in degrees; "
+        "the other recordings' motions: positions must be in radians (or m), not in degrees; "
         "choose the joints, or give a table of segments if these are motions nevertheless"
     )
 
