@@ -183,9 +183,7 @@ class _Search:
         while not converged and self.iterations < options.max_iterations:
             memory = self.memory
             hessian = added(self.here.hessian, memory.curvature)
-            subproblem = Subproblem(
-                self._program, self.here, hessian, memory.radius, memory.sides
-            )
+            subproblem = Subproblem(self._program, self.here, hessian, memory.radius, memory.sides)
             enough = options.tolerance * self.here.cost
             converged = self.violated <= FEASIBLE and subproblem.largest_decrease() <= enough
             if converged:
