@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -98,8 +99,7 @@ class MotionProgram:
         self.precision = np.zeros((self.scales.size, self.scales.size))
         self.equations = ConditionEquations(unknowns, tables.basis, conditions)
         self._last: tuple[FloatArray, Linearisation] | None = None
-        functions = tables.functions.transpose(1, 0, 2, 3)
-        self._states = StateMap(self.unknowns, tables.hermite, tables.mean, functions)
+        self._states = StateMap(self.unknowns, *tables.states)
         if not unknowns.duration_is_free:
             at_any_x = self._states.jacobian(self.expected, np.zeros(0))
             self._stacked = self._stack(at_any_x)
@@ -122,28 +122,35 @@ class MotionProgram:
         """Number of nodes."""
         return self._tables.n_nodes
 
-    def effort_costs(self, candidates: FloatArray) -> FloatArray:
-        """J of candidates x, shape (n_candidates, n_unknowns), without derivatives."""
-        return self._running_costs(candidates, [(1.0, Effort())])
+    def effort_cost(self, x: FloatArray) -> float:
+        """J at x, whether it is an objective or not."""
+        squares = np.square(self.linearise(x).efforts).sum(axis=1)
+        return float(0.5 * self.unknowns.duration_at(x) * self._tables.quadrature @ squares)
 
-    def _running_costs(
-        self, candidates: FloatArray, objectives: Sequence[tuple[float, Objective]]
-    ) -> FloatArray:
-        """Weighted sums of objectives of candidates, shape (n_candidates,)."""
+    def costs(self, candidates: FloatArray) -> FloatArray:
+        """The whole objective of candidates x, shape (n_candidates, n_unknowns)."""
         q, v, a, jerk = np.concatenate([self.states(x) for x in candidates], axis=1)
         tau = self._robot.inverse_dynamics(q, v, a)
         ends = self.unknowns.boundary[0], self.unknowns.boundary[3]
         nodes = Nodes(self._robot, q, v, a, jerk, tau, *ends)
         squares = sum(
             weight * np.sum(objective.residuals(nodes).values ** 2, axis=1)
-            for weight, objective in objectives
+            for weight, objective in self._objectives
         )
         durations = np.array([self.unknowns.duration_at(x) for x in candidates])
         by_candidate = np.reshape(squares, (len(candidates), self.n_nodes))
-        return np.asarray(0.5 * durations * (by_candidate @ self._tables.quadrature))
+        natural = np.array([self.naturalness(x) for x in candidates])
+        return np.asarray(0.5 * durations * (by_candidate @ self._tables.quadrature) + natural)
+
+    @cached_property
+    def at_expected(self) -> Linearisation:
+        """The residual and its Jacobian at the expected weights."""
+        return self._linearised(self.expected)
 
     def linearise(self, x: FloatArray) -> Linearisation:
         """The residual and its Jacobian; those of the last x are cached."""
+        if np.array_equal(x, self.expected):
+            return self.at_expected
         if self._last is None or not np.array_equal(self._last[0], x):
             self._last = x.copy(), self._linearised(x)
         return self._last[1]
@@ -189,11 +196,6 @@ class MotionProgram:
             jacobian[:, :, self.unknowns.n_linear] += 0.5 * slope * values
         jacobian *= root[:, :, None]
         return (values * root).ravel(), jacobian.reshape(values.size, self.scales.size)
-
-    def costs(self, candidates: FloatArray) -> FloatArray:
-        """The whole objective of candidates x, shape (n_candidates, n_unknowns)."""
-        natural = np.array([self.naturalness(x) for x in candidates])
-        return np.asarray(self._running_costs(candidates, self._objectives) + natural)
 
     def naturalness(self, x: FloatArray) -> float:
         """The naturalness term ½ρ(w−ŵ)ᵀΛ⁻¹(w−ŵ)."""

@@ -67,11 +67,9 @@ def kinematic_stretch(limits: JointLimits, rates: FloatArray) -> float:
     rates : array, shape (3, n_steps, n_joints)
         Velocities, accelerations and jerks of the motion.
     """
-    bounds = (limits.velocity, limits.acceleration, limits.jerk)
-    return max(
-        float(np.max(np.abs(values) / bound) ** (1.0 / order))
-        for order, (values, bound) in enumerate(zip(rates, bounds, strict=True), start=1)
-    )
+    bounds = np.array([limits.velocity, limits.acceleration, limits.jerk])
+    shares = np.max(np.abs(rates) / bounds[:, None], axis=(1, 2))
+    return float(np.max(shares ** (1.0 / np.arange(1, 4))))
 
 
 def keeps_limits(limits: JointLimits, states: FloatArray, efforts: FloatArray) -> bool:

@@ -110,8 +110,7 @@ class MotionStatistics:
         Parameters
         ----------
         demonstrations :
-            Motions of the same joints in the same order, at least one; with the alignment 'dtw',
-            all of the primitive.
+            Motions of the same joints in the same order, at least one.
         options :
             How the primitive is built.
 
