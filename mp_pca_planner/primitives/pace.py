@@ -143,8 +143,9 @@ class PacedBasis(Basis):
 
         In the result, the first column is relative to h(p).
         """
-        rates = courses[:, :, :1, None]
-        chained = np.array([_chained(values, rates, d) for d in range(len(values))])
+        rates, chained = courses[:, :, :1, None], np.empty_like(values)
+        for d in range(len(values)):
+            chained[d] = _chained(values, rates, d)
         chained[..., 0] -= courses[:, :, 1:] * self._displacement
         return chained
 
@@ -182,5 +183,5 @@ def _chained(values: FloatArray, rates: FloatArray, order: int) -> FloatArray:
         return np.asarray(values[1] * rates[1])
     if order == 2:
         return np.asarray(values[2] * rates[1] ** 2 + values[1] * rates[2])
-    mixed = 3.0 * values[2] * rates[1] * rates[2]
+    mixed = values[2] * (3.0 * rates[1] * rates[2])
     return np.asarray(values[3] * rates[1] ** 3 + mixed + values[1] * rates[3])
