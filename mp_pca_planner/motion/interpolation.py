@@ -43,16 +43,14 @@ def _coefficients() -> FloatArray:
 def _to_bezier_points(derivative: int) -> FloatArray:
     n = 6 - derivative
     powers = [[comb(i, k) / comb(n - 1, k) for k in range(n)] for i in range(n)]
-    return np.asarray(powers @ _coefficients()[derivative, :n])
+    points = powers @ _coefficients()[derivative, :n]
+    return np.concatenate([points, np.repeat(points[-1:], derivative, axis=0)])
 
 
-BEZIER_POINTS = np.concatenate([_to_bezier_points(d) for d in range(4)])
+BEZIER_POINTS = np.array([_to_bezier_points(d) for d in range(4)])
 """Takes the values at both ends of a quintic, as :func:`hermite_functions` does, to the Bézier
-points of it and of its first three derivatives by phase, shape (18, 6). A curve lies between its
-lowest and its highest Bézier point."""
-
-FIRST_BEZIER_POINTS = (0, 6, 11, 15)
-"""Rows of the first point of the quintic and of each derivative."""
+points of it and of its first three derivatives by phase, shape (4, 6, 6). The curve lies between
+the lowest and the highest Bézier point. Derivatives have fewer points: the last one is repeated."""
 
 
 def hermite_functions(phases: FloatArray, derivative: int = 0) -> FloatArray:

@@ -19,12 +19,7 @@ from ..exceptions import TrajectoryError
 from ..robot.limits import JointLimits
 from ..robot.model import Robot
 from .goal import JointState
-from .interpolation import (
-    BEZIER_POINTS,
-    FIRST_BEZIER_POINTS,
-    hermite_functions,
-    segment_ends,
-)
+from .interpolation import BEZIER_POINTS, hermite_functions, segment_ends
 from .trajectory import Trajectory
 
 GRID_PERIOD = 1e-3
@@ -259,10 +254,7 @@ def _extremes(ends: FloatArray, steps: FloatArray) -> tuple[FloatArray, FloatArr
     """
     columns = ends.transpose(1, 0, 2).reshape(6, -1)
     points, shape = BEZIER_POINTS @ columns, (4, *ends[:, 0].shape)
-    lowest, highest = (
-        extreme.reduceat(points, FIRST_BEZIER_POINTS).reshape(shape)
-        for extreme in (np.minimum, np.maximum)
-    )
+    lowest, highest = (x.reshape(shape) for x in (points.min(axis=1), points.max(axis=1)))
     rates = np.maximum(highest[1:], -lowest[1:], out=highest[1:])
     rates /= steps[:, None] ** np.arange(1.0, 4.0)[:, None, None]
     return lowest[0], highest
