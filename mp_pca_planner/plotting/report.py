@@ -19,6 +19,7 @@ from ..evaluation.paper import TABLE_2
 from ..exceptions import PrimitiveError
 from ..primitives.alignment import aligned_positions
 from ..primitives.cross_validation import HeldOutErrors, leave_one_out
+from ..primitives.differences import PHASES
 from ..primitives.kinds import OUTLIER
 from ..primitives.library_building import LibraryContent
 from ..primitives.options import PrimitiveOptions
@@ -30,7 +31,7 @@ from ..recordings.repair import REPAIRS
 from ..robot.model import Robot
 from .arm import goals_figure
 from .page import figure_address, render
-from .primitive import PHASES, primitive_figure, reproductions
+from .primitive import primitive_figure, reproductions
 from .recording import recording_figure
 from .style import GREY, LINES, Line, add_header, joint_panels, palette_line
 from .text import is_arm_of_paper, variance_table

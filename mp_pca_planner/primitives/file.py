@@ -22,6 +22,7 @@ from .. import __version__
 from ..arrays import FloatArray, frozen_array
 from ..exceptions import PrimitiveFileError
 from ..files import open_regular, reading, write_whole
+from ..input_limits import INPUT_LIMITS
 from ..json_content import check_form, load_json
 from ..rows import row_blocks
 from .conditional_model import ConditionalModel
@@ -32,12 +33,6 @@ from .primitive_values import ARRAY_SHAPES
 
 FORMAT_NAME = "mp_pca_planner/movement_primitive"
 FORMAT_VERSION = 1
-
-MAX_BYTES = 1 << 28
-"""Largest content of a file. Thousands of demonstrations have a few MB."""
-
-# Letters of the metadata that are written at a time.
-_MAX_LETTERS = 1 << 16
 
 _METADATA = {
     "name": str,
@@ -88,8 +83,11 @@ def primitive_bytes(primitive: MovementPrimitive) -> bytes:
     return buffer.getvalue()
 
 
-def write_primitive(primitive: MovementPrimitive, file: BinaryIO) -> None:
-    """Write the content of a primitive file; the same primitive gives the same bytes."""
+def write_primitive(primitive: MovementPrimitive, file: BinaryIO, n_letters: int = 1 << 16) -> None:
+    """Write the content of a primitive file; the same primitive gives the same bytes.
+
+    So many letters of the metadata are written at a time.
+    """
     arrays, statistics = primitive.arrays(), primitive.statistics
     if statistics is not None:
         arrays |= {name: getattr(statistics, name) for name in _STATISTICS}
@@ -107,8 +105,8 @@ def write_primitive(primitive: MovementPrimitive, file: BinaryIO) -> None:
     # As NumPy writes it, but some rows at a time.
     with zipfile.ZipFile(file, "w") as archive:
         with _member(archive, "metadata", f"<U{len(text)}", ()) as member:
-            for first in range(0, len(text), _MAX_LETTERS):
-                member.write(text[first : first + _MAX_LETTERS].encode("utf-32-le"))
+            for first in range(0, len(text), n_letters):
+                member.write(text[first : first + n_letters].encode("utf-32-le"))
         for name, array in arrays.items():
             with _member(archive, name, "<f8", array.shape) as member:
                 for (block,) in row_blocks(array):
@@ -215,8 +213,9 @@ def _read(path: str | Path) -> tuple[dict[str, FloatArray], str]:
         file.seek(0)
         with _archive(file) as content:
             entries = content.zip.infolist() if content.zip else []
-            if sum(int(entry.file_size) for entry in entries) > MAX_BYTES:
-                raise PrimitiveFileError(f"it claims to hold over {MAX_BYTES >> 20} MiB")
+            most = INPUT_LIMITS.primitive_bytes
+            if sum(int(entry.file_size) for entry in entries) > most:
+                raise PrimitiveFileError(f"it claims to hold over {most >> 20} MiB")
             raw = {name: content[name] for name in content.files}
     text = raw.pop("metadata", None)
     if text is None or text.dtype.kind != "U" or text.ndim != 0:

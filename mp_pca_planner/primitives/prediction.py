@@ -18,9 +18,6 @@ if TYPE_CHECKING:
     from .conditional_model import ConditionalDistribution
     from .primitive import MovementPrimitive
 
-# Points are at most this far apart [s]; the default of the planner.
-_SAMPLE_PERIOD = 0.01
-
 
 def expected_motion(
     primitive: MovementPrimitive,
@@ -97,9 +94,11 @@ def _motion(
     ends: FloatArray,
     expected: ConditionalDistribution,
     weights: FloatArray,
+    sample_period: float = 0.01,
 ) -> Trajectory:
+    """A motion with points at most `sample_period` apart [s], as the planner's by default."""
     duration = expected.duration
-    phases = np.linspace(0.0, 1.0, max(int(np.ceil(duration / _SAMPLE_PERIOD)), 1) + 1)
+    phases = np.linspace(0.0, 1.0, max(int(np.ceil(duration / sample_period)), 1) + 1)
     rest = np.zeros(primitive.n_joints)
     boundary = boundary_values((ends[0], rest, rest), (ends[1], rest, rest), duration)
     shapes = primitive.paced_basis(ends[0], ends[1], expected.pace).shapes(weights, phases, 2)

@@ -30,7 +30,6 @@ FOLDER_VARIABLE = "MP_PCA_PLANNER_CACHE"
 """Environment variable that names the folder of the command line's cache."""
 
 _SUFFIX = ".read"
-_PACKAGE = __name__.partition(".")[0]
 # NumPy's functions that make arrays and numbers, in modules of NumPy 1 and 2.
 _OF_NUMPY = ("_reconstruct", "_frombuffer", "ndarray", "dtype", "scalar")
 
@@ -179,10 +178,10 @@ class _Reader(pickle.Unpickler):
     """Unpickles dataclasses and tuples of this package, and arrays."""
 
     def find_class(self, module: str, name: str) -> Any:
-        package = module.partition(".")[0]
+        package, own = (name.partition(".")[0] for name in (module, __name__))
         if package == "numpy" and name in _OF_NUMPY:
             return super().find_class(module, name)
-        if package == _PACKAGE:
+        if package == own:
             found = super().find_class(module, name)
             if isinstance(found, type) and (is_dataclass(found) or issubclass(found, tuple)):
                 return found

@@ -14,9 +14,8 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from ..arrays import FloatArray, frozen_array
 from ..exceptions import WorldError, printable, unknown_name
+from ..input_limits import INPUT_LIMITS
 from ..robot.world import (
-    MAX_SHAPES,
-    MAX_TRIANGLES,
     Box,
     Cylinder,
     Mesh,
@@ -91,7 +90,8 @@ def _shapes(marker: Marker, package_dirs: Sequence[Path]) -> list[Shape]:
 
 
 def _points(marker: Marker) -> FloatArray:
-    most = 3 * MAX_TRIANGLES if marker.type == Marker.TRIANGLE_LIST else MAX_SHAPES
+    limits, is_mesh = INPUT_LIMITS, marker.type == Marker.TRIANGLE_LIST
+    most = 3 * limits.triangles if is_mesh else limits.shapes
     if len(marker.points) > most:
         raise WorldError(f"it has {len(marker.points)} points, at most {most} are accepted")
     return np.array([(p.x, p.y, p.z) for p in marker.points]).reshape(-1, 3)
