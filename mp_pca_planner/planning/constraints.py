@@ -64,10 +64,13 @@ class LimitTables:
 
     def __init__(self, tables: QuadratureTables, n_points: int = N_LIMIT_POINTS) -> None:
         self._tables = tables
-        # Just inside the ends, for only jerks are free there, and they are often largest there.
-        self._phases = np.linspace(_INSIDE, 1.0 - _INSIDE, n_points)
         self._states: dict[int, tuple[FloatArray, FloatArray, FloatArray]] = {}
         self.n_points = n_points
+
+    @cached_property
+    def _phases(self) -> FloatArray:
+        # Just inside the ends, for only jerks are free there, and they are often largest there.
+        return np.linspace(_INSIDE, 1.0 - _INSIDE, self.n_points)
 
     def states(self, highest: int) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Positions and their derivatives by phase up to the highest one that is limited.
