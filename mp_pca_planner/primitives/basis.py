@@ -78,8 +78,18 @@ class PolynomialBasis(Basis):
 
     def tables(self, phases: FloatArray, highest: int) -> FloatArray:
         """All values and derivatives, shape (highest + 1, n_steps, n_joints, 1 + n_weights)."""
+        return self.combined(self.terms(phases, highest))
+
+    def terms(self, phases: FloatArray, highest: int) -> FloatArray:
+        """Legendre polynomials and derivatives, shape (highest + 1, n_steps, degree + 1)."""
+        return legendre_derivatives(np.eye(self.mean_coefficients.shape[1]), phases, highest)
+
+    def combined(self, terms: FloatArray) -> FloatArray:
+        """Sums of the terms, shape (highest + 1, n_steps, n_joints, 1 + n_weights)."""
         both = np.concatenate([self.mean_coefficients[None], self.component_coefficients])
-        return legendre_derivatives(both.transpose(1, 0, 2), phases, highest)
+        series = both.transpose(2, 1, 0)
+        sums = terms @ series.reshape(len(series), -1)
+        return np.asarray(sums.reshape(*terms.shape[:2], *series.shape[1:]))
 
     def shapes(self, weights: FloatArray, phases: FloatArray, highest: int) -> FloatArray:
         """Shape and derivatives up to the highest one, shape (highest + 1, n_steps, n_joints)."""
