@@ -64,10 +64,13 @@ class LimitTables:
 
     def __init__(self, tables: QuadratureTables, n_points: int = N_LIMIT_POINTS) -> None:
         self._tables = tables
-        # Just inside the ends, for only jerks are free there, and they are often largest there.
-        self._phases = np.linspace(_INSIDE, 1.0 - _INSIDE, n_points)
         self._states: dict[int, tuple[FloatArray, FloatArray, FloatArray]] = {}
         self.n_points = n_points
+
+    @cached_property
+    def _phases(self) -> FloatArray:
+        # Just inside the ends, for only jerks are free there, and they are often largest there.
+        return np.linspace(_INSIDE, 1.0 - _INSIDE, self.n_points)
 
     def states(self, highest: int) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Positions and their derivatives by phase up to the highest one that is limited.
@@ -109,8 +112,11 @@ def _peaks(values: FloatArray) -> FloatArray:
     The parabola through a largest value and its neighbours rises above it by at most an eighth of
     the second difference, and falls as much below a least value. This is linear in the values.
     """
-    peaks = values.copy()
-    peaks[:, 1:-1] -= np.diff(values, 2, axis=1) / 8.0
+    peaks = 1.25 * values
+    peaks[:, [0, -1]] = values[:, [0, -1]]
+    neighbours = values[:, 2:] + values[:, :-2]
+    neighbours /= 8.0
+    peaks[:, 1:-1] -= neighbours
     return peaks
 
 
