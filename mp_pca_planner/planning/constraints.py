@@ -109,8 +109,9 @@ def _peaks(values: FloatArray) -> FloatArray:
     The parabola through a largest value and its neighbours rises above it by at most an eighth of
     the second difference, and falls as much below a least value. This is linear in the values.
     """
-    peaks = values.copy()
-    peaks[:, 1:-1] -= np.diff(values, 2, axis=1) / 8.0
+    peaks = 1.25 * values
+    peaks[:, 1:-1] -= 0.125 * (values[:, 2:] + values[:, :-2])
+    peaks[:, [0, -1]] = values[:, [0, -1]]
     return peaks
 
 
