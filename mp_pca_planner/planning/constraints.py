@@ -113,10 +113,8 @@ def _peaks(values: FloatArray) -> FloatArray:
     the second difference, and falls as much below a least value. This is linear in the values.
     """
     peaks = 1.25 * values
+    peaks[:, 1:-1] -= 0.125 * (values[:, 2:] + values[:, :-2])
     peaks[:, [0, -1]] = values[:, [0, -1]]
-    neighbours = values[:, 2:] + values[:, :-2]
-    neighbours /= 8.0
-    peaks[:, 1:-1] -= neighbours
     return peaks
 
 
