@@ -93,7 +93,8 @@ class PolynomialBasis(Basis):
 
     def shapes(self, weights: FloatArray, phases: FloatArray, highest: int) -> FloatArray:
         """Shape and derivatives up to the highest one, shape (highest + 1, n_steps, n_joints)."""
-        weighted = weights @ self.component_coefficients.reshape(self.n_weights, -1)
+        components = self.component_coefficients.reshape(-1, self.mean_coefficients.size)
+        weighted = weights @ components
         series = self.mean_coefficients + weighted.reshape(self.mean_coefficients.shape)
         return legendre_derivatives(series, phases, highest)
 
