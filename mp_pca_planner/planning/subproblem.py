@@ -222,10 +222,18 @@ class Subproblem:
     def largest_decrease(self) -> float:
         """Predicted decrease of the objective within the given sides alone.
 
-        Within all inequalities it is at most as large.
+        Within all inequalities it is at most as large. It is infinite if no such step was found.
         """
+        if not self._first.is_within:
+            return math.inf
         change = self._lifted(self._first.step)
         return -float((self._here.gradient + 0.5 * (self._whole @ change)) @ change)
+
+    @property
+    def pull(self) -> FloatArray:
+        """Gradient of the Lagrangian along the equalities, with the multipliers of that step."""
+        pull = self._here.gradient + self._first.multipliers @ self._rows
+        return pull if self._tangent is None else np.asarray(pull @ self._tangent.directions)
 
     def solve(self) -> Step:
         """The step within the linearised constraints.
@@ -279,7 +287,8 @@ class Subproblem:
         if n_equalities + sides.size > n:
             sides = sides[:0]
         rows = np.concatenate([equalities, self._here.inequality_rows(sides // 2)])
-        return np.asarray(np.linalg.pinv(rows, rcond=_DEPENDENT)[:, :n_equalities])
+        changes = np.eye(len(rows))[:, :n_equalities]
+        return np.asarray(np.linalg.lstsq(rows, changes, rcond=_DEPENDENT)[0])
 
     def _lifted(self, y: FloatArray) -> FloatArray:
         if self._tangent is None:
