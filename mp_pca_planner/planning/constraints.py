@@ -32,8 +32,9 @@ from .unknowns import (
 # Margin between motions and limits, as a share of the limit. It leaves room for what the bounds of
 # peaks between points of the grid miss, which the check on the denser grid finds.
 MARGIN = 2e-4
-# Points of the grid. Peaks of accelerations are bounded to about 0.1 %.
-N_LIMIT_POINTS = 200
+# Points of the grid. Peaks of accelerations are bounded to about 0.2 %; 50 more lower the effort of
+# motions at limits by 0.03 % and take a tenth longer.
+N_LIMIT_POINTS = 150
 # Distance of the first and last point from the ends of the motion, as a share of the duration.
 _INSIDE = 1e-6
 # A bound is tightened by this multiple of the violation between points, because the peak moves with
@@ -113,10 +114,8 @@ def _peaks(values: FloatArray) -> FloatArray:
     the second difference, and falls as much below a least value. This is linear in the values.
     """
     peaks = 1.25 * values
+    peaks[:, 1:-1] -= 0.125 * (values[:, 2:] + values[:, :-2])
     peaks[:, [0, -1]] = values[:, [0, -1]]
-    neighbours = values[:, 2:] + values[:, :-2]
-    neighbours /= 8.0
-    peaks[:, 1:-1] -= neighbours
     return peaks
 
 
