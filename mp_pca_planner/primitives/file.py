@@ -86,7 +86,7 @@ def primitive_bytes(primitive: MovementPrimitive) -> bytes:
 def write_primitive(primitive: MovementPrimitive, file: BinaryIO, n_letters: int = 1 << 16) -> None:
     """Write the content of a primitive file; the same primitive gives the same bytes.
 
-    So many letters of the metadata are written at a time.
+    Of the metadata, `n_letters` are written at a time, which bounds the memory.
     """
     arrays, statistics = primitive.arrays(), primitive.statistics
     if statistics is not None:
