@@ -61,7 +61,6 @@ def segment_precision(
     spread of the demonstrations of each joint, averaged over the motion.
     """
     unknowns, tables = program.unknowns, basis.tables
-    hermite, _, every = tables.states
     n, n_joints = unknowns.n_weights, unknowns.boundary.shape[1]
     precision = np.zeros((program.scales.size, program.scales.size))
     if basis.precision is not None:
@@ -73,13 +72,13 @@ def segment_precision(
     variances = np.zeros(n_joints)
     if basis.n_components:
         k = basis.n_components
-        functions = every[0, :, :, :k] / basis.basis.scales[:k]
+        functions = tables.values[0, 1:-1, :, 1 : k + 1]
         variances = np.einsum(
             "k,kji,il,kjl->j", tables.quadrature, functions, expected.covariance, functions
         )
     spreads = search.bend_spread * np.maximum(np.sqrt(variances), search.min_spread)
     rows = unknowns.free_rows
-    bends = hermite[0][:, rows] * END_SCALES[rows]
+    bends = tables.hermite[0, 1:-1, rows].T * END_SCALES[rows]
     gram = bends.T @ (bends * tables.quadrature[:, None])
     for j in range(n_joints):
         index = n + j + n_joints * np.arange(len(rows))
