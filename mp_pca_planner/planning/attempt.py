@@ -187,11 +187,10 @@ def attempt(
         # A limit that is only touched may be exceeded between the points of the grid. It is
         # tightened only once, because an end of the motion may be at the limit.
         touches = check.touched and not touched and problem.covers(check.touched, motions)
-        tight = check.violations or touches
         apart = problem.separate(collisions, motions)
-        if not (tight or apart) or not best.converged:
+        if not (check.violations or touches or apart) or not best.converged:
             break
-        if tight:
+        if check.violations or touches:
             problem.tighten(check.touched, motions)
             touched = not check.violations
         starts = _continued(problem, best, first[0] if apart else None)

@@ -5,14 +5,36 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.linalg import lapack
 
 from ..arrays import FloatArray
 from ..primitives.conditional_model import ConditionalDistribution
 from .bases import MotionBasis
 from .compiler import MotionProgram
 from .search_options import SearchOptions
+from .starts import StartPoint
 from .unknowns import END_SCALES, GOAL_POSITION, LOG_DURATION_SCALE
+
+
+def natural_starts(
+    basis: MotionBasis,
+    program: MotionProgram,
+    naturalness: float,
+    search: SearchOptions,
+    goals: FloatArray,
+) -> list[StartPoint]:
+    """Set the program's naturalness; return the unknowns to start from, the cheapest first."""
+    starts = basis.starts
+    if basis.precision is not None and naturalness > 0.0:
+        program.precision = naturalness * goal_precision(program, basis, goals, search)
+        if naturalness >= search.near_expected:
+            starts = starts[:1]
+    # The state of a solver for weights alone does not fit programs with other unknowns.
+    fits, to_unknowns = program.scales.size == basis.expected.size, program.unknowns.from_weights
+    found = [StartPoint(to_unknowns(w), memory if fits else None) for w, memory in starts]
+    if len(found) > 1:
+        costs = program.costs(np.array([start.unknowns for start in found]))
+        found = [found[i] for i in np.argsort(costs, kind="stable")]
+    return found
 
 
 def goal_precision(
@@ -98,7 +120,6 @@ def unit_of_naturalness(
     """
     here = program.at_expected
     gradient = (here.residual @ here.jacobian)[: len(precision)]
-    _, along, _ = lapack.dposv(precision, gradient)
-    descent = float(np.sqrt(gradient @ along))
+    descent = float(np.sqrt(gradient @ np.linalg.solve(precision, gradient)))
     cost = 0.5 * float(here.residual @ here.residual)
     return max(cost, effort_weight * descent)

@@ -28,11 +28,10 @@ from .clearance import Clearances, ClearProgram
 from .compiler import MotionProgram
 from .constraints import LimitedProgram
 from .motion import Motion
-from .naturalness import goal_precision, segment_precision
+from .naturalness import natural_starts, segment_precision
 from .pose_search import nearest_configuration
 from .program import Program
 from .request import Request
-from .search_options import SearchOptions
 from .selection import effort_of
 from .sequence_request import SequenceRequest, passing_phases
 from .setup import Setup
@@ -263,7 +262,7 @@ class SingleProblem(PlanningProblem):
         )
         # A free goal is natural where demonstrations end.
         goals = request.primitive.boundary_states[:, GOAL_POSITION]
-        self.starts = _starts(basis, self._program, naturalness, setup.options.search, goals)
+        self.starts = natural_starts(basis, self._program, naturalness, setup.options.search, goals)
         ends = request.start, request.goal if request.pose is None else None
         self.parts = [Part(self._program, basis, ends)]
         if basis.is_detour:
@@ -391,25 +390,3 @@ def collision_at_end(
         if request.pose is None and one.last_time >= duration:
             return "goal", one
     return None
-
-
-def _starts(
-    basis: MotionBasis,
-    program: MotionProgram,
-    naturalness: float,
-    search: SearchOptions,
-    goals: FloatArray,
-) -> list[StartPoint]:
-    """Set the program's naturalness; return the unknowns to start from, the cheapest first."""
-    starts = basis.starts
-    if basis.precision is not None and naturalness > 0.0:
-        program.precision = naturalness * goal_precision(program, basis, goals, search)
-        if naturalness >= search.near_expected:
-            starts = starts[:1]
-    # The state of a solver for weights alone does not fit programs with other unknowns.
-    fits, to_unknowns = program.scales.size == basis.expected.size, program.unknowns.from_weights
-    found = [StartPoint(to_unknowns(w), memory if fits else None) for w, memory in starts]
-    if len(found) > 1:
-        costs = program.costs(np.array([start.unknowns for start in found]))
-        found = [found[i] for i in np.argsort(costs, kind="stable")]
-    return found
