@@ -97,7 +97,7 @@ class MotionProgram:
         self.scales = self.unknowns.scales
         self.expected = self.unknowns.from_weights(expected)
         self.precision = np.zeros((self.scales.size, self.scales.size))
-        self.equations = ConditionEquations(unknowns, tables.basis, conditions)
+        self.equations = ConditionEquations(unknowns, tables, conditions)
         self._last: tuple[bytes, Linearisation] | None = None
         self._states = tables.states(unknowns)
         if not unknowns.duration_is_free:

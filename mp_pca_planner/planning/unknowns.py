@@ -78,6 +78,10 @@ class QuadratureTables:
         """Positions to jerks at the nodes."""
         return all_states(unknowns, self.hermite[:, 1:-1], self.values[:, 1:-1])
 
+    def goal_states(self, unknowns: Unknowns) -> StateMap:
+        """Positions and velocities at the goal."""
+        return all_states(unknowns, self.hermite[:2, -1:], self.values[:2, -1:])
+
     @property
     def n_nodes(self) -> int:
         """Number of nodes."""
