@@ -221,7 +221,7 @@ class SinglePlanner:
         duration = longest = request.expected.duration
         if request.duration_is_free and not searches:
             longest *= options.search.max_stretch
-            duration = _scaled(self._setup, request, basis)
+            duration = _scaled(self._setup, request, basis, is_unknown=options.timing == FREE)
         setting = Setting(basis, duration, options.naturalness, is_first=True)
         wider, natural = WiderBasis(bases, setting), MoreNatural(options.search.naturalness_steps)
         return setting, [wider] if searches else [Slower(longest), natural, wider]
@@ -264,7 +264,8 @@ class SinglePlanner:
 
         The planner's objectives count little: they choose among motions of one duration.
         """
-        options, duration = self._setup.options, _scaled(self._setup, request, basis)
+        options = self._setup.options
+        duration = _scaled(self._setup, request, basis, is_unknown=True)
         initial = Motion(request.start, request.goal, duration, basis.basis, basis.expected)
         cost = cost_of(self._setup.robot, initial, basis.tables, options.objectives)
         share = options.search.share_in_shortest * duration / max(cost, TINY)
@@ -299,10 +300,14 @@ class SinglePlanner:
         return stated
 
 
-def _scaled(setup: Setup, request: Request, basis: MotionBasis) -> float:
-    """The expected duration, longer if the expected motion exceeds limits otherwise [s]."""
+def _scaled(setup: Setup, request: Request, basis: MotionBasis, *, is_unknown: bool) -> float:
+    """The expected duration, longer if the expected motion exceeds limits otherwise [s].
+
+    With a margin, unless it is an unknown of the program, which keeps the limits itself.
+    """
     usual, search = request.expected.duration, setup.options.search
     motion = Motion(request.start, request.goal, usual, basis.basis, basis.expected)
     states = node_states(motion, basis.tables)
-    stretch = search.scaling_margin * least_stretch(setup.robot, setup.limits, states)
+    margin = 1.0 if is_unknown else search.scaling_margin
+    stretch = margin * least_stretch(setup.robot, setup.limits, states)
     return usual * stretch if 1.0 < stretch <= search.max_stretch else usual
