@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import argparse
 import re
-from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, replace
 from functools import partial
@@ -257,7 +256,7 @@ def _facts(recordings: RecordingSet, primitive: MovementPrimitive, output: Path)
         "name": primitive.name,
         "n_recordings": len(recordings.reports),
         "n_motions": len(primitive.durations),
-        "refused": [{"recording": r.recording, "reason": r.reason} for r in recordings.refused],
+        "refused": [asdict(refusal) for refusal in recordings.refused],
         "repairs": {report.name: report.repairs for report in recordings.reports},
         "notes": {report.name: list(report.notes) for report in recordings.reports},
         "thresholds": {report.name: asdict(report.thresholds) for report in recordings.reports},
@@ -277,17 +276,14 @@ def _facts(recordings: RecordingSet, primitive: MovementPrimitive, output: Path)
 
 
 def _text(recordings: RecordingSet, primitive: MovementPrimitive, output: Path) -> list[str]:
-    repairs = Counter[str]()
-    for report in recordings.reports:
-        repairs.update({kind: count for kind, count in report.repairs.items() if count})
-    repaired = ", ".join(f"{count} {kind}" for kind, count in sorted(repairs.items())) or "none"
+    repaired = [f"{count} {kind}" for kind, count in recordings.repairs.items()]
     durations = primitive.durations
     unit = unit_of(primitive.joint_names, prismatic_joints(primitive))
     fit_residual = unit.number(np.sqrt(np.mean(primitive.fit_residual**2)))
     return [
         *_slowest_line(recordings),
         f"recordings  {len(recordings.reports)} used, {len(recordings.refused)} refused",
-        f"repairs     {repaired}",
+        f"repairs     {', '.join(repaired) or 'none'}",
         *_note_lines(recordings),
         *_marker_lines(recordings),
         f"motions     {len(durations)} of {primitive.n_joints} joints, "

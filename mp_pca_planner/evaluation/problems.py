@@ -180,16 +180,8 @@ def demonstrations_in(primitive: MovementPrimitive) -> list[Demonstration]:
     for i, duration in enumerate(primitive.durations):
         times = np.linspace(0.0, duration, max(round(duration * 100.0), 10) + 1)
         curve = CubicSpline(times, primitive.reproduction(i, times))
-        motions.append(
-            Demonstration(
-                primitive.joint_names,
-                times,
-                *(curve(times, order) for order in range(3)),
-                recording=f"{primitive.name} {i}",
-                start_time=0.0,
-                end_time=float(duration),
-            )
-        )
+        name = f"{primitive.name} {i}"
+        motions.append(Demonstration.of_curve(primitive.joint_names, curve, times, name))
     return motions
 
 

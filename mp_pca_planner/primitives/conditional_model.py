@@ -149,7 +149,8 @@ class ConditionalModel:
         Parameters
         ----------
         requests, straight_weights :
-            See the attributes.
+            See the attributes; the requests are those of all demonstrations, the following
+            arguments are of those that :func:`thinned` returns.
         shapes, reversed_shapes : array, shape (n_demonstrations, n_weights)
             Weights of the demonstrations less the straight ones, and of the same motions in
             reversed time.
@@ -158,16 +159,15 @@ class ConditionalModel:
         labels : sequence of str
             Activity of each.
         """
-        kept = _thinned(requests)
-        used, activities = requests[kept], np.asarray(labels)[kept]
+        used, activities = requests[thinned(requests)], np.asarray(labels)
         partitions: list[Groups] = [[np.arange(len(used))[:, None]]]
         if np.any(activities != activities[0]):
             partitions.append([np.argwhere(activities == x).T for x in np.unique(activities)])
         similar, distances = zip(*map(RequestFeatures(used), used), strict=True)
         roots = np.sqrt(distances)[:, None]
-        there, back = (x[kept] / roots for x in (shapes, reversed_shapes))
+        there, back = (x / roots for x in (shapes, reversed_shapes))
         shape, residuals = _fit(similar, there, back, partitions)
-        pace, _ = _fit(similar, paces[kept], reversed_paces(paces[kept]), partitions)
+        pace, _ = _fit(similar, paces, reversed_paces(paces), partitions)
         similar, _ = zip(*map(RequestFeatures(used[:, :-1]), used[:, :-1]), strict=True)
         times = used[:, -1:] - used[:, -1].mean() - np.log(roots)
         duration, _ = _fit(similar, times, times, partitions[:1])
@@ -270,10 +270,10 @@ def left_out_squares(
     return np.asarray(np.sum((residuals * roots) ** 2, axis=1))
 
 
-def _thinned(requests: FloatArray) -> slice | NDArray[np.intp]:
-    """The demonstrations to fit, whatever the order of all."""
+def thinned(requests: FloatArray) -> NDArray[np.intp]:
+    """The demonstrations to fit, by index, whatever the order of all."""
     step = -(-len(requests) // _FIT.max_demonstrations)
-    return np.lexsort(requests.T[::-1])[::step] if step > 1 else slice(None)
+    return np.lexsort(requests.T[::-1])[::step] if step > 1 else np.arange(len(requests))
 
 
 def _fit(

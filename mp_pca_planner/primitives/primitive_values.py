@@ -4,12 +4,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..arrays import frozen_array, unique_names
-from ..exceptions import PrimitiveFileError, quote_names
+from ..exceptions import PrimitiveError, PrimitiveFileError, quote_names
 from ..input_limits import INPUT_LIMITS
 from ..rows import row_blocks
 from .kernels import INVERSE_LENGTHS
@@ -41,6 +42,18 @@ ARRAY_SHAPES: dict[str, tuple[str | int, ...]] = {
     "request_precision": ("entries", "entries"),
 }
 """Shapes of the arrays of a primitive and of its conditional model."""
+
+
+def require_same_joints(movers: Iterable[tuple[str, Sequence[str]]]) -> None:
+    """Reject primitives, given by names for the message with their joints, that differ in these."""
+    first, joints = "", None
+    for name, own in movers:
+        if joints is not None and tuple(own) != joints:
+            raise PrimitiveError(
+                f"{name} moves {quote_names(own)}, but {first} moves {quote_names(joints)}: they "
+                "can't be used together"
+            )
+        first, joints = name, tuple(own)
 
 
 def freeze_values(primitive: MovementPrimitive) -> None:

@@ -23,7 +23,7 @@ from typing import Any
 from .. import __version__
 from ..exceptions import RecordingError
 from . import bags
-from .bags.discovery import METADATA, translated_os_errors
+from .bags.discovery import METADATA, bag_files
 from .repair import CleanRecording
 
 FOLDER_VARIABLE = "MP_PCA_PLANNER_CACHE"
@@ -110,7 +110,7 @@ class ReadingCache:
         That of a recording whose files have the same names, sizes and times of modification as
         before is known without reading it.
         """
-        key = key_of(str(path.absolute()), _stamp(path))
+        key = key_of(str(path.absolute()), bags.stored_state(path))
         found = self.value(key)
         if not isinstance(found, str):
             found = bags.checksum(path)
@@ -131,7 +131,7 @@ class ReadingCache:
         """
         if self.folder is None:
             return read()
-        names = [name for name, *_ in _stamp(path)]
+        names = [file.name for file in bag_files(path)]
         with suppress(OSError):
             names.append((path / METADATA).read_text(encoding="utf-8"))
         key = key_of(self.checksum(path), options, names)
@@ -157,14 +157,6 @@ class ReadingCache:
 def key_of(*values: Any) -> str:
     """The key of what the code of this release makes of some values."""
     return hashlib.sha256(pickle.dumps((__version__, _code_digest(), *values))).hexdigest()
-
-
-def _stamp(path: Path) -> list[tuple[str, int, int]]:
-    """Names, sizes and times of modification of the files of a recording."""
-    files = sorted(path.iterdir()) if path.is_dir() else [path]
-    with translated_os_errors(path):
-        status = [(file.name, file.stat()) for file in files]
-    return [(name, one.st_size, one.st_mtime_ns) for name, one in status]
 
 
 @lru_cache(maxsize=1)
