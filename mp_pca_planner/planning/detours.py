@@ -8,7 +8,7 @@ cost within limits and clearances, as for any other motion.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -133,8 +133,8 @@ class DetourPlanner:
         positions = motion.evaluate(duration * basis.tables.phases)[0]
         return any(map(collision.collides, positions))
 
-    def best(self, request: Request, budget: Budget, paths: Paths) -> Attempt | None:
-        """The best motion along a detour; None if there is no path.
+    def attempts(self, request: Request, budget: Budget, paths: Paths) -> Iterator[Attempt]:
+        """The best motion along a detour, if there is a path; the search starts when it is needed.
 
         If no motion keeps the limits, a path that was found is added to `paths`.
         """
@@ -150,7 +150,8 @@ class DetourPlanner:
                 break
         if path is not None and best is not None and not best.is_valid:
             paths[id(request.goal)] = self._finder.corners(path)
-        return best
+        if best is not None:
+            yield best
 
     def _follower(self, primitive: MovementPrimitive) -> PathFollower:
         if primitive.name not in self._followers:
