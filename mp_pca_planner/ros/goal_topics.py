@@ -17,7 +17,7 @@ from trajectory_msgs.msg import JointTrajectory
 
 from ..exceptions import GoalError, unknown_name
 from ..execution.assembly import Model
-from ..execution.avoidance import ObstacleAvoidance
+from ..execution.avoidance import avoid_obstacle
 from ..execution.goal_planner import UnexecutablePlanError
 from ..execution.motion_server import GoalStatistics, MakeGoal, MotionServer
 from ..execution.preemptive_worker import CancelledError, IsCancelled, PreemptiveWorker
@@ -129,8 +129,6 @@ class GoalTopics:
         Makes the planning context.
     server : MotionServer
         Plans and publishes motions.
-    avoidance : ObstacleAvoidance
-        Replaces motions that would hit an obstacle.
     statistics : GoalStatistics
         Counts goals.
     last_motion : LastMotion
@@ -143,12 +141,10 @@ class GoalTopics:
         node: GuardedNode,
         setup: PlanningSetup,
         server: MotionServer,
-        avoidance: ObstacleAvoidance,
         statistics: GoalStatistics,
         last_motion: LastMotion,
     ) -> None:
-        self._node, self._setup = node, setup
-        self._server, self._avoidance = server, avoidance
+        self._node, self._setup, self._server = node, setup, server
         self._statistics, self._last_motion = statistics, last_motion
         self._reports = node.create_publisher(DiagnosticStatus, "~/plan_report", EVERY)
         self._worker: PreemptiveWorker[_Request | _Avoidance] = PreemptiveWorker(
@@ -195,11 +191,11 @@ class GoalTopics:
         """Serve a goal, then avoid an obstacle that the running motion would hit."""
         if isinstance(request, _Request):
             self._serve_goal(request, is_cancelled)
-        if not self._avoidance.is_needed:
+        if self._server.surroundings.threat is None:
             return
         logger = self._node.get_logger()
         try:
-            text, served = self._avoidance.avoid(self._setup.ready(), is_cancelled)
+            text, served = avoid_obstacle(self._server, self._setup.ready(), is_cancelled)
         except CancelledError:
             raise
         except Exception as error:

@@ -27,8 +27,6 @@ from ..robot.world import (
 )
 from ..robot.world_meshes import read_mesh
 
-# Messages that are remembered, because latched ones arrive on both subscriptions.
-_N_SEEN = 400
 _ACCEPTED = "CUBE, SPHERE, CYLINDER, CUBE_LIST, SPHERE_LIST, TRIANGLE_LIST and MESH_RESOURCE"
 
 
@@ -112,7 +110,8 @@ class MarkerMessages:
     """
 
     def __init__(self) -> None:
-        self._seen: deque[int] = deque(maxlen=_N_SEEN)
+        # The latest messages, because latched ones arrive on both subscriptions.
+        self._seen: deque[int] = deque(maxlen=400)
         # Source time of the last change of each obstacle, and of all of them [ns].
         self._changed: dict[str, int] = {}
         self._cleared = 0

@@ -10,7 +10,7 @@ from typing import Any
 from visualization_msgs.msg import MarkerArray
 
 from ..exceptions import PlannerError
-from ..execution.avoidance import ObstacleAvoidance
+from ..execution.motion_server import MotionServer
 from ..motion.collision import package_folders
 from ..robot.world import World
 from .guarded_node import LOG_PERIOD, GuardedNode
@@ -29,7 +29,7 @@ class ObstacleTopic:
         The node.
     setup : PlanningSetup
         Has the robot whose links markers may be attached to.
-    avoidance : ObstacleAvoidance
+    server : MotionServer
         Keeps the obstacles.
     on_threat : callable
         Called if the running motion would hit a new obstacle.
@@ -44,10 +44,10 @@ class ObstacleTopic:
         self,
         node: GuardedNode,
         setup: PlanningSetup,
-        avoidance: ObstacleAvoidance,
+        server: MotionServer,
         on_threat: Callable[[], None],
     ) -> None:
-        self._node, self._setup, self._avoidance = node, setup, avoidance
+        self._node, self._setup, self._server = node, setup, server
         self._on_threat, self.problem = on_threat, ""
         self._messages = MarkerMessages()
         group = ThreadGroup()
@@ -62,7 +62,7 @@ class ObstacleTopic:
     def facts(self) -> dict[str, str | int]:
         """The number of obstacles, and the last problem, for the diagnostics."""
         return {
-            "obstacles": len(self._avoidance.world),
+            "obstacles": len(self._server.surroundings.world),
             "obstacle_rejected": self.problem or "none",
         }
 
@@ -78,9 +78,9 @@ class ObstacleTopic:
 
     def _apply(self, message: MarkerArray, stamp: int, *, is_late: bool) -> None:
         """Apply the markers of a message; one that can't be used changes nothing."""
-        context = self._setup.context
+        context, surroundings = self._setup.context, self._server.surroundings
         applied = self._messages.apply(
-            self._avoidance.world,
+            surroundings.world,
             message,
             stamp,
             is_late=is_late,
@@ -91,7 +91,7 @@ class ObstacleTopic:
             return
         obstacles, problems = applied
         try:
-            if self._avoidance.replace_world(World(obstacles), context):
+            if surroundings.replace(World(obstacles), context, self._server.served):
                 self._on_threat()
         except PlannerError as error:
             problems.append(str(error))
