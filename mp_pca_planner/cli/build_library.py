@@ -7,7 +7,7 @@ from __future__ import annotations
 import argparse
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import partial
 from itertools import count
 from pathlib import Path
@@ -40,9 +40,6 @@ from .common import check_output, report
 from .terminal import DONE, complain
 
 Joints = tuple[str, ...]
-
-# Motions listed in the text after a kind of finding.
-_MAX_LISTED = 3
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -87,8 +84,6 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _check(arguments: argparse.Namespace, folders: Mapping[Joints, Path]) -> None:
     """Reject options that don't fit together or to the folder."""
-    if arguments.align == "dtw":
-        raise PrimitiveError("--align dtw needs motions of one kind: use another alignment")
     if not arguments.bags and not arguments.update:
         raise RecordingError("give at least one recording, or --update")
     if arguments.remove and not arguments.update:
@@ -173,7 +168,7 @@ def _print(
 ) -> None:
     facts: dict[str, Any] = {
         "n_recordings": len(recordings.reports),
-        "refused": [{"recording": r.recording, "reason": r.reason} for r in recordings.refused],
+        "refused": [asdict(refusal) for refusal in recordings.refused],
         "libraries": [_facts(folder, content) for folder, content in places.items()],
     }
     lines = [f"recordings  {facts['n_recordings']} read, {len(recordings.refused)} refused"]
@@ -245,8 +240,8 @@ def _place(motion: Mapping[str, Any]) -> str:
     return f"{motion['recording']} {motion['start_time_s']:.2f} s"
 
 
-def _listed(what: str, motions: Sequence[str]) -> list[str]:
-    """A line with the number of motions and the first of them, if there are any."""
+def _listed(what: str, motions: Sequence[str], most: int = 3) -> list[str]:
+    """A line with the number of motions and at most so many of them, if there are any."""
     if not motions:
         return []
-    return [f"{what:<12}{len(motions)}: {listed(motions, _MAX_LISTED, '; ')}"]
+    return [f"{what:<12}{len(motions)}: {listed(motions, most, '; ')}"]

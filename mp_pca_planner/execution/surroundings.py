@@ -34,6 +34,8 @@ class Surroundings:
         rest of the motion.
     threat_time : float
         When it begins [s].
+    missing : str
+        Why an obstacle that was given is not avoided; empty if all are.
     """
 
     def __init__(self, states: StartStates) -> None:
@@ -41,7 +43,7 @@ class Surroundings:
         self._lock = threading.Lock()
         self._checker: tuple[Model, CollisionModel] | None = None
         self.threat: Collision | None = None
-        self.threat_time = 0.0
+        self.threat_time, self.missing = 0.0, ""
 
     @property
     def world(self) -> World:

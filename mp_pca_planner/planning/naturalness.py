@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.linalg import lapack
 
 from ..arrays import FloatArray
 from ..primitives.conditional_model import ConditionalDistribution
@@ -45,7 +46,7 @@ def goal_precision(
     if free:
         spread = np.maximum(goals.std(axis=0), search.min_spread)
         precision[free, free] = (END_SCALES[GOAL_POSITION] / spread) ** 2
-    return precision * unit_of_naturalness(program, own, program.expected, search.effort_weight)
+    return precision * unit_of_naturalness(program, own, search.effort_weight)
 
 
 def segment_precision(
@@ -60,6 +61,7 @@ def segment_precision(
     spread of the demonstrations of each joint, averaged over the motion.
     """
     unknowns, tables = program.unknowns, basis.tables
+    hermite, _, every = tables.states
     n, n_joints = unknowns.n_weights, unknowns.boundary.shape[1]
     precision = np.zeros((program.scales.size, program.scales.size))
     if basis.precision is not None:
@@ -71,13 +73,13 @@ def segment_precision(
     variances = np.zeros(n_joints)
     if basis.n_components:
         k = basis.n_components
-        functions = tables.functions[:, 0, :, :k] / basis.basis.scales[:k]
+        functions = every[0, :, :, :k] / basis.basis.scales[:k]
         variances = np.einsum(
             "k,kji,il,kjl->j", tables.quadrature, functions, expected.covariance, functions
         )
     spreads = search.bend_spread * np.maximum(np.sqrt(variances), search.min_spread)
     rows = unknowns.free_rows
-    bends = tables.hermite[0][:, rows] * END_SCALES[rows]
+    bends = hermite[0][:, rows] * END_SCALES[rows]
     gram = bends.T @ (bends * tables.quadrature[:, None])
     for j in range(n_joints):
         index = n + j + n_joints * np.arange(len(rows))
@@ -86,7 +88,7 @@ def segment_precision(
 
 
 def unit_of_naturalness(
-    program: MotionProgram, precision: FloatArray, expected: FloatArray, effort_weight: float
+    program: MotionProgram, precision: FloatArray, effort_weight: float
 ) -> float:
     """Cost of one standard deviation from the expected motion at ρ = 1.
 
@@ -95,8 +97,9 @@ def unit_of_naturalness(
     their effort could decrease fast: to first order, the optimum is at most 1 / (ρ effort_weight)
     standard deviations away.
     """
-    here = program.linearise(expected)
+    here = program.at_expected
     gradient = (here.residual @ here.jacobian)[: len(precision)]
-    descent = float(np.sqrt(gradient @ np.linalg.solve(precision, gradient)))
+    _, along, _ = lapack.dposv(precision, gradient)
+    descent = float(np.sqrt(gradient @ along))
     cost = 0.5 * float(here.residual @ here.residual)
     return max(cost, effort_weight * descent)

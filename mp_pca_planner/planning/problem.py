@@ -69,7 +69,7 @@ class Part:
         x = self.program.unknowns
         if x.duration_is_free and not self.program.precision[x.n_linear, x.n_linear] > 0.0:
             return False
-        at = self.program.linearise(self.program.expected)
+        at = self.program.at_expected
         return keeps_limits(limits, at.states, at.efforts)
 
     def bound(self, limits: JointLimits | None, robot: Robot) -> None:
@@ -282,8 +282,7 @@ class SingleProblem(PlanningProblem):
 
     def efforts(self, x: FloatArray) -> tuple[float, float]:
         """Efforts ½∫‖τ‖²dt of the motion and of the expected one [N²·m²·s]."""
-        both = self._program.effort_costs(np.array([x, self._program.expected]))
-        return float(both[0]), float(both[1])
+        return self._program.effort_cost(x), self._program.effort_cost(self._program.expected)
 
     def naturalness_cost(self, x: FloatArray) -> float:
         """The naturalness term of the weights."""
@@ -386,14 +385,15 @@ def _starts(
     goals: FloatArray,
 ) -> list[StartPoint]:
     """Set the program's naturalness; return the unknowns to start from, the cheapest first."""
-    candidates = np.array([program.unknowns.from_weights(s.unknowns) for s in basis.starts])
-    order: Sequence[int] = range(len(candidates))
+    starts = basis.starts
     if basis.precision is not None and naturalness > 0.0:
         program.precision = naturalness * goal_precision(program, basis, goals, search)
         if naturalness >= search.near_expected:
-            order = order[:1]
-    if len(order) > 1:
-        order = np.argsort(program.costs(candidates), kind="stable").tolist()
+            starts = starts[:1]
     # The state of a solver for weights alone does not fit programs with other unknowns.
-    fits = program.scales.size == program.unknowns.n_weights
-    return [StartPoint(candidates[i], basis.starts[i].memory if fits else None) for i in order]
+    fits, to_unknowns = program.scales.size == basis.expected.size, program.unknowns.from_weights
+    found = [StartPoint(to_unknowns(w), memory if fits else None) for w, memory in starts]
+    if len(found) > 1:
+        costs = program.costs(np.array([start.unknowns for start in found]))
+        found = [found[i] for i in np.argsort(costs, kind="stable")]
+    return found

@@ -11,6 +11,7 @@ import numpy as np
 
 from ..arrays import FloatArray
 from ..exceptions import GoalError
+from ..input_limits import INPUT_LIMITS
 from ..motion.goal import JointGoal, JointState, Pose, PoseGoal, Via
 from ..primitives.boundary import hermite_functions
 from ..primitives.conditional_model import ConditionalDistribution
@@ -22,12 +23,6 @@ from .pose_search import configurations_at, starts_near
 from .selection import Selection, Selector
 from .setup import Setup
 from .states import check_within_limits, completed, in_order, unwrapped
-
-LONGEST_DURATION = 600.0
-"""Longest duration that is accepted [s]."""
-
-# Largest number of points; more would exhaust the memory.
-_MAX_POINTS = 100_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -245,7 +240,7 @@ class GoalResolver:
 
 def longest_duration(options: PlannerOptions) -> float:
     """The longest duration that is accepted [s]."""
-    return min(LONGEST_DURATION, _MAX_POINTS * options.sample_period)
+    return min(INPUT_LIMITS.duration, INPUT_LIMITS.trajectory_points * options.sample_period)
 
 
 def _windows(

@@ -15,7 +15,6 @@ import numpy as np
 from ..exceptions import GoalError
 from ..motion.goal import JointGoal, JointState
 from ..primitives.basis import Basis, BSplineBasis
-from ..primitives.boundary import hermite_functions
 from ..primitives.primitive import MovementPrimitive
 from .attempt import Attempt, attempt
 from .bases import MotionBasis, component_basis, corrected_basis, spline_basis
@@ -301,11 +300,5 @@ def _scaled(setup: Setup, request: Request, basis: MotionBasis) -> float:
     usual, search = request.expected.duration, setup.options.search
     motion = Motion(request.start, request.goal, usual, basis.basis, basis.expected)
     states = node_states(motion, basis.tables)
-    if np.isfinite(setup.limits.jerk).any():  # often largest at the ends
-        phases = np.array([0.0, 1.0])
-        ends = hermite_functions(phases, 3) @ motion.boundary
-        states = np.concatenate([states, states[:, [0, -1]]], axis=1)
-        states[3, -2:] = (ends + basis.basis.shape(basis.expected, phases, 3)) / usual**3
-    stretch = least_stretch(setup.robot, setup.limits, states)
-    stretch *= search.scaling_margin
+    stretch = search.scaling_margin * least_stretch(setup.robot, setup.limits, states)
     return usual * stretch if 1.0 < stretch <= search.max_stretch else usual

@@ -48,8 +48,6 @@ class SolverOptions:
         accurate over that distance.
     first_radius_to_equalities : float
         The same with equalities, which may be far more curved.
-    damping_decay : float
-        Initial damping of a step as a share of that of the step before, 0 to 1.
     expected_share : float
         Share of the predicted change of the gradient in the scale of the curvature's update, 0 to
         1: it steadies the update as Powell's damping does. The default took the fewest passes on
@@ -65,8 +63,7 @@ class SolverOptions:
     max_iterations: int = 60
     should_stop: Callable[[], bool] = lambda: False
     first_radius: float = 30.0
-    first_radius_to_equalities: float = 4.0
-    damping_decay: float = 0.25
+    first_radius_to_equalities: float = 10.0
     expected_share: float = 0.3
     min_cosine: float = 0.05
     min_radius: float = 1e-9
@@ -84,18 +81,15 @@ class SolverMemory:
         Radius of the trust region.
     sides : array of int, shape (n_active,)
         Sides of the inequalities that were active, see :class:`.subproblem.Step`.
-    damping : float
-        Value added to the diagonal of the Hessian to limit the last step.
     """
 
     curvature: Matrix
     radius: float
     sides: NDArray[np.intp]
-    damping: float
 
     def curvature_alone(self) -> SolverMemory:
         """The memory for a similar program, whose active limits may differ."""
-        return replace(self, sides=self.sides[:0], damping=0.0)
+        return replace(self, sides=self.sides[:0])
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,7 +175,7 @@ class _Search:
     def _blank(self) -> SolverMemory:
         options, curved = self._options, bool(self.here.equalities.size)
         radius = options.first_radius_to_equalities if curved else options.first_radius
-        return SolverMemory(self.here.hessian * 0.0, radius, np.zeros(0, dtype=np.intp), 0.0)
+        return SolverMemory(self.here.hessian * 0.0, radius, np.zeros(0, dtype=np.intp))
 
     def run(self) -> Solution:
         """Take steps until one is negligible, or time or iterations run out."""
@@ -189,21 +183,21 @@ class _Search:
         while not converged and self.iterations < options.max_iterations:
             memory = self.memory
             hessian = added(self.here.hessian, memory.curvature)
-            subproblem = Subproblem(self._program, self.here, hessian, memory.radius)
-            less = options.damping_decay * memory.damping
-            step = subproblem.solve(memory.sides, less)
+            subproblem = Subproblem(self._program, self.here, hessian, memory.radius, memory.sides)
+            enough = options.tolerance * self.here.cost
+            converged = self.violated <= FEASIBLE and subproblem.largest_decrease() <= enough
+            if converged:
+                self.pull = subproblem.pull
+                break
+            step = subproblem.solve()
             self.pull = step.pull
-            self.memory = replace(memory, sides=step.sides, damping=step.damping)
+            self.memory = replace(memory, sides=step.sides)
             # An exact penalty needs a weight above every multiplier. It may fall again (Powell, "A
             # fast algorithm for nonlinearly constrained optimization calculations", 1978).
             least = 2.0 * step.largest_multiplier
             self.weight = max(least, 0.5 * (self.weight + least))
             predicted = step.decrease + self.weight * (self.violated - step.infeasibility)
-            negligible = predicted <= options.tolerance * self.here.cost
-            if negligible and less > 0.0:
-                # The damping may have made the step small, so a step without damping is tried.
-                self.memory = replace(self.memory, damping=0.0)
-                continue
+            negligible = predicted <= enough
             converged = negligible and self.violated <= FEASIBLE
             restores = self.violated - step.infeasibility > FEASIBLE
             stuck = (negligible and not restores) or memory.radius < options.min_radius

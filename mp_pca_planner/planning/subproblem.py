@@ -19,7 +19,15 @@ from numpy.typing import NDArray
 from scipy.linalg import lapack
 
 from ..arrays import FloatArray
-from .matrices import BlockMatrix, Matrix, as_array, mean_diagonal, shifted
+from .matrices import (
+    BlockMatrix,
+    Factor,
+    Matrix,
+    as_array,
+    cholesky,
+    mean_diagonal,
+    shifted,
+)
 from .program import Point, Program
 from .quadratic import solve_quadratic
 from .trust_region import TrustRegionStep, trust_region_step
@@ -54,7 +62,7 @@ def _sum_of_peaks(outside: FloatArray) -> float:
     where = np.flatnonzero(outside > 0.0)
     if not where.size:
         return 0.0
-    starts = np.concatenate([[0], np.flatnonzero(np.diff(where) > 1) + 1])
+    starts = np.flatnonzero(np.diff(where, prepend=-2) > 1)
     return float(np.maximum.reduceat(outside[where], starts).sum())
 
 
@@ -64,14 +72,14 @@ def violated_sides(program: Program, values: FloatArray, outside: FloatArray) ->
     The neighbours are included because a constrained peak often moves by one point. Side 2i is the
     lower bound of inequality i, 2i + 1 the upper one.
     """
-    broken = outside > _ROUNDING
-    if not broken.any():
-        return np.zeros(0, dtype=np.intp)
-    broken[1:] &= outside[1:] > outside[:-1]
-    broken[:-1] &= outside[:-1] >= outside[1:]
-    peaks = np.flatnonzero(broken)
+    broken = np.flatnonzero(outside > _ROUNDING)
+    if not broken.size:
+        return broken
+    by, last = outside[broken], outside.size - 1
+    rises = (by > outside[broken - 1]) | (broken == 0)
+    peaks = broken[rises & (by >= outside[np.minimum(broken + 1, last)])]
     near = np.concatenate([peaks, peaks - 1, peaks + 1])
-    near = near[(near >= 0) & (near < outside.size)]
+    near = near[(near >= 0) & (near <= last)]
     return np.asarray(2 * near + (values[near] - program.upper[near] == outside[near]))
 
 
@@ -144,14 +152,55 @@ class Step:
         return gradient
 
 
+class Held(NamedTuple):
+    """A step within few inequalities.
+
+    Attributes
+    ----------
+    step : array, shape (n_free,)
+        The step y of the free unknowns.
+    multipliers : array, shape (n_inequalities,)
+        Lagrange multipliers of the inequalities.
+    damping : float
+        Value added to the diagonal of the Hessian to limit the step.
+    is_within : bool
+        Whether the inequalities are met; otherwise they contradict each other.
+    """
+
+    step: FloatArray
+    multipliers: FloatArray
+    damping: float
+    is_within: bool
+
+
 class Subproblem:
     """The quadratic model of a program at a point, in the trust region.
 
     Its unknowns are y with the step `normal + directions · y`, or the step itself where there
     are no equalities.
+
+    Parameters
+    ----------
+    program : Program
+        The program.
+    here : Point
+        The point.
+    hessian : array, shape (n, n), or BlockMatrix
+        Hessian of the Lagrangian.
+    radius : float
+        Radius of the trust region.
+    sides : array of int
+        Sides of inequalities to consider first: those that were active in the step before.
     """
 
-    def __init__(self, program: Program, here: Point, hessian: Matrix, radius: float) -> None:
+    def __init__(
+        self,
+        program: Program,
+        here: Point,
+        hessian: Matrix,
+        radius: float,
+        sides: NDArray[np.intp],
+    ) -> None:
         self._program, self._here, self._whole = program, here, hessian
         self._tangent = Tangent.at(here, radius) if here.equalities.size else None
         self._hessian, self._gradient, self._radius = hessian, here.gradient, radius
@@ -160,39 +209,58 @@ class Subproblem:
             self._hessian = directions.T @ as_array(hessian) @ directions
             self._gradient = directions.T @ (here.gradient + hessian @ normal)
             self._radius = math.sqrt(max(radius**2 - float(normal @ normal), 0.0))
+        self._sides = sides if self._gradient.size else sides[:0]
+        self._rows, self._bounds = _at_sides(program, here, self._sides)
 
-    def solve(self, sides: NDArray[np.intp], damping: float) -> Step:
+    @cached_property
+    def _first(self) -> Held:
+        """The step within the given sides alone."""
+        if self._sides.size:
+            return self._held(self._rows, self._bounds, 0.0)
+        return Held(self._free.step, np.zeros(0), 0.0, bool(self._gradient.size))
+
+    def largest_decrease(self) -> float:
+        """Predicted decrease of the objective within the given sides alone.
+
+        Within all inequalities it is at most as large. It is infinite if no such step was found.
+        """
+        if not self._first.is_within:
+            return math.inf
+        change = self._lifted(self._first.step)
+        return -float((self._here.gradient + 0.5 * (self._whole @ change)) @ change)
+
+    @property
+    def pull(self) -> FloatArray:
+        """Gradient of the Lagrangian along the equalities, with the multipliers of that step."""
+        pull = self._here.gradient + self._first.multipliers @ self._rows
+        return pull if self._tangent is None else np.asarray(pull @ self._tangent.directions)
+
+    def solve(self) -> Step:
         """The step within the linearised constraints.
 
-        Only few of the thousands of inequalities enter the quadratic program: the given sides,
-        which were active in the step before, and those that the step would violate otherwise.
-        Constraints keep most steps short, so the given initial damping is small.
+        Only few of the thousands of inequalities enter the quadratic program: the given sides, and
+        those that the step would violate otherwise.
         """
-        here, program = self._here, self._program
-        multipliers, feasible = np.zeros(0), bool(self._gradient.size)
-        sides = sides if feasible else sides[:0]
-        if not sides.size:
-            y = self._free.step
-        rows, bounds = _at_sides(program, here, sides)
+        here, program, held = self._here, self._program, self._first
+        sides, rows, bounds = self._sides, self._rows, self._bounds
         for left in reversed(range(_MAX_ROUNDS)):
-            if sides.size:
-                reduced = self._reduced(rows, bounds)
-                y, multipliers, damping, feasible = self._held(damping, *reduced)
-            change = self._lifted(y)
+            change = self._lifted(held.step)
             after = here.inequalities_after(change)
             outside = outside_bounds(program, after)
             broken = violated_sides(program, after, outside)
             added = broken[~(broken[:, None] == sides).any(axis=1)]
-            if not (added.size and feasible and left):
+            if not (added.size and held.is_within and left):
                 break
-            kept = multipliers > 0.0
-            sides = np.concatenate([sides[kept], added])
+            kept = held.multipliers > 0.0
             new_rows, new_bounds = _at_sides(program, here, added)
+            sides = np.concatenate([sides[kept], added])
             rows = np.concatenate([rows[kept], new_rows])
             bounds = np.concatenate([bounds[kept], new_bounds])
-        holding = multipliers > 0.0
+            held = self._held(rows, bounds, held.damping)
+        holding = held.multipliers > 0.0
+        multipliers = held.multipliers[holding]
         curved = self._whole @ change
-        pull = here.gradient + multipliers[holding] @ rows[holding]
+        pull = here.gradient + multipliers @ rows[holding]
         equality_multipliers, missed = np.zeros(0), 0.0
         if self._tangent is not None:
             equality_multipliers = -self._tangent.pseudo_inverse.T @ (pull + curved)
@@ -203,10 +271,10 @@ class Subproblem:
             decrease=-float((here.gradient + 0.5 * curved) @ change),
             infeasibility=_sum_of_peaks(outside) + missed,
             sides=sides[holding],
-            multipliers=multipliers[holding],
+            multipliers=multipliers,
             equality_multipliers=equality_multipliers,
             pull=pull,
-            damping=damping if sides.size else 0.0,
+            damping=held.damping if sides.size else 0.0,
         )
 
     def correction(self, sides: NDArray[np.intp]) -> FloatArray:
@@ -219,18 +287,13 @@ class Subproblem:
         if n_equalities + sides.size > n:
             sides = sides[:0]
         rows = np.concatenate([equalities, self._here.inequality_rows(sides // 2)])
-        return np.asarray(np.linalg.pinv(rows, rcond=_DEPENDENT)[:, :n_equalities])
+        changes = np.eye(len(rows))[:, :n_equalities]
+        return np.asarray(np.linalg.lstsq(rows, changes, rcond=_DEPENDENT)[0])
 
     def _lifted(self, y: FloatArray) -> FloatArray:
         if self._tangent is None:
             return y
         return np.asarray(self._tangent.normal + self._tangent.directions @ y)
-
-    def _reduced(self, rows: FloatArray, bounds: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Inequalities on the step, expressed as inequalities on y."""
-        if self._tangent is None:
-            return rows, bounds
-        return rows @ self._tangent.directions, bounds - rows @ self._tangent.normal
 
     @cached_property
     def _free(self) -> TrustRegionStep:
@@ -245,30 +308,37 @@ class Subproblem:
         _, failed = lapack.dpotrf(self._hessian)
         return (_convexified(self._hessian) if failed else self._hessian), 0.0
 
-    def _held(
-        self, damping: float, rows: FloatArray, bounds: FloatArray
-    ) -> tuple[FloatArray, FloatArray, float, bool]:
-        """The y within rows · y ≤ bounds, its multipliers, the damping, and whether one exists.
+    @cached_property
+    def _factor(self) -> Factor | None:
+        """The factor of the Hessian made positive definite."""
+        return cholesky(*self._convex)
+
+    def _held(self, rows: FloatArray, bounds: FloatArray, damping: float) -> Held:
+        """The step within inequalities rows · step ≤ bounds of the whole step.
 
         The given damping is raised until the step is not much longer than the trust region. A step
         that is still longer is shortened.
         """
+        if self._tangent is not None:
+            normal, directions, _ = self._tangent
+            rows, bounds = rows @ directions, bounds - rows @ normal
         hessian, shift = self._convex
         longest = 1.5 * self._radius
         for _ in range(_MAX_DAMPINGS):
-            found = solve_quadratic(hessian, self._gradient, rows, bounds, shift + damping)
+            factor = cholesky(hessian, shift + damping) if damping else self._factor
+            found = solve_quadratic(factor, self._gradient, rows, bounds)
             if found is None:
                 regular = shifted(as_array(hessian), shift + damping)
                 step, multipliers = _nearest(regular, self._gradient, rows, bounds)
-                length = math.sqrt(float(step @ step))
-                return min(1.0, longest / max(length, TINY)) * step, multipliers, damping, False
-            step, multipliers = found.step, found.multipliers
+            else:
+                step, multipliers = found.step, found.multipliers
             length = math.sqrt(float(step @ step))
-            if length <= longest:
-                return step, multipliers, damping, True
+            if length <= longest or found is None:
+                break
             least = max(0.03 * self._free.shift, 1e-4 * mean_diagonal(hessian))
             damping = max(4.0 * damping, least)
-        return longest / length * step, multipliers, damping, True
+        share = min(1.0, longest / max(length, TINY))
+        return Held(share * step, multipliers, damping, found is not None)
 
 
 def _convexified(hessian: FloatArray) -> FloatArray:

@@ -12,7 +12,7 @@ import numpy as np
 
 from ..arrays import FloatArray
 from ..exceptions import TrajectoryError
-from ..motion.interpolation import hermite_functions
+from ..motion.interpolation import quintics
 from ..motion.validation import LimitCheck
 from ..robot.limits import JointLimits
 from ..robot.model import Robot
@@ -67,11 +67,9 @@ def kinematic_stretch(limits: JointLimits, rates: FloatArray) -> float:
     rates : array, shape (3, n_steps, n_joints)
         Velocities, accelerations and jerks of the motion.
     """
-    bounds = (limits.velocity, limits.acceleration, limits.jerk)
-    return max(
-        float(np.max(np.abs(values) / bound) ** (1.0 / order))
-        for order, (values, bound) in enumerate(zip(rates, bounds, strict=True), start=1)
-    )
+    bounds = np.array([limits.velocity, limits.acceleration, limits.jerk])
+    shares = np.max(np.abs(rates) / bounds[:, None], axis=(1, 2))
+    return float(np.max(shares ** (1.0 / np.arange(1, 4))))
 
 
 def keeps_limits(limits: JointLimits, states: FloatArray, efforts: FloatArray) -> bool:
@@ -121,7 +119,7 @@ def least_duration(robot: Robot, limits: JointLimits, start: FloatArray, goal: F
         return float(max(kinematic))
     ends = np.zeros((6, displacement.size))
     ends[0], ends[3] = start, goal
-    q, v, a = (hermite_functions(_PHASES, d) @ ends for d in range(3))
+    q, v, a = quintics(_PHASES, ends, 2)
     gravity, moving = _effort_parts(robot, q, v, a)
     _check_gravity(gravity, limits)
     return float(max(*kinematic, _stretch_of_efforts(limits, gravity, moving)))

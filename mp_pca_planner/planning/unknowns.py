@@ -54,13 +54,8 @@ class QuadratureTables:
         Phases of the nodes.
     quadrature : array, shape (n_nodes,)
         Quadrature weights; they add up to 1.
-    hermite : array, shape (4, n_nodes, 6)
-        Quintic Hermite functions and their first three derivatives by phase.
-    mean : array, shape (4, n_nodes, n_joints)
-        The same of the mean shape.
-    functions : array, shape (n_nodes, 4, n_joints, n_weights)
-        The same of the basis functions, each times the usual magnitude of its weight, so
-        that the unknowns of the program are of order 1.
+    with_ends : tuple of array
+        `states` at phase 0, at the nodes and at phase 1.
     """
 
     def __init__(self, basis: Basis, n_nodes: int = DEFAULT_NODES) -> None:
@@ -68,14 +63,31 @@ class QuadratureTables:
         per_piece = max(int(np.ceil(n_nodes / (len(edges) - 1))), _MIN_NODES_PER_PIECE)
         x, w = _gauss_legendre(per_piece)
         widths = np.diff(edges)[:, None]
-        phases = (edges[:-1, None] + widths * (x + 1.0) / 2.0).ravel()
+        inside = (edges[:-1, None] + widths * (x + 1.0) / 2.0).ravel()
+        phases = np.concatenate([[0.0], inside, [1.0]])
         self.basis = basis
-        self.phases = phases
+        self.phases = inside
         self.quadrature = (widths * w / 2.0).ravel()
-        self.hermite = hermite_tables(phases.tobytes())
         tables = basis.tables(phases, N_RATES - 1)
-        self.mean = tables[..., 0]
-        self.functions = tables[..., 1:].transpose(1, 0, 2, 3) * basis.scales
+        hermite = hermite_tables(phases.tobytes())
+        self.with_ends = hermite, tables[..., 0], tables[..., 1:] * basis.scales
+
+    @property
+    def states(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Positions and their first three derivatives by phase at the nodes.
+
+        Returns
+        -------
+        hermite : array, shape (4, n_nodes, 6)
+            Quintic Hermite functions.
+        mean : array, shape (4, n_nodes, n_joints)
+            The mean shape.
+        functions : array, shape (4, n_nodes, n_joints, n_weights)
+            The basis functions, each times the usual magnitude of its weight, so that the unknowns
+            of the program are of order 1.
+        """
+        hermite, mean, functions = (table[:, 1:-1] for table in self.with_ends)
+        return hermite, mean, functions
 
     @property
     def n_nodes(self) -> int:
@@ -303,8 +315,8 @@ class StateMap:
         self._unknowns, self._hermite, self._orders = unknowns, hermite[orders], orders[:, None]
         self._mean = mean[orders, :, self._joints]
         columns = functions[orders, :, self._joints]
-        own = np.eye(n_joints)[self._joints][:, None, :]
         for row in unknowns.free_rows:
+            own = np.eye(n_joints)[self._joints][:, None, :]
             moved = END_SCALES[row] * self._hermite[:, :, row, None] * own
             columns = np.concatenate([columns, moved], axis=2)
         self._columns = columns.reshape(self._mean.size, columns.shape[2])

@@ -76,15 +76,9 @@ def options_to_update(primitive: MovementPrimitive) -> PrimitiveOptions:
     try:
         for key in ("components", "phases"):
             stored[f"n_{key}"] = stored.pop(key)
-        options = PrimitiveOptions(**stored)
+        return PrimitiveOptions(**stored)
     except (KeyError, TypeError):
         raise PrimitiveError(f"{why}its metadata lacks the options it was built with") from None
-    if options.align == "dtw":
-        raise PrimitiveError(
-            f"{why}the alignment 'dtw' needs all motions at once; build it again from all "
-            "recordings"
-        )
-    return options
 
 
 def build_from_statistics(

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import FloatArray
-from .covariances import in_span_score, request_precision, shrunk_covariance
+from .covariances import in_span_score, marginal_precision, request_precision, shrunk_covariance
 from .kernels import CONSTANT, LEAST_NOISE, RequestFeatures
 from .pace import reversed_paces
 
@@ -189,8 +189,10 @@ class ConditionalModel:
         ends = np.concatenate([start, goal])
         expected = self._expected_duration(ends) if duration is None else duration
         request = np.append(ends, np.log(expected))
-        given = ends if duration is None else request
-        score = in_span_score(given, self.mean, self.request_precision)
+        given, precision = request, self.request_precision
+        if duration is None:
+            given, precision = ends, self._end_precision
+        score = in_span_score(given, self.mean, precision)
         similar, distance = self._features(request)
         # Novelty of the request, from 0 to 1, by the shortest kernel.
         novelty = 1.0 + CONSTANT - similar[-1, 0].max()
@@ -198,13 +200,18 @@ class ConditionalModel:
         both = similar.ravel() @ (near + novelty * far if far.any() else near)
         shape, pace = both[: self.straight_weights.size], both[self.straight_weights.size :]
         weights = self.straight_weights + math.sqrt(distance) * shape
-        covariance, precision = self.weight_covariance, self.weight_precision
-        return ConditionalDistribution(weights, covariance, precision, pace, expected, score)
+        of_weights = self.weight_covariance, self.weight_precision
+        return ConditionalDistribution(weights, *of_weights, pace, expected, score)
 
     @cached_property
     def mean(self) -> FloatArray:
         """Mean request, shape (2 n_joints + 1,)."""
         return np.asarray(self.requests.mean(axis=0))
+
+    @cached_property
+    def _end_precision(self) -> FloatArray:
+        """Inverse covariance of the end points of the requests."""
+        return marginal_precision(self.request_precision, self.mean.size - 1)
 
     @cached_property
     def _features(self) -> RequestFeatures:

@@ -22,6 +22,7 @@ from .. import __version__
 from ..arrays import FloatArray, frozen_array
 from ..exceptions import PrimitiveFileError
 from ..files import open_regular, reading, write_whole
+from ..input_limits import INPUT_LIMITS
 from ..json_content import check_form, load_json
 from ..rows import row_blocks
 from .conditional_model import ConditionalModel
@@ -33,9 +34,6 @@ from .primitive_values import ARRAY_SHAPES
 
 FORMAT_NAME = "mp_pca_planner/movement_primitive"
 FORMAT_VERSION = 1
-
-MAX_BYTES = 1 << 28
-"""Largest content of a file. Thousands of demonstrations have a few MB."""
 
 _METADATA = {
     "name": str,
@@ -204,8 +202,9 @@ def _read(path: str | Path) -> tuple[dict[str, FloatArray], str]:
         file.seek(0)
         with _archive(file) as content:
             entries = content.zip.infolist() if content.zip else []
-            if sum(int(entry.file_size) for entry in entries) > MAX_BYTES:
-                raise PrimitiveFileError(f"it claims to hold over {MAX_BYTES >> 20} MiB")
+            most = INPUT_LIMITS.primitive_bytes
+            if sum(int(entry.file_size) for entry in entries) > most:
+                raise PrimitiveFileError(f"it claims to hold over {most >> 20} MiB")
             raw = {name: content[name] for name in content.files}
     text = raw.pop("metadata", None)
     if text is None or text.dtype.kind != "U" or text.ndim != 0:

@@ -93,8 +93,7 @@ class MotionStatistics:
         Parameters
         ----------
         demonstrations :
-            Motions of the same joints in the same order, at least one; with the alignment 'dtw',
-            all of the primitive.
+            Motions of the same joints in the same order, at least one.
         options :
             How the primitive is built.
 
@@ -304,5 +303,6 @@ def _check_joints(found: Sequence[tuple[tuple[str, ...], str]]) -> None:
         if joint_names != first:
             raise PrimitiveError(
                 f"the joints of '{recording}', {quote_names(joint_names)}, "
-                f"are not those of '{first_recording}', {quote_names(first)}"
+                f"are not those of '{first_recording}', {quote_names(first)}: choose joints that "
+                "all have (--joints), or leave recordings out"
             )

@@ -12,7 +12,7 @@ from rclpy.expand_topic_name import expand_topic_name
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
 
-from ..exceptions import GoalError
+from ..exceptions import GoalError, quote_names
 from .client import check_node_name
 from .process import NodeInOwnContext
 from .subscriptions import PolledSubscription
@@ -76,6 +76,20 @@ class JointStateSource(NodeInOwnContext):
         if self._error is not None:
             raise self._error
         return True
+
+    def silence(self) -> str:
+        """Why nothing has come: nobody publishes on the topic, or a publisher is silent."""
+        if self.node.count_publishers(self._topic):
+            return f"nothing has been received on '{self._topic}' yet"
+        found = [
+            name
+            for name, types in self.node.get_topic_names_and_types()
+            if "sensor_msgs/msg/JointState" in types and self.node.count_publishers(name)
+        ]
+        return (
+            f"nobody publishes on '{self._topic}' yet; topics with joint states: "
+            f"{quote_names(sorted(found))}"
+        )
 
     def _run(self, record: Record) -> None:
         try:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from motion_kinds import generate_kinds
 
 from mp_pca_planner.primitives.conditional_model import left_out_squares
 from mp_pca_planner.primitives.kind_names import kind_names
@@ -18,7 +19,6 @@ from mp_pca_planner.primitives.motion_sources import source_rows
 from mp_pca_planner.primitives.motion_statistics import MotionStatistics
 from mp_pca_planner.primitives.options import PrimitiveOptions
 from mp_pca_planner.recordings.demonstration import Demonstration
-from mp_pca_planner.recordings.synthetic import generate_kinds
 from mp_pca_planner.resources import config_file
 from mp_pca_planner.robot.model import Robot
 

@@ -6,13 +6,12 @@ import numpy as np
 import pytest
 from arm import arm_primitive
 
-from mp_pca_planner.primitives.alignment import N_WARP_PHASES, aligned_phases
+from mp_pca_planner.primitives.alignment import KNOTS, aligned_phases
 from mp_pca_planner.primitives.basis import PolynomialBasis
 from mp_pca_planner.primitives.boundary import hermite_functions
 from mp_pca_planner.primitives.pace import PacedBasis, fit_paces, reversed_paces
 
 PHASES = np.linspace(0.0, 1.0, 101)
-KNOTS = np.linspace(0.0, 1.0, N_WARP_PHASES)
 PACE = np.array([0.5, -0.7, 0.3, 0.2])
 WAY = np.array([0.4, -1.0, 0.0, 0.3])
 
