@@ -63,22 +63,18 @@ def stated_in(goal: PoseGoal, reference: str, robot: Robot) -> Callable[[JointSt
             f"the goal is stated in the frame '{reference}', but {reason}; an empty frame_id "
             "means the base"
         )
-    # The origin of the reference frame and the ends of its axes give its pose.
-    points = robot.attach_points([reference] * 4, np.vstack([np.zeros(3), np.eye(3)]))
 
     def make_goal(start: JointState) -> PoseGoal:
-        index = [start.joint_names.index(name) for name in robot.joint_names]
-        (ends,), _ = points.positions_and_jacobians(start.positions[None, index])
-        axes = (ends[1:] - ends[0]).T
-        pose = goal.pose
+        # Imported late for a fast start of the node.
+        from scipy.spatial.transform import Rotation
+
+        q = in_order(start, robot.joint_names).positions
+        (place,) = robot.attached_poses(q[None], [reference], np.zeros((1, 6)))[0]
+        turned, pose = Rotation.from_quat(place[3:]), goal.pose
         orientation = pose.orientation
         if orientation is not None:
-            # Imported late for a fast start of the node.
-            from scipy.spatial.transform import Rotation
-
-            turned = Rotation.from_matrix(axes) * Rotation.from_quat(orientation)
-            orientation = turned.as_quat()
-        position = ends[0] + axes @ pose.position
+            orientation = (turned * Rotation.from_quat(orientation)).as_quat()
+        position = place[:3] + turned.as_matrix() @ pose.position
         return replace(goal, pose=Pose(pose.frame, position, orientation))
 
     return make_goal
