@@ -20,7 +20,8 @@ import numpy as np
 
 from mp_pca_planner.evaluation.problems import held_out_problems, robot_file, scene_of
 from mp_pca_planner.motion.goal import JointGoal, JointState
-from mp_pca_planner.planning import solver
+from mp_pca_planner.planning import subproblem
+from mp_pca_planner.planning.matrices import Factor, cholesky
 from mp_pca_planner.planning.plan import PlannerOptions
 from mp_pca_planner.planning.planner import Planner
 from mp_pca_planner.planning.quadratic import solve_quadratic
@@ -73,18 +74,19 @@ def occurring_programs(n_programs: int) -> list[Program]:
     """Quadratic programs of planning, an evenly spread sample."""
     kept: list[Program] = []
 
-    def keeping(*program: np.ndarray) -> object:
-        answer = solve_quadratic(*program)
-        if answer is not None:
-            kept.append(tuple(x.copy() for x in program))
+    def keeping(factor: Factor, *rest: np.ndarray) -> object:
+        answer = solve_quadratic(factor, *rest)
+        if answer is not None and not factor.is_band:
+            lower = np.tril(factor.lower)
+            kept.append((lower @ lower.T, *(x.copy() for x in rest)))
         return answer
 
-    solver.solve_quadratic = keeping
+    subproblem.solve_quadratic = keeping
     try:
         for name in ROBOTS:
             plan_motions(name)
     finally:
-        solver.solve_quadratic = solve_quadratic
+        subproblem.solve_quadratic = solve_quadratic
     chosen = np.unique(np.linspace(0, len(kept) - 1, n_programs).astype(int))
     return [kept[i] for i in chosen]
 
@@ -125,8 +127,8 @@ def error(program: Program, step: np.ndarray, multipliers: np.ndarray) -> float:
 
 
 def _ours() -> Callable[..., Answer | None]:
-    def solve(*program: np.ndarray) -> Answer | None:
-        found = solve_quadratic(*program)
+    def solve(hessian: np.ndarray, *rest: np.ndarray) -> Answer | None:
+        found = solve_quadratic(cholesky(hessian), *rest)
         return None if found is None else (found.step, found.multipliers)
 
     return solve

@@ -29,6 +29,7 @@ from ..primitives.library_building import (
     write_library,
 )
 from ..primitives.library_journal import require_locks
+from ..primitives.motion_sources import indices_of
 from ..primitives.motion_statistics import MotionStatistics
 from ..primitives.primitive import MovementPrimitive
 from ..primitives.versioned_library import VersionedLibrary
@@ -117,7 +118,7 @@ def _contents(
     for joints in sorted({*old, *new}):
         parts = [MotionStatistics.merged(x) for x in (old.get(joints), new.get(joints)) if x]
         statistics = parts[0].added(parts[1]) if len(parts) > 1 else parts[0]
-        here = [name for name in removed if statistics.of_recording(name)]
+        here = [name for name in removed if indices_of(name, statistics.motions)]
         statistics = statistics.without(here) if here else statistics
         missing -= set(here)
         kinds = {
@@ -180,7 +181,7 @@ def _print(
 
 def _facts(folder: Path, content: LibraryContent) -> dict[str, Any]:
     motions = content.statistics.motions
-    outliers = [] if content.outliers is None else content.outliers.metadata["demonstrations"]
+    outliers = () if content.outliers is None else content.outliers.metadata["demonstrations"]
     return {
         "output": str(folder),
         "joint_names": list(content.statistics.joint_names),
@@ -198,7 +199,7 @@ def _facts(folder: Path, content: LibraryContent) -> dict[str, Any]:
                 content.primitives, content.errors_alone, content.errors_in_one_pot, strict=True
             )
         ],
-        "outliers": outliers,
+        "outliers": list(outliers),
         "ambiguous": [
             {"recording": motions[i].recording, "start_time_s": motions[i].start_time, "kinds": x}
             for i, x in content.ambiguous

@@ -24,13 +24,18 @@ class ObstacleAvoidance:
         The clock of motions.
     options :
         Parameters.
+
+    Attributes
+    ----------
+    missing : str
+        Why an obstacle that was given is not avoided; empty if all are.
     """
 
     def __init__(
         self, server: MotionServer, states: StartStates, options: ServingOptions | None = None
     ) -> None:
         self._server, self._states = server, states
-        self._options = options or ServingOptions()
+        self._options, self.missing = options or ServingOptions(), ""
 
     @property
     def world(self) -> World:

@@ -98,19 +98,25 @@ class MotionProgram:
         self.expected = self.unknowns.from_weights(expected)
         self.precision = np.zeros((self.scales.size, self.scales.size))
         self.equations = ConditionEquations(unknowns, tables.basis, conditions)
-        self._last: tuple[FloatArray, Linearisation] | None = None
+        self._last: tuple[bytes, Linearisation] | None = None
         self._states = StateMap(self.unknowns, *tables.states)
         if not unknowns.duration_is_free:
-            at_any_x = self._states.jacobian(self.expected, np.zeros(0))
-            self._stacked = self._stack(at_any_x)
+            self._slopes_at_any_x = self._slopes(self.expected, np.zeros(0))
 
-    def _stack(self, state_jacobian: FloatArray) -> FloatArray:
-        """Derivatives of (q, v, a) at each node, shape (n_nodes, 3 n_joints, n_unknowns)."""
-        n_rows = 3 * self._robot.n_joints
-        by_row = state_jacobian[: n_rows * self.n_nodes].reshape(
-            n_rows, self.n_nodes, self.scales.size
-        )
-        return np.ascontiguousarray(by_row.transpose(1, 0, 2))
+    def _slopes(self, x: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Derivatives of the states at x, where they have the given values.
+
+        Returns
+        -------
+        by_rate : array, shape (4, n_nodes, n_joints, n_unknowns)
+            Of positions to jerks.
+        stacked : array, shape (n_nodes, 3 n_joints, n_unknowns)
+            Of positions, velocities and accelerations at each node.
+        """
+        n_joints = self._robot.n_joints
+        rows = self._states.jacobian(x, values).reshape(-1, self.n_nodes, x.size)
+        by_rate = rows.reshape(N_RATES, n_joints, self.n_nodes, x.size).transpose(0, 2, 1, 3)
+        return by_rate, np.ascontiguousarray(rows[: 3 * n_joints].transpose(1, 0, 2))
 
     @property
     def basis(self) -> Basis:
@@ -149,27 +155,22 @@ class MotionProgram:
 
     def linearise(self, x: FloatArray) -> Linearisation:
         """The residual and its Jacobian; those of the last x are cached."""
-        if np.array_equal(x, self.expected):
+        key = x.tobytes()
+        if key == self.expected.tobytes():
             return self.at_expected
-        if self._last is None or not np.array_equal(self._last[0], x):
-            self._last = x.copy(), self._linearised(x)
+        if self._last is None or self._last[0] != key:
+            self._last = key, self._linearised(x)
         return self._last[1]
 
     def _linearised(self, x: FloatArray) -> Linearisation:
-        by_row = self._states.values(x)
-        state_jacobian = self._states.jacobian(x, by_row)
-        states = self._in_order(by_row)
-        timed = self.unknowns.duration_is_free
-        stacked = self._stack(state_jacobian) if timed else self._stacked
-        q, v, a, jerk = states
+        by_row, timed = self._states.values(x), self.unknowns.duration_is_free
+        by_rate, stacked = self._slopes(x, by_row) if timed else self._slopes_at_any_x
+        q, v, a, jerk = states = self._in_order(by_row)
         tau, dtau = self._robot.inverse_dynamics_derivatives(q, v, a)
         by_unknown = dtau @ stacked
         ends = self.unknowns.boundary[0], self.unknowns.boundary[3]
         nodes = Nodes(self._robot, q, v, a, jerk, tau, *ends)
-        by_rate = state_jacobian.reshape(N_RATES, self._robot.n_joints, self.n_nodes, x.size)
-        by_quantity = dict(
-            zip(QUANTITIES, (*by_rate.transpose(0, 2, 1, 3), by_unknown), strict=True)
-        )
+        by_quantity = dict(zip(QUANTITIES, (*by_rate, by_unknown), strict=True))
         root = np.sqrt(self._tables.quadrature * self.unknowns.duration_at(x))[:, None]
         slope = self.unknowns.log_duration_slope(x) if timed else 0.0
         parts = [

@@ -32,8 +32,9 @@ from .unknowns import (
 # Margin between motions and limits, as a share of the limit. It leaves room for what the bounds of
 # peaks between points of the grid miss, which the check on the denser grid finds.
 MARGIN = 2e-4
-# Points of the grid. Peaks of accelerations are bounded to about 0.1 %.
-N_LIMIT_POINTS = 200
+# Points of the grid. Peaks of accelerations are bounded to about 0.2 %; 50 more lower the effort of
+# motions at limits by 0.03 % and take a tenth longer.
+N_LIMIT_POINTS = 150
 # Distance of the first and last point from the ends of the motion, as a share of the duration.
 _INSIDE = 1e-6
 # A bound is tightened by this multiple of the violation between points, because the peak moves with
@@ -64,10 +65,13 @@ class LimitTables:
 
     def __init__(self, tables: QuadratureTables, n_points: int = N_LIMIT_POINTS) -> None:
         self._tables = tables
-        # Just inside the ends, for only jerks are free there, and they are often largest there.
-        self._phases = np.linspace(_INSIDE, 1.0 - _INSIDE, n_points)
         self._states: dict[int, tuple[FloatArray, FloatArray, FloatArray]] = {}
         self.n_points = n_points
+
+    @cached_property
+    def _phases(self) -> FloatArray:
+        # Just inside the ends, for only jerks are free there, and they are often largest there.
+        return np.linspace(_INSIDE, 1.0 - _INSIDE, self.n_points)
 
     def states(self, highest: int) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Positions and their derivatives by phase up to the highest one that is limited.
@@ -109,8 +113,9 @@ def _peaks(values: FloatArray) -> FloatArray:
     The parabola through a largest value and its neighbours rises above it by at most an eighth of
     the second difference, and falls as much below a least value. This is linear in the values.
     """
-    peaks = values.copy()
-    peaks[:, 1:-1] -= np.diff(values, 2, axis=1) / 8.0
+    peaks = 1.25 * values
+    peaks[:, 1:-1] -= 0.125 * (values[:, 2:] + values[:, :-2])
+    peaks[:, [0, -1]] = values[:, [0, -1]]
     return peaks
 
 

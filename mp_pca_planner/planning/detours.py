@@ -16,7 +16,7 @@ from scipy.linalg import block_diag
 
 from ..arrays import FloatArray
 from ..primitives.basis import BSplineBasis, SumBasis
-from ..primitives.boundary import hermite_functions
+from ..primitives.boundary import quintics
 from ..primitives.primitive import MovementPrimitive
 from .attempt import Attempt, checked
 from .bases import MotionBasis
@@ -261,7 +261,6 @@ class PathFollower:
     def _least_duration(self, boundary: FloatArray, weights: FloatArray) -> float:
         """Shortest duration within the limits of velocity, acceleration and jerk [s]."""
         s = np.append(0.0, np.append(self._phases, 1.0))
-        shapes = self._basis.shapes(weights, s, 3)
         # By phase, which is by time in a duration of 1 s.
-        rates = [hermite_functions(s, d) @ boundary + shapes[d] for d in (1, 2, 3)]
-        return self._margin * kinematic_stretch(self._limits, np.array(rates))
+        rates = quintics(s, boundary, 3) + self._basis.shapes(weights, s, 3)
+        return self._margin * kinematic_stretch(self._limits, rates[1:])

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.linalg import lapack
 
 from ..arrays import FloatArray
 from ..primitives.conditional_model import ConditionalDistribution
@@ -98,6 +99,7 @@ def unit_of_naturalness(
     """
     here = program.at_expected
     gradient = (here.residual @ here.jacobian)[: len(precision)]
-    descent = float(np.sqrt(gradient @ np.linalg.solve(precision, gradient)))
+    _, along, _ = lapack.dposv(precision, gradient)
+    descent = float(np.sqrt(gradient @ along))
     cost = 0.5 * float(here.residual @ here.residual)
     return max(cost, effort_weight * descent)

@@ -13,6 +13,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg import lapack
 
 from ..arrays import FloatArray
 from ..exceptions import GoalError
@@ -45,7 +46,7 @@ class PoseSearchOptions:
     """
 
     max_steps: int = 30
-    reached: float = 1e-10
+    reached: float = 1e-8
     first_damping: float = 1e-3
     max_damping: float = 1e8
     n_known: int = 4
@@ -132,19 +133,16 @@ def nearest_configuration(
         See :meth:`.Robot.pose_error`.
     """
     q, damping = np.clip(start, limits.lower, limits.upper), _OPTIONS.first_damping
+    eye = np.eye(q.size)
     error, jacobian = robot.pose_error(pose.frame, q, pose.position, pose.orientation)
     for _ in range(_OPTIONS.max_steps):
         if np.abs(error).max() <= _OPTIONS.reached or damping > _OPTIONS.max_damping:
             break
         downhill = -jacobian.T @ error
         # Joints that are blocked by a limit are held there.
-        stopped = ((q <= limits.lower) & (downhill < 0.0)) | (
-            (q >= limits.upper) & (downhill > 0.0)
-        )
-        free = jacobian[:, ~stopped]
-        step = np.zeros(q.size)
-        regular = free.T @ free + damping * np.eye(free.shape[1])
-        step[~stopped] = np.linalg.solve(regular, downhill[~stopped])
+        stopped = np.where(downhill < 0.0, q <= limits.lower, q >= limits.upper)
+        free = np.where(stopped, 0.0, jacobian)
+        _, step, _ = lapack.dposv(free.T @ free + damping * eye, -free.T @ error)
         moved = np.clip(q + step, limits.lower, limits.upper)
         there, slope = robot.pose_error(pose.frame, moved, pose.position, pose.orientation)
         if there @ there < error @ error:

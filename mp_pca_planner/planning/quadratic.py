@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..arrays import FloatArray
-from .matrices import Matrix, cholesky
+from .matrices import Factor
 
 # Squared distance to infeasibility that counts as rounding, in units of the scaled right-hand side.
 _INFEASIBLE = 1e-12
@@ -39,26 +39,23 @@ class QuadraticSolution:
 
 
 def solve_quadratic(
-    hessian: Matrix,
+    factor: Factor | None,
     gradient: FloatArray,
     rows: FloatArray,
     bounds: FloatArray,
-    shift: float = 0.0,
 ) -> QuadraticSolution | None:
-    """Minimise ½pᵀ(H + shift·I)p + gᵀp subject to A p ≤ b.
+    """Minimise ½pᵀHp + gᵀp subject to A p ≤ b.
 
     Parameters
     ----------
-    hessian : array, shape (n, n), or BlockMatrix
-        H; with the shift it is positive definite.
+    factor : Factor or None
+        Cholesky factor of H; None if that is not positive definite.
     gradient : array, shape (n,)
         g.
     rows : array, shape (m, n)
         A.
     bounds : array, shape (m,)
         b.
-    shift : float
-        Added to the diagonal of H.
 
     Returns
     -------
@@ -68,7 +65,6 @@ def solve_quadratic(
     # Imported here for a fast start of the node.
     from scipy.optimize import nnls
 
-    factor = cholesky(hessian, shift)
     if factor is None:
         return None
     n = len(gradient)

@@ -63,7 +63,7 @@ class SolverOptions:
     max_iterations: int = 60
     should_stop: Callable[[], bool] = lambda: False
     first_radius: float = 30.0
-    first_radius_to_equalities: float = 4.0
+    first_radius_to_equalities: float = 10.0
     expected_share: float = 0.3
     min_cosine: float = 0.05
     min_radius: float = 1e-9
@@ -187,6 +187,7 @@ class _Search:
             enough = options.tolerance * self.here.cost
             converged = self.violated <= FEASIBLE and subproblem.largest_decrease() <= enough
             if converged:
+                self.pull = subproblem.pull
                 break
             step = subproblem.solve()
             self.pull = step.pull

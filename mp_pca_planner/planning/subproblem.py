@@ -19,7 +19,15 @@ from numpy.typing import NDArray
 from scipy.linalg import lapack
 
 from ..arrays import FloatArray
-from .matrices import BlockMatrix, Matrix, as_array, mean_diagonal, shifted
+from .matrices import (
+    BlockMatrix,
+    Factor,
+    Matrix,
+    as_array,
+    cholesky,
+    mean_diagonal,
+    shifted,
+)
 from .program import Point, Program
 from .quadratic import solve_quadratic
 from .trust_region import TrustRegionStep, trust_region_step
@@ -54,7 +62,7 @@ def _sum_of_peaks(outside: FloatArray) -> float:
     where = np.flatnonzero(outside > 0.0)
     if not where.size:
         return 0.0
-    starts = np.concatenate([[0], np.flatnonzero(np.diff(where) > 1) + 1])
+    starts = np.flatnonzero(np.diff(where, prepend=-2) > 1)
     return float(np.maximum.reduceat(outside[where], starts).sum())
 
 
@@ -64,14 +72,14 @@ def violated_sides(program: Program, values: FloatArray, outside: FloatArray) ->
     The neighbours are included because a constrained peak often moves by one point. Side 2i is the
     lower bound of inequality i, 2i + 1 the upper one.
     """
-    broken = outside > _ROUNDING
-    if not broken.any():
-        return np.zeros(0, dtype=np.intp)
-    broken[1:] &= outside[1:] > outside[:-1]
-    broken[:-1] &= outside[:-1] >= outside[1:]
-    peaks = np.flatnonzero(broken)
+    broken = np.flatnonzero(outside > _ROUNDING)
+    if not broken.size:
+        return broken
+    by, last = outside[broken], outside.size - 1
+    rises = (by > outside[broken - 1]) | (broken == 0)
+    peaks = broken[rises & (by >= outside[np.minimum(broken + 1, last)])]
     near = np.concatenate([peaks, peaks - 1, peaks + 1])
-    near = near[(near >= 0) & (near < outside.size)]
+    near = near[(near >= 0) & (near <= last)]
     return np.asarray(2 * near + (values[near] - program.upper[near] == outside[near]))
 
 
@@ -214,10 +222,18 @@ class Subproblem:
     def largest_decrease(self) -> float:
         """Predicted decrease of the objective within the given sides alone.
 
-        Within all inequalities it is at most as large.
+        Within all inequalities it is at most as large. It is infinite if no such step was found.
         """
+        if not self._first.is_within:
+            return math.inf
         change = self._lifted(self._first.step)
         return -float((self._here.gradient + 0.5 * (self._whole @ change)) @ change)
+
+    @property
+    def pull(self) -> FloatArray:
+        """Gradient of the Lagrangian along the equalities, with the multipliers of that step."""
+        pull = self._here.gradient + self._first.multipliers @ self._rows
+        return pull if self._tangent is None else np.asarray(pull @ self._tangent.directions)
 
     def solve(self) -> Step:
         """The step within the linearised constraints.
@@ -271,7 +287,8 @@ class Subproblem:
         if n_equalities + sides.size > n:
             sides = sides[:0]
         rows = np.concatenate([equalities, self._here.inequality_rows(sides // 2)])
-        return np.asarray(np.linalg.pinv(rows, rcond=_DEPENDENT)[:, :n_equalities])
+        changes = np.eye(len(rows))[:, :n_equalities]
+        return np.asarray(np.linalg.lstsq(rows, changes, rcond=_DEPENDENT)[0])
 
     def _lifted(self, y: FloatArray) -> FloatArray:
         if self._tangent is None:
@@ -291,6 +308,11 @@ class Subproblem:
         _, failed = lapack.dpotrf(self._hessian)
         return (_convexified(self._hessian) if failed else self._hessian), 0.0
 
+    @cached_property
+    def _factor(self) -> Factor | None:
+        """The factor of the Hessian made positive definite."""
+        return cholesky(*self._convex)
+
     def _held(self, rows: FloatArray, bounds: FloatArray, damping: float) -> Held:
         """The step within inequalities rows · step ≤ bounds of the whole step.
 
@@ -303,7 +325,8 @@ class Subproblem:
         hessian, shift = self._convex
         longest = 1.5 * self._radius
         for _ in range(_MAX_DAMPINGS):
-            found = solve_quadratic(hessian, self._gradient, rows, bounds, shift + damping)
+            factor = cholesky(hessian, shift + damping) if damping else self._factor
+            found = solve_quadratic(factor, self._gradient, rows, bounds)
             if found is None:
                 regular = shifted(as_array(hessian), shift + damping)
                 step, multipliers = _nearest(regular, self._gradient, rows, bounds)

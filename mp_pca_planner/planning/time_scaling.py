@@ -12,7 +12,7 @@ import numpy as np
 
 from ..arrays import FloatArray
 from ..exceptions import TrajectoryError
-from ..motion.interpolation import hermite_functions
+from ..motion.interpolation import quintics
 from ..motion.validation import LimitCheck
 from ..robot.limits import JointLimits
 from ..robot.model import Robot
@@ -119,7 +119,7 @@ def least_duration(robot: Robot, limits: JointLimits, start: FloatArray, goal: F
         return float(max(kinematic))
     ends = np.zeros((6, displacement.size))
     ends[0], ends[3] = start, goal
-    q, v, a = (hermite_functions(_PHASES, d) @ ends for d in range(3))
+    q, v, a = quintics(_PHASES, ends, 2)
     gravity, moving = _effort_parts(robot, q, v, a)
     _check_gravity(gravity, limits)
     return float(max(*kinematic, _stretch_of_efforts(limits, gravity, moving)))

@@ -315,8 +315,8 @@ class StateMap:
         self._unknowns, self._hermite, self._orders = unknowns, hermite[orders], orders[:, None]
         self._mean = mean[orders, :, self._joints]
         columns = functions[orders, :, self._joints]
-        own = np.eye(n_joints)[self._joints][:, None, :]
         for row in unknowns.free_rows:
+            own = np.eye(n_joints)[self._joints][:, None, :]
             moved = END_SCALES[row] * self._hermite[:, :, row, None] * own
             columns = np.concatenate([columns, moved], axis=2)
         self._columns = columns.reshape(self._mean.size, columns.shape[2])

@@ -8,7 +8,7 @@ import hashlib
 import io
 import json
 import zipfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import fields, replace
 from functools import partial
@@ -26,7 +26,8 @@ from ..input_limits import INPUT_LIMITS
 from ..json_content import check_form, load_json
 from ..rows import row_blocks
 from .conditional_model import ConditionalModel
-from .motion_statistics import MotionSource, MotionStatistics
+from .motion_sources import MotionSource, source_rows
+from .motion_statistics import MotionStatistics
 from .pace import PACE_DEGREE
 from .primitive import MovementPrimitive
 from .primitive_values import ARRAY_SHAPES
@@ -83,11 +84,8 @@ def primitive_bytes(primitive: MovementPrimitive) -> bytes:
     return buffer.getvalue()
 
 
-def write_primitive(primitive: MovementPrimitive, file: BinaryIO, n_letters: int = 1 << 16) -> None:
-    """Write the content of a primitive file; the same primitive gives the same bytes.
-
-    Of the metadata, `n_letters` are written at a time, which bounds the memory.
-    """
+def write_primitive(primitive: MovementPrimitive, file: BinaryIO) -> None:
+    """Write the content of a primitive file; the same primitive gives the same bytes."""
     arrays, statistics = primitive.arrays(), primitive.statistics
     if statistics is not None:
         arrays |= {name: getattr(statistics, name) for name in _STATISTICS}
@@ -101,12 +99,12 @@ def write_primitive(primitive: MovementPrimitive, file: BinaryIO, n_letters: int
         "coupling": primitive.coupling,
     }
     metadata["checksum"] = checksum(arrays, metadata)
-    text = json.dumps(metadata, sort_keys=True)
+    n_letters = sum(map(len, _json_parts(metadata)))
     # As NumPy writes it, but some rows at a time.
     with zipfile.ZipFile(file, "w") as archive:
-        with _member(archive, "metadata", f"<U{len(text)}", ()) as member:
-            for first in range(0, len(text), n_letters):
-                member.write(text[first : first + n_letters].encode("utf-32-le"))
+        with _member(archive, "metadata", f"<U{n_letters}", ()) as member:
+            for part in _json_parts(metadata):
+                member.write(part.encode("utf-32-le"))
         for name, array in arrays.items():
             with _member(archive, name, "<f8", array.shape) as member:
                 for (block,) in row_blocks(array):
@@ -186,19 +184,10 @@ def _statistics(arrays: dict[str, FloatArray], primitive: MovementPrimitive) -> 
     }
     return MotionStatistics(
         joint_names=primitive.joint_names,
-        motions=tuple(
-            MotionSource(
-                d["recording"],
-                d["label"],
-                d.get("checksum", ""),
-                d["start_time_s"],
-                d["end_time_s"],
-            )
-            for d in primitive.metadata["demonstrations"]
-        ),
         durations=primitive.durations,
         boundary_states=primitive.boundary_states,
         warps=primitive.warps,
+        sources=source_rows(map(MotionSource.of_facts, primitive.metadata["demonstrations"])),
         **{
             name: frozen_array(arrays[name], shape, f"array '{name}'", PrimitiveFileError)
             for name, shape in expected.items()
@@ -240,9 +229,32 @@ def _archive(file: BinaryIO) -> NpzFile:
 
 def checksum(arrays: Mapping[str, FloatArray], metadata: Mapping[str, Any]) -> str:
     """SHA-256 of the arrays and of the metadata without their checksum."""
-    digest = hashlib.sha256(json.dumps(metadata, sort_keys=True).encode())
+    digest = hashlib.sha256()
+    for part in _json_parts(metadata):
+        digest.update(part.encode())
     for name in sorted(arrays):
         digest.update(f"{name}{arrays[name].shape}".encode())
         for (block,) in row_blocks(arrays[name]):
             digest.update(block.tobytes())
     return digest.hexdigest()
+
+
+def _json_parts(value: Any, depth: int = 2) -> Iterator[str]:
+    """The text of a value as JSON with sorted keys; items are apart down to a depth.
+
+    The facts on the demonstrations are many, and are made one by one.
+    """
+    if depth and isinstance(value, Mapping):
+        opening, closing = "{", "}"
+        items: Any = ((f"{json.dumps(key)}: ", value[key]) for key in sorted(value))
+    elif depth and isinstance(value, Sequence) and not isinstance(value, str):
+        opening, closing = "[", "]"
+        items = (("", item) for item in value)
+    else:
+        yield json.dumps(value, sort_keys=True)
+        return
+    yield opening
+    for i, (key, item) in enumerate(items):
+        yield f", {key}" if i else key
+        yield from _json_parts(item, depth - 1)
+    yield closing

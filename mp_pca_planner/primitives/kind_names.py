@@ -89,7 +89,9 @@ def _attributes(kinds: Sequence[MotionStatistics], robot: Robot | None) -> list[
         tip = robot.frame_names[-1]
         place = lambda q: robot.frame_positions(q, [tip])[:, 0]  # noqa: E731
         directions, regions = list(_DIRECTIONS), list(_REGIONS)
-    ends = [(place(x.boundary_states[:, 0]), place(x.boundary_states[:, 3])) for x in kinds]
+    n = len(joints)
+    requests = [x.requests() for x in kinds]
+    ends = [(place(rows[:, :n]), place(rows[:, n : 2 * n])) for rows in requests]
     centers = np.array([(start + goal).mean(axis=0) / 2.0 for start, goal in ends])
     # Joints that hardly move say nothing about motions, wherever they are.
     travelled = np.mean([np.abs(goal - start).mean(axis=0) for start, goal in ends], axis=0)

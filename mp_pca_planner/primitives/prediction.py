@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..arrays import FloatArray, frozen_array
 from ..exceptions import GoalError
 from ..motion.trajectory import Trajectory
-from .boundary import boundary_values, hermite_functions
+from .boundary import boundary_values, quintics
 
 if TYPE_CHECKING:
     from .conditional_model import ConditionalDistribution
@@ -102,9 +102,7 @@ def _motion(
     rest = np.zeros(primitive.n_joints)
     boundary = boundary_values((ends[0], rest, rest), (ends[1], rest, rest), duration)
     shapes = primitive.paced_basis(ends[0], ends[1], expected.pace).shapes(weights, phases, 2)
-    q, v, a = (
-        (hermite_functions(phases, d) @ boundary + shapes[d]) / duration**d for d in range(3)
-    )
+    q, v, a = (quintics(phases, boundary, 2) + shapes) / duration ** np.arange(3.0)[:, None, None]
     # A controller refuses a final velocity of 1e-17.
     q[[0, -1]], v[[0, -1]], a[[0, -1]] = ends, 0.0, 0.0
     return Trajectory(primitive.joint_names, duration * phases, q, v, a)

@@ -267,7 +267,7 @@ def _tasks_again(
             order = orders.setdefault(frozenset(names), names)
             if order != names and task.options.markers is None:
                 again[index] = replace(task, options=replace(task.options, joints=order))
-    options = tasks[0].options.segmentation
+    options = tasks[0].options.segmentation if tasks else SegmentationOptions()
     absurd = absurd_extent([*known_extents, *filter(None, largest)], options)
     for index in np.flatnonzero(np.asarray(largest) > absurd).tolist():
         reason = cutting.absurd_reason(largest[index], absurd)

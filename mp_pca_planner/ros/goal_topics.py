@@ -235,7 +235,9 @@ class GoalTopics:
         self._last_motion.replace(served)
         library = served.model.planner.primitives
         used = [library.named(name) for name in dict.fromkeys(plan.primitives)]
-        report = messages.to_plan_report(plan, stamp, used, request.ignored_joints)
+        report = messages.to_plan_report(
+            plan, stamp, used, request.ignored_joints, self._avoidance.missing
+        )
         self._reports.publish(report)
         times = f"{served.motion.duration:.3g} s long, planned in {1e3 * plan.solve_time:.3g} ms"
         self._node.get_logger().info(messages.to_text(f"goal served: {plan.message} ({times})"))

@@ -256,6 +256,7 @@ def to_plan_report(
     goal_stamp: Time,
     primitives: Sequence[MovementPrimitive] = (),
     ignored_joints: Sequence[str] = (),
+    missing_obstacle: str = "",
 ) -> DiagnosticStatus:
     """Report a motion that was published: OK, or WARN with what is unusual about it.
 
@@ -269,8 +270,12 @@ def to_plan_report(
         Those that were used; what is known of their control laws is reported.
     ignored_joints : sequence of str
         Joints of the goal that the primitives don't move.
+    missing_obstacle : str
+        Why an obstacle that was given is not avoided; empty if all are.
     """
     found = remarks(plan)
+    if missing_obstacle:
+        found.append(f"an obstacle is not avoided: {missing_obstacle}")
     if ignored_joints:
         found.append(
             f"joints {quote_names(ignored_joints)} of the goal are not moved: the primitives lack "

@@ -250,6 +250,8 @@ def _status(
         problem = "waiting for joint_states"
     elif not problem and age is not None and 0.0 < setup.settings.state_timeout < age:
         problem = f"joint_states stopped {age:.1f} s ago"
+    elif not problem and more["obstacle_rejected"] != "none":
+        problem = f"an obstacle is not avoided: {more['obstacle_rejected']}"
     values = {
         "model": quote_names(context.robot.joint_names) if context else "none",
         "library": setup.library,

@@ -109,9 +109,15 @@ class MarkerMessages:
 
     They come on two subscriptions, since latched messages and those of best-effort publishers need
     one each.
+
+    Attributes
+    ----------
+    rejected : dict
+        Why the last marker of a name can't be used, by the names of such markers.
     """
 
     def __init__(self) -> None:
+        self.rejected: dict[str, str] = {}
         self._seen: deque[int] = deque(maxlen=_N_SEEN)
         # Source time of the last change of each obstacle, and of all of them [ns].
         self._changed: dict[str, int] = {}
@@ -162,11 +168,22 @@ class MarkerMessages:
                 _apply_marker(marker, obstacles, links, folders)
             except WorldError as error:
                 problems.append(str(error))
+                if len(self.rejected) < _N_SEEN:
+                    self.rejected[name] = str(error)
                 continue
+            for cleared in [x for x in self.rejected if _concerns(marker, x)]:
+                del self.rejected[cleared]
             self._changed[name] = stamp
             if marker.action == Marker.DELETEALL and not marker.ns:
                 self._cleared = stamp
         return list(obstacles.values()), problems
+
+
+def _concerns(marker: Marker, name: str) -> bool:
+    """Whether a marker changes or deletes the obstacle of a name."""
+    if marker.action != Marker.DELETEALL:
+        return name == marker_name(marker)
+    return name.startswith(f"{marker.ns}/" if marker.ns else "")
 
 
 def _apply_marker(
@@ -177,8 +194,7 @@ def _apply_marker(
 ) -> None:
     name, frame = marker_name(marker), marker.header.frame_id
     if marker.action == Marker.DELETEALL:
-        prefix = f"{marker.ns}/" if marker.ns else ""
-        for other in [one for one in obstacles if one.startswith(prefix)]:
+        for other in [one for one in obstacles if _concerns(marker, one)]:
             del obstacles[other]
     elif marker.action == Marker.DELETE:
         obstacles.pop(name, None)

@@ -33,11 +33,6 @@ class ObstacleTopic:
         Keeps the obstacles.
     on_threat : callable
         Called if the running motion would hit a new obstacle.
-
-    Attributes
-    ----------
-    problem : str
-        Why a marker of the last message was rejected; empty if none was.
     """
 
     def __init__(
@@ -48,7 +43,7 @@ class ObstacleTopic:
         on_threat: Callable[[], None],
     ) -> None:
         self._node, self._setup, self._avoidance = node, setup, avoidance
-        self._on_threat, self.problem = on_threat, ""
+        self._on_threat = on_threat
         self._messages = MarkerMessages()
         group = ThreadGroup()
         for callback, qos in ((self._on_live, BURSTS), (self._on_late, LATCHED_BURSTS)):
@@ -60,10 +55,10 @@ class ObstacleTopic:
 
     @property
     def facts(self) -> dict[str, str | int]:
-        """The number of obstacles, and the last problem, for the diagnostics."""
+        """The number of obstacles, and why one is not avoided, for the diagnostics."""
         return {
             "obstacles": len(self._avoidance.world),
-            "obstacle_rejected": self.problem or "none",
+            "obstacle_rejected": self._avoidance.missing or "none",
         }
 
     def close(self) -> None:
@@ -90,12 +85,14 @@ class ObstacleTopic:
         if applied is None:
             return
         obstacles, problems = applied
+        missing = list(self._messages.rejected.values())
         try:
             if self._avoidance.replace_world(World(obstacles), context):
                 self._on_threat()
         except PlannerError as error:
             problems.append(str(error))
-        self.problem = to_text(problems[0]) if problems else ""
+            missing.append(str(error))
+        self._avoidance.missing = to_text(missing[0]) if missing else ""
         if problems:
             more = f" (and {len(problems) - 1} more)" if problems[1:] else ""
             text = to_text(f"obstacles: {problems[0]}{more}")

@@ -41,7 +41,9 @@ def test_blocks_that_are_not_positive_definite_have_no_factor():
 def test_quadratic_programs_of_blocks_have_the_dense_solution():
     matrix, rng = random_blocks(1)
     gradient, rows, bounds = rng.normal(size=9), rng.normal(size=(5, 9)), np.full(5, 0.1)
-    found, dense = (solve_quadratic(h, gradient, rows, bounds) for h in (matrix, matrix.dense()))
+    found, dense = (
+        solve_quadratic(cholesky(h), gradient, rows, bounds) for h in (matrix, matrix.dense())
+    )
     np.testing.assert_allclose(found.step, dense.step, atol=1e-8)
     np.testing.assert_allclose(found.multipliers, dense.multipliers, atol=1e-8)
 

@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import minimize
 
+from mp_pca_planner.planning.matrices import cholesky
 from mp_pca_planner.planning.quadratic import solve_quadratic
 
 
@@ -26,7 +27,7 @@ def random_program(seed):
 @given(st.integers(0, 2**32 - 1))
 def test_the_solution_meets_the_optimality_conditions(seed):
     hessian, gradient, rows, bounds = random_program(seed)
-    found = solve_quadratic(hessian, gradient, rows, bounds)
+    found = solve_quadratic(cholesky(hessian), gradient, rows, bounds)
     lengths = np.linalg.norm(rows, axis=1)
     assert np.all(rows @ found.step - bounds <= 1e-7 * lengths)
     assert np.all(found.multipliers >= 0.0)
@@ -44,7 +45,7 @@ def test_another_solver_finds_nothing_better(seed):
     def objective(p):
         return 0.5 * p @ hessian @ p + gradient @ p
 
-    found = solve_quadratic(hessian, gradient, rows, bounds).step
+    found = solve_quadratic(cholesky(hessian), gradient, rows, bounds).step
     other = minimize(
         objective,
         np.zeros(len(gradient)),
@@ -58,17 +59,17 @@ def test_another_solver_finds_nothing_better(seed):
 
 def test_contradictions_are_told_apart():
     rows = np.array([[1.0], [-1.0]])
-    assert solve_quadratic(np.eye(1), np.zeros(1), rows, np.array([-1.0, -1.0])) is None
-    assert solve_quadratic(np.eye(1), np.zeros(1), rows, np.array([1.0, -1.0])).step == [
+    assert solve_quadratic(cholesky(np.eye(1)), np.zeros(1), rows, np.array([-1.0, -1.0])) is None
+    assert solve_quadratic(cholesky(np.eye(1)), np.zeros(1), rows, np.array([1.0, -1.0])).step == [
         pytest.approx(1.0)
     ]
 
 
 def test_a_hessian_that_is_not_positive_definite_is_not_solved():
-    assert solve_quadratic(-np.eye(2), np.ones(2), np.ones((1, 2)), np.ones(1)) is None
+    assert solve_quadratic(cholesky(-np.eye(2)), np.ones(2), np.ones((1, 2)), np.ones(1)) is None
 
 
 def test_rows_that_are_not_finite_have_no_solution():
     rows = np.array([[1.0, np.inf]])
     with np.errstate(all="ignore"):
-        assert solve_quadratic(np.eye(2), np.ones(2), rows, np.ones(1)) is None
+        assert solve_quadratic(cholesky(np.eye(2)), np.ones(2), rows, np.ones(1)) is None
