@@ -36,8 +36,8 @@ class SearchOptions:
         Factor on the duration at which the expected motion just keeps the limits at the nodes, for
         the peaks between them.
     share_of_descent : float
-        Share of the time for descent among obstacles, 0 to 1: from the expected motion before
-        detours are tried, and from the motion along a path if that may be executed.
+        Share of the time for descent from the expected motion among obstacles, 0 to 1, before
+        detours are tried.
     detour_tolerance : float
         Tolerance of the solver on detours: most of the cost depends on the path that was found.
     detour_radius : float
