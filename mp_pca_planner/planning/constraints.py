@@ -38,7 +38,7 @@ N_LIMIT_POINTS = 150
 _INSIDE = 1e-6
 # Share of Chebyshev's points in the grid, 0 to 1; the rest is even. Polynomials change fastest near
 # their ends. With this share, 150 points bound motions as tightly as 200 even ones.
-_CHEBYSHEV = 0.7
+_CHEBYSHEV = 0.35
 # A bound is tightened by this multiple of the violation between points, because the peak moves with
 # the bound, and by this additional share.
 _TIMES, _EXTRA = 2.0, 1e-4
