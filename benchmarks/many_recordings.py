@@ -32,6 +32,7 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
+from motion_kinds import generate_kinds
 from tables import Table, benchmark_parser, show
 
 from mp_pca_planner.primitives.build import build_from_statistics
@@ -41,11 +42,7 @@ from mp_pca_planner.primitives.motion_statistics import MotionStatistics
 from mp_pca_planner.primitives.options import PrimitiveOptions
 from mp_pca_planner.recordings.bags import BagFormat, write_joint_states
 from mp_pca_planner.recordings.load import load_recordings
-from mp_pca_planner.recordings.synthetic import (
-    continuous_recording,
-    generate_kinds,
-    generate_motions,
-)
+from mp_pca_planner.recordings.synthetic import continuous_recording, generate_motions
 
 RATE = 100.0
 EPOCH_NS = 1_700_000_000_000_000_000

@@ -14,7 +14,7 @@ shrunk covariance, and conditioned on both ends. The DMP is learned from the mot
 ends.
 
     python benchmarks/naturalness.py BAG... [--segments FILE.csv] [--by-label] [--by-activity]
-        [--align linear,arc_length,dtw] [--robot URDF] [--tip FRAME] [--json]
+        [--align linear,arc_length] [--robot URDF] [--tip FRAME] [--json]
 """
 
 from __future__ import annotations

@@ -124,7 +124,7 @@ def quadrature_error(robot: Robot, plan: Plan) -> float:
     for tables in (QuadratureTables(motion.basis), QuadratureTables(motion.basis, N_MANY_NODES)):
         unknowns = Unknowns(tables.basis.scales, motion.boundary, motion.duration)
         program = MotionProgram(robot, tables, unknowns, motion.weights)
-        costs.append(program.effort_costs((motion.weights / program.scales)[None])[0])
+        costs.append(program.costs((motion.weights / program.scales)[None])[0])
     return abs(costs[0] / costs[1] - 1.0)
 
 

@@ -49,13 +49,17 @@ def frozen_array(
         array = make(values, dtype=np.float64, order="C")
     except (TypeError, ValueError, OverflowError):
         raise error(f"{what} must be numbers, got {values!r:.80}") from None
-    if array.ndim != len(shape) or any(
-        n is not None and have != n for have, n in zip(array.shape, shape, strict=True)
+    if array.shape != shape and (
+        array.ndim != len(shape)
+        or any(n is not None and have != n for have, n in zip(array.shape, shape, strict=True))
     ):
         expected = "(" + ", ".join("any" if n is None else str(n) for n in shape) + ")"
         raise error(f"{what} must have the shape {expected}, got {array.shape}")
-    blocks = row_blocks(array) if is_mapped else [(array,)]
-    if not all(np.isfinite(block).all() for (block,) in blocks):
+    if is_mapped:
+        is_finite = all(np.isfinite(block).all() for (block,) in row_blocks(array))
+    else:
+        is_finite = bool(np.isfinite(array).all())
+    if not is_finite:
         index = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
         where = f"[{', '.join(map(str, index))}]" if index else ""
         raise error(f"{what}{where} is {array[index]}, but only finite numbers are accepted")

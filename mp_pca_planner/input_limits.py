@@ -42,10 +42,32 @@ class InputLimits:
         Joints, and points, of a goal of the node.
     state_bytes : int
         Message of joint states to the node: a thousand joints have a quarter of that.
+    primitive_bytes : int
+        Content of a primitive file; thousands of demonstrations have a few MB.
+    primitive_value, primitive_precision : float
+        Positions, coefficients and durations of a primitive [rad, m, s], and inverses of its small
+        variances.
     segments : int
         Rows of a table of segments: learning takes minutes from so many motions.
     segment_time : float
         Time in a recording [s], 30 years.
+    links, movable_joints, description_depth : int
+        Of a robot: far longer chains overflow the stack of Pinocchio's parser, its memory grows
+        with the cube of the joints, and elements of XML are nested in so many others at most.
+    description_value : float
+        Length, mass or inertia of a robot [SI units].
+    shapes, triangles : int
+        Of a world: the time to use it grows with the square of the shapes.
+    world_length : float
+        Size or coordinate of a shape [m].
+    mesh_bytes : int
+        Mesh file.
+    targets : int
+        Targets of a goal.
+    duration : float
+        Duration of a planned motion [s].
+    trajectory_points : int
+        Points of a planned motion; more would exhaust the memory.
     """
 
     text_bytes: int = 16 << 20
@@ -63,8 +85,22 @@ class InputLimits:
     commanded_duration: float = 1000.0
     goal_items: int = 1000
     state_bytes: int = 2**18
+    primitive_bytes: int = 1 << 28
+    primitive_value: float = 1e6
+    primitive_precision: float = 1e15
     segments: int = 10_000
     segment_time: float = 1e9
+    links: int = 2000
+    movable_joints: int = 200
+    description_depth: int = 50
+    description_value: float = 1e9
+    shapes: int = 1000
+    triangles: int = 200_000
+    world_length: float = 1e3
+    mesh_bytes: int = 64 << 20
+    targets: int = 200
+    duration: float = 600.0
+    trajectory_points: int = 100_000
 
 
 INPUT_LIMITS = InputLimits()

@@ -16,7 +16,7 @@ from math import prod
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import DTypeLike, NDArray
 
 from .exceptions import PlannerError
 
@@ -29,25 +29,26 @@ BLOCK = 512
 _LEAST_IN_FILE = 1 << 17
 
 
-def empty_rows(n_rows: int, shapes: Mapping[str, tuple[int, ...]]) -> dict[str, Floats]:
+def empty_rows(
+    n_rows: int, kinds: Mapping[str, tuple[DTypeLike, tuple[int, ...]]]
+) -> dict[str, NDArray[Any]]:
     """Arrays to be filled.
 
     Parameters
     ----------
     n_rows : int
         Rows of each array.
-    shapes : mapping of str to tuple of int
-        Shape of a row of each.
+    kinds : mapping of str to pair
+        Data type and shape of a row of each.
 
     Raises
     ------
     PlannerError
         If there is no space for them.
     """
-    sizes = {name: n_rows * prod(shape) for name, shape in shapes.items()}
-    n_bytes = 8 * sum(sizes.values())
+    n_bytes = n_rows * sum(np.dtype(x).itemsize * prod(shape) for x, shape in kinds.values())
     if n_bytes < _LEAST_IN_FILE:
-        return {name: np.empty((n_rows, *shape)) for name, shape in shapes.items()}
+        return {name: np.empty((n_rows, *shape), x) for name, (x, shape) in kinds.items()}
     with tempfile.TemporaryFile(prefix="mp_pca_planner-") as file:
         try:
             os.posix_fallocate(file.fileno(), 0, n_bytes)
@@ -56,12 +57,12 @@ def empty_rows(n_rows: int, shapes: Mapping[str, tuple[int, ...]]) -> dict[str, 
                 f"{n_bytes >> 20} MiB don't fit into '{tempfile.gettempdir()}' "
                 f"({error.strerror}): set TMPDIR to a folder with more space"
             ) from None
-        numbers = np.frombuffer(mmap.mmap(file.fileno(), n_bytes), dtype=np.float64)
-    parts = np.split(numbers, np.cumsum(list(sizes.values()))[:-1])
-    return {
-        name: part.reshape(n_rows, *shape)
-        for part, (name, shape) in zip(parts, shapes.items(), strict=True)
-    }
+        content, offset = mmap.mmap(file.fileno(), n_bytes), 0
+    arrays = {}
+    for name, (x, shape) in kinds.items():
+        arrays[name] = np.ndarray((n_rows, *shape), x, content, offset)
+        offset += arrays[name].nbytes
+    return arrays
 
 
 def row_blocks(*arrays: NDArray[Any]) -> Iterator[tuple[NDArray[Any], ...]]:

@@ -7,7 +7,7 @@ from __future__ import annotations
 import argparse
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import partial
 from itertools import count
 from pathlib import Path
@@ -29,6 +29,7 @@ from ..primitives.library_building import (
     write_library,
 )
 from ..primitives.library_journal import require_locks
+from ..primitives.motion_sources import indices_of
 from ..primitives.motion_statistics import MotionStatistics
 from ..primitives.primitive import MovementPrimitive
 from ..primitives.versioned_library import VersionedLibrary
@@ -39,9 +40,6 @@ from .common import check_output, report
 from .terminal import DONE, complain
 
 Joints = tuple[str, ...]
-
-# Motions listed in the text after a kind of finding.
-_MAX_LISTED = 3
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -86,8 +84,6 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _check(arguments: argparse.Namespace, folders: Mapping[Joints, Path]) -> None:
     """Reject options that don't fit together or to the folder."""
-    if arguments.align == "dtw":
-        raise PrimitiveError("--align dtw needs motions of one kind: use another alignment")
     if not arguments.bags and not arguments.update:
         raise RecordingError("give at least one recording, or --update")
     if arguments.remove and not arguments.update:
@@ -122,7 +118,7 @@ def _contents(
     for joints in sorted({*old, *new}):
         parts = [MotionStatistics.merged(x) for x in (old.get(joints), new.get(joints)) if x]
         statistics = parts[0].added(parts[1]) if len(parts) > 1 else parts[0]
-        here = [name for name in removed if statistics.of_recording(name)]
+        here = [name for name in removed if indices_of(name, statistics.motions)]
         statistics = statistics.without(here) if here else statistics
         missing -= set(here)
         kinds = {
@@ -172,7 +168,7 @@ def _print(
 ) -> None:
     facts: dict[str, Any] = {
         "n_recordings": len(recordings.reports),
-        "refused": [{"recording": r.recording, "reason": r.reason} for r in recordings.refused],
+        "refused": [asdict(refusal) for refusal in recordings.refused],
         "libraries": [_facts(folder, content) for folder, content in places.items()],
     }
     lines = [f"recordings  {facts['n_recordings']} read, {len(recordings.refused)} refused"]
@@ -185,7 +181,7 @@ def _print(
 
 def _facts(folder: Path, content: LibraryContent) -> dict[str, Any]:
     motions = content.statistics.motions
-    outliers = [] if content.outliers is None else content.outliers.metadata["demonstrations"]
+    outliers = () if content.outliers is None else content.outliers.metadata["demonstrations"]
     return {
         "output": str(folder),
         "joint_names": list(content.statistics.joint_names),
@@ -203,7 +199,7 @@ def _facts(folder: Path, content: LibraryContent) -> dict[str, Any]:
                 content.primitives, content.errors_alone, content.errors_in_one_pot, strict=True
             )
         ],
-        "outliers": outliers,
+        "outliers": list(outliers),
         "ambiguous": [
             {"recording": motions[i].recording, "start_time_s": motions[i].start_time, "kinds": x}
             for i, x in content.ambiguous
@@ -244,8 +240,8 @@ def _place(motion: Mapping[str, Any]) -> str:
     return f"{motion['recording']} {motion['start_time_s']:.2f} s"
 
 
-def _listed(what: str, motions: Sequence[str]) -> list[str]:
-    """A line with the number of motions and the first of them, if there are any."""
+def _listed(what: str, motions: Sequence[str], most: int = 3) -> list[str]:
+    """A line with the number of motions and at most so many of them, if there are any."""
     if not motions:
         return []
-    return [f"{what:<12}{len(motions)}: {listed(motions, _MAX_LISTED, '; ')}"]
+    return [f"{what:<12}{len(motions)}: {listed(motions, most, '; ')}"]

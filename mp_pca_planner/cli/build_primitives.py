@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import argparse
 import re
-from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, replace
 from functools import partial
@@ -37,9 +36,6 @@ from ..robot.model import Robot
 from .common import check_output, print_json, progress_bar
 from .terminal import DONE, complain, say
 
-_MAX_NAMES = 5  # names of recordings listed after a note
-_MANY = 10  # recordings of which the slowest ones are named
-
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the command; returns the exit status."""
@@ -63,7 +59,7 @@ def run(arguments: argparse.Namespace) -> int:
             arguments, options, joints, REPORT.n_samples if arguments.report else 0, known
         )
         recordings.require_motion()
-    statistics = _statistics(recordings, options, old, arguments.remove)
+    statistics = _statistics(recordings, old, arguments.remove)
     name = arguments.name or (old.name if old else output.stem)
     metadata = _origin(recordings, statistics, robot, old)
     primitive = build_from_statistics(statistics, name, options, metadata)
@@ -122,15 +118,10 @@ def options_like(old: MovementPrimitive, given: PrimitiveOptions) -> PrimitiveOp
 
 
 def _statistics(
-    recordings: RecordingSet,
-    options: PrimitiveOptions,
-    old: MovementPrimitive | None,
-    removed: Sequence[str],
+    recordings: RecordingSet, old: MovementPrimitive | None, removed: Sequence[str]
 ) -> MotionStatistics:
     """Statistics of the old motions and of the new ones."""
     new = recordings.summaries
-    if recordings.demonstrations and not new:
-        new = (MotionStatistics.of(recordings.demonstrations, options),)
     if old is None or old.statistics is None:
         return MotionStatistics.merged(new)
     statistics = old.statistics.added(MotionStatistics.merged(new)) if new else old.statistics
@@ -182,8 +173,6 @@ def load(
     known: Sequence[MotionStatistics] = (),
 ) -> RecordingSet:
     """Read the recordings of a set that known motions belong to, too."""
-    # Dynamic time warping needs all motions at once.
-    is_warped = options.align == "dtw"
     segmentation, markers = _segmentation(arguments), _marker_source(arguments)
     with progress_bar("reading", "B") as progress:
         return load_recordings(
@@ -196,8 +185,8 @@ def load(
             segmentation=segmentation,
             labels=arguments.label,
             overviews=samples > 0,
-            summarise=None if is_warped else partial(MotionStatistics.of, options=options),
-            most_samples=None if is_warped else samples,
+            summarise=partial(MotionStatistics.of, options=options),
+            most_samples=samples,
             jobs=arguments.jobs,
             dask=arguments.dask,
             resume=arguments.resume,
@@ -267,7 +256,7 @@ def _facts(recordings: RecordingSet, primitive: MovementPrimitive, output: Path)
         "name": primitive.name,
         "n_recordings": len(recordings.reports),
         "n_motions": len(primitive.durations),
-        "refused": [{"recording": r.recording, "reason": r.reason} for r in recordings.refused],
+        "refused": [asdict(refusal) for refusal in recordings.refused],
         "repairs": {report.name: report.repairs for report in recordings.reports},
         "notes": {report.name: list(report.notes) for report in recordings.reports},
         "thresholds": {report.name: asdict(report.thresholds) for report in recordings.reports},
@@ -287,17 +276,14 @@ def _facts(recordings: RecordingSet, primitive: MovementPrimitive, output: Path)
 
 
 def _text(recordings: RecordingSet, primitive: MovementPrimitive, output: Path) -> list[str]:
-    repairs = Counter[str]()
-    for report in recordings.reports:
-        repairs.update({kind: count for kind, count in report.repairs.items() if count})
-    repaired = ", ".join(f"{count} {kind}" for kind, count in sorted(repairs.items())) or "none"
+    repaired = [f"{count} {kind}" for kind, count in recordings.repairs.items()]
     durations = primitive.durations
     unit = unit_of(primitive.joint_names, prismatic_joints(primitive))
     fit_residual = unit.number(np.sqrt(np.mean(primitive.fit_residual**2)))
     return [
         *_slowest_line(recordings),
         f"recordings  {len(recordings.reports)} used, {len(recordings.refused)} refused",
-        f"repairs     {repaired}",
+        f"repairs     {', '.join(repaired) or 'none'}",
         *_note_lines(recordings),
         *_marker_lines(recordings),
         f"motions     {len(durations)} of {primitive.n_joints} joints, "
@@ -311,16 +297,16 @@ def _text(recordings: RecordingSet, primitive: MovementPrimitive, output: Path) 
     ]
 
 
-def _slowest_line(recordings: RecordingSet) -> list[str]:
-    """The recordings of many that took most time."""
-    if len(recordings.reports) < _MANY:
+def _slowest_line(recordings: RecordingSet, many: int = 10) -> list[str]:
+    """The recordings that took most time, if there are many."""
+    if len(recordings.reports) < many:
         return []
     order = nlargest(3, recordings.reports, key=lambda report: report.seconds)
     return ["slowest     " + ", ".join(f"{one.name} {one.seconds:.2g} s" for one in order)]
 
 
-def _note_lines(recordings: RecordingSet) -> list[str]:
-    """Notes on recordings; notes that differ in numbers only are merged."""
+def _note_lines(recordings: RecordingSet, most: int = 5) -> list[str]:
+    """Notes; those that differ in numbers only are one line, with at most so many names."""
     alike: dict[str, list[str]] = {}
     first: dict[str, str] = {}
     for report in recordings.reports:
@@ -329,7 +315,7 @@ def _note_lines(recordings: RecordingSet) -> list[str]:
             first.setdefault(kind, f"note        {report.name}: {note}")
             alike.setdefault(kind, []).append(report.name)
     return [
-        line + (f"; so {listed(names[1:], _MAX_NAMES)}" if names[1:] else "")
+        line + (f"; so {listed(names[1:], most)}" if names[1:] else "")
         for line, names in zip(first.values(), alike.values(), strict=True)
     ]
 

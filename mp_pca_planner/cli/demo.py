@@ -30,9 +30,10 @@ from ..plotting.animation import at_frames, write_animation
 from ..plotting.arm import arm_figure
 from ..plotting.motion import motion_figure
 from ..plotting.page import picture, require_matplotlib
-from ..plotting.primitive import PHASES, primitive_figure
+from ..plotting.primitive import primitive_figure
 from ..plotting.recording import runs
-from ..plotting.text import table
+from ..plotting.text import cells, table
+from ..primitives.differences import PHASES
 from ..primitives.file import load_primitive
 from ..primitives.primitive import MovementPrimitive
 from ..recordings.demonstrations import write_example_recording
@@ -42,25 +43,25 @@ from ..resources import config_file
 from ..robot.limits import JointLimits
 from ..robot.model import Robot
 from ..ros.client import READY, Answer, GoalClient, this_machine_only
+from ..ros.live_node import LiveNode
 from ..ros.messages import to_trajectory
-from ..ros.monitor import Monitor
 from . import build_primitives
 from .common import make_folder
 from .options import parse
 from .terminal import DONE, FAILED, say
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-_PATIENCE = 10.0  # time between the signal to end and SIGKILL [s]
 _ARM = ("upper_arm", "lower_arm", "wrist")
 _GOOD = "executable"
 _RECORD = "commands.npz"
-_COLUMNS = (
-    ("duration", 1.0, ".2f"),
-    ("effort_cost", 1.0, ".2f"),
-    ("solve_time_s", 1e3, ".2f"),
-    ("goal_error", 1.0, ".1g"),
-)
-"""Values of the node's report in the table: name, factor of the unit, and format."""
+_COLUMNS = {
+    "duration [s]": ("duration", ".2f", ""),
+    "effort [N²m²s]": ("effort_cost", ".2f", ""),
+    "solve [ms]": ("solve_time_s", ".2f", "ms"),
+    "end error [rad]": ("goal_error", ".1g", ""),
+    "goal to trajectory [ms]": ("latency", ".2f", "ms"),
+    "arrival error [mrad]": ("arrival_error", ".2g", "mrad"),
+}
 
 
 class Children:
@@ -98,7 +99,7 @@ class Children:
             process.send_signal(signal.SIGINT)
         for process in self._processes:
             try:
-                process.wait(_PATIENCE)
+                process.wait(_OPTIONS.end_patience)
             except subprocess.TimeoutExpired:
                 process.kill()
                 process.wait()
@@ -125,8 +126,8 @@ class DemoOptions:
         Rate of the recording [Hz].
     position_error, speed : float
         Largest error [rad] and speed [rad/s] at which the robot counts as arrived.
-    patience : float
-        Longest time to wait for the arrival [s].
+    patience, end_patience : float
+        Longest times to wait for the arrival, and for a process that was signalled to end [s].
     start_error : float
         Largest difference between the measured starts here and in the node [rad].
     n_animated : int
@@ -141,6 +142,7 @@ class DemoOptions:
     position_error: float = 1e-3
     speed: float = 1e-5
     patience: float = 30.0
+    end_patience: float = 10.0
     start_error: float = 1e-6
     n_animated: int = 4
 
@@ -216,7 +218,7 @@ def _execute_over_topics(folder: Path, primitive_file: Path) -> list[_Served]:
         children.start("planner_node", "--ros-args", *ros_arguments)
         record = ("--record", str(folder / _RECORD), "--force")
         children.start("simulate", "--robot", str(arm), "--start", start, *record)
-        with GoalClient() as client, Monitor() as monitor:
+        with GoalClient() as client, LiveNode() as monitor:
             client.wait_for_node()
             _wait_until_at(monitor, home)
             client.wait_for_diagnostics(lambda values: values["text"] == READY)
@@ -227,20 +229,20 @@ def _execute_over_topics(folder: Path, primitive_file: Path) -> list[_Served]:
             ]
 
 
-def _serve(client: GoalClient, monitor: Monitor, goal: FloatArray) -> _Served:
+def _serve(client: GoalClient, monitor: LiveNode, goal: FloatArray) -> _Served:
     """Send a goal to the arm at rest, and wait until it is there."""
     start = _measured(monitor)[0]
     answer = client.send(JointStateMessage(name=list(JOINT_NAMES), position=goal.tolist()))
     return _Served(start, answer, _wait_until_at(monitor, goal if answer.trajectory else start))
 
 
-def _measured(monitor: Monitor) -> FloatArray:
+def _measured(monitor: LiveNode) -> FloatArray:
     """Newest positions and velocities, shape (2, n_joints); NaN before there are any."""
-    states = monitor.look().states
+    states = monitor.view().states
     return np.array([states.get(name, (np.nan, np.nan))[:2] for name in JOINT_NAMES]).T
 
 
-def _wait_until_at(monitor: Monitor, goal: FloatArray) -> float:
+def _wait_until_at(monitor: LiveNode, goal: FloatArray) -> float:
     """Wait until the robot rests at a goal; return its distance from the goal [rad]."""
     deadline = time.monotonic() + _OPTIONS.patience
     while True:
@@ -259,16 +261,11 @@ def _report(robot: Robot, served: Sequence[_Served]) -> int:
     for i, goal in enumerate(served, start=1):
         verdict = _verdict(robot, limits, goal)
         failures += verdict != _GOOD or not goal.arrival_error < _OPTIONS.position_error
-        columns = [
-            *((goal.answer.values.get(name), factor, form) for name, factor, form in _COLUMNS),
-            (goal.answer.latency, 1e3, ".2f"),
-            (goal.arrival_error, 1e3, ".2g"),
-        ]
-        numbers = ["" if x is None else format(float(x) * k, form) for x, k, form in columns]
-        rows.append([str(i), *numbers, verdict])
-    header = ["goal", "duration [s]", "effort [N²m²s]", "solve [ms]", "end error [rad]"]
-    header += ["goal to trajectory [ms]", "arrival error [mrad]", "checked on receipt"]
-    say(*table(rows, header=header).splitlines())
+        reported = {name: goal.answer.values.get(name) for name, _, _ in _COLUMNS.values()}
+        values = {name: None if text is None else float(text) for name, text in reported.items()}
+        values |= {"latency": goal.answer.latency, "arrival_error": goal.arrival_error}
+        rows.append([str(i), *cells(values, _COLUMNS), verdict])
+    say(*table(rows, header=["goal", *_COLUMNS, "checked on receipt"]).splitlines())
     return failures
 
 

@@ -22,9 +22,6 @@ from ..recordings.repair import REPAIRS
 from .common import print_json
 from .terminal import DONE, REFUSED, complain, say
 
-# Joints that are listed.
-_MAX_JOINTS = 100
-
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the command; files that can't be read are reported, the others are shown."""
@@ -62,13 +59,13 @@ def _contents(name: str, arguments: argparse.Namespace) -> list[tuple[dict[str, 
     return [(asdict(facts), _recording_text(facts)) for facts in found]
 
 
-def _recording_text(facts: RecordingInspection) -> list[str]:
+def _recording_text(facts: RecordingInspection, max_joints: int = 100) -> list[str]:
     lines = [f"{facts.path} ({facts.format})"]
     lines += [f"  topic     {t.name}  {t.type}  {t.count} messages" for t in facts.topics]
     if facts.topic is not None:
         lines.append(f"  looked at {facts.topic}: {facts.n_messages} messages")
     if facts.joint_names:
-        lines.append(f"  joints    {listed(facts.joint_names, _MAX_JOINTS)}")
+        lines.append(f"  joints    {listed(facts.joint_names, max_joints)}")
     if facts.rate is not None and facts.duration is not None:
         lines.append(f"  time      {facts.duration:.2f} s at {facts.rate:.1f} Hz")
     lines += [f"  repair    {kind}: {n} ({REPAIRS[kind]})" for kind, n in facts.repairs.items()]

@@ -100,7 +100,10 @@ def _try(
             say(reloaded.message)
             if not reloaded.success:
                 return FAILED
-            _say_now(f"first goal   {words.place(names, goal)}", "y sends it to the robot")
+            _say_now(
+                f"first goal   {words.place(names, goal)}",
+                "y sends it to the robot, any other key does not",
+            )
             if not keys.answer():
                 say("not sent")
                 return DONE

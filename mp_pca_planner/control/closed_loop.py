@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..arrays import FloatArray, set_frozen
-from ..exceptions import ControlError
+from ..exceptions import ControlError, quote_names
 from ..motion.interpolation import interpolate_at, segment_ends
 from ..motion.trajectory import Trajectory
 from ..robot.model import Robot
@@ -190,8 +190,9 @@ class ControlLoop:
         names, n = self.model.joint_names, self.model.n_joints
         if not names == self.law.joint_names == self.trajectory.joint_names:
             raise ControlError(
-                f"the law is of {self.law.joint_names}, the model of {names} and the motion of "
-                f"{self.trajectory.joint_names}"
+                f"the law is of {quote_names(self.law.joint_names)}, the model of "
+                f"{quote_names(names)} and the motion of "
+                f"{quote_names(self.trajectory.joint_names)}"
             )
         limits = np.asarray(self.effort_limits, dtype=np.float64)
         if limits.shape not in ((), (n,)) or np.isnan(limits).any():

@@ -20,7 +20,7 @@ import numpy as np
 import yaml
 
 from ..arrays import FloatArray, by_name, frozen_array, name_values, set_frozen, unique_names
-from ..exceptions import ControlError, PrimitiveFileError
+from ..exceptions import ControlError, PrimitiveFileError, quote_names, unknown_name
 from ..motion.trajectory import Trajectory
 from ..primitives.primitive import MovementPrimitive
 from ..robot.model import Robot
@@ -59,7 +59,7 @@ class ControlLaw:
 
     def __post_init__(self) -> None:
         if self.kind not in KINDS:
-            raise ControlError(f"a control law must be one of {KINDS}, got {self.kind!r}")
+            raise ControlError(unknown_name("control law", self.kind, KINDS))
         names = unique_names(self.joint_names, "joints of a control law", ControlError)
         set_frozen(self, joint_names=names)
         for field in ("position_gains", "velocity_gains"):
@@ -194,8 +194,8 @@ def pair_law(
     """
     if law.joint_names != primitive.joint_names:
         raise ControlError(
-            f"the control law is of {law.joint_names}, primitive '{primitive.name}' of "
-            f"{primitive.joint_names}"
+            f"the control law is of {quote_names(law.joint_names)}, primitive "
+            f"'{primitive.name}' of {quote_names(primitive.joint_names)}"
         )
     metadata = {**primitive.metadata, _KEY: law.to_metadata() | {_KNOWN: dict(known)}}
     return replace(primitive, metadata=metadata)

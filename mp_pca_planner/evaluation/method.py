@@ -25,9 +25,6 @@ from .scene_referee import SceneVerdict
 SOLVED = "solved"
 BSPLINE = "bspline"
 
-_N_COMPONENTS = {"arm": 10, "joint": 4}
-"""Numbers of components, chosen so that efforts come as near to the least as in [P], Table 3."""
-
 
 @dataclass(frozen=True, eq=False)
 class PeerResult:
@@ -156,16 +153,11 @@ def planner_method(
 
 def planner_methods(scene: Scene, max_time: float) -> list[Method]:
     """Components with the usual and without naturalness, and B-splines."""
-    primitives = (
-        [scene.primitive]
-        if scene.primitive is not None
-        else [
-            build_primitive(
-                scene.demonstrations, scene.name, PrimitiveOptions(coupling, n_components)
-            )
-            for coupling, n_components in _N_COMPONENTS.items()
-        ]
-    )
+    primitives = [] if scene.primitive is None else [scene.primitive]
+    if not primitives:
+        # So many that efforts come as near to the least as in [P], Table 3.
+        sizes = PrimitiveOptions("arm", 10), PrimitiveOptions("joint", 4)
+        primitives = [build_primitive(scene.demonstrations, scene.name, x) for x in sizes]
     usual = PlannerOptions(max_solve_time=max_time)
     bare = PlannerOptions(max_solve_time=max_time, naturalness=0.0)
     bspline = PlannerOptions(max_solve_time=max_time, naturalness=0.0, basis="bspline")

@@ -25,7 +25,7 @@ from ..planning.planner import Planner
 from ..primitives.boundary import hermite_functions
 from ..primitives.build import PrimitiveOptions, build_primitive
 from ..primitives.cross_validation import expected_motion, minimum_jerk_motion
-from ..primitives.differences import FINE_PHASES, MEASURES, by_way, differences
+from ..primitives.differences import FINE_PHASES, MEASURES, PHASES, by_way, differences
 from ..primitives.pace import fit_paces
 from ..primitives.primitive import MovementPrimitive
 from ..recordings.demonstration import Demonstration
@@ -45,7 +45,6 @@ RHOS = (0.0, 0.01, 0.03, 0.1, 0.3)
 MINIMUM_JERK, MEAN_SHAPE, RIDGE = "minimum-jerk", "mean shape", "ridge regression"
 EXPECTED, BSPLINES = "expected (ρ = ∞)", "least-effort B-splines"
 
-_PHASES = FINE_PHASES[::10]
 _OPTIONS = PrimitiveOptions()
 
 
@@ -276,9 +275,9 @@ def _deviation(positions: FloatArray, motion: Demonstration, primitive: Movement
     basis = primitive.basis
     if not basis.n_weights:
         return float("nan")
-    straight = start + hermite_functions(_PHASES)[:, 3:4] * (goal - start)
-    rest = by_way(positions) - straight - basis.shape(np.zeros(basis.n_weights), _PHASES)
-    functions = basis.functions(_PHASES).reshape(-1, basis.n_weights)
+    straight = start + hermite_functions(PHASES)[:, 3:4] * (goal - start)
+    rest = by_way(positions) - straight - basis.shape(np.zeros(basis.n_weights), PHASES)
+    functions = basis.functions(PHASES).reshape(-1, basis.n_weights)
     weights = np.linalg.lstsq(functions, rest.ravel(), rcond=None)[0] - expected.weights
     return float(np.sqrt(weights @ expected.precision @ weights / basis.n_weights))
 

@@ -28,7 +28,7 @@ from ..planning.constraints import LimitedProgram, LimitTables
 from ..planning.solver import Solution, solve
 from ..planning.threads import one_blas_thread
 from ..planning.unknowns import QuadratureTables, Unknowns
-from ..primitives.basis import BSplineBasis, PolynomialBasis, legendre_values
+from ..primitives.basis import Basis, BSplineBasis, PolynomialBasis, legendre_values
 from ..primitives.boundary import hermite_functions
 from ..primitives.differences import FINE_PHASES
 from ..primitives.pca import PrincipalComponents, fit_components
@@ -135,11 +135,7 @@ def paper_method(robot: Robot) -> Predictor:
         # The basis includes the end points, so there is no boundary part.
         boundary = np.zeros((6, motion.n_joints))
         unknowns = Unknowns(basis.scales, boundary, motion.duration)
-        set_up = time.perf_counter() - began
-        starts = _starts(basis.n_weights, 1.0)
-        best, seconds = _least_effort(robot, QuadratureTables(basis), unknowns, starts)
-        positions = basis.shape(best.unknowns, FINE_PHASES)
-        return Prediction(positions, best.cost, set_up + seconds)
+        return _optimised(robot, basis, unknowns, 1.0, began)
 
     return predict
 
@@ -159,22 +155,24 @@ def free_bsplines(robot: Robot) -> Predictor:
         boundary[[0, 3]] = motion.positions[[0, -1]]
         # The other rows are velocities and accelerations.
         unknowns = Unknowns(basis.scales, boundary, motion.duration, free_rows=(1, 2, 4, 5))
-        set_up = time.perf_counter() - began
-        starts = _starts(basis.n_weights, PAPER_OPTIONS.start_spread)
-        best, seconds = _least_effort(robot, QuadratureTables(basis), unknowns, starts)
-        ends, _ = unknowns.boundary_at(best.unknowns)
-        shape = basis.shape(unknowns.weights(best.unknowns), FINE_PHASES)
-        positions = hermite_functions(FINE_PHASES) @ ends + shape
-        return Prediction(positions, best.cost, set_up + seconds)
+        return _optimised(robot, basis, unknowns, PAPER_OPTIONS.start_spread, began)
 
     return predict
 
 
-def _starts(n_weights: int, spread: float) -> FloatArray:
-    """Weights to start from, shape (n_starts, n_weights); the likeliest ones first."""
-    starts = spread * np.random.default_rng(1).normal(size=(PAPER_OPTIONS.n_starts, n_weights))
-    starts[0] = 0.0
-    return starts
+def _optimised(
+    robot: Robot, basis: Basis, unknowns: Unknowns, spread: float, began: float
+) -> Prediction:
+    """The motion of least effort of a basis; its time, with that since the beginning [s]."""
+    set_up = time.perf_counter() - began
+    size = PAPER_OPTIONS.n_starts, basis.n_weights
+    starts = spread * np.random.default_rng(1).normal(size=size)
+    starts[0] = 0.0  # the likeliest weights
+    best, seconds = _least_effort(robot, QuadratureTables(basis), unknowns, starts)
+    ends, _ = unknowns.boundary_at(best.unknowns)
+    shape = basis.shape(unknowns.weights(best.unknowns), FINE_PHASES)
+    positions = hermite_functions(FINE_PHASES) @ ends + shape
+    return Prediction(positions, best.cost, set_up + seconds)
 
 
 def _least_effort(

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib import import_module
@@ -24,33 +25,15 @@ from ..resources import config_file
 from ..robot.limits import JointLimits
 from ..robot.model import Robot
 
-# Files of the package example-robot-data, and the joints of the arms.
+# Files of the package example-robot-data, and patterns of the joints of the arms.
 EXAMPLE_ROBOTS = {
-    "panda": (
-        "panda_description/urdf/panda.urdf",
-        tuple(f"panda_joint{i}" for i in range(1, 8)),
-    ),
-    "ur5": (
-        "ur_description/urdf/ur5_robot.urdf",
-        (
-            "shoulder_pan_joint",
-            "shoulder_lift_joint",
-            "elbow_joint",
-            "wrist_1_joint",
-            "wrist_2_joint",
-            "wrist_3_joint",
-        ),
-    ),
-    "kinova": (
-        "kinova_description/robots/kinova.urdf",
-        tuple(f"j2s6s200_joint_{i}" for i in range(1, 7)),
-    ),
+    "panda": ("panda_description/urdf/panda.urdf", r"panda_joint\d"),
+    "ur5": ("ur_description/urdf/ur5_robot.urdf", ".*_joint"),
+    "kinova": ("kinova_description/robots/kinova.urdf", r"j2s6s200_joint_\d"),
 }
 HUMAN_ARM = "human_arm"
 DEMONSTRATIONS_SEED = 1
 """Seed of the demonstrations; problems need another one."""
-# Folders above the problems in which the robot's description is searched.
-_LEVELS = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,9 +125,11 @@ def robot_file(name: str) -> tuple[str, Path, tuple[str, ...] | None]:
     if name == HUMAN_ARM:
         return name, config_file("human_arm.urdf"), JOINT_NAMES
     if name in EXAMPLE_ROBOTS:
-        path, joints = EXAMPLE_ROBOTS[name]
+        file, joints = EXAMPLE_ROBOTS[name]
         loader = import_peer("example_robot_data.robots_loader", f"the robot '{name}'")
-        return name, Path(loader.getModelPath(path)) / path, joints
+        path = Path(loader.getModelPath(file)) / file
+        every = Robot.from_file(path).joint_names
+        return name, path, tuple(joint for joint in every if re.fullmatch(joints, joint))
     if not Path(name).is_file():
         known = quote_names([HUMAN_ARM, *EXAMPLE_ROBOTS])
         raise RobotError(f"the robot '{name}' is neither a URDF file nor one of {known}")
@@ -195,16 +180,8 @@ def demonstrations_in(primitive: MovementPrimitive) -> list[Demonstration]:
     for i, duration in enumerate(primitive.durations):
         times = np.linspace(0.0, duration, max(round(duration * 100.0), 10) + 1)
         curve = CubicSpline(times, primitive.reproduction(i, times))
-        motions.append(
-            Demonstration(
-                primitive.joint_names,
-                times,
-                *(curve(times, order) for order in range(3)),
-                recording=f"{primitive.name} {i}",
-                start_time=0.0,
-                end_time=float(duration),
-            )
-        )
+        name = f"{primitive.name} {i}"
+        motions.append(Demonstration.of_curve(primitive.joint_names, curve, times, name))
     return motions
 
 
@@ -293,8 +270,15 @@ def scene_problems(folder: Path, n_problems: int) -> list[SceneProblem]:
     ]
 
 
-def scene_robot(problem: SceneProblem) -> Path:
+def scene_robot(problem: SceneProblem, levels: int = 4) -> Path:
     """The URDF file of the robot that a scene names, in a folder above or of that name.
+
+    Parameters
+    ----------
+    problem :
+        A problem in the scene.
+    levels :
+        Number of folders above it that are searched.
 
     Raises
     ------
@@ -304,7 +288,7 @@ def scene_robot(problem: SceneProblem) -> Path:
     with reading(f"the scene '{problem.scene}'", PlannerError):
         content = load_yaml(read_text(problem.scene))
         name = Path(str(content["robot_model_name"])).name
-    for folder in list(problem.scene.resolve().parents)[:_LEVELS]:
+    for folder in list(problem.scene.resolve().parents)[:levels]:
         for path in (folder / f"{name}.urdf", folder / name / f"{name}.urdf"):
             if path.is_file():
                 return path

@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -48,13 +48,29 @@ SCENE_PEERS: dict[str, Callable[[Scene, float, CollisionModel], Method]] = {
 """Those among obstacles: set up with the collision model, too."""
 OWN = "pca"
 """Name of the planner of this package among obstacles."""
-QUICK = 0.1
-"""Time limit of its second run there [s]."""
-
-# Least effort near the expected motion, in the duration of least effort.
-_SCENE_OPTIONS = PlannerOptions(naturalness=0.01, timing=FREE)
-_SCENE_PRIMITIVE = PrimitiveOptions("arm", 8)
 _FACTS = ("solve_time_s", "duration", "effort_cost", "path_length", "rms_jerk", "clearance")
+
+
+@dataclass(frozen=True)
+class SceneOptions:
+    """Options of the planner among obstacles.
+
+    Attributes
+    ----------
+    naturalness : float
+        Likeness to the demonstrations, in the duration of least cost: nearly least effort.
+    n_components : int
+        Components of the primitive.
+    quick : float
+        Time limit of the second run [s].
+    """
+
+    naturalness: float = 0.01
+    n_components: int = 8
+    quick: float = 0.1
+
+
+_SCENES = SceneOptions()
 
 Results = Sequence[Mapping[str, PeerResult]]
 """For each problem, the results of the methods that were run on it, by method name."""
@@ -86,16 +102,15 @@ def set_up_in_scenes(
     methods, absent :
         As :func:`set_up`.
     """
+    size, rho, quick = _SCENES.n_components, _SCENES.naturalness, _SCENES.quick
     primitive = scene.primitive or build_primitive(
-        scene.demonstrations, scene.name, _SCENE_PRIMITIVE
+        scene.demonstrations, scene.name, PrimitiveOptions("arm", size)
     )
-    limits = {OWN: max_time} | ({f"{OWN}_{1e3 * QUICK:.0f}ms": QUICK} if max_time > QUICK else {})
-    own = [
-        planner_method(
-            name, scene, primitive, replace(_SCENE_OPTIONS, max_solve_time=limit), collision
-        )
-        for name, limit in limits.items()
-    ]
+    limits = {OWN: max_time} | ({f"{OWN}_{1e3 * quick:.0f}ms": quick} if max_time > quick else {})
+    own = []
+    for name, limit in limits.items():
+        options = PlannerOptions(naturalness=rho, timing=FREE, max_solve_time=limit)
+        own.append(planner_method(name, scene, primitive, options, collision))
     setting = scene, max_time, collision
     return _with_peers(own, {name: partial(SCENE_PEERS[name], *setting) for name in peers})
 
@@ -272,7 +287,7 @@ def _group_summary(results: Results) -> dict[str, dict[str, Any]]:
         of_method = [found[name] for found in results]
         solved = [one for one in of_method if one.avoids_obstacles]
         facts = [one.facts() for one in solved]
-        n_quick = sum(x["solve_time_s"] <= QUICK for x in facts)
+        n_quick = sum(x["solve_time_s"] <= _SCENES.quick for x in facts)
         collided = [one.among_obstacles for one in of_method if one.solved]
         summary[name] = {
             "n_problems": len(of_method),

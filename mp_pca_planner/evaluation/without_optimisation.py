@@ -18,12 +18,10 @@ from ..motion.collision import CollisionModel
 from ..motion.trajectory import Trajectory
 from ..planning.sampling import SamplingOptions, sampled_path
 from ..primitives.boundary import hermite_functions
-from ..primitives.differences import FINE_PHASES
+from ..primitives.differences import PHASES
 from ..recordings.demonstration import Demonstration
 from .method import Method, PeerResult
 from .problems import Problem, Scene, import_peer
-
-_PHASES = FINE_PHASES[::10]
 
 
 def minimum_jerk_method(scene: Scene) -> Method:
@@ -33,9 +31,9 @@ def minimum_jerk_method(scene: Scene) -> Method:
     def solve(problem: Problem) -> PeerResult:
         """Evaluate the polynomial."""
         began = time.perf_counter()
-        states = minimum_jerk(problem, _PHASES)
+        states = minimum_jerk(problem, PHASES)
         took = time.perf_counter() - began
-        return PeerResult(Trajectory(joints, _PHASES * problem.duration, *states), took)
+        return PeerResult(Trajectory(joints, PHASES * problem.duration, *states), took)
 
     return Method("minimum_jerk", "the quintic polynomial from rest to rest", solve)
 
@@ -44,9 +42,9 @@ def promp_method(scene: Scene, _: float) -> Method:
     """ProMP of the package movement_primitives, conditioned on start and goal."""
     module = import_peer("movement_primitives.promp", "the peer 'promp'")
     joints = scene.robot.joint_names
-    shown = np.array([motion.time_normalised(_PHASES.size) for motion in scene.demonstrations])
+    shown = np.array([motion.time_normalised(PHASES.size) for motion in scene.demonstrations])
     model = module.ProMP(n_dims=len(joints), n_weights_per_dim=10)
-    model.imitate([_PHASES] * len(shown), shown)
+    model.imitate([PHASES] * len(shown), shown)
     exact = 1e-8 * np.eye(len(joints))
 
     def solve(problem: Problem) -> PeerResult:
@@ -54,9 +52,9 @@ def promp_method(scene: Scene, _: float) -> Method:
         began = time.perf_counter()
         from_start = model.condition_position(problem.start, exact, t=0.0)
         conditioned = from_start.condition_position(problem.goal, exact, t=1.0)
-        positions = conditioned.mean_trajectory(_PHASES)
+        positions = conditioned.mean_trajectory(PHASES)
         took = time.perf_counter() - began
-        return PeerResult(_through(joints, _PHASES * problem.duration, positions), took)
+        return PeerResult(_through(joints, PHASES * problem.duration, positions), took)
 
     about = "ProMP of movement_primitives, conditioned on start and goal; no limits, no efforts"
     return Method("promp", about, solve)
@@ -87,7 +85,7 @@ def dmp_method(scene: Scene, _: float) -> Method:
         """Integrate the DMP to the new goal with the new duration."""
         began = time.perf_counter()
         distances = np.sum((ends - [problem.start, problem.goal]) ** 2, axis=(1, 2))
-        model = model_of(problem.duration, _PHASES.size - 1)
+        model = model_of(problem.duration, PHASES.size - 1)
         model.set_weights(learned[int(np.argmin(distances))])
         model.configure(start_y=problem.start, goal_y=problem.goal)
         times, positions = model.open_loop()

@@ -14,9 +14,9 @@ from pathlib import Path
 from typing import Any
 
 from ..exceptions import GoalError, MissingDependencyError, PlannerError, quote_names, unknown_name
+from ..input_limits import INPUT_LIMITS
 from ..planning.objectives import objective_weights
 from ..planning.plan import DEMONSTRATED, TIMINGS, PlannerOptions
-from ..planning.request import LONGEST_DURATION
 
 AUTO = "auto"
 MEASURED = "measured"
@@ -169,7 +169,7 @@ class Settings:
         0.0,
         """Duration of every motion to a single goal [s]; 0: as the demonstrations suggest, longer
         if the limits require it. Sequences carry their own times.""",
-        high=LONGEST_DURATION,
+        high=INPUT_LIMITS.duration,
     )
     naturalness: float = _declared(
         PlannerOptions.naturalness,

@@ -38,13 +38,10 @@ from ..primitives.pace import PacedBasis
 from ..primitives.primitive import MovementPrimitive
 from ..robot.model import Robot
 
-N_WARP_PARAMETERS = 3
-"""Parameters of a warp: towards an end, towards the middle, and both."""
-
-AMPLITUDE, LOG_DURATION = 0, 1
-WARP = slice(2, 2 + N_WARP_PARAMETERS)
-N_PARAMETERS = 2 + N_WARP_PARAMETERS
-"""Parameters of a segment: α, δ and those of the warp; zeros leave it unchanged."""
+AMPLITUDE, LOG_DURATION, WARP = 0, 1, slice(2, 5)
+"""Indices of the parameters of a segment: α, δ and those of the warp (towards an end, towards the
+middle, and both); zeros leave it unchanged."""
+N_PARAMETERS = WARP.stop
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,7 +100,7 @@ def _warp_tables() -> tuple[FloatArray, FloatArray, FloatArray]:
     analysis = (values * quadrature[:, None] * (np.arange(n_nodes) + 0.5)).T
     phases = (nodes + 1.0) / 2.0
     bump = 16.0 * (phases * (1.0 - phases)) ** 2
-    return quadrature, analysis, bump[:, None] * values[:, : N_WARP_PARAMETERS + 1]
+    return quadrature, analysis, bump[:, None] * values[:, : WARP.stop - WARP.start + 1]
 
 
 def _normalising(exponent: FloatArray, bump: FloatArray, quadrature: FloatArray) -> float:

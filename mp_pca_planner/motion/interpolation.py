@@ -19,9 +19,10 @@ from ..arrays import FloatArray
 
 
 @cache
-def _coefficients(derivative: int) -> FloatArray:
-    """Coefficients, by rising power of the phase, of a derivative of the six Hermite functions.
+def _coefficients() -> FloatArray:
+    """Coefficients, by rising power of the phase, of the six Hermite functions and derivatives.
 
+    The shape is (4, 6, 6).
     Column i belongs to the quintic that is one in boundary value i of (q, q', q'' at 0, q, q', q''
     at 1) and zero in the five others.
     """
@@ -33,19 +34,23 @@ def _coefficients(derivative: int) -> FloatArray:
         [0.0, 0.0, 0.0, -4.0, 7.0, -3.0],
         [0.0, 0.0, 0.0, 0.5, -1.0, 0.5],
     ]
-    return np.asarray(polynomial.polyder(np.array(values), derivative, axis=1).T)
+    coefficients = np.zeros((4, 6, 6))
+    for d in range(4):
+        coefficients[d, : 6 - d] = polynomial.polyder(np.array(values), d, axis=1).T
+    return coefficients
 
 
 def _to_bezier_points(derivative: int) -> FloatArray:
-    degree = 5 - derivative
-    powers = [[comb(i, k) / comb(degree, k) for k in range(degree + 1)] for i in range(degree + 1)]
-    return np.asarray(powers @ _coefficients(derivative))
+    n = 6 - derivative
+    powers = [[comb(i, k) / comb(n - 1, k) for k in range(n)] for i in range(n)]
+    points = powers @ _coefficients()[derivative, :n]
+    return np.concatenate([points, np.repeat(points[-1:], derivative, axis=0)])
 
 
-BEZIER_POINTS = tuple(_to_bezier_points(d) for d in range(4))
-"""Take the values at both ends of a quintic, as :func:`hermite_functions` does, to the Bézier
-points of it and of its first three derivatives by phase, shape (6 - derivative, 6). The curve lies
-between the lowest and the highest Bézier point."""
+BEZIER_POINTS = np.array([_to_bezier_points(d) for d in range(4)])
+"""Takes the values at both ends of a quintic, as :func:`hermite_functions` does, to the Bézier
+points of it and of its first three derivatives by phase, shape (4, 6, 6). The curve lies between
+the lowest and the highest Bézier point. Derivatives have fewer points: the last one is repeated."""
 
 
 def hermite_functions(phases: FloatArray, derivative: int = 0) -> FloatArray:
@@ -64,9 +69,28 @@ def hermite_functions(phases: FloatArray, derivative: int = 0) -> FloatArray:
         Their values; multiplied by the values at both ends (q, dq/ds, d²q/ds² at phase 0, then at
         phase 1) they give the quintic.
     """
-    coefficients = _coefficients(derivative)
-    powers = np.power.outer(phases, np.arange(len(coefficients)))
-    return np.asarray(powers @ coefficients)
+    return np.asarray(np.vander(phases, 6, increasing=True) @ _coefficients()[derivative])
+
+
+def quintics(phases: FloatArray, ends: FloatArray, highest: int) -> FloatArray:
+    """Evaluate quintics and their derivatives.
+
+    Parameters
+    ----------
+    phases : array, shape (n_steps,)
+        Phases in [0, 1].
+    ends : array, shape (6, n_joints)
+        Values at both ends, see :func:`hermite_functions`.
+    highest : int
+        The highest derivative with respect to phase, 0 to 3.
+
+    Returns
+    -------
+    values : array, shape (highest + 1, n_steps, n_joints)
+        The quintics and their derivatives by phase.
+    """
+    powers = np.vander(phases, 6, increasing=True)
+    return np.asarray(powers @ (_coefficients()[: highest + 1] @ ends))
 
 
 def segment_ends(
@@ -97,7 +121,8 @@ def segment_ends(
         # The second derivatives of the cubic; of a straight line they are zero.
         cubic = [6.0 * step - 4.0 * v[0] - 2.0 * v[1], -6.0 * step + 2.0 * v[0] + 4.0 * v[1]]
         a = [np.where(lower, own, given) for own, given in zip(cubic, a, strict=True)]
-    return np.stack([positions[:-1], v[0], a[0], positions[1:], v[1], a[1]], axis=1)
+    ends = np.array([positions[:-1], v[0], a[0], positions[1:], v[1], a[1]])
+    return ends.transpose(1, 0, 2)
 
 
 def interpolate_at(

@@ -9,7 +9,6 @@ it is sampled.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -243,34 +242,30 @@ def require_effort_limits(robot: Robot, limits: JointLimits) -> None:
         robot.require_inertias("limits of efforts", "remove those limits (max_effort: .inf)")
 
 
-def _extremes(ends: FloatArray, steps: FloatArray) -> tuple[FloatArray, list[FloatArray]]:
+def _extremes(ends: FloatArray, steps: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Bounds of the curves of segments: they lie between their lowest and highest Bézier points.
 
     Returns
     -------
     lowest : array, shape (n_segments, n_joints)
         Bounds of the positions from below.
-    highest : list of array, shape (n_segments, n_joints)
+    highest : array, shape (4, n_segments, n_joints)
         Bounds of the positions from above, and of the magnitudes of their first three derivatives.
     """
     columns = ends.transpose(1, 0, 2).reshape(6, -1)
-    points = [to_points @ columns for to_points in BEZIER_POINTS]
-    lowest, highest = points[0].min(axis=0), points[0].max(axis=0)
-    rates = [np.maximum(x.max(axis=0), -x.min(axis=0)) for x in points[1:]]
-    shape = ends[:, 0].shape
-    scaled = (x.reshape(shape) / steps[:, None] ** d for d, x in enumerate(rates, start=1))
-    return lowest.reshape(shape), [highest.reshape(shape), *scaled]
+    points, shape = BEZIER_POINTS @ columns, (4, *ends[:, 0].shape)
+    lowest, highest = (x.reshape(shape) for x in (points.min(axis=1), points.max(axis=1)))
+    rates = np.maximum(highest[1:], -lowest[1:], out=highest[1:])
+    rates /= steps[:, None] ** np.arange(1.0, 4.0)[:, None, None]
+    return lowest[0], highest
 
 
-def _near_limits(
-    lowest: FloatArray, highest: Sequence[FloatArray], limits: JointLimits
-) -> NDArray[np.bool_]:
+def _near_limits(lowest: FloatArray, highest: FloatArray, limits: JointLimits) -> NDArray[np.bool_]:
     """Segments with positions or their derivatives near or beyond a limit, by their bounds."""
     room = LIMIT_NEAR * _span(limits)
     inside = (lowest > limits.lower + room) & (highest[0] < limits.upper - room)
-    bounds = (limits.velocity, limits.acceleration, limits.jerk)
-    for values, bound in zip(highest[1:], bounds, strict=True):
-        inside &= values < (1.0 - LIMIT_NEAR) * bound
+    bounds = np.array([limits.velocity, limits.acceleration, limits.jerk])
+    inside &= np.all(highest[1:] < (1.0 - LIMIT_NEAR) * bounds[:, None], axis=0)
     return np.asarray(~inside.all(axis=1))
 
 

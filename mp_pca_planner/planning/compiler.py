@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -23,7 +24,7 @@ from ..primitives.basis import Basis
 from ..robot.model import Robot
 from .conditions import Condition, ConditionEquations
 from .objectives import QUANTITIES, Effort, Nodes, Objective, Residuals
-from .unknowns import N_RATES, QuadratureTables, StateMap, Unknowns
+from .unknowns import N_RATES, QuadratureTables, Unknowns
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,21 +97,26 @@ class MotionProgram:
         self.scales = self.unknowns.scales
         self.expected = self.unknowns.from_weights(expected)
         self.precision = np.zeros((self.scales.size, self.scales.size))
-        self.equations = ConditionEquations(unknowns, tables.basis, conditions)
-        self._last: tuple[FloatArray, Linearisation] | None = None
-        functions = tables.functions.transpose(1, 0, 2, 3)
-        self._states = StateMap(self.unknowns, tables.hermite, tables.mean, functions)
+        self.equations = ConditionEquations(unknowns, tables, conditions)
+        self._last: tuple[bytes, Linearisation] | None = None
+        self._states = tables.states(unknowns)
         if not unknowns.duration_is_free:
-            at_any_x = self._states.jacobian(self.expected, np.zeros(0))
-            self._stacked = self._stack(at_any_x)
+            self._slopes_at_any_x = self._slopes(self.expected, np.zeros(0))
 
-    def _stack(self, state_jacobian: FloatArray) -> FloatArray:
-        """Derivatives of (q, v, a) at each node, shape (n_nodes, 3 n_joints, n_unknowns)."""
-        n_rows = 3 * self._robot.n_joints
-        by_row = state_jacobian[: n_rows * self.n_nodes].reshape(
-            n_rows, self.n_nodes, self.scales.size
-        )
-        return np.ascontiguousarray(by_row.transpose(1, 0, 2))
+    def _slopes(self, x: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Derivatives of the states at x, where they have the given values.
+
+        Returns
+        -------
+        by_rate : array, shape (4, n_nodes, n_joints, n_unknowns)
+            Of positions to jerks.
+        stacked : array, shape (n_nodes, 3 n_joints, n_unknowns)
+            Of positions, velocities and accelerations at each node.
+        """
+        shape = N_RATES, self._robot.n_joints, self.n_nodes, x.size
+        by_rate = self._states.jacobian(x, values).reshape(shape).transpose(0, 2, 1, 3)
+        stacked = by_rate[:3].transpose(1, 0, 2, 3).reshape(self.n_nodes, 3 * shape[1], x.size)
+        return by_rate, stacked
 
     @property
     def basis(self) -> Basis:
@@ -122,47 +128,49 @@ class MotionProgram:
         """Number of nodes."""
         return self._tables.n_nodes
 
-    def effort_costs(self, candidates: FloatArray) -> FloatArray:
-        """J of candidates x, shape (n_candidates, n_unknowns), without derivatives."""
-        return self._running_costs(candidates, [(1.0, Effort())])
+    def effort_cost(self, x: FloatArray) -> float:
+        """J at x, whether it is an objective or not."""
+        squares = np.square(self.linearise(x).efforts).sum(axis=1)
+        return float(0.5 * self.unknowns.duration_at(x) * self._tables.quadrature @ squares)
 
-    def _running_costs(
-        self, candidates: FloatArray, objectives: Sequence[tuple[float, Objective]]
-    ) -> FloatArray:
-        """Weighted sums of objectives of candidates, shape (n_candidates,)."""
+    def costs(self, candidates: FloatArray) -> FloatArray:
+        """The whole objective of candidates x, shape (n_candidates, n_unknowns)."""
         q, v, a, jerk = np.concatenate([self.states(x) for x in candidates], axis=1)
         tau = self._robot.inverse_dynamics(q, v, a)
         ends = self.unknowns.boundary[0], self.unknowns.boundary[3]
         nodes = Nodes(self._robot, q, v, a, jerk, tau, *ends)
         squares = sum(
             weight * np.sum(objective.residuals(nodes).values ** 2, axis=1)
-            for weight, objective in objectives
+            for weight, objective in self._objectives
         )
         durations = np.array([self.unknowns.duration_at(x) for x in candidates])
         by_candidate = np.reshape(squares, (len(candidates), self.n_nodes))
-        return np.asarray(0.5 * durations * (by_candidate @ self._tables.quadrature))
+        natural = np.array([self.naturalness(x) for x in candidates])
+        return np.asarray(0.5 * durations * (by_candidate @ self._tables.quadrature) + natural)
+
+    @cached_property
+    def at_expected(self) -> Linearisation:
+        """The residual and its Jacobian at the expected weights."""
+        return self._linearised(self.expected)
 
     def linearise(self, x: FloatArray) -> Linearisation:
         """The residual and its Jacobian; those of the last x are cached."""
-        if self._last is None or not np.array_equal(self._last[0], x):
-            self._last = x.copy(), self._linearised(x)
+        key = x.tobytes()
+        if key == self.expected.tobytes():
+            return self.at_expected
+        if self._last is None or self._last[0] != key:
+            self._last = key, self._linearised(x)
         return self._last[1]
 
     def _linearised(self, x: FloatArray) -> Linearisation:
-        by_row = self._states.values(x)
-        state_jacobian = self._states.jacobian(x, by_row)
-        states = self._in_order(by_row)
-        timed = self.unknowns.duration_is_free
-        stacked = self._stack(state_jacobian) if timed else self._stacked
-        q, v, a, jerk = states
+        by_row, timed = self._states.values(x), self.unknowns.duration_is_free
+        by_rate, stacked = self._slopes(x, by_row) if timed else self._slopes_at_any_x
+        q, v, a, jerk = states = self._in_order(by_row)
         tau, dtau = self._robot.inverse_dynamics_derivatives(q, v, a)
         by_unknown = dtau @ stacked
         ends = self.unknowns.boundary[0], self.unknowns.boundary[3]
         nodes = Nodes(self._robot, q, v, a, jerk, tau, *ends)
-        by_rate = state_jacobian.reshape(N_RATES, self._robot.n_joints, self.n_nodes, x.size)
-        by_quantity = dict(
-            zip(QUANTITIES, (*by_rate.transpose(0, 2, 1, 3), by_unknown), strict=True)
-        )
+        by_quantity = dict(zip(QUANTITIES, (*by_rate, by_unknown), strict=True))
         root = np.sqrt(self._tables.quadrature * self.unknowns.duration_at(x))[:, None]
         slope = self.unknowns.log_duration_slope(x) if timed else 0.0
         parts = [
@@ -189,11 +197,6 @@ class MotionProgram:
             jacobian[:, :, self.unknowns.n_linear] += 0.5 * slope * values
         jacobian *= root[:, :, None]
         return (values * root).ravel(), jacobian.reshape(values.size, self.scales.size)
-
-    def costs(self, candidates: FloatArray) -> FloatArray:
-        """The whole objective of candidates x, shape (n_candidates, n_unknowns)."""
-        natural = np.array([self.naturalness(x) for x in candidates])
-        return np.asarray(self._running_costs(candidates, self._objectives) + natural)
 
     def naturalness(self, x: FloatArray) -> float:
         """The naturalness term ½ρ(w−ŵ)ᵀΛ⁻¹(w−ŵ)."""

@@ -8,7 +8,7 @@ cost within limits and clearances, as for any other motion.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,7 +16,7 @@ from scipy.linalg import block_diag
 
 from ..arrays import FloatArray
 from ..primitives.basis import BSplineBasis, SumBasis
-from ..primitives.boundary import hermite_functions
+from ..primitives.boundary import quintics
 from ..primitives.primitive import MovementPrimitive
 from .attempt import Attempt, checked
 from .bases import MotionBasis
@@ -133,8 +133,8 @@ class DetourPlanner:
         positions = motion.evaluate(duration * basis.tables.phases)[0]
         return any(map(collision.collides, positions))
 
-    def best(self, request: Request, budget: Budget, paths: Paths) -> Attempt | None:
-        """The best motion along a detour; None if there is no path.
+    def attempts(self, request: Request, budget: Budget, paths: Paths) -> Iterator[Attempt]:
+        """The best motion along a detour, if there is a path; the search starts when it is needed.
 
         If no motion keeps the limits, a path that was found is added to `paths`.
         """
@@ -150,7 +150,8 @@ class DetourPlanner:
                 break
         if path is not None and best is not None and not best.is_valid:
             paths[id(request.goal)] = self._finder.corners(path)
-        return best
+        if best is not None:
+            yield best
 
     def _follower(self, primitive: MovementPrimitive) -> PathFollower:
         if primitive.name not in self._followers:
@@ -267,7 +268,6 @@ class PathFollower:
     def _least_duration(self, boundary: FloatArray, weights: FloatArray) -> float:
         """Shortest duration within the limits of velocity, acceleration and jerk [s]."""
         s = np.append(0.0, np.append(self._phases, 1.0))
-        shapes = self._basis.shapes(weights, s, 3)
         # By phase, which is by time in a duration of 1 s.
-        rates = [hermite_functions(s, d) @ boundary + shapes[d] for d in (1, 2, 3)]
-        return self._margin * kinematic_stretch(self._limits, np.array(rates))
+        rates = quintics(s, boundary, 3) + self._basis.shapes(weights, s, 3)
+        return self._margin * kinematic_stretch(self._limits, rates[1:])

@@ -11,7 +11,7 @@ import numpy as np
 from ..arrays import FloatArray
 from ..motion.goal import JointState
 from ..primitives.basis import Basis
-from ..primitives.boundary import boundary_values, hermite_functions
+from ..primitives.boundary import boundary_values, quintics
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +42,7 @@ class Motion:
         ends = [(x.positions, x.velocities, x.accelerations) for x in (self.start, self.goal)]
         return boundary_values(ends[0], ends[1], self.duration)
 
-    def evaluate(self, times: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    def evaluate(self, times: FloatArray) -> FloatArray:
         """Positions, velocities and accelerations.
 
         Parameters
@@ -52,20 +52,17 @@ class Motion:
 
         Returns
         -------
-        q, v, a : array, shape (n_steps, n_joints)
+        states : array, shape (3, n_steps, n_joints)
             [rad or m], [/s], [/s²]. At the ends they equal those of `start` and `goal` exactly,
             because a controller rejects a final velocity of 1e-17.
         """
         phases = np.clip(times / self.duration, 0.0, 1.0)
-        boundary = self.boundary
-        shapes = self.basis.shapes(self.weights, phases, 2)
-        q, v, a = (
-            (hermite_functions(phases, d) @ boundary + shapes[d]) / self.duration**d
-            for d in range(3)
-        )
-        for end, state in ((phases == 0.0, self.start), (phases == 1.0, self.goal)):
-            q[end], v[end], a[end] = state.positions, state.velocities, state.accelerations
-        return q, v, a
+        states = quintics(phases, self.boundary, 2)
+        states += self.basis.shapes(self.weights, phases, 2)
+        states /= self.duration ** np.arange(3.0)[:, None, None]
+        for phase, state in ((0.0, self.start), (1.0, self.goal)):
+            states[:, phases == phase] = np.array(state.values)[:, None]
+        return states
 
     def sample_times(self, period: float) -> FloatArray:
         """Evenly spaced times from 0 to `duration`, at most `period` apart [s]."""

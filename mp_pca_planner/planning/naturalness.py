@@ -11,7 +11,30 @@ from ..primitives.conditional_model import ConditionalDistribution
 from .bases import MotionBasis
 from .compiler import MotionProgram
 from .search_options import SearchOptions
+from .starts import StartPoint
 from .unknowns import END_SCALES, GOAL_POSITION, LOG_DURATION_SCALE
+
+
+def natural_starts(
+    basis: MotionBasis,
+    program: MotionProgram,
+    naturalness: float,
+    search: SearchOptions,
+    goals: FloatArray,
+) -> list[StartPoint]:
+    """Set the program's naturalness; return the unknowns to start from, the cheapest first."""
+    starts = basis.starts
+    if basis.precision is not None and naturalness > 0.0:
+        program.precision = naturalness * goal_precision(program, basis, goals, search)
+        if naturalness >= search.near_expected:
+            starts = starts[:1]
+    # The state of a solver for weights alone does not fit programs with other unknowns.
+    fits, to_unknowns = program.scales.size == basis.expected.size, program.unknowns.from_weights
+    found = [StartPoint(to_unknowns(w), memory if fits else None) for w, memory in starts]
+    if len(found) > 1:
+        costs = program.costs(np.array([start.unknowns for start in found]))
+        found = [found[i] for i in np.argsort(costs, kind="stable")]
+    return found
 
 
 def goal_precision(
@@ -45,7 +68,7 @@ def goal_precision(
     if free:
         spread = np.maximum(goals.std(axis=0), search.min_spread)
         precision[free, free] = (END_SCALES[GOAL_POSITION] / spread) ** 2
-    return precision * unit_of_naturalness(program, own, program.expected, search.effort_weight)
+    return precision * unit_of_naturalness(program, own, search.effort_weight)
 
 
 def segment_precision(
@@ -71,13 +94,13 @@ def segment_precision(
     variances = np.zeros(n_joints)
     if basis.n_components:
         k = basis.n_components
-        functions = tables.functions[:, 0, :, :k] / basis.basis.scales[:k]
+        functions = tables.values[0, 1:-1, :, 1 : k + 1]
         variances = np.einsum(
             "k,kji,il,kjl->j", tables.quadrature, functions, expected.covariance, functions
         )
     spreads = search.bend_spread * np.maximum(np.sqrt(variances), search.min_spread)
     rows = unknowns.free_rows
-    bends = tables.hermite[0][:, rows] * END_SCALES[rows]
+    bends = tables.hermite[0, 1:-1, rows].T * END_SCALES[rows]
     gram = bends.T @ (bends * tables.quadrature[:, None])
     for j in range(n_joints):
         index = n + j + n_joints * np.arange(len(rows))
@@ -86,7 +109,7 @@ def segment_precision(
 
 
 def unit_of_naturalness(
-    program: MotionProgram, precision: FloatArray, expected: FloatArray, effort_weight: float
+    program: MotionProgram, precision: FloatArray, effort_weight: float
 ) -> float:
     """Cost of one standard deviation from the expected motion at ρ = 1.
 
@@ -95,7 +118,7 @@ def unit_of_naturalness(
     their effort could decrease fast: to first order, the optimum is at most 1 / (ρ effort_weight)
     standard deviations away.
     """
-    here = program.linearise(expected)
+    here = program.at_expected
     gradient = (here.residual @ here.jacobian)[: len(precision)]
     descent = float(np.sqrt(gradient @ np.linalg.solve(precision, gradient)))
     cost = 0.5 * float(here.residual @ here.residual)

@@ -11,6 +11,7 @@ import numpy as np
 
 from ..arrays import FloatArray
 from ..exceptions import GoalError
+from ..input_limits import INPUT_LIMITS
 from ..motion.goal import JointGoal, JointState, Pose, PoseGoal, Via
 from ..primitives.boundary import hermite_functions
 from ..primitives.conditional_model import ConditionalDistribution
@@ -22,12 +23,6 @@ from .pose_search import configurations_at, starts_near
 from .selection import Selection, Selector
 from .setup import Setup
 from .states import check_within_limits, completed, in_order, unwrapped
-
-LONGEST_DURATION = 600.0
-"""Longest duration that is accepted [s]."""
-
-# Largest number of points; more would exhaust the memory.
-_MAX_POINTS = 100_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,8 +154,9 @@ class GoalResolver:
                     goal.duration is None,
                     one.expected,
                 )
-                conditions = self._conditions(request, goal.vias)
-                yield replace(request, conditions=conditions)
+                if pose is not None or goal.vias:
+                    request = replace(request, conditions=self._conditions(request, goal.vias))
+                yield request
 
     def target(self, goal: JointGoal, here: JointState) -> JointState:
         """The configuration of all joints that a goal specifies; see :meth:`resolve`."""
@@ -236,16 +232,31 @@ class GoalResolver:
         duration: float | None,
     ) -> ConditionalDistribution:
         """The prediction for a motion, with continuous joints shifted by full turns."""
+        return primitive.model.predict(*self._shifted(primitive, start, goal), duration)
+
+    def in_span_score(
+        self,
+        primitive: MovementPrimitive,
+        start: JointState,
+        goal: JointState,
+        duration: float | None,
+    ) -> float:
+        """The in-span score of that prediction."""
+        return primitive.model.in_span_score(*self._shifted(primitive, start, goal), duration)
+
+    def _shifted(
+        self, primitive: MovementPrimitive, start: JointState, goal: JointState
+    ) -> tuple[FloatArray, FloatArray]:
         # The demonstrations of a continuous joint may be full turns away.
         mean = primitive.model.mean[: primitive.n_joints]
         turns = np.round((mean - start.positions) / (2.0 * np.pi))
         shift = np.where(self._setup.robot.continuous, 2.0 * np.pi * turns, 0.0)
-        return primitive.model.predict(start.positions + shift, goal.positions + shift, duration)
+        return start.positions + shift, goal.positions + shift
 
 
 def longest_duration(options: PlannerOptions) -> float:
     """The longest duration that is accepted [s]."""
-    return min(LONGEST_DURATION, _MAX_POINTS * options.sample_period)
+    return min(INPUT_LIMITS.duration, INPUT_LIMITS.trajectory_points * options.sample_period)
 
 
 def _windows(

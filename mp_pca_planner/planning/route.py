@@ -16,16 +16,15 @@ import numpy as np
 
 from ..arrays import FloatArray
 from ..exceptions import GoalError
+from ..input_limits import INPUT_LIMITS
 from ..motion.goal import JointState, Pose, SequenceGoal
 from .conditions import JointTarget, PoseTarget, Target
 from .pose_search import configurations_at, starts_near
-from .request import LONGEST_DURATION
 from .selection import Selector
 from .sequence_request import SequenceRequest, duration_groups, fit_durations
 from .setup import Setup
 from .states import check_within_limits, completed, in_order, unwrapped
 
-_MAX_TARGETS = 200
 # Targets within this distance of each other count as the same [rad or m].
 _SAME = 1e-6
 
@@ -75,10 +74,10 @@ class SequenceResolver:
         chosen = [selector.choose(a.positions, b.positions) for a, b in pairwise(states)]
         usual = [one.first.expected.duration for one in chosen]
         durations = fit_durations(usual, goal.times)
-        if sum(durations) > LONGEST_DURATION:
+        total, longest = sum(durations), INPUT_LIMITS.duration
+        if total > longest:
             raise GoalError(
-                f"the sequence would take {sum(durations):.4g} s, at most {LONGEST_DURATION:g} s "
-                "are accepted"
+                f"the sequence would take {total:.4g} s, at most {longest:g} s are accepted"
             )
         return SequenceRequest(
             tuple(states),
@@ -173,15 +172,15 @@ class SequenceResolver:
 
     def _check_size(self, goal: SequenceGoal) -> None:
         """Reject sequences that would exceed time or memory."""
-        if len(goal.targets) > _MAX_TARGETS:
+        most, longest = INPUT_LIMITS.targets, INPUT_LIMITS.duration
+        if len(goal.targets) > most:
             raise GoalError(
-                f"the sequence has {len(goal.targets)} targets, at most {_MAX_TARGETS} are accepted"
+                f"the sequence has {len(goal.targets)} targets, at most {most} are accepted"
             )
         last = max((when for when in goal.times if when is not None), default=0.0)
-        if last > LONGEST_DURATION:
+        if last > longest:
             raise GoalError(
-                f"the sequence asks for a time of {last:.4g} s, at most {LONGEST_DURATION:g} s are "
-                "accepted"
+                f"the sequence asks for a time of {last:.4g} s, at most {longest:g} s are accepted"
             )
 
 

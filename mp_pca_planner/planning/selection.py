@@ -78,15 +78,12 @@ class Considered:
         The primitive.
     expected : ConditionalDistribution
         Its prediction for the request.
-    in_span_score : float
-        Distance of the request from its demonstrations.
     cost : float
         Objective of its expected motion; NaN if it is the only one considered.
     """
 
     primitive: MovementPrimitive
     expected: ConditionalDistribution
-    in_span_score: float
     cost: float
 
     @property
@@ -137,7 +134,7 @@ class Selection:
         if len(self.considered) == 1:
             return (
                 f"of {self.n_primitives} primitives only '{winner}' has demonstrations near "
-                f"the request (in-span score {self.first.in_span_score:.2f})"
+                f"the request (in-span score {self.first.expected.in_span_score:.2f})"
             )
         names = quote_names([c.name for c in self.considered[: _OPTIONS.max_named]])
         more = len(self.considered) - _OPTIONS.max_named
@@ -235,27 +232,27 @@ class Selector:
         duration : float, optional
             Duration [s]; the one that each primitive predicts unless given.
         """
-        request = _request(start, goal, duration)
-        chosen, scores = self._index.nearest(request, _OPTIONS.max_considered)
-        chosen, scores = chosen[is_near(scores)], scores[is_near(scores)]
-        turns = self._index.turns(start, chosen)
-        names = self._robot.joint_names
-        ends = JointState(names, start), JointState(names, goal)
+        chosen = np.zeros(1, dtype=np.intp)
+        if len(self.primitives) > 1:
+            request = _request(start, goal, duration)
+            nearest, scores = self._index.nearest(request, _OPTIONS.max_considered)
+            chosen = nearest[is_near(scores)]
         found = []
-        for i, score, turn in zip(chosen.tolist(), scores.tolist(), turns, strict=True):
+        for i, turn in zip(chosen.tolist(), self._index.turns(start, chosen), strict=True):
             primitive = self.primitives[i]
             expected = primitive.model.predict(start + turn, goal + turn, duration)
-            cost = float("nan") if len(chosen) == 1 else self._cost(i, ends, expected)
-            found.append(Considered(primitive, expected, score, cost))
+            cost = float("nan") if len(chosen) == 1 else self._cost(i, start, goal, expected)
+            found.append(Considered(primitive, expected, cost))
         found.sort(key=lambda one: one.cost)
         return Selection(tuple(found), len(self.primitives))
 
     def _cost(
-        self, i: int, ends: tuple[JointState, JointState], expected: ConditionalDistribution
+        self, i: int, start: FloatArray, goal: FloatArray, expected: ConditionalDistribution
     ) -> float:
         tables = self._tables(i)
+        here, there = (JointState(self._robot.joint_names, q) for q in (start, goal))
         # Without time scaling, because tables for each request would dominate the computing time.
-        motion = Motion(*ends, expected.duration, tables.basis, expected.weights)
+        motion = Motion(here, there, expected.duration, tables.basis, expected.weights)
         return cost_of(self._robot, motion, tables, self._objectives)
 
 
@@ -295,7 +292,7 @@ def cost_of(
     objectives: Sequence[tuple[float, Objective]],
 ) -> float:
     """Weighted sum of the objectives of a motion on the tables of its basis."""
-    q, v, a, jerk = node_states(motion, tables)
+    q, v, a, jerk = node_states(motion, tables)[:, 1:-1]
     tau = robot.inverse_dynamics(q, v, a)
     nodes = Nodes(robot, q, v, a, jerk, tau, motion.start.positions, motion.goal.positions)
     squares = sum(
@@ -306,7 +303,7 @@ def cost_of(
 
 
 def node_states(motion: Motion, tables: QuadratureTables) -> FloatArray:
-    """Positions to jerks of a motion at the nodes, shape (4, n_nodes, n_joints)."""
-    z, boundary = motion.weights / motion.basis.scales, motion.boundary
-    by_phase = tables.hermite @ boundary + tables.mean + (tables.functions @ z).swapaxes(0, 1)
+    """Positions to jerks at the start, the nodes and the goal, shape (4, n_nodes + 2, n_joints)."""
+    shapes = tables.values @ np.concatenate([[1.0], motion.weights])
+    by_phase = tables.hermite @ motion.boundary + shapes
     return np.asarray(by_phase / motion.duration ** np.arange(4.0)[:, None, None])

@@ -45,7 +45,7 @@ class Setup:
         for i, motion in enumerate(motions):
             own = motion.sample_times(self.options.sample_period)[min(i, 1) :]
             times.append(began + own)
-            states.append(np.stack(motion.evaluate(own)))
+            states.append(motion.evaluate(own))
             began += motion.duration
         q, v, a = np.concatenate(states, axis=1)
         return Trajectory(self.robot.joint_names, np.concatenate(times), q, v, a)

@@ -16,6 +16,7 @@ from ..robot.model import Robot
 
 # Largest positions, velocities and accelerations where there is no limit [SI].
 _NO_ROBOT = 1e6
+_QUANTITIES = ("position", "velocity", "acceleration")
 
 
 def in_order(state: JointState, names: Sequence[str]) -> JointState:
@@ -26,6 +27,8 @@ def in_order(state: JointState, names: Sequence[str]) -> JointState:
     GoalError
         If the state lacks a joint.
     """
+    if state.joint_names == names:
+        return state
     missing = [name for name in names if name not in state.joint_names]
     if missing:
         raise GoalError(
@@ -58,21 +61,28 @@ def completed(state: JointState, before: JointState, robot: Robot, what: str) ->
         If it names an unknown joint, or a position that no robot has.
     """
     names = robot.joint_names
+    if state.joint_names == names and not robot.continuous.any():
+        _check_plausible(state.positions, names, what)
+        return state
     for name in state.joint_names:
         if name not in names:
             raise GoalError(f"the {what} can't be used: {unknown_name('joint', name, names)}")
     q, v, a = before.positions.copy(), np.zeros(len(names)), np.zeros(len(names))
     index = [names.index(name) for name in state.joint_names]
     q[index], v[index], a[index] = state.positions, state.velocities, state.accelerations
-    absurd = np.flatnonzero(np.abs(q) > _NO_ROBOT)
-    if absurd.size:
-        # Checked before the reduction of a continuous joint's angle, which would lose all digits.
-        j = int(absurd[0])
+    # Checked before the reduction of a continuous joint's angle, which would lose all digits.
+    _check_plausible(q, names, what)
+    return JointState(names, unwrapped(q, before, robot), v, a)
+
+
+def _check_plausible(q: FloatArray, names: Sequence[str], what: str) -> None:
+    absurd = np.abs(q) > _NO_ROBOT
+    if absurd.any():
+        j = int(absurd.argmax())
         raise GoalError(
             f"the {what} position of joint '{names[j]}' is {q[j]:.6g}, but no robot goes "
             f"beyond ±{_NO_ROBOT:g}"
         )
-    return JointState(names, unwrapped(q, before, robot), v, a)
 
 
 def unwrapped(q: FloatArray, before: JointState, robot: Robot) -> FloatArray:
@@ -89,16 +99,13 @@ def check_within_limits(what: str, state: JointState, limits: JointLimits) -> No
     GoalError
         If it violates a limit.
     """
-    for quantity, values, low, high in (
-        ("position", state.positions, limits.lower, limits.upper),
-        ("velocity", state.velocities, -limits.velocity, limits.velocity),
-        ("acceleration", state.accelerations, -limits.acceleration, limits.acceleration),
-    ):
-        low, high = np.maximum(low, -_NO_ROBOT), np.minimum(high, _NO_ROBOT)
-        outside = np.flatnonzero(~((low <= values) & (values <= high)))
-        if outside.size:
-            j = int(outside[0])
-            raise GoalError(
-                f"the {what} {quantity} of joint '{state.joint_names[j]}' is {values[j]:.6g}, "
-                f"outside its limits [{low[j]:.6g}, {high[j]:.6g}]"
-            )
+    values, rates = np.array(state.values), (limits.velocity, limits.acceleration)
+    low = np.maximum([limits.lower, *(-bound for bound in rates)], -_NO_ROBOT)
+    high = np.minimum([limits.upper, *rates], _NO_ROBOT)
+    outside = ~((low <= values) & (values <= high))
+    if outside.any():
+        k, j = np.argwhere(outside)[0].tolist()
+        raise GoalError(
+            f"the {what} {_QUANTITIES[k]} of joint '{state.joint_names[j]}' is {values[k, j]:.6g}, "
+            f"outside its limits [{low[k, j]:.6g}, {high[k, j]:.6g}]"
+        )

@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 _PALE = "#D9D9D9"
-_AXES = (0.02, 0.02, 0.96, 0.9)  # left, bottom, width and height as shares of the figure
 
 
 @dataclass(frozen=True)
@@ -35,6 +34,8 @@ class AnimationOptions:
         Frames before and after each motion.
     width, height : float
         Size [inch].
+    axes : tuple of float
+        Left, bottom, width and height of the drawing, as shares of the size.
     dpi : int
         Pixels per inch.
     """
@@ -43,6 +44,7 @@ class AnimationOptions:
     pause: int = 12
     width: float = 4.6
     height: float = 5.1
+    axes: tuple[float, float, float, float] = (0.02, 0.02, 0.96, 0.9)
     dpi: int = 80
 
 
@@ -91,7 +93,7 @@ def write_animation(
 
         figure.set_size_inches(ANIMATION.width, ANIMATION.height)
         figure.set_layout_engine("none")  # one is computed for each frame otherwise
-        axes, writer = figure.add_axes(_AXES), PillowWriter(fps=round(ANIMATION.rate))
+        axes, writer = figure.add_axes(ANIMATION.axes), PillowWriter(fps=round(ANIMATION.rate))
         file = Path(folder, "animation.gif")
         with writer.saving(figure, file, ANIMATION.dpi):
             _draw_frames(axes, shown, executed, writer.grab_frame)

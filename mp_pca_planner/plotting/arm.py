@@ -62,7 +62,13 @@ def plot_arm(
     return axes
 
 
-def arm_figure(figure: Figure, motions: Mapping[str, FloatArray], title: str, tip: str) -> None:
+def arm_figure(
+    figure: Figure,
+    motions: Mapping[str, FloatArray],
+    title: str,
+    tip: str,
+    goals: Mapping[str, FloatArray] | None = None,
+) -> None:
     """Plot motions of an arm from the front and from the side ([P] Figs. 3 and 4).
 
     One row per motion, all in the same scale. The front view looks along -x, facing a person who
@@ -79,56 +85,32 @@ def arm_figure(figure: Figure, motions: Mapping[str, FloatArray], title: str, ti
         Title of the figure.
     tip : str
         Name of the frame at the end of the arm.
+    goals : mapping of str to array, shape (n_goals, 3)
+        By label, places of the tip to show behind grey motions [m]: of a region in span, of good
+        and of weak goals.
     """
-    box = _view_box(np.concatenate([chain.reshape(-1, 3) for chain in motions.values()]))
+    goals = {} if goals is None else goals
+    places = [chain.reshape(-1, 3) for chain in motions.values()]
+    box = _view_box(np.concatenate([*places, *goals.values()]))
     side, front, up = box[:, 1] - box[:, 0]
     entries = [
         line(f"path of {tip}", BLACK, (0, (3, 2)), 1.5),
         line("start (pale)", BLACK, "", **_START),
         line("end (dark)", BLACK, "", **_END),
     ]
+    marks = [line(name, **style) for name, style in zip(goals, _GOALS, strict=False)]
     width = max(3.1 * (front + side) / up + 2.0, 7.0)
-    add_header(figure, title, entries, width, 4.0 * len(motions))
+    add_header(figure, title, entries + marks, width, 4.0 * len(motions))
     grid = figure.subplots(len(motions), 2, squeeze=False, width_ratios=[front, side])
     for i, (label, chain) in enumerate(motions.items()):
         for axes, (horizontal, view, name) in zip(grid[i], _VIEWS, strict=True):
-            plot_arm(axes, chain, horizontal, COLOURS[i % len(COLOURS)])
+            for mark, found in zip(marks, goals.values(), strict=True):
+                axes.plot(*found[:, [horizontal, 2]].T, **mark)
+            plot_arm(axes, chain, horizontal, GREY if goals else COLOURS[i % len(COLOURS)])
             axes.set(xlim=box[horizontal], ylim=box[2], xlabel=name)
             if i == 0:
                 axes.set_title(view)
         grid[i, 0].set_ylabel(f"{printable(label)}\nz [m]")
-
-
-def goals_figure(
-    figure: Figure, chain: FloatArray, goals: Mapping[str, FloatArray], tip: str
-) -> None:
-    """Plot a motion of an arm from the front and from the side, among places of its tip.
-
-    Parameters
-    ----------
-    figure : Figure
-        An empty figure, see :func:`.styled_figure`.
-    chain : array, shape (n_steps, n_points, 3)
-        Origins of the frames along the arm in the base frame [m], evenly spaced in time.
-    goals : mapping of str to array, shape (n_goals, 3)
-        By label, places of the tip [m]: of the region in span, of good and of weak goals.
-    tip : str
-        Name of the frame at the end of the arm.
-    """
-    box = _view_box(np.concatenate([chain.reshape(-1, 3), *goals.values()]))
-    side, front, up = box[:, 1] - box[:, 0]
-    entries = [
-        line(f"a demonstration: path of {tip}", BLACK, (0, (3, 2)), 1.5),
-        *(line(name, **style) for name, style in zip(goals, _GOALS, strict=True)),
-    ]
-    add_header(figure, "", entries, max(3.1 * (front + side) / up + 2.0, 7.0), 4.0)
-    grid = figure.subplots(1, 2, width_ratios=[front, side])
-    for axes, (horizontal, view, name) in zip(grid, _VIEWS, strict=True):
-        for places, entry in zip(goals.values(), entries[1:], strict=True):
-            axes.plot(*places[:, [horizontal, 2]].T, **entry)
-        plot_arm(axes, chain, horizontal, GREY)
-        axes.set(xlim=box[horizontal], ylim=box[2], xlabel=name, title=view)
-    grid[0].set_ylabel("z [m]")
 
 
 def _view_box(points: FloatArray) -> FloatArray:

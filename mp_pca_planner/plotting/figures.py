@@ -13,22 +13,17 @@ from numpy.typing import NDArray
 from ..arrays import by_name
 from ..planning.plan import Plan
 from ..planning.remarks import UNUSUAL_IN_SPAN_SCORE
+from ..primitives.differences import PHASES
 from ..primitives.prediction import nearest_demonstrations
 from ..primitives.primitive import MovementPrimitive
 from ..robot.limits import JointLimits
 from .motion import QUANTITIES, Curve, MotionContext, motion_figure, plot_motion
 from .primitive import plot_components, primitive_figure
-from .style import styled_figure
+from .style import FIGURES, styled_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-
-N_DEMONSTRATIONS = 8
-"""Number of demonstrations behind a segment; more hide each other."""
-
-_N_SAMPLES = 101
 
 
 def plan_figure(
@@ -76,9 +71,9 @@ def plan_context(plan: Plan, primitives: Sequence[MovementPrimitive]) -> MotionC
             order = [primitive.joint_names.index(joint) for joint in joints]
             states = [by_name(x.joint_names, x.positions) for x in (motion.start, motion.goal)]
             ends = np.array([[state[joint] for joint in primitive.joint_names] for state in states])
-            times = np.linspace(begin, begin + motion.duration, _N_SAMPLES)
-            for i in nearest_demonstrations(primitive, ends)[:N_DEMONSTRATIONS]:
-                own = np.linspace(0.0, primitive.durations[i], _N_SAMPLES)
+            times = begin + motion.duration * PHASES
+            for i in nearest_demonstrations(primitive, ends)[: FIGURES.max_behind]:
+                own = primitive.durations[i] * PHASES
                 behind.append((times, primitive.reproduction(int(i), own)[:, order]))
         begin += motion.duration
     score = plan.in_span_score

@@ -17,8 +17,8 @@ from ..robot.limits import JointLimits
 from .style import (
     BLACK,
     COLOURS,
+    FIGURES,
     LINES,
-    MAX_COLUMNS,
     STYLES,
     Line,
     add_header,
@@ -33,12 +33,6 @@ if TYPE_CHECKING:
 
 QUANTITIES = ("positions", "velocities", "efforts")
 """Plotted quantities of a motion, from top to bottom."""
-
-# Smallest range of a vertical axis [SI units]: rounding errors of joints at rest stay invisible.
-_MIN_SPAN = {"positions": 0.02, "velocities": 0.02, "efforts": 0.2}
-# A limit is drawn if it is nearer to the curve than this share of the curve's range; a farther one
-# would flatten the curve.
-_NEAR_LIMIT = 0.25
 
 Curve = tuple[FloatArray, FloatArray]
 """Times [s] and positions [rad or m], shapes (n_times,) and (n_times, n_joints)."""
@@ -178,14 +172,15 @@ def motion_figure(
 
 def _groups(names: Sequence[str], prismatic: Collection[str]) -> list[list[str]]:
     """The joints of each column, all of them of one unit if there are several."""
-    if len(names) <= MAX_COLUMNS:
+    n_most = FIGURES.max_columns
+    if len(names) <= n_most:
         return [[name] for name in names]
     sliding = [name for name in names if name in prismatic]
     turning = [name for name in names if name not in prismatic]
-    n_sliding = round(MAX_COLUMNS * len(sliding) / len(names))
+    n_sliding = round(n_most * len(sliding) / len(names))
     if sliding and turning:
-        n_sliding = min(max(n_sliding, 1), len(sliding), MAX_COLUMNS - 1)
-    n_turning = min(MAX_COLUMNS - n_sliding, len(turning))
+        n_sliding = min(max(n_sliding, 1), len(sliding), n_most - 1)
+    n_turning = min(n_most - n_sliding, len(turning))
     columns = [(turning, n_turning), (sliding, n_sliding)]
     return [list(group) for some, n in columns if n for group in np.array_split(some, n)]
 
@@ -241,9 +236,10 @@ def _show_limits(
     """Set the range of values; draw the limits that are near, of several joints by colour."""
     factor, _ = _scale(quantity, names, prismatic)
     low, high = axes.dataLim.intervaly
-    span = max(high - low, factor * _MIN_SPAN[quantity])
+    least = FIGURES.min_effort_span if quantity == "efforts" else FIGURES.min_span
+    span = max(high - low, factor * least)
     low, high = (low + high - span) / 2, (low + high + span) / 2
-    reach = low - _NEAR_LIMIT * span, high + _NEAR_LIMIT * span
+    reach = low - FIGURES.near_limit * span, high + FIGURES.near_limit * span
     shown = [low, high]
     for i, name in enumerate(names):
         colour = BLACK if len(names) == 1 else COLOURS[i % len(COLOURS)]

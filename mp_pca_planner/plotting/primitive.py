@@ -11,18 +11,14 @@ import numpy as np
 
 from ..arrays import FloatArray
 from ..primitives.alignment import own_phases
+from ..primitives.differences import PHASES
 from ..primitives.primitive import MovementPrimitive
-from .style import LINES, Line, joint_panels, label_left, palette_line
+from .style import FIGURES, LINES, Line, joint_panels, label_left, palette_line
 from .units import prismatic_joints, unit_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-PHASES = np.linspace(0.0, 1.0, 101)
-"""Phases at which primitives are plotted."""
-
-_MAX_COMPONENTS = 3  # curves around one mean; more are not distinguishable
 
 
 def plot_demonstrations(
@@ -113,7 +109,7 @@ def primitive_figure(
         plot_components(below, primitive, joint)
         if primitive.coupling == "joint":
             shares = primitive.explained_variance_ratio[primitive.joint_names[joint]]
-            percents = ", ".join(f"{100 * share:.1f}" for share in shares[:_MAX_COMPONENTS])
+            percents = ", ".join(f"{100 * share:.1f}" for share in shares[: FIGURES.max_components])
             below.set_title(f"variance: {percents} %", fontsize="small", fontweight="normal")
         if not prismatic_joints(primitive):
             for axes in (above, below):
@@ -155,7 +151,7 @@ def _component_lines(primitive: MovementPrimitive) -> list[Line]:
         palette_line(
             f"±1 sd, component {k + 1}" + (f" ({100 * shares[k]:.1f} %)" if shares else ""), k, 1.8
         )
-        for k in range(min(n_most, _MAX_COMPONENTS))
+        for k in range(min(n_most, FIGURES.max_components))
     ]
 
 

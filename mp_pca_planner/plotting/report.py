@@ -19,6 +19,7 @@ from ..evaluation.paper import TABLE_2
 from ..exceptions import PrimitiveError
 from ..primitives.alignment import aligned_positions
 from ..primitives.cross_validation import HeldOutErrors, leave_one_out
+from ..primitives.differences import PHASES
 from ..primitives.kinds import OUTLIER
 from ..primitives.library_building import LibraryContent
 from ..primitives.options import PrimitiveOptions
@@ -28,9 +29,9 @@ from ..recordings.demonstration import Demonstration, Refusal
 from ..recordings.load import RecordingReport, RecordingSet
 from ..recordings.repair import REPAIRS
 from ..robot.model import Robot
-from .arm import goals_figure
+from .arm import arm_figure
 from .page import figure_address, render
-from .primitive import PHASES, primitive_figure, reproductions
+from .primitive import primitive_figure, reproductions
 from .recording import recording_figure
 from .style import GREY, LINES, Line, add_header, joint_panels, palette_line
 from .text import is_arm_of_paper, variance_table
@@ -168,7 +169,8 @@ def _goals_address(primitive: MovementPrimitive, robot: Robot, verdict: Primitiv
         "goals, predicted badly": ends[verdict.is_weak, 1],
     }
     places = {name: robot.frame_positions(q, [tip])[:, 0] for name, q in shown.items()}
-    return figure_address(partial(goals_figure, chain=chain, goals=places, tip=tip))
+    motions = {"a demonstration": chain}
+    return figure_address(partial(arm_figure, motions=motions, title="", tip=tip, goals=places))
 
 
 def _rms(values: FloatArray, axis: int | None = None) -> Any:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from itertools import product
 from math import ceil
 from pathlib import Path
@@ -31,8 +32,36 @@ COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 STYLES = ("-", "--", "-.", (0, (1, 1)), (0, (5, 1, 1, 1, 1, 1)), (0, (8, 3)))
 BLACK, GREY = "#000000", "#8C8C8C"
 
-MAX_COLUMNS = 4
-"""Most panels beside each other."""
+
+@dataclass(frozen=True)
+class FigureOptions:
+    """How much figures show.
+
+    Attributes
+    ----------
+    max_columns : int
+        Most panels beside each other.
+    max_behind : int
+        Most demonstrations behind a segment of a plan; more hide each other.
+    max_components : int
+        Most components around one mean; more curves are not distinguishable.
+    near_limit : float
+        A limit is drawn if it is nearer to the curve than this share of the curve's range; a
+        farther one would flatten the curve.
+    min_span, min_effort_span : float
+        Smallest ranges of a vertical axis [SI units] of positions and velocities, and of efforts:
+        rounding errors of joints at rest stay invisible.
+    """
+
+    max_columns: int = 4
+    max_behind: int = 8
+    max_components: int = 3
+    near_limit: float = 0.25
+    min_span: float = 0.02
+    min_effort_span: float = 0.2
+
+
+FIGURES = FigureOptions()
 
 
 def line(label: str, colour: str, style: Any = "-", width: float = 2.2, **marker: Any) -> Line:
@@ -166,7 +195,7 @@ def joint_panels(
     panels :
         By joint: its `n_rows` Axes, from top to bottom.
     """
-    n_bands = ceil(len(names) / MAX_COLUMNS)
+    n_bands = ceil(len(names) / FIGURES.max_columns)
     n_columns = ceil(len(names) / n_bands)
     add_header(figure, title, lines, 3.5 * max(n_columns, 2), 2.3 * n_bands * n_rows)
     grid = figure.subplots(n_bands * n_rows, n_columns, squeeze=False)

@@ -28,8 +28,8 @@ class Unit(NamedTuple):
     name: str
     speed: str
     effort: str
-    factor: float
-    decimals: int = 2
+    factor: float = 1.0
+    decimals: int = 4
 
     def number(self, value: float) -> str:
         """A value [rad or m] as text in this unit."""
@@ -40,9 +40,9 @@ class Unit(NamedTuple):
         return f"{self.factor * value:.{self.decimals - 2}f}"
 
 
-DEGREES = Unit("deg", "deg/s", "N·m", float(np.rad2deg(1.0)))
-METRES = Unit("m", "m/s", "N", 1.0, 4)
-MIXED = Unit("rad or m", "rad/s or m/s", "N·m or N", 1.0, 4)
+DEGREES = Unit("deg", "deg/s", "N·m", float(np.rad2deg(1.0)), 2)
+METRES = Unit("m", "m/s", "N")
+MIXED = Unit("rad or m", "rad/s or m/s", "N·m or N")
 
 
 def unit_of(joint_names: Collection[str], prismatic: Collection[str]) -> Unit:

@@ -13,11 +13,12 @@ from numpy.typing import NDArray
 from ..arrays import FloatArray
 from ..primitives.covariances import in_span_score
 from ..primitives.cross_validation import HeldOutErrors
+from ..primitives.differences import MEASURES
 from ..primitives.primitive import MovementPrimitive
 from ..robot.model import Robot
 from .units import METRES, Unit, primitive_unit, prismatic_joints, unit_of
 
-_PATH = 2  # the measure of errors: in path
+_PATH = MEASURES.index("path")
 Feature = tuple[FloatArray, Unit]
 """Values of a quantity at the goals of motions [rad or m], and its unit."""
 

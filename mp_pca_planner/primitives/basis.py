@@ -78,13 +78,25 @@ class PolynomialBasis(Basis):
 
     def tables(self, phases: FloatArray, highest: int) -> FloatArray:
         """All values and derivatives, shape (highest + 1, n_steps, n_joints, 1 + n_weights)."""
+        return self.combined(self.terms(phases, highest))
+
+    def terms(self, phases: FloatArray, highest: int) -> FloatArray:
+        """Legendre polynomials and derivatives, shape (highest + 1, n_steps, degree + 1)."""
+        return legendre_derivatives(np.eye(self.mean_coefficients.shape[1]), phases, highest)
+
+    def combined(self, terms: FloatArray) -> FloatArray:
+        """Sums of the terms, shape (highest + 1, n_steps, n_joints, 1 + n_weights)."""
         both = np.concatenate([self.mean_coefficients[None], self.component_coefficients])
-        return legendre_derivatives(both.transpose(1, 0, 2), phases, highest)
+        series = both.transpose(2, 1, 0)
+        sums = terms @ series.reshape(len(series), -1)
+        return np.asarray(sums.reshape(*terms.shape[:2], *series.shape[1:]))
 
     def shapes(self, weights: FloatArray, phases: FloatArray, highest: int) -> FloatArray:
         """Shape and derivatives up to the highest one, shape (highest + 1, n_steps, n_joints)."""
-        weighted = np.tensordot(weights, self.component_coefficients, axes=1)
-        return legendre_derivatives(self.mean_coefficients + weighted, phases, highest)
+        mean = self.mean_coefficients
+        weighted = weights @ self.component_coefficients.reshape(self.n_weights, mean.size)
+        series = mean + weighted.reshape(mean.shape)
+        return legendre_derivatives(series, phases, highest)
 
 
 class BSplineBasis(Basis):
@@ -228,10 +240,18 @@ def _differentiations(degree: int, highest: int) -> FloatArray:
 def _table(phases: bytes, degree: int) -> FloatArray:
     """Chebyshev polynomials at phases, cached because the same phases recur.
 
-    Their closed form is three times as fast as Legendre's recurrence.
+    They double by T[m + j] = 2 T[m] T[j] − T[m − j], in fewer steps than Legendre's recurrence.
     """
-    angles = np.arccos(np.clip(2.0 * np.frombuffer(phases) - 1.0, -1.0, 1.0))
-    return np.asarray(np.cos(angles[:, None] * np.arange(degree + 1.0)))
+    x = 2.0 * np.frombuffer(phases) - 1.0
+    table, known = np.ones((degree + 1, x.size)), min(degree, 1)
+    table[1:2] = x
+    while known < degree:
+        n = min(known, degree - known)
+        new = table[known + 1 : known + n + 1]
+        np.multiply(2.0 * table[known], table[1 : n + 1], out=new)
+        new -= table[known - n : known][::-1]
+        known += n
+    return table.T
 
 
 @lru_cache(maxsize=16)

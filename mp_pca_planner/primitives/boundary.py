@@ -13,6 +13,7 @@ import numpy as np
 
 from ..arrays import FloatArray
 from ..motion.interpolation import hermite_functions as hermite_functions
+from ..motion.interpolation import quintics as quintics
 
 
 def boundary_values(

@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
@@ -13,8 +13,9 @@ import numpy as np
 from ..arrays import FloatArray
 from ..exceptions import PrimitiveError
 from ..recordings.demonstration import Demonstration
-from ..rows import row_blocks, row_mean
-from .conditional_model import ConditionalModel
+from ..rows import empty_rows, row_blocks, row_mean
+from .conditional_model import ConditionalModel, thinned
+from .motion_sources import MotionSources
 from .motion_statistics import MotionStatistics, shape_functions
 from .options import PrimitiveOptions as PrimitiveOptions
 from .pca import components_for_share, fit_components, largest_signs
@@ -75,15 +76,9 @@ def options_to_update(primitive: MovementPrimitive) -> PrimitiveOptions:
     try:
         for key in ("components", "phases"):
             stored[f"n_{key}"] = stored.pop(key)
-        options = PrimitiveOptions(**stored)
+        return PrimitiveOptions(**stored)
     except (KeyError, TypeError):
         raise PrimitiveError(f"{why}its metadata lacks the options it was built with") from None
-    if options.align == "dtw":
-        raise PrimitiveError(
-            f"{why}the alignment 'dtw' needs all motions at once; build it again from all "
-            "recordings"
-        )
-    return options
 
 
 def build_from_statistics(
@@ -108,12 +103,9 @@ def build_from_statistics(
     """
     if statistics.extents.max() < _MIN_EXTENT:
         raise PrimitiveError(f"primitive '{name}' can't be built: no joint moves in any motion")
-    shapes, remainders = statistics.shapes, statistics.shape_remainders
+    shapes = statistics.shapes
     directions, explained_variance = _fit_directions(shapes, options)
     mean = row_mean(shapes)
-    weights, left = map(
-        np.concatenate, zip(*_reproduced(statistics, mean, directions), strict=True)
-    )
     _, legendre_coefficients = shape_functions(options.degree, options.n_phases)
     return MovementPrimitive(
         name=name,
@@ -123,25 +115,30 @@ def build_from_statistics(
         mean_coefficients=mean @ legendre_coefficients,
         component_coefficients=directions @ legendre_coefficients,
         explained_variance=explained_variance,
-        total_variance=_total_variance(shapes, remainders),
-        weights=weights,
+        total_variance=_total_variance(shapes, statistics.shape_remainders),
         boundary_states=statistics.boundary_states,
         durations=statistics.durations,
         warps=statistics.warps,
-        fit_residual=np.sqrt(left / options.n_phases),
+        **_reproduced(statistics, mean, directions, options.n_phases),
         model=_fit_model(statistics, mean, directions),
         statistics=statistics,
     )
 
 
 def _reproduced(
-    statistics: MotionStatistics, mean: FloatArray, directions: FloatArray
-) -> Iterator[tuple[FloatArray, FloatArray]]:
-    """Weights, and sums of squares of what they leave of each joint, of some motions at a time."""
-    for part in statistics.blocks():
-        weights = _project(part.shapes - mean, directions)
-        left = part.shapes - mean - np.tensordot(weights, directions, axes=1)
-        yield weights, np.sum(left**2, axis=2) + part.shape_remainders
+    statistics: MotionStatistics, mean: FloatArray, directions: FloatArray, n_phases: int
+) -> dict[str, FloatArray]:
+    """Weights of the demonstrations, and the RMS of what they leave of each joint."""
+    sizes = {"weights": len(directions), "fit_residual": len(mean)}
+    n_motions = len(statistics.durations)
+    arrays = empty_rows(n_motions, {name: (np.float64, (n,)) for name, n in sizes.items()})
+    for part, rows in zip(statistics.blocks(), row_blocks(*arrays.values()), strict=True):
+        shapes, (weights, residual) = part.shapes - mean, rows
+        weights[:] = _project(shapes, directions)
+        left = shapes - np.tensordot(weights, directions, axes=1)
+        squares = np.sum(left**2, axis=2) + part.shape_remainders
+        residual[:] = np.sqrt(squares / n_phases)
+    return arrays
 
 
 def _facts(statistics: MotionStatistics, options: PrimitiveOptions) -> dict[str, Any]:
@@ -156,16 +153,7 @@ def _facts(statistics: MotionStatistics, options: PrimitiveOptions) -> dict[str,
     return {
         "options": {key.removeprefix("n_"): value for key, value in asdict(options).items()},
         "angle_variance_ratio": shares,
-        "demonstrations": [
-            {
-                "recording": motion.recording,
-                "label": motion.label,
-                "start_time_s": motion.start_time,
-                "end_time_s": motion.end_time,
-                "checksum": motion.checksum,
-            }
-            for motion in statistics.motions
-        ],
+        "demonstrations": MotionSources(statistics.sources, as_facts=True),
     }
 
 
@@ -175,12 +163,14 @@ def _fit_model(
     """Regress the weights, time scalings and durations on the requests."""
     n_components, n_joints, n_functions = directions.shape
     rows = directions.reshape(n_components, n_joints * n_functions)  # there may be no component
-    blocks = (part.requests_and_shapes() for part in statistics.blocks())
-    columns = zip(*((q, there @ rows.T, back @ rows.T) for q, there, back in blocks), strict=True)
-    requests, there, back = map(np.concatenate, columns)
+    requests = statistics.requests()
+    fitted = statistics.chosen(thinned(requests))
+    _, there, back = fitted.requests_and_shapes()
     straight = -rows @ mean.ravel()
-    labels = [motion.label for motion in statistics.motions]
-    return ConditionalModel.fit(requests, there, back, straight, statistics.paces, labels)
+    labels = [motion.label for motion in fitted.motions]
+    return ConditionalModel.fit(
+        requests, there @ rows.T, back @ rows.T, straight, fitted.paces, labels
+    )
 
 
 def _project(shapes: FloatArray, directions: FloatArray) -> FloatArray:

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import FloatArray
-from .covariances import in_span_score, request_precision, shrunk_covariance
+from .covariances import in_span_score, marginal_precision, request_precision, shrunk_covariance
 from .kernels import CONSTANT, LEAST_NOISE, RequestFeatures
 from .pace import reversed_paces
 
@@ -149,7 +149,8 @@ class ConditionalModel:
         Parameters
         ----------
         requests, straight_weights :
-            See the attributes.
+            See the attributes; the requests are those of all demonstrations, the following
+            arguments are of those that :func:`thinned` returns.
         shapes, reversed_shapes : array, shape (n_demonstrations, n_weights)
             Weights of the demonstrations less the straight ones, and of the same motions in
             reversed time.
@@ -158,16 +159,15 @@ class ConditionalModel:
         labels : sequence of str
             Activity of each.
         """
-        kept = _thinned(requests)
-        used, activities = requests[kept], np.asarray(labels)[kept]
+        used, activities = requests[thinned(requests)], np.asarray(labels)
         partitions: list[Groups] = [[np.arange(len(used))[:, None]]]
         if np.any(activities != activities[0]):
             partitions.append([np.argwhere(activities == x).T for x in np.unique(activities)])
         similar, distances = zip(*map(RequestFeatures(used), used), strict=True)
         roots = np.sqrt(distances)[:, None]
-        there, back = (x[kept] / roots for x in (shapes, reversed_shapes))
+        there, back = (x / roots for x in (shapes, reversed_shapes))
         shape, residuals = _fit(similar, there, back, partitions)
-        pace, _ = _fit(similar, paces[kept], reversed_paces(paces[kept]), partitions)
+        pace, _ = _fit(similar, paces, reversed_paces(paces), partitions)
         similar, _ = zip(*map(RequestFeatures(used[:, :-1]), used[:, :-1]), strict=True)
         times = used[:, -1:] - used[:, -1].mean() - np.log(roots)
         duration, _ = _fit(similar, times, times, partitions[:1])
@@ -186,11 +186,9 @@ class ConditionalModel:
         duration : float, optional
             Duration [s]; the expected one unless given.
         """
-        ends = np.concatenate([start, goal])
+        ends, score = np.concatenate([start, goal]), self.in_span_score(start, goal, duration)
         expected = self._expected_duration(ends) if duration is None else duration
-        request = np.append(ends, np.log(expected))
-        given = ends if duration is None else request
-        score = in_span_score(given, self.mean, self.request_precision)
+        request = np.append(ends, math.log(expected))
         similar, distance = self._features(request)
         # Novelty of the request, from 0 to 1, by the shortest kernel.
         novelty = 1.0 + CONSTANT - similar[-1, 0].max()
@@ -198,13 +196,27 @@ class ConditionalModel:
         both = similar.ravel() @ (near + novelty * far if far.any() else near)
         shape, pace = both[: self.straight_weights.size], both[self.straight_weights.size :]
         weights = self.straight_weights + math.sqrt(distance) * shape
-        covariance, precision = self.weight_covariance, self.weight_precision
-        return ConditionalDistribution(weights, covariance, precision, pace, expected, score)
+        of_weights = self.weight_covariance, self.weight_precision
+        return ConditionalDistribution(weights, *of_weights, pace, expected, score)
+
+    def in_span_score(
+        self, start: FloatArray, goal: FloatArray, duration: float | None = None
+    ) -> float:
+        """Distance of a request from the demonstrations, see :class:`ConditionalDistribution`."""
+        if duration is None:
+            return in_span_score(np.concatenate([start, goal]), self.mean, self._end_precision)
+        request = np.concatenate([start, goal, [math.log(duration)]])
+        return in_span_score(request, self.mean, self.request_precision)
 
     @cached_property
     def mean(self) -> FloatArray:
         """Mean request, shape (2 n_joints + 1,)."""
         return np.asarray(self.requests.mean(axis=0))
+
+    @cached_property
+    def _end_precision(self) -> FloatArray:
+        """Inverse covariance of the end points of the requests."""
+        return marginal_precision(self.request_precision, self.mean.size - 1)
 
     @cached_property
     def _features(self) -> RequestFeatures:
@@ -258,10 +270,10 @@ def left_out_squares(
     return np.asarray(np.sum((residuals * roots) ** 2, axis=1))
 
 
-def _thinned(requests: FloatArray) -> slice | NDArray[np.intp]:
-    """The demonstrations to fit, whatever the order of all."""
+def thinned(requests: FloatArray) -> NDArray[np.intp]:
+    """The demonstrations to fit, by index, whatever the order of all."""
     step = -(-len(requests) // _FIT.max_demonstrations)
-    return np.lexsort(requests.T[::-1])[::step] if step > 1 else slice(None)
+    return np.lexsort(requests.T[::-1])[::step] if step > 1 else np.arange(len(requests))
 
 
 def _fit(

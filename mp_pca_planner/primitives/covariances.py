@@ -8,10 +8,6 @@ import numpy as np
 
 from ..arrays import FloatArray
 
-# Least standard deviation of requests in any direction, 1 degree (or 17 mm, or 1.7 % of the
-# duration): keeps the score finite where demonstrations don't vary.
-_MIN_DEVIATION = np.deg2rad(1.0)
-
 
 def shrunk_covariance(errors: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Covariance of errors about zero, and its inverse, shape (n_features, n_features).
@@ -32,11 +28,22 @@ def shrunk_covariance(errors: FloatArray) -> tuple[FloatArray, FloatArray]:
     return positive, np.asarray(np.linalg.inv(positive))
 
 
-def request_precision(requests: FloatArray) -> FloatArray:
-    """Inverse covariance of requests of shape (n_demonstrations, n_entries)."""
+def request_precision(
+    requests: FloatArray, min_deviation: float = float(np.deg2rad(1.0))
+) -> FloatArray:
+    """Inverse covariance of requests of shape (n_demonstrations, n_entries).
+
+    Parameters
+    ----------
+    requests :
+        Starts, goals [rad or m] and logarithms of durations.
+    min_deviation :
+        Least standard deviation in any direction, 1 degree (or 17 mm, or 1.7 % of the duration):
+        keeps the score finite where demonstrations don't vary.
+    """
     deviations = requests - requests.mean(axis=0)
     scatter = deviations.T @ deviations / max(len(requests) - 1, 1)
-    return np.asarray(np.linalg.inv(scatter + _MIN_DEVIATION**2 * np.eye(len(scatter))))
+    return np.asarray(np.linalg.inv(scatter + min_deviation**2 * np.eye(len(scatter))))
 
 
 def marginal_precision(precision: FloatArray, size: int) -> FloatArray:

@@ -12,12 +12,13 @@ from .alignment import arc_length_warp, own_phases
 FINE_PHASES = np.linspace(0.0, 1.0, 1001)
 """Evenly spaced shares of the duration at which motions are compared."""
 
+PHASES = FINE_PHASES[::10]
+"""A tenth of them, for paths and figures, which need fewer."""
+
 MEASURES = ("time", "aligned", "path")
 """RMS differences over phases and joints: at equal shares of the time; at each instant of the
 motion after the best warp of the prediction; at equal shares of the path. Only the first depends on
 the timing."""
-
-_PHASES = FINE_PHASES[::10]
 
 
 def differences(prediction: FloatArray, truth: FloatArray) -> FloatArray:
@@ -56,7 +57,7 @@ def by_way(positions: FloatArray) -> FloatArray:
     positions : array, shape (101, n_joints)
         See :func:`.arc_length_warp`.
     """
-    own = own_phases(arc_length_warp(positions), _PHASES)
+    own = own_phases(arc_length_warp(positions), PHASES)
     return np.column_stack([np.interp(own, FINE_PHASES, x) for x in positions.T])
 
 

@@ -8,7 +8,7 @@ import hashlib
 import io
 import json
 import zipfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import fields, replace
 from functools import partial
@@ -22,22 +22,18 @@ from .. import __version__
 from ..arrays import FloatArray, frozen_array
 from ..exceptions import PrimitiveFileError
 from ..files import open_regular, reading, write_whole
+from ..input_limits import INPUT_LIMITS
 from ..json_content import check_form, load_json
 from ..rows import row_blocks
 from .conditional_model import ConditionalModel
-from .motion_statistics import MotionSource, MotionStatistics
+from .motion_sources import MotionSource, source_rows
+from .motion_statistics import MotionStatistics
 from .pace import PACE_DEGREE
 from .primitive import MovementPrimitive
 from .primitive_values import ARRAY_SHAPES
 
 FORMAT_NAME = "mp_pca_planner/movement_primitive"
 FORMAT_VERSION = 1
-
-MAX_BYTES = 1 << 28
-"""Largest content of a file. Thousands of demonstrations have a few MB."""
-
-# Letters of the metadata that are written at a time.
-_MAX_LETTERS = 1 << 16
 
 _METADATA = {
     "name": str,
@@ -103,12 +99,12 @@ def write_primitive(primitive: MovementPrimitive, file: BinaryIO) -> None:
         "coupling": primitive.coupling,
     }
     metadata["checksum"] = checksum(arrays, metadata)
-    text = json.dumps(metadata, sort_keys=True)
+    n_letters = sum(map(len, _json_parts(metadata)))
     # As NumPy writes it, but some rows at a time.
     with zipfile.ZipFile(file, "w") as archive:
-        with _member(archive, "metadata", f"<U{len(text)}", ()) as member:
-            for first in range(0, len(text), _MAX_LETTERS):
-                member.write(text[first : first + _MAX_LETTERS].encode("utf-32-le"))
+        with _member(archive, "metadata", f"<U{n_letters}", ()) as member:
+            for part in _json_parts(metadata):
+                member.write(part.encode("utf-32-le"))
         for name, array in arrays.items():
             with _member(archive, name, "<f8", array.shape) as member:
                 for (block,) in row_blocks(array):
@@ -188,19 +184,10 @@ def _statistics(arrays: dict[str, FloatArray], primitive: MovementPrimitive) -> 
     }
     return MotionStatistics(
         joint_names=primitive.joint_names,
-        motions=tuple(
-            MotionSource(
-                d["recording"],
-                d["label"],
-                d.get("checksum", ""),
-                d["start_time_s"],
-                d["end_time_s"],
-            )
-            for d in primitive.metadata["demonstrations"]
-        ),
         durations=primitive.durations,
         boundary_states=primitive.boundary_states,
         warps=primitive.warps,
+        sources=source_rows(map(MotionSource.of_facts, primitive.metadata["demonstrations"])),
         **{
             name: frozen_array(arrays[name], shape, f"array '{name}'", PrimitiveFileError)
             for name, shape in expected.items()
@@ -215,8 +202,9 @@ def _read(path: str | Path) -> tuple[dict[str, FloatArray], str]:
         file.seek(0)
         with _archive(file) as content:
             entries = content.zip.infolist() if content.zip else []
-            if sum(int(entry.file_size) for entry in entries) > MAX_BYTES:
-                raise PrimitiveFileError(f"it claims to hold over {MAX_BYTES >> 20} MiB")
+            most = INPUT_LIMITS.primitive_bytes
+            if sum(int(entry.file_size) for entry in entries) > most:
+                raise PrimitiveFileError(f"it claims to hold over {most >> 20} MiB")
             raw = {name: content[name] for name in content.files}
     text = raw.pop("metadata", None)
     if text is None or text.dtype.kind != "U" or text.ndim != 0:
@@ -241,9 +229,32 @@ def _archive(file: BinaryIO) -> NpzFile:
 
 def checksum(arrays: Mapping[str, FloatArray], metadata: Mapping[str, Any]) -> str:
     """SHA-256 of the arrays and of the metadata without their checksum."""
-    digest = hashlib.sha256(json.dumps(metadata, sort_keys=True).encode())
+    digest = hashlib.sha256()
+    for part in _json_parts(metadata):
+        digest.update(part.encode())
     for name in sorted(arrays):
         digest.update(f"{name}{arrays[name].shape}".encode())
         for (block,) in row_blocks(arrays[name]):
             digest.update(block.tobytes())
     return digest.hexdigest()
+
+
+def _json_parts(value: Any, depth: int = 2) -> Iterator[str]:
+    """The text of a value as JSON with sorted keys; items are apart down to a depth.
+
+    The facts on the demonstrations are many, and are made one by one.
+    """
+    if depth and isinstance(value, Mapping):
+        opening, closing = "{", "}"
+        items: Any = ((f"{json.dumps(key)}: ", value[key]) for key in sorted(value))
+    elif depth and isinstance(value, Sequence) and not isinstance(value, str):
+        opening, closing = "[", "]"
+        items = (("", item) for item in value)
+    else:
+        yield json.dumps(value, sort_keys=True)
+        return
+    yield opening
+    for i, (key, item) in enumerate(items):
+        yield f", {key}" if i else key
+        yield from _json_parts(item, depth - 1)
+    yield closing

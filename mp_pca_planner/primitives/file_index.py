@@ -21,11 +21,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import FloatArray
-from ..exceptions import PlannerError, PrimitiveError, PrimitiveFileError, quote_names
+from ..exceptions import PlannerError, PrimitiveError, PrimitiveFileError
 from ..files import open_regular, reading, write_whole
 from ..json_content import check_form, load_json
 from .file import load_primitive
 from .primitive import MovementPrimitive
+from .primitive_values import require_same_joints
 
 INDEX_NAME = ".mp_pca_planner-index"
 """Name of the file."""
@@ -132,11 +133,7 @@ def index_files(folder: Path, files: Sequence[str]) -> FileIndex:
             found = load_primitive(folder / file)
             requests = found.model.mean, found.model.request_precision
             rows[file] = (found.joint_names, found.name, *requests)
-        if rows[file][0] != rows[files[0]][0]:
-            raise PrimitiveError(
-                f"'{folder / file}' moves {quote_names(rows[file][0])}, but '{files[0]}' moves "
-                f"{quote_names(rows[files[0]][0])}: they can't be used together"
-            )
+        require_same_joints((f"'{folder / x}'", rows[x][0]) for x in (files[0], file))
     joints, names, means, precisions = zip(*(rows[file] for file in files), strict=True)
     index = FileIndex(tuple(files), names, joints[0], stamps, np.array(means), np.array(precisions))
     with suppress(PlannerError):  # of a folder that may not be changed

@@ -7,6 +7,7 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -21,10 +22,25 @@ _DIRECTIONS = (
     ("down", "up", "up_and_down"),
 )
 _REGIONS = (("behind", "in_front"), ("at_right", "at_left"), ("low", "high"))
-# A kind has a direction or a label if this share of its motions has it.
-_MAJORITY = 0.75
-# A joint moves if its mean distance is above this share of the largest one.
-_LEAST_MOVING = 0.2
+
+
+@dataclass(frozen=True)
+class NameOptions:
+    """Thresholds of what names say.
+
+    Attributes
+    ----------
+    majority : float
+        A kind has a direction or a label if this share of its motions has it.
+    least_moving : float
+        A joint moves if its mean distance is above this share of the largest one.
+    """
+
+    majority: float = 0.75
+    least_moving: float = 0.2
+
+
+_OPTIONS = NameOptions()
 
 Place = Callable[[FloatArray], FloatArray]
 """Coordinates of configurations of shape (n, n_joints), in which motions are described."""
@@ -73,11 +89,13 @@ def _attributes(kinds: Sequence[MotionStatistics], robot: Robot | None) -> list[
         tip = robot.frame_names[-1]
         place = lambda q: robot.frame_positions(q, [tip])[:, 0]  # noqa: E731
         directions, regions = list(_DIRECTIONS), list(_REGIONS)
-    ends = [(place(x.boundary_states[:, 0]), place(x.boundary_states[:, 3])) for x in kinds]
+    n = len(joints)
+    requests = [x.requests() for x in kinds]
+    ends = [(place(rows[:, :n]), place(rows[:, n : 2 * n])) for rows in requests]
     centers = np.array([(start + goal).mean(axis=0) / 2.0 for start, goal in ends])
     # Joints that hardly move say nothing about motions, wherever they are.
     travelled = np.mean([np.abs(goal - start).mean(axis=0) for start, goal in ends], axis=0)
-    is_moving = travelled > _LEAST_MOVING * travelled.max()
+    is_moving = travelled > _OPTIONS.least_moving * travelled.max()
     usual = np.median(np.concatenate([x.durations for x in kinds]))
     found = []
     for kind, (start, goal), center in zip(kinds, ends, centers, strict=True):
@@ -98,16 +116,16 @@ def _label(kind: MotionStatistics) -> str:
     """The label that most motions have, if any."""
     counts = Counter(motion.label for motion in kind.motions)
     label, count = counts.most_common(1)[0]
-    return label if count >= _MAJORITY * len(kind.motions) else ""
+    return label if count >= _OPTIONS.majority * len(kind.motions) else ""
 
 
 def _direction(displacements: FloatArray, words: Sequence[tuple[str, str, str]]) -> str:
     axis = int(np.abs(displacements).sum(axis=0).argmax())
     positive = float(np.mean(displacements[:, axis] > 0.0))
     minus, plus, both = words[axis]
-    if positive >= _MAJORITY:
+    if positive >= _OPTIONS.majority:
         return plus
-    return minus if positive <= 1.0 - _MAJORITY else both
+    return minus if positive <= 1.0 - _OPTIONS.majority else both
 
 
 def _numbered(names: Sequence[str], taken: Collection[str]) -> list[str]:

@@ -30,6 +30,7 @@ from scipy.special import multigammaln
 from scipy.stats import multivariate_t
 
 from ..arrays import FloatArray
+from ..rows import empty_rows, release, row_blocks
 from .conditional_model import left_out_squares
 from .motion_statistics import MotionStatistics
 from .pca import components_for_share, fit_components
@@ -145,11 +146,12 @@ def find_kinds(
     options : KindOptions
         Options.
     """
-    features, n_compared = _features(statistics, n_phases, options)
+    raw = _raw_features(statistics, n_phases, options)
+    features = _features(raw, options)
     step = -(-len(features) // options.max_clustered)
     sample = np.lexsort(features.T[::-1])[::step]
-    links = linkage(features[sample], "ward") if len(sample) > 1 else None
-    features = features[:, :n_compared]
+    links = linkage(raw[sample], "ward") if len(sample) > 1 else None
+    release(raw)
     tree = _Tree(features[sample], statistics.chosen(sample), options)
     kinds = sorted((np.sort(sample[x]) for x in tree.kinds(links)), key=lambda x: (-len(x), x[0]))
     densities = np.column_stack([tree.density(features, features[x], len(sample)) for x in kinds])
@@ -165,28 +167,29 @@ def find_kinds(
     return Kinds(assigned, explained_by, features[:, :2])
 
 
-def _features(
-    statistics: MotionStatistics, n_phases: int, options: KindOptions
-) -> tuple[FloatArray, int]:
-    """Principal components of features that reversal in time does not change.
-
-    Returns
-    -------
-    features : array, shape (n_demonstrations, n_features)
-        At least two, with mean zero.
-    n_compared : int
-        Number of the first ones that have the share of the variance to be compared.
-    """
-    raw = np.concatenate([_raw_features(x, n_phases, options) for x in statistics.blocks()])
+def _features(raw: FloatArray, options: KindOptions) -> FloatArray:
+    """Principal components that have the share of the variance to be compared; at least two."""
     components = fit_components(raw)
-    found = components.transform(raw)
-    n_compared = components_for_share(components, options.variance) if found.size else 0
-    if found.shape[1] < 2:
-        found = np.pad(found, ((0, 0), (0, 2 - found.shape[1])))
-    return found, max(2, n_compared)
+    n_found = len(components.components)
+    n_compared = max(2, components_for_share(components, options.variance)) if n_found else 0
+    first = components.truncated(n_compared)
+    found = np.concatenate([first.transform(block) for (block,) in row_blocks(raw)])
+    return np.pad(found, ((0, 0), (0, max(0, 2 - found.shape[1]))))
 
 
 def _raw_features(statistics: MotionStatistics, n_phases: int, options: KindOptions) -> FloatArray:
+    """Features that reversal in time does not change, shape (n_demonstrations, n_features)."""
+    n_joints, n_functions = statistics.shapes.shape[1:]
+    size = n_joints * (2 + (n_functions + 1) // 2) + 1
+    raw = empty_rows(len(statistics.durations), {"raw": (np.float64, (size,))})["raw"]
+    for part, (rows,) in zip(statistics.blocks(), row_blocks(raw), strict=True):
+        rows[:] = _raw_feature_rows(part, n_phases, options)
+    return raw
+
+
+def _raw_feature_rows(
+    statistics: MotionStatistics, n_phases: int, options: KindOptions
+) -> FloatArray:
     start, goal = statistics.boundary_states[:, 0], statistics.boundary_states[:, 3]
     # The functions of the shapes are alternately even and odd.
     even = statistics.shapes[:, :, ::2].reshape(len(start), -1) / np.sqrt(n_phases)

@@ -220,7 +220,7 @@ def _names(
 def _left_out_errors(statistics: MotionStatistics, members: Indices) -> FloatArray:
     """Root mean square errors of left-out motions of a kind, alone and in one pot, unscaled."""
     inside = _evenly(statistics, members)
-    others = np.setdiff1d(np.arange(len(statistics.motions)), members)
+    others = np.setdiff1d(np.arange(len(statistics.durations)), members)
     outside = _evenly(statistics, others)
     errors = []
     for used in (inside, np.concatenate([inside, outside])):

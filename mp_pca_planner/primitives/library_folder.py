@@ -12,7 +12,7 @@ from pathlib import Path
 
 from ..exceptions import PlannerError, PrimitiveError
 from ..files import Content, read_bytes, read_text, reading, write_together
-from .file import MAX_BYTES
+from ..input_limits import INPUT_LIMITS
 from .library_journal import MAX_JOURNAL_BYTES, Change, parsed_change
 
 
@@ -69,7 +69,7 @@ class LibraryFolder:
         """Content of a version of a primitive."""
         file = self.file_of(name, version)
         with reading(f"version {version} of '{name}' of the library", PrimitiveError):
-            return read_bytes(file, MAX_BYTES)
+            return read_bytes(file, INPUT_LIMITS.primitive_bytes)
 
     def make(
         self, changes: Sequence[Change], files: Mapping[Path, Content | None]
@@ -106,6 +106,6 @@ class LibraryFolder:
 def _present(file: Path) -> bytes | None:
     """The content of a file, None if it can't be read."""
     try:
-        return read_bytes(file, MAX_BYTES)
+        return read_bytes(file, INPUT_LIMITS.primitive_bytes)
     except (OSError, ValueError):
         return None

@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import lru_cache
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.polynomial import legendre
@@ -24,6 +24,7 @@ from ..rows import empty_rows, release, row_blocks
 from .alignment import align, aligned_positions
 from .basis import end_vanishing_coefficients, legendre_values
 from .boundary import boundary_values, hermite_functions
+from .motion_sources import MotionSource, MotionSources, indices_of, source_rows
 from .options import PrimitiveOptions
 from .pace import fit_paces
 
@@ -36,29 +37,6 @@ if TYPE_CHECKING:
 _ANGLE_DEGREE = 30
 
 
-class MotionSource(NamedTuple):
-    """Where a demonstration comes from.
-
-    Attributes
-    ----------
-    recording, label, checksum : str
-        Of the demonstration.
-    start_time, end_time : float
-        When it starts and ends, in seconds after the first message of the recording.
-    """
-
-    recording: str
-    label: str
-    checksum: str
-    start_time: float
-    end_time: float
-
-    @property
-    def identity(self) -> tuple[str, float, float]:
-        """Equal for the same part of the same recording, whatever its name and label."""
-        return self.checksum, round(self.start_time, 6), round(self.end_time, 6)
-
-
 @dataclass(frozen=True, eq=False)
 class MotionStatistics:
     """Statistics of demonstrations of the same joints.
@@ -67,8 +45,6 @@ class MotionStatistics:
     ----------
     joint_names : tuple of str
         Their joints.
-    motions : tuple of MotionSource
-        Source of each.
     durations : array, shape (n_demonstrations,)
         Their durations [s].
     extents : array, shape (n_demonstrations,)
@@ -87,10 +63,11 @@ class MotionStatistics:
         Coefficients of the joint angles over time.
     angle_remainders : array, shape (n_demonstrations, n_joints)
         The same for the joint angles over time.
+    sources : array of bytes, shape (n_demonstrations,)
+        Where each comes from, see :func:`source_rows`.
     """
 
     joint_names: tuple[str, ...]
-    motions: tuple[MotionSource, ...]
     durations: FloatArray
     extents: FloatArray
     boundary_states: FloatArray
@@ -100,6 +77,12 @@ class MotionStatistics:
     shape_remainders: FloatArray
     angles: FloatArray
     angle_remainders: FloatArray
+    sources: NDArray[np.bytes_]
+
+    @property
+    def motions(self) -> MotionSources:
+        """Source of each demonstration."""
+        return MotionSources(self.sources)
 
     @classmethod
     def of(
@@ -110,8 +93,7 @@ class MotionStatistics:
         Parameters
         ----------
         demonstrations :
-            Motions of the same joints in the same order, at least one; with the alignment 'dtw',
-            all of the primitive.
+            Motions of the same joints in the same order, at least one.
         options :
             How the primitive is built.
 
@@ -129,10 +111,6 @@ class MotionStatistics:
         states, shapes, remainders, angles, angle_remainders = map(np.array, columns)
         return cls(
             joint_names=demonstrations[0].joint_names,
-            motions=tuple(
-                MotionSource(d.recording, d.label, d.checksum, d.start_time, d.end_time)
-                for d in demonstrations
-            ),
             durations=np.array([d.duration for d in demonstrations]),
             extents=np.array([extent(d.positions) for d in demonstrations]),
             boundary_states=states,
@@ -142,6 +120,10 @@ class MotionStatistics:
             shape_remainders=remainders,
             angles=angles,
             angle_remainders=angle_remainders,
+            sources=source_rows(
+                MotionSource(d.recording, d.label, d.checksum, d.start_time, d.end_time)
+                for d in demonstrations
+            ),
         )
 
     @classmethod
@@ -155,42 +137,52 @@ class MotionStatistics:
         PrimitiveError
             If they have different joints, or were made with other options.
         """
-        first, motions = next(iter(parts)), list[MotionSource]()
+        first, n, widest = next(iter(parts)), 0, 0
         row_shapes = first.shapes.shape[1:] + first.angles.shape[1:]
         for part in parts:
             _check_joints([(x.joint_names, x.motions[0].recording) for x in (first, part)])
             if part.shapes.shape[1:] + part.angles.shape[1:] != row_shapes:
                 raise PrimitiveError("statistics of different --degree or --phases can't be merged")
-            motions += part.motions
-        arrays = _gathered(len(motions), first, (part._arrays() for part in parts))
-        return cls(first.joint_names, tuple(motions), **arrays)
+            n, widest = n + len(part.sources), max(widest, part.sources.itemsize)
+        arrays, n_done = _empty(n, first, widest), 0
+        for part in parts:
+            n_before, n_done = n_done, n_done + len(part.sources)
+            for name, array in arrays.items():
+                array[n_before:n_done] = getattr(part, name)
+            release(arrays["angles"])
+        return cls(first.joint_names, **arrays)
+
+    def requests(self) -> FloatArray:
+        """Requests (q0, qT, log T), as rows."""
+        blocks = row_blocks(self.boundary_states, self.durations)
+        rows = (np.column_stack([s[:, 0], s[:, 3], np.log(duration)]) for s, duration in blocks)
+        return np.concatenate(list(rows))
 
     def requests_and_shapes(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Requests (q0, qT, log T), shapes, and shapes of the reversed motions, as rows."""
-        ends = self.boundary_states[:, 0], self.boundary_states[:, 3]
+        """Requests, shapes, and shapes of the reversed motions, as rows."""
         # The functions of the shapes are alternately even and odd.
         reversed_shapes = self.shapes * (-1.0) ** np.arange(self.shapes.shape[2])
-        there, back = (x.reshape(len(self.motions), -1) for x in (self.shapes, reversed_shapes))
-        return np.column_stack([*ends, np.log(self.durations)]), there, back
+        there, back = (x.reshape(len(self.durations), -1) for x in (self.shapes, reversed_shapes))
+        return self.requests(), there, back
 
     def blocks(self) -> Iterator[MotionStatistics]:
         """Some motions at a time, in order; arrays in a file take memory for these only."""
-        n_done = 0
         for arrays in row_blocks(*self._arrays()):
-            motions = self.motions[n_done : n_done + len(arrays[0])]
-            yield MotionStatistics(self.joint_names, motions, *arrays)
-            n_done += len(motions)
+            yield MotionStatistics(self.joint_names, *arrays)
 
     def chosen(self, which: Sequence[int] | NDArray[np.intp]) -> MotionStatistics:
         """The statistics of some of the demonstrations, by index."""
         indices = np.asarray(which, dtype=np.intp)
-        parts = ([array[some] for array in self._arrays()] for (some,) in row_blocks(indices))
-        arrays = _gathered(len(indices), self, parts)
-        release(self.angles)
-        motions = tuple(self.motions[i] for i in indices)
-        return MotionStatistics(self.joint_names, motions, **arrays)
+        arrays = _empty(len(indices), self, self.sources.itemsize)
+        blocks = row_blocks(np.arange(len(self.durations)), *self._arrays())
+        for numbers, *parts in blocks:
+            here = np.flatnonzero((numbers[0] <= indices) & (indices <= numbers[-1]))
+            for array, part in zip(arrays.values(), parts, strict=True):
+                array[here] = part[indices[here] - numbers[0]]
+            release(arrays["angles"])
+        return MotionStatistics(self.joint_names, **arrays)
 
-    def _arrays(self) -> list[FloatArray]:
+    def _arrays(self) -> list[NDArray[Any]]:
         return [getattr(self, name) for name in _ARRAYS]
 
     def ordered(self, joint_names: tuple[str, ...]) -> MotionStatistics:
@@ -213,34 +205,8 @@ class MotionStatistics:
         fresh = [i for i, motion in enumerate(new.motions) if motion.identity not in known]
         return MotionStatistics.merged([self, new.chosen(fresh)] if fresh else [self])
 
-    def of_recording(self, name: str) -> list[int]:
-        """Indices of the demonstrations of a recording; none if there is no such recording.
-
-        Parameters
-        ----------
-        name :
-            Its name, or its checksum, or the first 8 or more digits of that.
-
-        Raises
-        ------
-        PrimitiveError
-            If several recordings have this name.
-        """
-        found = [
-            i
-            for i, motion in enumerate(self.motions)
-            if motion.recording == name or (len(name) >= 8 and motion.checksum.startswith(name))
-        ]
-        checksums = sorted({self.motions[i].checksum for i in found})
-        if len(checksums) > 1:
-            raise PrimitiveError(
-                f"several recordings are called '{name}': name one by its checksum, "
-                + " or ".join(checksum[:12] for checksum in checksums)
-            )
-        return found
-
     def without(self, names: Collection[str]) -> MotionStatistics:
-        """These without the demonstrations of some recordings, see :meth:`of_recording`.
+        """These without the demonstrations of some recordings, see :func:`.indices_of`.
 
         Raises
         ------
@@ -249,7 +215,7 @@ class MotionStatistics:
         """
         gone: set[int] = set()
         for name in names:
-            found = self.of_recording(name)
+            found = indices_of(name, self.motions)
             if not found:
                 known = sorted({motion.recording for motion in self.motions})
                 raise PrimitiveError(unknown_name("recording", name, known))
@@ -260,21 +226,13 @@ class MotionStatistics:
         return self.chosen(kept)
 
 
-_ARRAYS = tuple(x.name for x in fields(MotionStatistics)[2:])
+_ARRAYS = tuple(x.name for x in fields(MotionStatistics)[1:])
 
 
-def _gathered(
-    n_rows: int, like: MotionStatistics, parts: Iterable[Sequence[FloatArray]]
-) -> dict[str, FloatArray]:
-    """All arrays by name, given some rows of all of them at a time."""
-    arrays = empty_rows(n_rows, {name: getattr(like, name).shape[1:] for name in _ARRAYS})
-    n_done = 0
-    for part in parts:
-        for array, rows in zip(arrays.values(), part, strict=True):
-            array[n_done : n_done + len(rows)] = rows
-            release(array)
-        n_done += len(part[0])
-    return arrays
+def _empty(n_rows: int, like: MotionStatistics, source_bytes: int) -> dict[str, NDArray[Any]]:
+    """All arrays by name, to be filled."""
+    kinds = {name: (np.float64, getattr(like, name).shape[1:]) for name in _ARRAYS}
+    return empty_rows(n_rows, kinds | {"sources": (f"S{source_bytes}", ())})
 
 
 @lru_cache(maxsize=8)
@@ -345,5 +303,6 @@ def _check_joints(found: Sequence[tuple[tuple[str, ...], str]]) -> None:
         if joint_names != first:
             raise PrimitiveError(
                 f"the joints of '{recording}', {quote_names(joint_names)}, "
-                f"are not those of '{first_recording}', {quote_names(first)}"
+                f"are not those of '{first_recording}', {quote_names(first)}: choose joints that "
+                "all have (--joints), or leave recordings out"
             )

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ..exceptions import PrimitiveError
+from ..exceptions import PrimitiveError, quote_names
 from .alignment import ALIGNMENTS
 from .basis import N_END_CONDITIONS
 from .primitive_values import COUPLINGS
@@ -28,7 +28,7 @@ class PrimitiveOptions:
         Samples of a time-normalised demonstration.
     degree : int
         Degree of the polynomials that carry mean and components.
-    align : {'linear', 'arc_length', 'dtw'}
+    align : {'linear', 'arc_length'}
         How the demonstrations are aligned in time, see :func:`.align`.
 
     Raises
@@ -46,7 +46,9 @@ class PrimitiveOptions:
 
     def __post_init__(self) -> None:
         if self.coupling not in COUPLINGS:
-            raise PrimitiveError(f"coupling must be one of {COUPLINGS}, got {self.coupling!r}")
+            raise PrimitiveError(
+                f"coupling must be one of {quote_names(COUPLINGS)}, got {self.coupling!r}"
+            )
         if self.n_components is not None and self.n_components < 1:
             raise PrimitiveError(f"components must be at least 1, got {self.n_components}")
         if not 0.0 < self.variance <= 1.0:
@@ -62,4 +64,6 @@ class PrimitiveOptions:
                 f"got {self.n_phases}"
             )
         if self.align not in ALIGNMENTS:
-            raise PrimitiveError(f"align must be one of {ALIGNMENTS}, got {self.align!r}")
+            raise PrimitiveError(
+                f"align must be one of {quote_names(ALIGNMENTS)}, got {self.align!r}"
+            )

@@ -29,7 +29,12 @@ _MAX_UNEVENNESS = 3.0
 
 
 def fit_paces(
-    warps: FloatArray, *, n_steps: int = 12, price: float = 1e-5, max_step: float = 1.0
+    warps: FloatArray,
+    *,
+    n_steps: int = 12,
+    price: float = 1e-5,
+    end_price: float = 3e-4,
+    max_step: float = 1.0,
 ) -> FloatArray:
     """Paces nearest to warps, by Gauss–Newton steps.
 
@@ -41,6 +46,9 @@ def fit_paces(
         Gauss–Newton steps.
     price : float
         Cost of a coefficient of 1, as a squared error.
+    end_price : float
+        Cost of a value of 1 of g at an end, likewise: accelerations and jerks there grow with the
+        square and the cube of the rate.
     max_step : float
         Largest change of a coefficient in a step.
 
@@ -60,7 +68,8 @@ def fit_paces(
     targets = np.concatenate([aligned_phases(part, shares) for part in parts])
     functions = legendre.legvander(2.0 * shares - 1.0, PACE_DEGREE)[:, 1:]
     paces = np.zeros((len(warps), PACE_DEGREE))
-    ridge = price * len(shares) * np.eye(PACE_DEGREE)
+    ends = functions[[0, -1]]
+    ridge = len(shares) * (price * np.eye(PACE_DEGREE) + end_price * ends.T @ ends)
     for _ in range(n_steps):
         rates = np.exp(paces @ functions.T)
         covered = integral(rates[:, :, None])
@@ -124,12 +133,15 @@ class PacedBasis(Basis):
         """Shape and derivatives up to the highest one, shape (highest + 1, n_steps, n_joints)."""
         courses = self._courses(phases, highest)
         values = self._going.shapes(weights, _within(courses[0, :, 0]), highest)
-        return np.asarray(self._by_phase(values[..., None], courses)[..., 0])
+        return self._less_straight(_by_share(values, courses), courses)
 
     def tables(self, phases: FloatArray, highest: int) -> FloatArray:
         """All values and derivatives, shape (highest + 1, n_steps, n_joints, 1 + n_weights)."""
         courses = self._courses(phases, highest)
-        return self._by_phase(self._going.tables(_within(courses[0, :, 0]), highest), courses)
+        terms = _by_share(self._going.terms(_within(courses[0, :, 0]), highest), courses)
+        tables = self._going.combined(terms)
+        self._less_straight(tables[..., 0], courses)
+        return tables
 
     def _courses(self, phases: FloatArray, highest: int) -> FloatArray:
         """σ and the minimum-jerk course, and derivatives, shape (highest + 1, n_steps, 2)."""
@@ -138,15 +150,10 @@ class PacedBasis(Basis):
         both = np.array([self._series, _minimum_jerk_series(self._series.size)])
         return legendre_derivatives(both, phases, highest)
 
-    def _by_phase(self, values: FloatArray, courses: FloatArray) -> FloatArray:
-        """Derivatives by p of values that are given with their derivatives by σ at σ(p).
-
-        In the result, the first column is relative to h(p).
-        """
-        rates = courses[:, :, :1, None]
-        chained = np.array([_chained(values, rates, d) for d in range(len(values))])
-        chained[..., 0] -= courses[:, :, 1:] * self._displacement
-        return chained
+    def _less_straight(self, values: FloatArray, courses: FloatArray) -> FloatArray:
+        """Positions and derivatives relative to h(p), in place."""
+        values -= courses[:, :, 1:] * self._displacement
+        return values
 
 
 def _within(phases: FloatArray) -> FloatArray:
@@ -174,13 +181,24 @@ def _minimum_jerk_series(n_coefficients: int) -> FloatArray:
     return found
 
 
-def _chained(values: FloatArray, rates: FloatArray, order: int) -> FloatArray:
-    """Derivative by p, up to the third, of a function of σ(p), by the chain rule."""
-    if order == 0:
-        return np.asarray(values[0])
-    if order == 1:
-        return np.asarray(values[1] * rates[1])
-    if order == 2:
-        return np.asarray(values[2] * rates[1] ** 2 + values[1] * rates[2])
-    mixed = 3.0 * values[2] * rates[1] * rates[2]
-    return np.asarray(values[3] * rates[1] ** 3 + mixed + values[1] * rates[3])
+def _by_share(values: FloatArray, courses: FloatArray) -> FloatArray:
+    """Derivatives by p, up to the third, of functions of σ(p), by the chain rule.
+
+    Parameters
+    ----------
+    values : array, shape (highest + 1, n_steps, n_functions)
+        The functions and their derivatives by σ at σ(p).
+    courses : array, shape (highest + 1, n_steps, 2)
+        σ and its derivatives in the first column.
+    """
+    rates, chained = courses[:, :, :1], values.copy()
+    if len(values) > 1:
+        chained[1] *= rates[1]
+    if len(values) > 2:
+        chained[2] *= rates[1] ** 2
+        chained[2] += values[1] * rates[2]
+    if len(values) > 3:
+        chained[3] *= rates[1] ** 3
+        chained[3] += values[2] * (3.0 * rates[1] * rates[2])
+        chained[3] += values[1] * rates[3]
+    return chained

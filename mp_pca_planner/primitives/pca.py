@@ -11,11 +11,6 @@ import numpy as np
 from ..arrays import FloatArray
 from ..rows import row_blocks, row_mean
 
-# Components whose variance is below this share of the largest are rounding errors.
-_RANK_TOLERANCE = 1e-12
-# A vector whose entries deviate from their mean by less than this is constant [rad or m].
-_CONSTANT = 1e-9
-
 
 @dataclass(frozen=True, eq=False)
 class PrincipalComponents:
@@ -60,13 +55,19 @@ class PrincipalComponents:
         )
 
 
-def fit_components(samples: FloatArray) -> PrincipalComponents:
+def fit_components(
+    samples: FloatArray, rank_tolerance: float = 1e-12, constant: float = 1e-9
+) -> PrincipalComponents:
     """Find all principal components that have any variance.
 
     Parameters
     ----------
     samples : array, shape (n_samples, n_features)
         Constant ones (or a single one) give no components.
+    rank_tolerance :
+        Components whose variance is below this share of the largest are rounding errors.
+    constant :
+        Vectors whose entries deviate from their mean by less than this are constant [rad or m].
     """
     mean, n = row_mean(samples), len(samples)
     # With the same singular values and right singular vectors as the deviations from the mean.
@@ -74,11 +75,11 @@ def fit_components(samples: FloatArray) -> PrincipalComponents:
     for (block,) in row_blocks(samples):
         rows = np.concatenate([triangle, block - mean])
         triangle = np.asarray(np.linalg.qr(rows, mode="r"))
-    if n < 2 or np.sqrt(np.sum(triangle**2, axis=0).max() / (n - 1)) < _CONSTANT:
+    if n < 2 or np.sqrt(np.sum(triangle**2, axis=0).max() / (n - 1)) < constant:
         return PrincipalComponents(mean, np.zeros((0, mean.size)), np.zeros(0), 0.0)
     _, singular, rows = np.linalg.svd(triangle, full_matrices=False)
     variance = singular**2 / (n - 1)
-    keep = variance > _RANK_TOLERANCE * variance[0]
+    keep = variance > rank_tolerance * variance[0]
     rows = rows[keep] * largest_signs(rows[keep])
     return PrincipalComponents(mean, rows, variance[keep], float(variance.sum()))
 

@@ -12,14 +12,11 @@ from numpy.typing import ArrayLike, NDArray
 from ..arrays import FloatArray, frozen_array
 from ..exceptions import GoalError
 from ..motion.trajectory import Trajectory
-from .boundary import boundary_values, hermite_functions
+from .boundary import boundary_values, quintics
 
 if TYPE_CHECKING:
     from .conditional_model import ConditionalDistribution
     from .primitive import MovementPrimitive
-
-# Points are at most this far apart [s]; the default of the planner.
-_SAMPLE_PERIOD = 0.01
 
 
 def expected_motion(
@@ -97,15 +94,15 @@ def _motion(
     ends: FloatArray,
     expected: ConditionalDistribution,
     weights: FloatArray,
+    sample_period: float = 0.01,
 ) -> Trajectory:
+    """A motion with points at most `sample_period` apart [s], as the planner's by default."""
     duration = expected.duration
-    phases = np.linspace(0.0, 1.0, max(int(np.ceil(duration / _SAMPLE_PERIOD)), 1) + 1)
+    phases = np.linspace(0.0, 1.0, max(int(np.ceil(duration / sample_period)), 1) + 1)
     rest = np.zeros(primitive.n_joints)
     boundary = boundary_values((ends[0], rest, rest), (ends[1], rest, rest), duration)
     shapes = primitive.paced_basis(ends[0], ends[1], expected.pace).shapes(weights, phases, 2)
-    q, v, a = (
-        (hermite_functions(phases, d) @ boundary + shapes[d]) / duration**d for d in range(3)
-    )
+    q, v, a = (quintics(phases, boundary, 2) + shapes) / duration ** np.arange(3.0)[:, None, None]
     # A controller refuses a final velocity of 1e-17.
     q[[0, -1]], v[[0, -1]], a[[0, -1]] = ends, 0.0, 0.0
     return Trajectory(primitive.joint_names, duration * phases, q, v, a)

@@ -17,6 +17,7 @@ from ..exceptions import GoalError, PrimitiveError, quote_names, unknown_name
 from .file import load_primitive
 from .file_index import index_files
 from .primitive import MovementPrimitive
+from .primitive_values import require_same_joints
 
 
 @dataclass(frozen=True)
@@ -92,17 +93,10 @@ class PrimitiveLibrary(Sequence[MovementPrimitive]):
             return primitives
         if not primitives:
             raise PrimitiveError("at least one primitive is needed, got none")
-        first, *others = primitives
-        for other in others:
-            if other.joint_names != first.joint_names:
-                raise PrimitiveError(
-                    f"primitive '{other.name}' moves {quote_names(other.joint_names)}, but "
-                    f"'{first.name}' moves {quote_names(first.joint_names)}: they can't be used "
-                    "together"
-                )
+        require_same_joints((f"primitive '{p.name}'", p.joint_names) for p in primitives)
         return cls(
             [p.name for p in primitives],
-            first.joint_names,
+            primitives[0].joint_names,
             np.array([p.model.mean for p in primitives]),
             np.array([p.model.request_precision for p in primitives]),
             tuple(primitives).__getitem__,
@@ -205,16 +199,12 @@ def _check_together(
 ) -> None:
     """Reject primitives, given with their joints, that can't be used together."""
     origin: dict[str, Path] = {}
-    first = primitives[0][1]
-    for file, (name, joint_names) in zip(files, primitives, strict=True):
+    for file, (name, _) in zip(files, primitives, strict=True):
         other = origin.setdefault(name, file)
         if other is not file:
             raise PrimitiveError(
                 f"'{file}' and '{other}' both hold a primitive called '{name}': build "
                 "one of them again with another --name"
             )
-        if joint_names != first:
-            raise PrimitiveError(
-                f"'{file}' moves {quote_names(joint_names)}, but '{files[0]}' moves "
-                f"{quote_names(first)}: they can't be used together"
-            )
+    joints = (joint_names for _, joint_names in primitives)
+    require_same_joints(zip((f"'{file}'" for file in files), joints, strict=True))

@@ -4,12 +4,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..arrays import frozen_array, unique_names
-from ..exceptions import PrimitiveFileError
+from ..exceptions import PrimitiveError, PrimitiveFileError, quote_names
+from ..input_limits import INPUT_LIMITS
 from ..rows import row_blocks
 from .kernels import INVERSE_LENGTHS
 from .pace import PACE_DEGREE
@@ -41,10 +43,17 @@ ARRAY_SHAPES: dict[str, tuple[str | int, ...]] = {
 }
 """Shapes of the arrays of a primitive and of its conditional model."""
 
-# Bound of positions, coefficients and durations of motions [rad, m, s].
-_MAX_VALUE = 1e6
-# Bound of inverses of small variances.
-_MAX_PRECISION = 1e15
+
+def require_same_joints(movers: Iterable[tuple[str, Sequence[str]]]) -> None:
+    """Reject primitives, given by names for the message with their joints, that differ in these."""
+    first, joints = "", None
+    for name, own in movers:
+        if joints is not None and tuple(own) != joints:
+            raise PrimitiveError(
+                f"{name} moves {quote_names(own)}, but {first} moves {quote_names(joints)}: they "
+                "can't be used together"
+            )
+        first, joints = name, tuple(own)
 
 
 def freeze_values(primitive: MovementPrimitive) -> None:
@@ -70,7 +79,8 @@ def _freeze_names(primitive: MovementPrimitive) -> None:
         raise PrimitiveFileError(f"the names of primitive '{name}' must be valid Unicode")
     if primitive.coupling not in COUPLINGS:
         raise PrimitiveFileError(
-            f"the coupling of primitive '{name}' is {primitive.coupling!r}, not one of {COUPLINGS}"
+            f"the coupling of primitive '{name}' is {primitive.coupling!r}, not one of "
+            f"{quote_names(COUPLINGS)}"
         )
     names = unique_names(primitive.joint_names, f"joints of '{name}'", PrimitiveFileError)
     object.__setattr__(primitive, "joint_names", names)
@@ -79,14 +89,15 @@ def _freeze_names(primitive: MovementPrimitive) -> None:
 
 def _freeze_arrays(primitive: MovementPrimitive) -> None:
     """Make the arrays read-only, once their shapes agree."""
-    n = len(primitive.joint_names)
+    n, limits = len(primitive.joint_names), INPUT_LIMITS
     sizes: dict[str | int, int] = {"joints": n, "entries": 2 * n + 1, "rates": PACE_DEGREE}
     for array, shape in ARRAY_SHAPES.items():
         owner = primitive if hasattr(primitive, array) else primitive.model
         what = f"array '{array}' of '{primitive.name}'"
         expected = tuple(x if isinstance(x, int) else sizes.get(x) for x in shape)
         frozen = frozen_array(getattr(owner, array), expected, what, PrimitiveFileError)
-        largest = _MAX_PRECISION if array.endswith("_precision") else _MAX_VALUE
+        is_precision = array.endswith("_precision")
+        largest = limits.primitive_precision if is_precision else limits.primitive_value
         if any(np.abs(block).max(initial=0.0) > largest for (block,) in row_blocks(frozen)):
             raise PrimitiveFileError(f"{what} holds numbers that are too large for motions")
         sizes |= dict(zip(shape, frozen.shape, strict=True))

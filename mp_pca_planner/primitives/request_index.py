@@ -15,16 +15,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import product
+from math import tau
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import FloatArray
 from .covariances import marginal_precision
-
-_TURN = 2.0 * np.pi
-# Primitives whose coefficients are computed at a time, which bounds the memory for it.
-_BLOCK = 4096
 
 Indices = NDArray[np.intp]
 
@@ -45,13 +42,16 @@ class _Quadratics:
     centre: FloatArray
 
     @classmethod
-    def of(cls, means: FloatArray, precisions: FloatArray, size: int) -> _Quadratics:
+    def of(
+        cls, means: FloatArray, precisions: FloatArray, size: int, n_at_once: int = 4096
+    ) -> _Quadratics:
+        """Coefficients for requests of a size; of few primitives at a time, to bound the memory."""
         centre = means[:, :size].mean(axis=0)
         upper = np.triu_indices(size)
         n_squares = upper[0].size
         coefficients = np.empty((len(means), n_squares + size + 1), dtype=np.float32)
-        for first in range(0, len(means), _BLOCK):
-            block = slice(first, first + _BLOCK)
+        for first in range(0, len(means), n_at_once):
+            block = slice(first, first + n_at_once)
             precision = marginal_precision(precisions[block], size)
             mean = means[block, :size] - centre
             moment = np.einsum("pij,pj->pi", precision, mean)
@@ -112,8 +112,8 @@ class RequestIndex:
         turns : array, shape (n_among, n_joints)
             Multiples of 2π [rad] to be added to the start and the goal.
         """
-        turns = np.round((self._means[among, : start.size] - start) / _TURN)
-        return np.where(self._continuous, _TURN * turns, 0.0)
+        turns = np.round((self._means[among, : start.size] - start) / tau)
+        return np.where(self._continuous, tau * turns, 0.0)
 
     def scores(self, request: FloatArray, among: Indices | slice = slice(None)) -> FloatArray:
         """In-span scores of a request, shape (n_among,).
@@ -165,7 +165,7 @@ class RequestIndex:
 
     def _whole_turns(self, starts: FloatArray) -> FloatArray:
         """Angles by which requests are moved so that they start between 0 and 2π."""
-        turns = np.where(self._continuous, _TURN * np.floor(starts / _TURN), 0.0)
+        turns = np.where(self._continuous, tau * np.floor(starts / tau), 0.0)
         return np.tile(turns, 2)
 
     def _approximate(self, request: FloatArray) -> NDArray[np.float32]:
@@ -175,7 +175,7 @@ class RequestIndex:
         request[: 2 * n] -= self._whole_turns(request[:n])
         turning = np.flatnonzero(self._continuous)
         # Primitives whose demonstrations are nearer after one more turn, or one less.
-        turns = np.where(request[turning] < np.pi, _TURN, -_TURN)
+        turns = np.where(request[turning] < np.pi, tau, -tau)
         further = np.array(list(product((0.0, 1.0), repeat=turning.size))) * turns
         requests = np.tile(request, (len(further), 1))
         requests[:, turning] += further

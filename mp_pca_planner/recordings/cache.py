@@ -23,14 +23,13 @@ from typing import Any
 from .. import __version__
 from ..exceptions import RecordingError
 from . import bags
-from .bags.discovery import METADATA, translated_os_errors
+from .bags.discovery import METADATA, bag_files
 from .repair import CleanRecording
 
 FOLDER_VARIABLE = "MP_PCA_PLANNER_CACHE"
 """Environment variable that names the folder of the command line's cache."""
 
 _SUFFIX = ".read"
-_PACKAGE = __name__.partition(".")[0]
 # NumPy's functions that make arrays and numbers, in modules of NumPy 1 and 2.
 _OF_NUMPY = ("_reconstruct", "_frombuffer", "ndarray", "dtype", "scalar")
 
@@ -111,7 +110,7 @@ class ReadingCache:
         That of a recording whose files have the same names, sizes and times of modification as
         before is known without reading it.
         """
-        key = key_of(str(path.absolute()), _stamp(path))
+        key = key_of(str(path.absolute()), bags.stored_state(path))
         found = self.value(key)
         if not isinstance(found, str):
             found = bags.checksum(path)
@@ -132,7 +131,7 @@ class ReadingCache:
         """
         if self.folder is None:
             return read()
-        names = [name for name, *_ in _stamp(path)]
+        names = [file.name for file in bag_files(path)]
         with suppress(OSError):
             names.append((path / METADATA).read_text(encoding="utf-8"))
         key = key_of(self.checksum(path), options, names)
@@ -160,14 +159,6 @@ def key_of(*values: Any) -> str:
     return hashlib.sha256(pickle.dumps((__version__, _code_digest(), *values))).hexdigest()
 
 
-def _stamp(path: Path) -> list[tuple[str, int, int]]:
-    """Names, sizes and times of modification of the files of a recording."""
-    files = sorted(path.iterdir()) if path.is_dir() else [path]
-    with translated_os_errors(path):
-        status = [(file.name, file.stat()) for file in files]
-    return [(name, one.st_size, one.st_mtime_ns) for name, one in status]
-
-
 @lru_cache(maxsize=1)
 def _code_digest() -> bytes:
     """Digest of the code that reads and repairs recordings."""
@@ -179,10 +170,10 @@ class _Reader(pickle.Unpickler):
     """Unpickles dataclasses and tuples of this package, and arrays."""
 
     def find_class(self, module: str, name: str) -> Any:
-        package = module.partition(".")[0]
+        package, own = (name.partition(".")[0] for name in (module, __name__))
         if package == "numpy" and name in _OF_NUMPY:
             return super().find_class(module, name)
-        if package == _PACKAGE:
+        if package == own:
             found = super().find_class(module, name)
             if isinstance(found, type) and (is_dataclass(found) or issubclass(found, tuple)):
                 return found

@@ -9,18 +9,32 @@ import pickle
 import re
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from typing import Any
 
 from .. import __version__
 from ..exceptions import MissingDependencyError, RecordingError
 from .processes import IN_FLIGHT, PATIENCE, Hired, Item, Outcome, Result, map_by
 
-SECONDS_TO_CONNECT = 10
-"""Time in which a scheduler must answer."""
 
-MIN_THREADS = 16
-"""Threads of workers for which items are submitted, at least: workers may come later. All items
-would take memory of this process and of the scheduler in proportion to their number."""
+@dataclass(frozen=True)
+class ClusterOptions:
+    """Options of working on a cluster.
+
+    Attributes
+    ----------
+    connection_timeout : float
+        Time in which a scheduler must answer [s].
+    min_threads : int
+        Threads of workers for which items are submitted, at least: workers may come later. All
+        items would take memory of this process and of the scheduler in proportion to their number.
+    """
+
+    connection_timeout: float = 10.0
+    min_threads: int = 16
+
+
+OPTIONS = ClusterOptions()
 
 _ADDRESS = re.compile(r"((tcp|tls|ucx|ws|wss)://)?[^/\s]+:\d{1,5}")
 
@@ -76,7 +90,7 @@ def map_on_cluster(
     @contextmanager
     def hire(_: int) -> Iterator[Hired]:
         try:
-            client = Client(address, timeout=SECONDS_TO_CONNECT, set_as_default=False)
+            client = Client(address, timeout=OPTIONS.connection_timeout, set_as_default=False)
         except OSError as error:
             raise RecordingError(f"no Dask scheduler answers at '{address}': {error}") from None
 
@@ -93,7 +107,7 @@ def map_on_cluster(
         try:
             with _quiet(), client:
                 threads = sum(client.nthreads().values())
-                yield submit, has_workers, IN_FLIGHT * max(threads, MIN_THREADS)
+                yield submit, has_workers, IN_FLIGHT * max(threads, OPTIONS.min_threads)
         except CancelledError:
             raise RecordingError(f"{name} was lost") from None
         except (ImportError, FileNotFoundError) as error:

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..exceptions import RecordingError
-from .demonstration import Demonstration
+from .demonstration import Demonstration, Overview
 from .joint_states import RawJointStates
 from .repair import CleanRecording, Piece, repair
 from .segmentation import (
@@ -239,6 +239,15 @@ def without_rest(
     return kept
 
 
+def absurd_reason(largest: float, absurd: float) -> str:
+    """Why a recording with a motion of an absurdly large extent is rejected [rad or m]."""
+    return (
+        f"its joints move over {largest:.3g} rad (or m), and over {absurd:.3g} is absurd beside "
+        "the other recordings' motions: positions must be in radians (or m), not in degrees; "
+        "choose the joints, or give a table of segments if these are motions nevertheless"
+    )
+
+
 def demonstrations(
     cuts: Sequence[Cut], clean: CleanRecording, recording: str, checksum: str
 ) -> list[Demonstration]:
@@ -252,3 +261,17 @@ def demonstrations(
     if not cuts:
         raise RecordingError("no motion was found in it")
     return [cut.demonstration(clean.joint_names, recording, checksum) for cut in cuts]
+
+
+def overview(pieces: Sequence[SmoothPiece]) -> Overview:
+    """About 1000 samples of a recording, the resolution of a figure."""
+    k = max(1, sum(piece.times.size for piece in pieces) // 1000)
+    parts = []
+    for piece in pieces:
+        chosen = np.arange(0, piece.times.size, k)
+        speed = np.maximum.reduceat(joint_speed(piece.velocities), chosen)
+        columns = (piece.times[chosen], piece.positions[chosen], speed)
+        parts.append(np.column_stack(columns))
+        parts.append(np.full((1, parts[0].shape[1]), np.nan))
+    table = np.concatenate(parts)
+    return Overview(table[:, 0], table[:, 1:-1], table[:, -1])

@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
@@ -78,6 +78,33 @@ class Demonstration:
             )
             object.__setattr__(self, name, array)
 
+    @classmethod
+    def of_curve(
+        cls,
+        joint_names: Sequence[str],
+        curve: Callable[[FloatArray, int], FloatArray],
+        times: FloatArray,
+        recording: str,
+    ) -> Demonstration:
+        """A motion that was not recorded.
+
+        Parameters
+        ----------
+        joint_names : sequence of str
+            Names of the joints.
+        curve : callable
+            A function of times [s] and of the order of the derivative, such as a spline of SciPy.
+        times : array, shape (n_steps,)
+            Times of the samples [s], evenly spaced, first 0.
+        recording : str
+            Name of what it comes from.
+        """
+        states = (curve(times, order) for order in range(3))
+        end = float(times[-1])
+        return cls(
+            tuple(joint_names), times, *states, recording=recording, start_time=0.0, end_time=end
+        )
+
     def __setstate__(self, state: dict[str, Any]) -> None:
         # Arrays that come from another process are writeable.
         for value in state.values():
@@ -102,21 +129,20 @@ class Demonstration:
         """Duration [s]."""
         return float(self.times[-1])
 
-    def time_normalised(self, n_phases: int) -> FloatArray:
-        """Positions at evenly spaced phases from 0 to 1 (linear time normalisation).
+    def at(self, times: FloatArray) -> FloatArray:
+        """Joint positions at times [s], shape (n_times, n_joints) [rad or m].
 
-        Parameters
-        ----------
-        n_phases : int
-            Number of phases, at least 2.
-
-        Returns
-        -------
-        positions : array, shape (n_phases, n_joints)
-            Joint positions [rad or m], by cubic Hermite interpolation of positions and velocities.
+        They are found by cubic Hermite interpolation of positions and velocities.
         """
         spline = CubicHermiteSpline(self.times, self.positions, self.velocities, axis=0)
-        return np.asarray(spline(np.linspace(0.0, self.times[-1], n_phases)), dtype=np.float64)
+        return np.asarray(spline(times), dtype=np.float64)
+
+    def time_normalised(self, n_phases: int) -> FloatArray:
+        """Joint positions at evenly spaced phases from 0 to 1 (linear time normalisation).
+
+        Their shape is (n_phases, n_joints); at least 2 phases are needed.
+        """
+        return self.at(np.linspace(0.0, self.times[-1], n_phases))
 
     def thinned(self, most_samples: int) -> Demonstration:
         """The same motion in fewer samples, for a figure.
@@ -297,15 +323,20 @@ class RecordingSet:
         )
 
     @property
+    def repairs(self) -> dict[str, int]:
+        """Repairs in all recordings, by kind."""
+        totals = Counter[str]()
+        for one in self.reports:
+            totals.update(one.repairs)
+        return {kind: count for kind, count in sorted(totals.items()) if count}
+
+    @property
     def report(self) -> str:
         """What was repaired and rejected, one line for each kind and recording."""
-        repairs = Counter[str]()
-        for one in self.reports:
-            repairs.update({kind: count for kind, count in one.repairs.items() if count})
         return "\n".join(
             [
                 f"{len(self.demonstrations)} motions in {len(self.reports)} usable recording(s)",
-                *(f"repaired: {count} {kind}" for kind, count in sorted(repairs.items())),
+                *(f"repaired: {count} {kind}" for kind, count in self.repairs.items()),
                 *(f"{one.name}: {note}" for one in self.reports for note in one.notes),
                 *(f"rejected {one.recording}: {one.reason}" for one in self.refused),
             ]

@@ -22,7 +22,6 @@ from .cluster import map_on_cluster
 from .demonstration import (
     Demonstration,
     MarkerResidual,
-    Overview,
     RecordingReport,
     RecordingSet,
     Refusal,
@@ -32,14 +31,9 @@ from .joint_states import RawJointStates
 from .processes import Outcome, map_in_processes
 from .reading import read_clean
 from .repair import CleanRecording, RepairOptions, repair
-from .segmentation import (
-    SegmentationOptions,
-    extent,
-    joint_speed,
-    least_extent_of_set,
-)
+from .segmentation import SegmentationOptions, absurd_extent, extent, least_extent_of_set
 from .segments_file import SegmentRow, segments_by_hand
-from .smoothing import SmoothingOptions, SmoothPiece
+from .smoothing import SmoothingOptions
 from .spool import GatheredSets
 
 __all__ = ["LoadOptions", "RecordingReport", "RecordingSet", "load_recordings"]
@@ -255,17 +249,36 @@ def _key(task: _LoadTask) -> str:
 def _tasks_again(
     tasks: Sequence[_LoadTask], loaded: GatheredSets, known_extents: Sequence[float]
 ) -> dict[int, _LoadTask]:
-    """Recordings with movements that count as rest relative to the motions of the set, by index."""
-    extents, least_own = array("d", known_extents), array("d")
+    """Recordings to load again by what the others hold, by index.
+
+    Movements of some count as rest relative to the motions of the set, and some list the joints
+    in another order than the first does. Those of absurdly large motions are rejected.
+    """
+    extents, smallest, largest = array("d", known_extents), array("d"), array("d")
+    again: dict[int, _LoadTask] = {}
+    orders: dict[frozenset[str], tuple[str, ...]] = {}
     for index, task in enumerate(tasks):
-        own = [m.extent for x in loaded.reports(index) for m in x.motions if task.segments is None]
+        reports = loaded.reports(index)
+        own = [m.extent for x in reports for m in x.motions if task.segments is None]
         extents.extend(own)
-        least_own.append(min(own, default=np.inf))
-    if np.isinf(least_own).all():
-        return {}
-    least = least_extent_of_set(extents, tasks[0].options.segmentation)
-    small = np.flatnonzero(np.asarray(least_own) <= least).tolist()
-    return {index: replace(tasks[index], least_extent=least) for index in small}
+        smallest.append(min(own, default=np.inf))
+        largest.append(max(own, default=0.0))
+        for names in (report.joint_names for report in reports):
+            order = orders.setdefault(frozenset(names), names)
+            if order != names and task.options.markers is None:
+                again[index] = replace(task, options=replace(task.options, joints=order))
+    options = tasks[0].options.segmentation if tasks else SegmentationOptions()
+    absurd = absurd_extent([*known_extents, *filter(None, largest)], options)
+    for index in np.flatnonzero(np.asarray(largest) > absurd).tolist():
+        reason = cutting.absurd_reason(largest[index], absurd)
+        loaded[index] = RecordingSet(refused=(Refusal(tasks[index].name, reason),))
+        again.pop(index, None)
+        smallest[index] = np.inf
+    if np.isfinite(smallest).any():
+        least = least_extent_of_set([x for x in extents if x <= absurd], options)
+        for index in np.flatnonzero(np.asarray(smallest) <= least).tolist():
+            again[index] = replace(again.get(index, tasks[index]), least_extent=least)
+    return again
 
 
 def _outcomes(
@@ -336,7 +349,7 @@ def _loaded(task: _LoadTask, path: Path, progress: Callable[[float], None] | Non
         motions=tuple(segments),
         thresholds=smoothed.thresholds,
         notes=clean.notes,
-        overview=_overview(smoothed.pieces) if options.overviews else None,
+        overview=cutting.overview(smoothed.pieces) if options.overviews else None,
         marker_residuals=residuals,
     )
     summaries = () if options.summarise is None else (options.summarise(motions),)
@@ -381,17 +394,3 @@ def _cut(
     return cutting.cut_motions(
         recording, task.options.segmentation, task.least_extent, is_whole=is_whole
     )
-
-
-def _overview(pieces: Sequence[SmoothPiece]) -> Overview:
-    """About 1000 samples of a recording, the resolution of a figure."""
-    k = max(1, sum(piece.times.size for piece in pieces) // 1000)
-    parts = []
-    for piece in pieces:
-        chosen = np.arange(0, piece.times.size, k)
-        speed = np.maximum.reduceat(joint_speed(piece.velocities), chosen)
-        columns = (piece.times[chosen], piece.positions[chosen], speed)
-        parts.append(np.column_stack(columns))
-        parts.append(np.full((1, parts[0].shape[1]), np.nan))
-    table = np.concatenate(parts)
-    return Overview(table[:, 0], table[:, 1:-1], table[:, -1])

@@ -224,14 +224,8 @@ class _ReachTask:
     def _demonstration(self, knots: FloatArray, path: FloatArray, number: int) -> Demonstration:
         curve = CubicSpline(knots, path, bc_type="clamped")
         times = np.linspace(0.0, knots[-1], round(knots[-1] * OPTIONS.rate) + 1)
-        return Demonstration(
-            self._arm.robot.joint_names,
-            times,
-            *(curve(times, order) for order in range(3)),
-            recording=f"made-up reach {number}",
-            start_time=0.0,
-            end_time=float(times[-1]),
-        )
+        names = self._arm.robot.joint_names
+        return Demonstration.of_curve(names, curve, times, f"made-up reach {number}")
 
 
 def _phases() -> FloatArray:

@@ -52,6 +52,9 @@ class SegmentationOptions:
         A motion covers more than this share of the usual extent of the motions of all recordings.
     min_extent : float
         A motion covers more than this [rad or m]; an arm that is held still sways by two degrees.
+    absurd_extent, absurd_factor : float
+        Motions over more than this [rad or m] and more than this many times the usual largest
+        extent of a recording are absurd, such as those of angles in degrees.
     noise_extents : float
         A motion covers more than this many standard deviations of the noise. Unfiltered noise,
         the worst case, reaches that during minutes at 10 to 25 Hz.
@@ -77,6 +80,8 @@ class SegmentationOptions:
     extent_ratio: float = 0.1
     set_ratio: float = 0.05
     min_extent: float = 0.035
+    absurd_extent: float = 12.0
+    absurd_factor: float = 20.0
     noise_extents: float = 8.0
     min_rest: float = 0.6
     min_duration: float = 0.25
@@ -145,6 +150,12 @@ def least_extent(pieces: Sequence[Piece], options: SegmentationOptions) -> float
 def least_extent_of_set(extents: Sequence[float], options: SegmentationOptions) -> float:
     """Smallest extent of a motion, by the extents of the motions of all recordings [rad or m]."""
     return options.set_ratio * _usual_peak(np.asarray(extents))
+
+
+def absurd_extent(extents: Sequence[float], options: SegmentationOptions) -> float:
+    """Extent of absurdly large motions, by the largest extent of each recording [rad or m]."""
+    usual = float(np.percentile(extents, 50, method="lower")) if len(extents) else 0.0
+    return max(options.absurd_extent, options.absurd_factor * usual)
 
 
 def _noise(pieces: Sequence[Piece]) -> FloatArray:

@@ -117,14 +117,7 @@ class SyntheticMotion:
     def as_demonstration(self, recording: str = "made up") -> Demonstration:
         """The motion as if it had been recorded without noise, cut out and differentiated."""
         curve = CubicSpline(self.times, self.positions)
-        return Demonstration(
-            JOINT_NAMES,
-            self.times,
-            *(curve(self.times, order) for order in range(3)),
-            recording=recording,
-            start_time=0.0,
-            end_time=self.duration,
-        )
+        return Demonstration.of_curve(JOINT_NAMES, curve, self.times, recording)
 
 
 @dataclass(frozen=True, eq=False)
@@ -184,45 +177,6 @@ def generate_motions(n_motions: int, seed: int, *, rate: float = 200.0) -> list[
         raise RecordingError(f"the number of motions must be at least 1, got {n_motions}")
     generators = (np.random.default_rng([seed, i]) for i in range(n_motions))
     return [_raise_arm(generator, rate) for generator in generators]
-
-
-def generate_kinds(
-    n_motions: int, n_kinds: int, seed: int, *, first: int = 0
-) -> list[SyntheticMotion]:
-    """Generate motions of different kinds of the same arm, one of each kind in turn.
-
-    The ends, the detour and the duration of a kind are drawn at random, and vary a little from
-    motion to motion.
-
-    Parameters
-    ----------
-    n_motions : int
-        Number of motions.
-    n_kinds : int
-        Number of kinds; motion i is of kind i modulo this number.
-    seed : int
-        Chooses the kinds and the motions. The first ones don't depend on their number.
-    first : int
-        Index of the first motion.
-    """
-    return [_motion_of_kind(i, i % n_kinds, seed) for i in range(first, first + n_motions)]
-
-
-def _motion_of_kind(index: int, kind: int, seed: int) -> SyntheticMotion:
-    rng = np.random.default_rng([seed, 0, kind])
-    ends = rng.uniform([-2.0, -1.0, -0.5, -2.2], [0.2, 1.2, 1.5, -0.2], (2, 4))
-    detour, detour_peak = rng.normal(0.0, 0.35, 4), rng.uniform(0.4, 0.6)
-    usual_duration = rng.uniform(0.8, 2.0)
-    rng = np.random.default_rng([seed, 1, index])
-    start, goal = ends + rng.normal(0.0, 0.08, ends.shape)
-    detour = detour * rng.uniform(0.7, 1.3) + rng.normal(0.0, 0.04, detour.shape)
-    duration = usual_duration * float(np.exp(rng.normal(0.0, 0.1)))
-    phases = np.linspace(0.0, 1.0, round(200.0 * duration) + 1)[:, None]
-    peaks = np.full(4, rng.uniform(0.44, 0.52))
-    positions = (
-        start + (goal - start) * progress(phases, peaks) + detour * bell(phases, detour_peak)
-    )
-    return SyntheticMotion(phases[:, 0] * duration, positions)
 
 
 def continuous_recording(

@@ -16,12 +16,13 @@ import pinocchio as pin
 from ..arrays import FloatArray, frozen_array
 from ..exceptions import RobotError, WorldError
 from ..files import read_text, reading
+from ..input_limits import INPUT_LIMITS
 from .bodies import Bodies
 from .body_pairs import CONTACT, BodyPairs, Indices, NearPairs, index_pairs, set_pairs
 from .joint_poses import JointTree
 from .model import Robot
 from .urdf import parse_xml
-from .world import MAX_LENGTH, World
+from .world import World
 
 __all__ = ["CONTACT", "CollisionGeometry", "Indices", "NearPairs", "package_folders"]
 
@@ -193,8 +194,9 @@ class CollisionGeometry:
 
 def _checked_margin(margin: float) -> float:
     value = float(frozen_array(margin, (), "margin of the clearance", WorldError))
-    if not 0.0 <= value <= MAX_LENGTH:
-        raise WorldError(f"margin of the clearance must be from 0 to {MAX_LENGTH:g} m, got {value}")
+    most = INPUT_LIMITS.world_length
+    if not 0.0 <= value <= most:
+        raise WorldError(f"margin of the clearance must be from 0 to {most:g} m, got {value}")
     return value
 
 

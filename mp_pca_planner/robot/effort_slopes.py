@@ -14,6 +14,7 @@ where W is the sum over points of ρᵢ ρⱼ dm, and G that of |g| min(ρᵢ, �
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -52,16 +53,22 @@ class EffortSlopes:
         jacobian = pin.computeJointJacobians(model, model.createData(), pin.neutral(model))
         self._is_prismatic = ~jacobian[3:].any(axis=0)
         self._gravity = float(np.linalg.norm(model.gravity.linear))
+        self._factors = lru_cache(maxsize=1)(self._factors_of)
 
     def bounds(self, q: FloatArray, v: FloatArray, a: FloatArray, jerk: FloatArray) -> FloatArray:
         """Bounds of the magnitude of dτ/dt, see :meth:`.Dynamics.effort_slopes`."""
-        # Prismatic joints lengthen the arm; derivatives by their positions are at most 1.
-        longer = float(q[:, self._is_prismatic].max(axis=0, initial=0.0).sum())
+        # Prismatic joints lengthen the arm.
+        inertias, pulls = self._factors(float(q[:, self._is_prismatic].max(axis=0).sum()))
+        speed = v.sum(axis=1, keepdims=True)
+        rates = jerk + 4.0 * speed * a + 2.0 * speed**2 * v
+        return np.asarray(rates @ inertias + v @ pulls)
+
+    def _factors_of(self, longer: float) -> tuple[FloatArray, FloatArray]:
+        """W and G of an arm that prismatic joints lengthen [m]."""
+        # Derivatives by positions of prismatic joints are at most 1.
         least = 1.0 if self._is_prismatic.any() else 0.0
         distances = np.where(self._moves, np.maximum(self._distances + longer, least), 0.0)
         # By the inequality of Cauchy and Schwarz, for the points of each link.
         roots = self._moves * (np.sqrt(self._masses) * distances + np.sqrt(self._spreads))
         pulls = self._masses * np.minimum(distances[:, None], distances)
-        speed = v.sum(axis=1, keepdims=True)
-        rates = jerk + 4.0 * speed * a + 2.0 * speed**2 * v
-        return np.asarray(rates @ (roots @ roots.T) + v @ (self._gravity * pulls.sum(axis=2)))
+        return np.asarray(roots @ roots.T), np.asarray(self._gravity * pulls.sum(axis=2))

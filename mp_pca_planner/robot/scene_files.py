@@ -14,10 +14,9 @@ import numpy as np
 from ..arrays import FloatArray, frozen_array
 from ..exceptions import WorldError, printable, unknown_name
 from ..files import load_yaml, read_text, reading
+from ..input_limits import INPUT_LIMITS
 from .world import (
     ANY,
-    MAX_SHAPES,
-    MAX_TRIANGLES,
     Box,
     Cylinder,
     Mesh,
@@ -73,12 +72,12 @@ class _TextScene:
         name = self._line().strip()
         pose = self._pose() if self._has_object_poses else _IDENTITY
         shapes = []
-        for _ in range(self._count(MAX_SHAPES, f"shapes of '{name}'")):
+        for _ in range(self._count(INPUT_LIMITS.shapes, f"shapes of '{name}'")):
             shape = self._shape(name)
             shapes.append(shape.moved(self._pose()).moved(pose))
             self._numbers(4)  # its colour
         if self._has_object_poses:
-            for _ in range(self._count(MAX_SHAPES, f"subframes of '{name}'")):
+            for _ in range(self._count(INPUT_LIMITS.shapes, f"subframes of '{name}'")):
                 self._line()
                 self._pose()
         if shapes:
@@ -87,8 +86,8 @@ class _TextScene:
     def _shape(self, name: str) -> Shape:
         kind = self._word()
         if kind == "mesh":
-            n_vertices = self._count(3 * MAX_TRIANGLES, f"vertices of '{name}'")
-            n_triangles = self._count(MAX_TRIANGLES, f"triangles of '{name}'")
+            n_vertices = self._count(3 * INPUT_LIMITS.triangles, f"vertices of '{name}'")
+            n_triangles = self._count(INPUT_LIMITS.triangles, f"triangles of '{name}'")
             vertices = self._numbers(3 * n_vertices).reshape(-1, 3)
             return Mesh(vertices, self._numbers(3 * n_triangles).reshape(-1, 3))
         if kind not in _N_SIZES:

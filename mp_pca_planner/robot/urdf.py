@@ -19,21 +19,12 @@ from dataclasses import dataclass
 from ..exceptions import RobotError, quote_names, unknown_name
 from ..input_limits import INPUT_LIMITS
 
-MAX_LINKS = 2000
-"""Most links of a robot; far longer chains overflow the stack of Pinocchio's parser."""
-MAX_MOVABLE_JOINTS = 200
-"""Most joints that move; the memory that Pinocchio takes grows with their cube."""
-MAX_DEPTH = 50
-"""How deeply elements of XML may be nested."""
-
 _ONE_DOF_TYPES = ("revolute", "continuous", "prismatic")
 # Means "no limit" where a URDF needs a number. Continuous joints are revolute ones for Pinocchio:
 # a configuration then has one angle per joint.
 _UNBOUNDED = "1e30"
 _PARTS_OF_JOINTS = ("origin", "parent", "child", "axis", "limit")
 _SHAPES = ("box", "sphere", "cylinder", "mesh")
-# Largest length, mass or inertia of a description [SI units].
-_LARGEST = 1e9
 # Numbers in attributes: how many; those in _OPTIONAL may be left out.
 _NUMBERS = {
     "origin": {"xyz": 3, "rpy": 3},
@@ -152,8 +143,8 @@ def parse_xml(text: str, source: str) -> ET.Element:
     level, depth = [root], 0
     while level:
         level, depth = [child for element in level for child in element], depth + 1
-        if depth > MAX_DEPTH:
-            raise RobotError(f"{source} has elements within more than {MAX_DEPTH} others")
+        if depth > (most := INPUT_LIMITS.description_depth):
+            raise RobotError(f"{source} has elements within more than {most} others")
     return root
 
 
@@ -167,10 +158,10 @@ def _parse(urdf: str, source: str) -> ET.Element:
         )
     n_links = len(root.findall("link"))
     n_movable = sum(joint.get("type") in _ONE_DOF_TYPES for joint in root.findall("joint"))
-    if n_links > MAX_LINKS or n_movable > MAX_MOVABLE_JOINTS:
+    if n_links > INPUT_LIMITS.links or n_movable > INPUT_LIMITS.movable_joints:
         raise RobotError(
             f"{source} has {n_links} links and {n_movable} movable joints, but at most "
-            f"{MAX_LINKS} and {MAX_MOVABLE_JOINTS} are accepted"
+            f"{INPUT_LIMITS.links} and {INPUT_LIMITS.movable_joints} are accepted"
         )
     return root
 
@@ -302,7 +293,7 @@ def _wrong_numbers(element: ET.Element) -> str:
             except ValueError:
                 values = []
             # Limits may be huge; masses and lengths that are would overflow in the dynamics.
-            largest = math.inf if part.tag == "limit" else _LARGEST
+            largest = math.inf if part.tag == "limit" else INPUT_LIMITS.description_value
             if len(values) != count or not all(
                 math.isfinite(value) and abs(value) <= largest for value in values
             ):

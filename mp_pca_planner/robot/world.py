@@ -15,13 +15,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..arrays import FloatArray, frozen_array, set_frozen, unique_names
 from ..exceptions import WorldError, quote_names, unknown_name
+from ..input_limits import INPUT_LIMITS
 
-MAX_SHAPES = 1000
-"""Largest number of shapes of a world: the time to use it grows with the square."""
-MAX_TRIANGLES = 200_000
-"""Largest number of triangles of a world."""
-MAX_LENGTH = 1e3
-"""Largest size or coordinate of a shape [m]."""
 ANY = "*"
 """Stands for all other bodies in an allowed contact."""
 
@@ -191,8 +186,9 @@ class Mesh(Shape):
     ) -> None:
         points = _coordinates(vertices, (None, 3), "vertices of a mesh")
         indices = frozen_array(triangles, (None, 3), "triangles of a mesh", WorldError)
-        if not 1 <= len(indices) <= MAX_TRIANGLES:
-            raise WorldError(f"a mesh must have 1 to {MAX_TRIANGLES} triangles, got {len(indices)}")
+        most = INPUT_LIMITS.triangles
+        if not 1 <= len(indices) <= most:
+            raise WorldError(f"a mesh must have 1 to {most} triangles, got {len(indices)}")
         if np.any(indices != np.round(indices)) or not (
             indices.min() >= 0 and indices.max() < len(points)
         ):
@@ -310,8 +306,8 @@ class World:
         shapes = [shape for one in bodies for shape in one.shapes]
         n_triangles = sum(len(one.triangles) for one in shapes if isinstance(one, Mesh))
         for count, most, kind in (
-            (len(shapes), MAX_SHAPES, "shapes"),
-            (n_triangles, MAX_TRIANGLES, "triangles"),
+            (len(shapes), INPUT_LIMITS.shapes, "shapes"),
+            (n_triangles, INPUT_LIMITS.triangles, "triangles"),
         ):
             if count > most:
                 raise WorldError(f"a world of {count} {kind} is too large: at most {most} are used")
@@ -388,13 +384,15 @@ def _unit(quaternion: ArrayLike, what: str) -> FloatArray:
 
 def _positive(value: float, what: str) -> float:
     number = float(frozen_array(value, (), what, WorldError))
-    if not 0.0 < number <= MAX_LENGTH:
-        raise WorldError(f"{what} must be above 0 and at most {MAX_LENGTH:g} m, got {number:g}")
+    most = INPUT_LIMITS.world_length
+    if not 0.0 < number <= most:
+        raise WorldError(f"{what} must be above 0 and at most {most:g} m, got {number:g}")
     return number
 
 
 def _coordinates(values: ArrayLike, shape: tuple[int | None, ...], what: str) -> FloatArray:
     array = frozen_array(values, shape, what, WorldError)
-    if np.abs(array).max(initial=0.0) > MAX_LENGTH:
-        raise WorldError(f"{what} must be at most {MAX_LENGTH:g} m, got {np.abs(array).max():g}")
+    largest, most = np.abs(array).max(initial=0.0), INPUT_LIMITS.world_length
+    if largest > most:
+        raise WorldError(f"{what} must be at most {most:g} m, got {largest:g}")
     return array

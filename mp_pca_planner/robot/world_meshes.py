@@ -13,11 +13,8 @@ from numpy.typing import NDArray
 from ..arrays import FloatArray
 from ..exceptions import WorldError, printable, quote_names
 from ..files import open_regular, reading
+from ..input_limits import INPUT_LIMITS
 from .bodies import coal
-from .world import MAX_TRIANGLES
-
-# Largest mesh file that is read [bytes].
-_MAX_BYTES = 64 << 20
 
 
 def read_mesh(resource: str, package_dirs: Sequence[Path]) -> tuple[FloatArray, NDArray[np.intp]]:
@@ -45,12 +42,12 @@ def read_mesh(resource: str, package_dirs: Sequence[Path]) -> tuple[FloatArray, 
     path = _path(resource, package_dirs)
     with reading(f"mesh '{printable(resource)}'", WorldError):
         with open_regular(path) as file:
-            if file.seek(0, 2) > _MAX_BYTES:
-                raise ValueError(f"it is larger than {_MAX_BYTES:,} bytes")
+            if file.seek(0, 2) > INPUT_LIMITS.mesh_bytes:
+                raise ValueError(f"it is larger than {INPUT_LIMITS.mesh_bytes:,} bytes")
         found = coal.MeshLoader().load(str(path), np.ones(3))
-        if not 1 <= found.num_tris <= MAX_TRIANGLES:
+        if not 1 <= found.num_tris <= INPUT_LIMITS.triangles:
             raise ValueError(
-                f"it has {found.num_tris} triangles, 1 to {MAX_TRIANGLES} are accepted"
+                f"it has {found.num_tris} triangles, 1 to {INPUT_LIMITS.triangles} are accepted"
             )
         vertices = np.array(found.vertices())
         triangles = [[t[0], t[1], t[2]] for t in map(found.tri_indices, range(found.num_tris))]

@@ -12,16 +12,12 @@ from rclpy.expand_topic_name import expand_topic_name
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
 
-from ..exceptions import GoalError
+from ..exceptions import GoalError, quote_names
 from .client import check_node_name
 from .process import NodeInOwnContext
 from .subscriptions import PolledSubscription
 
 _NAME = "teach"
-_PERIOD = 0.02  # time between two polls [s]
-
-# As reliable as the publishers; waits for ten seconds of states at 1 kHz.
-_EVERY_STATE = QoSProfile(depth=10_000, reliability=ReliabilityPolicy.BEST_AVAILABLE)
 
 Record = Callable[[Sequence[tuple[int, bytes]]], None]
 
@@ -54,9 +50,11 @@ class JointStateSource(NodeInOwnContext):
     ----------
     pause : float
         Least time between two looks at what was recorded [s].
+    period : float
+        Time between two polls [s].
     """
 
-    pause = 0.3
+    pause, period = 0.3, 0.02
 
     def __init__(self, topic: str) -> None:
         super().__init__(_NAME, "", _NAME)
@@ -79,12 +77,26 @@ class JointStateSource(NodeInOwnContext):
             raise self._error
         return True
 
+    def silence(self) -> str:
+        """Why nothing has come: nobody publishes on the topic, or a publisher is silent."""
+        if self.node.count_publishers(self._topic):
+            return f"nothing has been received on '{self._topic}' yet"
+        found = [
+            name
+            for name, types in self.node.get_topic_names_and_types()
+            if "sensor_msgs/msg/JointState" in types and self.node.count_publishers(name)
+        ]
+        return (
+            f"nobody publishes on '{self._topic}' yet; topics with joint states: "
+            f"{quote_names(sorted(found))}"
+        )
+
     def _run(self, record: Record) -> None:
         try:
             states = self._subscribe()
             is_ending = False
             while states is not None and not is_ending:
-                is_ending = self._is_ending.wait(_PERIOD)
+                is_ending = self._is_ending.wait(self.period)
                 record(
                     [
                         (facts["received_timestamp"] or time.time_ns(), bytes(message))
@@ -97,6 +109,8 @@ class JointStateSource(NodeInOwnContext):
     def _subscribe(self) -> PolledSubscription | None:
         """Subscribe once there is a publisher, to whose reliability that of the topic is fitted."""
         while not self.node.count_publishers(self._topic):
-            if self._is_ending.wait(_PERIOD):
+            if self._is_ending.wait(self.period):
                 return None
-        return PolledSubscription(self.node, JointState, self._topic, _EVERY_STATE, raw=True)
+        # As reliable as the publishers; ten seconds of states at 1 kHz may wait.
+        every = QoSProfile(depth=10_000, reliability=ReliabilityPolicy.BEST_AVAILABLE)
+        return PolledSubscription(self.node, JointState, self._topic, every, raw=True)

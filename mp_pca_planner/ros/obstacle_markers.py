@@ -14,9 +14,8 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from ..arrays import FloatArray, frozen_array
 from ..exceptions import WorldError, printable, unknown_name
+from ..input_limits import INPUT_LIMITS
 from ..robot.world import (
-    MAX_SHAPES,
-    MAX_TRIANGLES,
     Box,
     Cylinder,
     Mesh,
@@ -27,8 +26,6 @@ from ..robot.world import (
 )
 from ..robot.world_meshes import read_mesh
 
-# Messages that are remembered, because latched ones arrive on both subscriptions.
-_N_SEEN = 400
 _ACCEPTED = "CUBE, SPHERE, CYLINDER, CUBE_LIST, SPHERE_LIST, TRIANGLE_LIST and MESH_RESOURCE"
 
 
@@ -91,7 +88,8 @@ def _shapes(marker: Marker, package_dirs: Sequence[Path]) -> list[Shape]:
 
 
 def _points(marker: Marker) -> FloatArray:
-    most = 3 * MAX_TRIANGLES if marker.type == Marker.TRIANGLE_LIST else MAX_SHAPES
+    limits, is_mesh = INPUT_LIMITS, marker.type == Marker.TRIANGLE_LIST
+    most = 3 * limits.triangles if is_mesh else limits.shapes
     if len(marker.points) > most:
         raise WorldError(f"it has {len(marker.points)} points, at most {most} are accepted")
     return np.array([(p.x, p.y, p.z) for p in marker.points]).reshape(-1, 3)
@@ -109,10 +107,20 @@ class MarkerMessages:
 
     They come on two subscriptions, since latched messages and those of best-effort publishers need
     one each.
+
+    Attributes
+    ----------
+    rejected : dict
+        Why the last marker of a name can't be used, by the names of such markers.
     """
 
+    most = 400
+    """Largest numbers of remembered messages, and of remembered rejections."""
+
     def __init__(self) -> None:
-        self._seen: deque[int] = deque(maxlen=_N_SEEN)
+        self.rejected: dict[str, str] = {}
+        # The latest messages, because latched ones arrive on both subscriptions.
+        self._seen: deque[int] = deque(maxlen=self.most)
         # Source time of the last change of each obstacle, and of all of them [ns].
         self._changed: dict[str, int] = {}
         self._cleared = 0
@@ -162,11 +170,22 @@ class MarkerMessages:
                 _apply_marker(marker, obstacles, links, folders)
             except WorldError as error:
                 problems.append(str(error))
+                if len(self.rejected) < self.most:
+                    self.rejected[name] = str(error)
                 continue
+            for cleared in [x for x in self.rejected if _concerns(marker, x)]:
+                del self.rejected[cleared]
             self._changed[name] = stamp
             if marker.action == Marker.DELETEALL and not marker.ns:
                 self._cleared = stamp
         return list(obstacles.values()), problems
+
+
+def _concerns(marker: Marker, name: str) -> bool:
+    """Whether a marker changes or deletes the obstacle of a name."""
+    if marker.action != Marker.DELETEALL:
+        return name == marker_name(marker)
+    return name.startswith(f"{marker.ns}/" if marker.ns else "")
 
 
 def _apply_marker(
@@ -177,8 +196,7 @@ def _apply_marker(
 ) -> None:
     name, frame = marker_name(marker), marker.header.frame_id
     if marker.action == Marker.DELETEALL:
-        prefix = f"{marker.ns}/" if marker.ns else ""
-        for other in [one for one in obstacles if one.startswith(prefix)]:
+        for other in [one for one in obstacles if _concerns(marker, one)]:
             del obstacles[other]
     elif marker.action == Marker.DELETE:
         obstacles.pop(name, None)

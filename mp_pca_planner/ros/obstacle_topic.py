@@ -10,7 +10,7 @@ from typing import Any
 from visualization_msgs.msg import MarkerArray
 
 from ..exceptions import PlannerError
-from ..execution.avoidance import ObstacleAvoidance
+from ..execution.motion_server import MotionServer
 from ..motion.collision import package_folders
 from ..robot.world import World
 from .guarded_node import LOG_PERIOD, GuardedNode
@@ -29,26 +29,21 @@ class ObstacleTopic:
         The node.
     setup : PlanningSetup
         Has the robot whose links markers may be attached to.
-    avoidance : ObstacleAvoidance
+    server : MotionServer
         Keeps the obstacles.
     on_threat : callable
         Called if the running motion would hit a new obstacle.
-
-    Attributes
-    ----------
-    problem : str
-        Why a marker of the last message was rejected; empty if none was.
     """
 
     def __init__(
         self,
         node: GuardedNode,
         setup: PlanningSetup,
-        avoidance: ObstacleAvoidance,
+        server: MotionServer,
         on_threat: Callable[[], None],
     ) -> None:
-        self._node, self._setup, self._avoidance = node, setup, avoidance
-        self._on_threat, self.problem = on_threat, ""
+        self._node, self._setup, self._server = node, setup, server
+        self._on_threat = on_threat
         self._messages = MarkerMessages()
         group = ThreadGroup()
         for callback, qos in ((self._on_live, BURSTS), (self._on_late, LATCHED_BURSTS)):
@@ -60,10 +55,10 @@ class ObstacleTopic:
 
     @property
     def facts(self) -> dict[str, str | int]:
-        """The number of obstacles, and the last problem, for the diagnostics."""
+        """The number of obstacles, and why one is not avoided, for the diagnostics."""
         return {
-            "obstacles": len(self._avoidance.world),
-            "obstacle_rejected": self.problem or "none",
+            "obstacles": len(self._server.surroundings.world),
+            "obstacle_rejected": self._server.surroundings.missing or "none",
         }
 
     def close(self) -> None:
@@ -78,9 +73,9 @@ class ObstacleTopic:
 
     def _apply(self, message: MarkerArray, stamp: int, *, is_late: bool) -> None:
         """Apply the markers of a message; one that can't be used changes nothing."""
-        context = self._setup.context
+        context, surroundings = self._setup.context, self._server.surroundings
         applied = self._messages.apply(
-            self._avoidance.world,
+            surroundings.world,
             message,
             stamp,
             is_late=is_late,
@@ -90,12 +85,14 @@ class ObstacleTopic:
         if applied is None:
             return
         obstacles, problems = applied
+        missing = list(self._messages.rejected.values())
         try:
-            if self._avoidance.replace_world(World(obstacles), context):
+            if surroundings.replace(World(obstacles), context, self._server.served):
                 self._on_threat()
         except PlannerError as error:
             problems.append(str(error))
-        self.problem = to_text(problems[0]) if problems else ""
+            missing.append(str(error))
+        surroundings.missing = to_text(missing[0]) if missing else ""
         if problems:
             more = f" (and {len(problems) - 1} more)" if problems[1:] else ""
             text = to_text(f"obstacles: {problems[0]}{more}")

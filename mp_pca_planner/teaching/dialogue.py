@@ -13,9 +13,6 @@ from .words import SessionWords
 
 KEYS = "d discards the last motion, b builds the primitive, q quits; all that is recorded is kept"
 
-# Pauses are at least so many times as long as an update of the session.
-_IDLE_RATIO = 4.0
-
 
 class StateSource(Protocol):
     """Where the joint states of a session come from."""
@@ -26,6 +23,9 @@ class StateSource(Protocol):
 
     def feed(self, record: Callable[[Sequence[tuple[int, bytes]]], None]) -> bool:
         """Record what has come; returns whether more may follow."""
+
+    def silence(self) -> str:
+        """Why nothing has come, as far as that is known."""
 
 
 class KeySource(Protocol):
@@ -41,6 +41,8 @@ def hold_dialogue(
     keys: KeySource,
     words: SessionWords,
     say: Callable[..., None],
+    idle_ratio: float = 4.0,
+    max_silence: int = 10,
 ) -> bool:
     """Show motions as they end, until a person ends the session.
 
@@ -56,20 +58,28 @@ def hold_dialogue(
         Describes the motions.
     say :
         Prints lines.
+    idle_ratio :
+        Pauses are at least so many times as long as an update of the session.
+    max_silence :
+        Number of pauses at the beginning without a message after which that is said.
 
     Returns
     -------
     is_built :
         Whether the primitive is to be built.
     """
-    is_fed = True
+    is_fed, n_silent, n_known = True, 0, session.n_messages
     while True:
         started = time.monotonic()
         is_fed = is_fed and source.feed(session.record)
-        say(*words.update_lines(session.update(is_over=not is_fed), session.motions))
+        update = session.update(is_over=not is_fed, explains=not is_fed or source.pause > 0.0)
+        say(*words.update_lines(update, session.motions))
         if is_fed and not source.pause:
             continue
-        pause = max(source.pause, _IDLE_RATIO * (time.monotonic() - started))
+        n_silent = n_silent + 1 if session.n_messages == n_known else 0
+        if n_silent == max_silence and is_fed:
+            say(source.silence())
+        pause = max(source.pause, idle_ratio * (time.monotonic() - started))
         key = keys.pressed(pause if is_fed else None)
         if key is None or key == "q":
             return False
@@ -82,7 +92,7 @@ def hold_dialogue(
             discarded = session.discard_last()
             say("there is no motion to discard" if discarded is None else _discarded(session))
         elif key:
-            say(KEYS)
+            say(f"'{key}' does nothing: {KEYS}")
 
 
 def _discarded(session: TeachingSession) -> str:

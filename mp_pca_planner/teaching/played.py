@@ -12,8 +12,6 @@ from ..recordings.bags import JOINT_STATE, choose_topic, open_bag, to_cdr
 from ..recordings.bags.files import damage_reported
 from ..recordings.joint_states import slice_joint_states
 
-_N_PARTS = 50
-
 
 class PlayedBag:
     """Joint states of a bag, part by part and as fast as they are taken.
@@ -24,6 +22,8 @@ class PlayedBag:
         The recording.
     topic : str or None
         Topic of the joint states; by default the only one.
+    n_parts : int
+        Number of parts.
 
     Attributes
     ----------
@@ -40,7 +40,7 @@ class PlayedBag:
 
     pause = 0.0
 
-    def __init__(self, path: Path, topic: str | None = None) -> None:
+    def __init__(self, path: Path, topic: str | None = None, n_parts: int = 50) -> None:
         with open_bag(path) as bag, damage_reported(path, bag.format):
             chosen = choose_topic(bag.topics, topic)
             if chosen.type != JOINT_STATE:
@@ -48,7 +48,7 @@ class PlayedBag:
             convert = to_cdr if bag.format == "rosbag1" else bytes
             self._left = bag.read([chosen], lambda stored: [(t, convert(x)) for _, t, x in stored])
         self.topic = chosen.name
-        self._n = -(-len(self._left) // _N_PARTS)
+        self._n = -(-len(self._left) // n_parts)
 
     @property
     def joint_names(self) -> tuple[str, ...]:
@@ -67,3 +67,7 @@ class PlayedBag:
         part, self._left = self._left[: self._n], self._left[self._n :]
         record(part)
         return bool(self._left)
+
+    def silence(self) -> str:
+        """Why nothing has come; not asked, since there are no pauses."""
+        return ""

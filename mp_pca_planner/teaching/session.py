@@ -157,7 +157,12 @@ class TeachingSession:
             with self._lock:
                 self._waiting += messages
 
-    def update(self, *, is_over: bool = False) -> SessionUpdate:
+    @property
+    def n_messages(self) -> int:
+        """Number of messages in the recording, as of the last update."""
+        return self._raw.n_messages
+
+    def update(self, *, is_over: bool = False, explains: bool = True) -> SessionUpdate:
         """Cut the recording as it is now.
 
         Parameters
@@ -165,12 +170,15 @@ class TeachingSession:
         is_over : bool
             Whether nothing follows. Otherwise the motions stay as they were while the arm moves:
             its last motions may still be cut in another way.
+        explains : bool
+            Whether to say why a recording holds no motion.
         """
         self._take()
         try:
             cuts, clean = cutting.cut_joint_states(self._raw, self._joints, _SEGMENTATION)
         except RecordingError as error:
-            return SessionUpdate(notes=self._new_notes([str(error)], re.compile(r"\d\S*")))
+            reasons = [str(error)] if explains and (self.n_messages or is_over) else []
+            return SessionUpdate(notes=self._new_notes(reasons, re.compile(r"\d\S*")))
         if not is_over and not _is_at_rest(cuts, clean):
             return SessionUpdate()
         self.present = clean.pieces[-1].positions[-1]

@@ -67,7 +67,7 @@ def _provenance(primitive: MovementPrimitive) -> list[dict[str, Any]]:
     """Facts on each demonstration; empty where the file holds none."""
     facts = primitive.metadata.get("demonstrations")
     n = len(primitive.durations)
-    if not isinstance(facts, list) or len(facts) != n:
+    if not isinstance(facts, Sequence) or len(facts) != n:
         return [{}] * n
     return [fact if isinstance(fact, dict) else {} for fact in facts]
 

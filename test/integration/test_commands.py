@@ -142,7 +142,7 @@ def test_build_primitives_gives_the_same_bytes_again(recording, tmp_path):
     assert files[0].read_bytes() == files[1].read_bytes()
 
 
-@pytest.mark.parametrize("way", ["linear", "arc_length", "dtw"])
+@pytest.mark.parametrize("way", ["linear", "arc_length"])
 def test_build_primitives_aligns_as_it_is_told(recording, tmp_path, way):
     output = tmp_path / "a.npz"
     run("build_primitives", recording[0], "--output", output, "--align", way, ok=True)

@@ -13,6 +13,7 @@ import pytest
 pytest.importorskip("rclpy", reason="ROS 2 (rclpy) is not installed")
 
 from arm import JOINTS, arm_robot
+from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import Point, Quaternion
 from nodes import GOAL, START, NodeClient, column, running_node, set_domain, times
 from patience import HANG
@@ -179,8 +180,18 @@ def test_markers_that_can_not_be_used_change_nothing(bench: Bench, user: MarkerU
     ):
         user.send(bad, marker(2, far))
         user.wait(obstacles="2", obstacle_rejected=reason)
-        user.send(deletion(2))
+        user.send(deletion(2))  # of another obstacle: the rejected one is still not avoided
+        user.wait(obstacles="1", obstacle_rejected=reason)
+        user.send(marker(1, far))
         user.wait(obstacles="1", obstacle_rejected="none")
+
+
+def test_goals_warn_of_an_obstacle_that_is_not_avoided(bench: Bench, user: MarkerUser) -> None:
+    user.send(marker(1, np.zeros(3), header=Header(frame_id="map")))
+    user.wait(obstacle_rejected="no link is called 'map'")
+    report = bench.send(GOAL).report
+    assert report.level == DiagnosticStatus.WARN
+    assert "an obstacle is not avoided: marker 'test/1': no link is called 'map'" in report.message
 
 
 def test_latched_markers_are_heard_late_and_best_effort_ones_live(

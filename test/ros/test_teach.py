@@ -26,6 +26,7 @@ from mp_pca_planner.primitives.file import load_primitive, save_primitive
 from mp_pca_planner.recordings.segments_file import read_segments
 from mp_pca_planner.resources import config_file
 from mp_pca_planner.ros.client import READY
+from mp_pca_planner.ros.joint_state_source import JointStateSource
 
 URDF_FILE = str(config_file("human_arm.urdf"))
 
@@ -146,3 +147,20 @@ def test_a_killed_session_is_continued_and_the_robot_reaches_a_goal_as_it_was_ta
     assert primitive.name == "taught" and set(primitive.joint_names) == set(JOINTS)
     segments = read_segments(tmp_path / "taught_segments.csv", ["taught"])["taught"]
     assert len(primitive.durations) == len(segments) >= 3
+
+
+def test_a_topic_that_nobody_publishes_on_is_named_beside_the_others(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    set_domain(monkeypatch, 64)
+    start, deadline = ",".join(map(str, START)), time.monotonic() + HANG
+    with (
+        JointStateSource("/typo") as typo,
+        JointStateSource("/joint_states") as right,
+        started("simulate", "--robot", URDF_FILE, "--start", start),
+    ):
+        while "'/joint_states'" not in typo.silence():
+            assert time.monotonic() < deadline
+            time.sleep(0.02)
+        assert typo.silence().startswith("nobody publishes on '/typo' yet; topics with joint")
+        assert right.silence() == "nothing has been received on '/joint_states' yet"

@@ -12,14 +12,16 @@ from mp_pca_planner.arrays import frozen_array
 from mp_pca_planner.exceptions import PlannerError
 from mp_pca_planner.rows import BLOCK, empty_rows, is_in_file, release, row_blocks, row_mean
 
-SHAPES = {"a": (3, 2), "b": (), "c": (0,)}
+KINDS = {"a": (float, (3, 2)), "b": (float, ()), "c": (float, (0,)), "d": ("S3", ())}
 
 
 @pytest.mark.parametrize("n_rows", [1, BLOCK, 20 * BLOCK + 3])
 def test_rows_are_kept_and_come_in_blocks(n_rows):
     rng = np.random.default_rng(0)
-    expected = {name: rng.normal(size=(n_rows, *shape)) for name, shape in SHAPES.items()}
-    found = empty_rows(n_rows, SHAPES)
+    shapes = {"a": (3, 2), "b": (), "c": (0,)}
+    expected = {name: rng.normal(size=(n_rows, *shape)) for name, shape in shapes.items()}
+    expected["d"] = rng.integers(1000, size=n_rows).astype("S3")
+    found = empty_rows(n_rows, KINDS)
     for name, array in found.items():
         array[:] = expected[name]
         release(array)
@@ -37,7 +39,7 @@ def test_released_rows_take_no_memory():
         lines = Path("/proc/self/status").read_text().splitlines()
         return sum(int(x.split()[1]) for x in lines if x.startswith(("RssFile", "RssShmem")))
 
-    array = empty_rows(4_000_000, {"x": ()})["x"]
+    array = empty_rows(4_000_000, {"x": (float, ())})["x"]
     array[:] = 1.0
     used = resident()
     release(array)
@@ -46,7 +48,7 @@ def test_released_rows_take_no_memory():
 
 
 def test_a_frozen_array_in_a_file_is_no_copy_and_is_checked():
-    array = empty_rows(100_000, {"x": (1,)})["x"]
+    array = empty_rows(100_000, {"x": (float, (1,))})["x"]
     array[:] = 0.0
     array[70_000] = np.nan
     with pytest.raises(PlannerError, match=r"x\[70000, 0\] is nan"):
@@ -58,5 +60,5 @@ def test_a_frozen_array_in_a_file_is_no_copy_and_is_checked():
 
 def test_a_full_disk_is_one_sentence():
     with pytest.raises(PlannerError, match="set TMPDIR to a folder with more space") as refusal:
-        empty_rows(1 << 50, {"x": ()})
+        empty_rows(1 << 50, {"x": (float, ())})
     assert tempfile.gettempdir() in str(refusal.value)

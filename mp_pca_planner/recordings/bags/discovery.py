@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import glob
 import hashlib
+import os
 import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
@@ -60,19 +61,28 @@ def find_recordings(paths: str | Recording | Iterable[str | Recording]) -> tuple
             )
         for recording in recordings:
             # Links and overlapping patterns may lead to the same place.
-            same = recording.resolve() if isinstance(recording, Path) else recording
+            same = _location(recording) if isinstance(recording, Path) else recording
             found.setdefault(str(same), recording)
     return tuple(found.values())
 
 
 def recording_names(paths: Sequence[Recording]) -> tuple[str, ...]:
-    """Name recordings by their file or folder, and by its parent where several have that name."""
+    """Name recordings by their file or folder; equal names get suffixes or parent folders."""
+    locations = [_location(path) for path in paths]
     names = [_own_name(path) for path in paths]
-    counts = Counter(names)
-    return tuple(
-        name if counts[name] == 1 else f"{_location(path).parent.name}/{name}"
-        for path, name in zip(paths, names, strict=True)
-    )
+    beside = Counter((place.parent, name) for place, name in zip(locations, names, strict=True))
+    own = [
+        name if beside[place.parent, name] == 1 else place.name
+        for place, name in zip(locations, names, strict=True)
+    ]
+    names = own
+    for n_parents in range(1, max((len(place.parts) for place in locations), default=1)):
+        counts = Counter(names)
+        names = [
+            name if counts[name] == 1 else "/".join((*place.parent.parts[-n_parents:], last))
+            for name, place, last in zip(names, locations, own, strict=True)
+        ]
+    return tuple(names)
 
 
 @contextmanager
@@ -217,7 +227,8 @@ def _at_url(url: str) -> list[Recording]:
 
 
 def _location(recording: Recording) -> PurePath:
-    return recording.resolve() if isinstance(recording, Path) else recording.location
+    # Path.resolve raises errors at links that lead to themselves.
+    return Path(os.path.realpath(recording)) if isinstance(recording, Path) else recording.location
 
 
 def _own_name(recording: Recording) -> str:

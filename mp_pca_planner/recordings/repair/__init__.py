@@ -21,6 +21,7 @@ from .messages import (
     drop_equal_stamps,
     drop_unusable,
     drop_zeros,
+    left_out_notes,
     order_by_time,
     refuse_late_contradictions,
     take_joints,
@@ -87,7 +88,8 @@ def repair(
         # A rate that jitter puts just below a multiple still counts as that multiple.
         n_averaged = max(1, int(rate * 1.001 // options.enough_rate))
         pieces = long_pieces([averaged(piece, n_averaged) for piece in pieces], options, repairs)
-        notes = (*clock_notes, *checked, *motion_notes(names, pieces, options))
+        left_out = left_out_notes(raw, names) if joints is None else ()
+        notes = (*left_out, *clock_notes, *checked, *motion_notes(names, pieces, options))
         return CleanRecording(
             joint_names=names,
             pieces=tuple(pieces),

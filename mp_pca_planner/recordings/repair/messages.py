@@ -60,6 +60,7 @@ def _known_joints(listed: Sequence[tuple[str, ...]], joints: Sequence[str]) -> t
 
 
 def _common_joints(listed: Sequence[tuple[str, ...]], topic: str) -> tuple[str, ...]:
+    listed = [names for names in listed if names] or listed  # some publishers send empty messages
     common = set.intersection(*map(set, listed))
     if not common:
         choices = "; ".join(quote_names(names) for names in list(dict.fromkeys(listed))[:10])
@@ -68,6 +69,14 @@ def _common_joints(listed: Sequence[tuple[str, ...]], topic: str) -> tuple[str, 
             f"{choices}"
         )
     return tuple(name for name in listed[0] if name in common)
+
+
+def left_out_notes(raw: RawJointStates, names: tuple[str, ...]) -> tuple[str, ...]:
+    """A note on the joints that are not taken, if there are any."""
+    left_out = [name for name in raw.listed_joints if name not in names]
+    if not left_out:
+        return ()
+    return (f"joints left out, as not every message has them: {quote_names(left_out)}",)
 
 
 def take_joints(

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ...arrays import FloatArray
 from ...exceptions import RecordingError, quote_names
 from ..byte_layout import NS_PER_S
-from ..joint_states import IntArray, RawJointStates
+from ..joint_states import IntArray, JointLayout, RawJointStates
 from .messages import choose_clock
 from .recording import Piece, RepairOptions, Samples, count, taken
 
@@ -185,22 +185,21 @@ def velocity_notes(
 ) -> tuple[str, ...]:
     """Notes on missing and wrong velocities of some joints, one sentence each.
 
-    The messages of the most frequent layout are checked.
+    The messages of the layout with most velocities are checked.
     """
     if raw.computed:
         return ()
     fitting = [layout for layout in raw.layouts if set(joint_names) <= set(layout.joint_names)]
-    layout = max(fitting, key=lambda layout: layout.messages.size)
-    n_messages = layout.messages.size
-    columns = [layout.joint_names.index(name) for name in joint_names]
-    n_missing = n_messages
-    if layout.velocities is not None:
-        n_missing -= count(np.asarray(np.isfinite(layout.velocities[:, columns]).all(axis=1)))
-    if n_missing == n_messages or layout.velocities is None:
+    n_messages = sum(layout.messages.size for layout in fitting)
+    n_missing = n_messages - sum(_n_velocities(layout, joint_names) for layout in fitting)
+    if n_missing == n_messages:
         return (f"velocities are empty or NaN in all {n_messages} messages",)
     notes = []
     if n_missing:
         notes.append(f"velocities are empty or NaN in {n_missing} of {n_messages} messages")
+    layout = max(fitting, key=lambda layout: _n_velocities(layout, joint_names))
+    columns = [layout.joint_names.index(name) for name in joint_names]
+    assert layout.velocities is not None  # it has most of them
     stamps, _ = choose_clock(raw, layout.messages)
     latest = np.maximum.accumulate(stamps)
     rows = np.flatnonzero(np.append(True, stamps[1:] > latest[:-1]) & (stamps > 0))
@@ -216,6 +215,14 @@ def velocity_notes(
         for verdict, names in verdicts.items()
     ]
     return tuple(notes)
+
+
+def _n_velocities(layout: JointLayout, joint_names: Sequence[str]) -> int:
+    """Number of messages with the velocities of all of the joints."""
+    if layout.velocities is None:
+        return 0
+    columns = [layout.joint_names.index(name) for name in joint_names]
+    return count(np.asarray(np.isfinite(layout.velocities[:, columns]).all(axis=1)))
 
 
 def _mean_velocities(

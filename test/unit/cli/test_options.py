@@ -18,9 +18,9 @@ from mp_pca_planner.control.closed_loop import ErrorModel
 from mp_pca_planner.control.law import KINDS
 from mp_pca_planner.evaluation.problems import EXAMPLE_ROBOTS
 from mp_pca_planner.evaluation.run import PEERS
+from mp_pca_planner.input_limits import INPUT_LIMITS
 from mp_pca_planner.planning.objectives import OBJECTIVES
 from mp_pca_planner.planning.plan import BASES, MODES, PlannerOptions
-from mp_pca_planner.planning.request import LONGEST_DURATION
 from mp_pca_planner.planning.starts import MOST_STARTS
 from mp_pca_planner.primitives.alignment import ALIGNMENTS
 from mp_pca_planner.primitives.options import PrimitiveOptions
@@ -103,9 +103,10 @@ def test_defaults_are_those_of_the_library(helps: dict[str, str]) -> None:
 
 
 def test_longest_duration_and_most_starts_are_those_of_the_library() -> None:
-    most = ("--duration", f"{LONGEST_DURATION}", "--starts", f"{MOST_STARTS}")
-    assert parse("plan", [*GOAL, *most]).duration == LONGEST_DURATION
-    for more in (("--duration", f"{1.01 * LONGEST_DURATION}"), ("--starts", f"{MOST_STARTS + 1}")):
+    longest = INPUT_LIMITS.duration
+    most = ("--duration", f"{longest}", "--starts", f"{MOST_STARTS}")
+    assert parse("plan", [*GOAL, *most]).duration == longest
+    for more in (("--duration", f"{1.01 * longest}"), ("--starts", f"{MOST_STARTS + 1}")):
         with pytest.raises(SystemExit):
             parse("plan", [*GOAL, *more])
 

@@ -177,7 +177,10 @@ def test_controller_gets_the_gains_by_joint() -> None:
 @pytest.mark.parametrize(
     ("build", "reason"),
     [
-        (lambda: ControlLaw("pid", JOINTS, np.ones(4), np.ones(4)), "one of"),
+        (
+            lambda: ControlLaw("pid", JOINTS, np.ones(4), np.ones(4)),
+            "valid names: 'feedforward_pd'",
+        ),
         (lambda: ControlLaw(FEEDFORWARD_PD, JOINTS, np.ones(4), -np.ones(4)), "positive"),
         (lambda: ErrorModel(inertia=1.0), "less than 1"),
         (lambda: ErrorModel(payload=-1.0), "payload"),

@@ -12,7 +12,7 @@ import pinocchio as pin
 import pytest
 from arm import JOINTS
 
-from mp_pca_planner.evaluation.problems import EXAMPLE_ROBOTS
+from mp_pca_planner.evaluation.problems import EXAMPLE_ROBOTS, robot_file
 from mp_pca_planner.motion.collision import CollisionModel, package_folders
 from mp_pca_planner.resources import config_file
 from mp_pca_planner.robot.model import Robot
@@ -111,8 +111,8 @@ def test_pairs_of_the_human_arm_are_the_expected_ones():
 
 @pytest.mark.parametrize("name", EXAMPLE_ROBOTS)
 def test_pairs_of_arms_with_their_grippers_locked_are_the_expected_ones(name):
-    path, joints = EXAMPLE_ROBOTS[name]
-    assert assert_pairs_are_expected(FOLDER / path, joints)
+    _, path, joints = robot_file(name)
+    assert assert_pairs_are_expected(path, joints)
 
 
 @pytest.mark.parametrize("arm", ARMS.split())
@@ -125,8 +125,8 @@ def test_pairs_that_were_lost_on_panda_and_kinova_are_checked():
     path, _ = EXAMPLE_ROBOTS["panda"]
     pairs = assert_pairs_are_expected(FOLDER / path)
     assert frozenset(("panda_link5", "panda_leftfinger")) in pairs
-    path, joints = EXAMPLE_ROBOTS["kinova"]
-    pairs = assert_pairs_are_expected(FOLDER / path, joints)
+    _, path, joints = robot_file("kinova")
+    pairs = assert_pairs_are_expected(path, joints)
     for links in (("link_3", "link_finger_1"), ("link_4", "link_finger_tip_1")):
         assert frozenset(f"j2s6s200_{name}" for name in links) in pairs
 

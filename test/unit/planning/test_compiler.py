@@ -45,7 +45,7 @@ def test_the_chosen_nodes_integrate_the_effort_as_adaptive_quadrature_does(name)
             return 0.5 * np.sum(tau**2)
 
         exact, _ = quad_vec(power, 0.0, 0.9, epsrel=1e-9, points=motion.basis.breakpoints * 0.9)
-        found = program.effort_costs(motion.weights[None] / program.scales)[0]
+        found = program.costs(motion.weights[None] / program.scales)[0]
         assert found == pytest.approx(exact, rel=1e-3)
 
 
@@ -55,7 +55,7 @@ def test_the_chosen_nodes_agree_with_200(name):
         few, motion = compile_motion(BASES[name], seed)
         many, _ = compile_motion(BASES[name], seed, n_nodes=200)
         z = motion.weights[None] / few.scales
-        assert few.effort_costs(z)[0] == pytest.approx(many.effort_costs(z)[0], rel=1e-3)
+        assert few.costs(z)[0] == pytest.approx(many.costs(z)[0], rel=1e-3)
 
 
 @pytest.mark.parametrize("name", BASES)
@@ -67,7 +67,7 @@ def test_the_gradient_equals_central_differences_to_1e_6(name):
     z = motion.weights / program.scales
 
     def cost(z):
-        return program.effort_costs(z[None])[0] + program.naturalness(z)
+        return program.costs(z[None])[0]
 
     here = program.linearise(z)
     gradient = here.jacobian.T @ here.residual + program.precision @ (z - program.expected)
@@ -82,14 +82,14 @@ def test_the_residual_of_a_linearisation_is_that_of_the_effort():
     program, motion = compile_motion(BASES["joint"])
     z = motion.weights / program.scales
     residual = program.linearise(z).residual
-    assert 0.5 * residual @ residual == pytest.approx(program.effort_costs(z[None])[0], rel=1e-12)
+    assert 0.5 * residual @ residual == pytest.approx(program.costs(z[None])[0], rel=1e-12)
 
 
 def test_costs_of_several_candidates_are_those_of_each():
     program, _ = compile_motion(BASES["arm"])
     candidates = np.random.default_rng(1).normal(size=(5, 4))
-    together = program.effort_costs(candidates)
-    alone = [program.effort_costs(c[None])[0] for c in candidates]
+    together = program.costs(candidates)
+    alone = [program.costs(c[None])[0] for c in candidates]
     np.testing.assert_allclose(together, alone, rtol=1e-13)
 
 

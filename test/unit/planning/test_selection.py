@@ -47,7 +47,7 @@ def test_primitives_whose_demonstrations_are_far_away_are_not_compiled() -> None
         selection = selector.choose(start, goal)
         limit = max(1.25 * scores.min(), 1.0)
         assert len(selection.considered) == np.count_nonzero(scores <= limit)
-        assert all(c.in_span_score <= limit for c in selection.considered)
+        assert all(c.expected.in_span_score <= limit for c in selection.considered)
 
 
 def test_those_considered_are_in_the_order_of_their_expected_effort() -> None:
@@ -79,7 +79,7 @@ def considered(cost: float) -> Considered:
     """One of a primitive that doesn't matter."""
     primitive = arm_primitive()
     ends = arm_demonstrations(1)[0].positions[[0, -1]]
-    return Considered(primitive, primitive.model.predict(*ends), 1.0, cost)
+    return Considered(primitive, primitive.model.predict(*ends), cost)
 
 
 def test_a_duration_that_is_asked_for_counts_in_the_scores() -> None:

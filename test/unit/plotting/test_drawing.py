@@ -20,13 +20,14 @@ from mp_pca_planner.motion.trajectory import Trajectory
 from mp_pca_planner.planning.plan import Plan
 from mp_pca_planner.planning.planner import Planner
 from mp_pca_planner.plotting.arm import arm_figure
-from mp_pca_planner.plotting.figures import N_DEMONSTRATIONS, plan_figure, plot_plan, plot_primitive
+from mp_pca_planner.plotting.figures import plan_figure, plot_plan, plot_primitive
 from mp_pca_planner.plotting.motion import motion_figure
 from mp_pca_planner.plotting.page import picture
-from mp_pca_planner.plotting.primitive import PHASES, primitive_figure
+from mp_pca_planner.plotting.primitive import primitive_figure
 from mp_pca_planner.plotting.recording import recording_figure
-from mp_pca_planner.plotting.style import add_header, line, styled_figure
+from mp_pca_planner.plotting.style import FIGURES, add_header, line, styled_figure
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
+from mp_pca_planner.primitives.differences import PHASES
 from mp_pca_planner.primitives.primitive import MovementPrimitive
 from mp_pca_planner.recordings.demonstration import (
     Demonstration,
@@ -426,11 +427,11 @@ def test_plan_has_the_demonstrations_behind_it_that_are_nearest_to_it() -> None:
         panels = plan_figure(figure, found, [primitive])
     ends = primitive.boundary_states[:, [0, 3]]
     away = np.linalg.norm((ends - ends[3]) / (ends.std(axis=0) + 1e-3), axis=(1, 2))
-    nearest = np.argsort(away)[:N_DEMONSTRATIONS]
+    nearest = np.argsort(away)[: FIGURES.max_behind]
     assert nearest[0] == 3
     for joint, (above, *_) in enumerate(panels):
         planned, *behind = above.lines
-        assert len(behind) == N_DEMONSTRATIONS
+        assert len(behind) == FIGURES.max_behind
         assert all(x.get_zorder() < planned.get_zorder() for x in behind)
         shown = np.array([x.get_ydata()[[0, -1]] for x in behind])
         np.testing.assert_allclose(shown, np.rad2deg(ends[nearest][:, :, joint]), atol=1e-6)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from arm import arm_primitive, arm_robot
 
-from mp_pca_planner.plotting.arm import goals_figure
+from mp_pca_planner.plotting.arm import arm_figure
 from mp_pca_planner.plotting.style import styled_figure
 from mp_pca_planner.plotting.verdict import goals_in_span, verdict_on
 from mp_pca_planner.primitives.cross_validation import HeldOutErrors
@@ -94,7 +94,7 @@ def test_figure_of_goals_shows_every_one_in_both_views() -> None:
     goals = {name: rng.normal(size=(n, 3)) for name, n in (("a", 30), ("b", 7), ("c", 0))}
     chain = arm_robot().chain_positions(GOALS[:5], "wrist")
     with styled_figure() as figure:
-        goals_figure(figure, chain, goals, "wrist")
+        arm_figure(figure, {"": chain}, "", "wrist", goals)
         figure.draw_without_rendering()
     box = figure.legends[0].get_window_extent()
     assert box.x0 >= 0.0 and box.x1 <= figure.bbox.x1 and box.y1 <= figure.bbox.y1

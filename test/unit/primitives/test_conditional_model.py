@@ -10,7 +10,7 @@ from arm import arm_demonstrations, arm_primitive
 from scipy.stats import norm
 
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
-from mp_pca_planner.primitives.conditional_model import ConditionalModel
+from mp_pca_planner.primitives.conditional_model import ConditionalModel, thinned
 from mp_pca_planner.primitives.cross_validation import expected_motion
 from mp_pca_planner.primitives.differences import FINE_PHASES, differences
 from mp_pca_planner.primitives.kernels import remaining_covariance
@@ -24,13 +24,14 @@ STRAIGHT = np.array([3.0, -1.0])
 def fit(requests, shapes, reversed_shapes=None, paces=None, labels=None):
     """A model; outputs are the same in reversed time unless given."""
     n, size = shapes.shape
+    used = thinned(requests)
     return ConditionalModel.fit(
         requests,
-        shapes,
-        shapes if reversed_shapes is None else reversed_shapes,
+        shapes[used],
+        (shapes if reversed_shapes is None else reversed_shapes)[used],
         STRAIGHT if size == 2 else np.zeros(size),
-        np.zeros((n, 1)) if paces is None else paces,
-        [""] * n if labels is None else labels,
+        (np.zeros((n, 1)) if paces is None else paces)[used],
+        np.asarray([""] * n if labels is None else labels)[used],
     )
 
 

@@ -9,15 +9,16 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from motion_kinds import generate_kinds
 
 from mp_pca_planner.primitives.conditional_model import left_out_squares
 from mp_pca_planner.primitives.kind_names import kind_names
 from mp_pca_planner.primitives.kinds import OUTLIER, KindOptions, find_kinds
 from mp_pca_planner.primitives.library_building import adjusted_rand_index, library_content
+from mp_pca_planner.primitives.motion_sources import source_rows
 from mp_pca_planner.primitives.motion_statistics import MotionStatistics
 from mp_pca_planner.primitives.options import PrimitiveOptions
 from mp_pca_planner.recordings.demonstration import Demonstration
-from mp_pca_planner.recordings.synthetic import generate_kinds
 from mp_pca_planner.resources import config_file
 from mp_pca_planner.robot.model import Robot
 
@@ -137,7 +138,7 @@ def test_kinds_keep_their_names_when_motions_are_added():
 
 
 def replace_labels(made: MotionStatistics) -> MotionStatistics:
-    return replace(made, motions=tuple(m._replace(label="") for m in made.motions))
+    return replace(made, sources=source_rows(m._replace(label="") for m in made.motions))
 
 
 def test_names_say_where_the_end_effector_goes():

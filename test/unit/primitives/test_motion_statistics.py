@@ -18,6 +18,7 @@ from mp_pca_planner.primitives.alignment import align, aligned_positions
 from mp_pca_planner.primitives.boundary import boundary_values, hermite_functions
 from mp_pca_planner.primitives.build import build_from_statistics, build_primitive
 from mp_pca_planner.primitives.file import primitive_bytes
+from mp_pca_planner.primitives.motion_sources import MotionSource, MotionSources, source_rows
 from mp_pca_planner.primitives.motion_statistics import MotionStatistics, shape_functions
 from mp_pca_planner.primitives.options import PrimitiveOptions
 from mp_pca_planner.recordings.demonstration import Demonstration
@@ -51,6 +52,18 @@ def polynomial_part(shapes):
     return np.moveaxis((powers @ fitted).reshape(101, len(shapes), -1), 0, 1)
 
 
+TEXTS = st.text(st.characters(codec=None), max_size=8)  # surrogates and NUL, too
+TIMES = st.floats(allow_nan=False)
+
+
+@given(st.lists(st.builds(MotionSource, TEXTS, TEXTS, TEXTS, TIMES, TIMES), min_size=1))
+def test_sources_are_kept_in_rows_whatever_their_names(sources):
+    rows = source_rows(sources)
+    assert [*MotionSources(rows)] == sources
+    facts = MotionSources(rows, as_facts=True)
+    assert [MotionSource.of_facts(one) for one in facts] == sources
+
+
 @settings(max_examples=15)
 @given(st.sets(st.integers(1, 19)), st.sampled_from(["arm", "joint"]))
 def test_primitive_of_merged_parts_is_that_of_all_demonstrations_in_memory(cuts, coupling):
@@ -63,7 +76,7 @@ def test_primitive_of_merged_parts_is_that_of_all_demonstrations_in_memory(cuts,
         np.testing.assert_allclose(
             merged.arrays()[name], array, rtol=0.0, atol=1e-10 * scale, err_msg=name
         )
-    assert merged.metadata["demonstrations"] == whole.metadata["demonstrations"]
+    assert [*merged.metadata["demonstrations"]] == [*whole.metadata["demonstrations"]]
 
 
 def test_statistics_in_a_file_give_what_those_in_memory_give():
@@ -75,7 +88,7 @@ def test_statistics_in_a_file_give_what_those_in_memory_give():
     for name, array in arrays.items():
         np.testing.assert_array_equal(getattr(in_file, name), array)
     in_memory = replace(
-        in_file, **{f.name: np.array(getattr(in_file, f.name)) for f in fields(in_file)[2:]}
+        in_file, **{f.name: np.array(getattr(in_file, f.name)) for f in fields(in_file)[1:]}
     )
     contents = {
         primitive_bytes(build_from_statistics(x, "x", options)) for x in (in_file, in_memory)
@@ -84,7 +97,8 @@ def test_statistics_in_a_file_give_what_those_in_memory_give():
     chosen = in_file.chosen(range(0, len(in_file.motions), 2))
     assert is_in_file(chosen.angles)
     np.testing.assert_array_equal(chosen.angles, arrays["angles"][::2])
-    assert chosen.motions == in_file.motions[::2]
+    assert [*in_file.motions] == [*part.motions] * 60
+    assert [*chosen.motions] == [*in_file.motions][::2]
 
 
 @pytest.mark.parametrize("method", ["linear", "arc_length"])

@@ -54,7 +54,7 @@ def test_what_was_saved_is_loaded(path):
     assert loaded.coupling == saved.coupling
     for name, array in saved.arrays().items():
         np.testing.assert_array_equal(loaded.arrays()[name], array)
-    assert loaded.metadata["demonstrations"] == saved.metadata["demonstrations"]
+    assert loaded.metadata["demonstrations"] == [*saved.metadata["demonstrations"]]
 
 
 def test_building_again_gives_the_same_bytes(tmp_path):
@@ -63,6 +63,12 @@ def test_building_again_gives_the_same_bytes(tmp_path):
         primitive = build_primitive(arm_demonstrations(), "same", PrimitiveOptions(n_components=3))
         save_primitive(primitive, file)
     assert files[0].read_bytes() == files[1].read_bytes()
+
+
+def test_metadata_is_written_as_json_writes_it(path):
+    with np.load(path) as content:
+        text = str(content["metadata"])
+    assert text == json.dumps(json.loads(text), sort_keys=True)
 
 
 def test_a_loaded_primitive_is_saved_to_the_same_bytes(path, tmp_path):

@@ -36,6 +36,7 @@ from mp_pca_planner.recordings.bags import (
     write_joint_states,
     write_joint_trajectory,
 )
+from mp_pca_planner.recordings.load import load_recordings
 
 
 def storage_file(path: Path) -> Path:
@@ -238,6 +239,14 @@ def test_one_path_may_stand_alone(tmp_path: Path) -> None:
 def test_recordings_of_the_same_name_are_told_apart_by_their_folder(tmp_path: Path) -> None:
     paths = [tmp_path / "left" / "x.bag", tmp_path / "right" / "x.bag", tmp_path / "y.bag"]
     assert recording_names(paths) == ("left/x", "right/x", "y")
+    paths = [tmp_path / x for x in ("a/1/x.bag", "b/1/x.bag", "b/2/x.bag", "x.mcap", "x.db3")]
+    assert recording_names(paths) == ("a/1/x", "b/1/x", "2/x", "x.mcap", "x.db3")
+
+
+def test_link_that_leads_to_itself_is_no_recording(tmp_path: Path) -> None:
+    (tmp_path / "loop.bag").symlink_to(tmp_path / "loop.bag")
+    (refused,) = load_recordings([tmp_path / "loop.bag"]).refused
+    assert "loop.bag' can't be read" in refused.reason
 
 
 def test_unknown_types_on_other_topics_do_not_matter(tmp_path: Path, bag_format: str) -> None:

@@ -196,7 +196,7 @@ def test_scheduler_that_does_not_answer_is_refused_in_one_line(
     bags: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     pytest.importorskip("distributed", reason="distributed is not installed (extra 'dask')")
-    monkeypatch.setattr(cluster, "SECONDS_TO_CONNECT", 1)
+    monkeypatch.setattr(cluster, "OPTIONS", cluster.ClusterOptions(connection_timeout=1.0))
     with port_of_nobody() as port:
         address = f"tcp://127.0.0.1:{port}"
         line = refusal(bags, "--output", tmp_path / "p.npz", "--dask", address)

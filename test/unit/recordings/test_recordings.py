@@ -164,6 +164,32 @@ def test_movements_that_are_small_beside_those_of_the_set_are_rest(tmp_path: Pat
     assert summarised.summaries == (1,) * 6
 
 
+@pytest.mark.parametrize("n_good", [1, 4])
+def test_recording_in_degrees_is_refused_and_the_others_are_used(
+    tmp_path: Path, n_good: int
+) -> None:
+    write_bag(tmp_path / "degrees", "mcap", stamped(np.degrees(reaching([0, 1.4]))))
+    for index in range(n_good):
+        write_bag(tmp_path / f"reach_{index}", "mcap", stamped(reaching([0, 1.0 + 0.1 * index])))
+    loaded = load_recordings([tmp_path])
+    (refused,) = loaded.refused
+    assert refused.recording == "degrees"
+    assert "not in degrees" in refused.reason
+    assert len(loaded.demonstrations) == n_good
+
+
+@pytest.mark.parametrize("joints", [None, ["b", "a"]])
+def test_recordings_of_the_same_joints_in_another_order_are_one_set(
+    tmp_path: Path, joints: list[str] | None
+) -> None:
+    write_bag(tmp_path / "one", "mcap", stamped(REACHES))
+    write_bag(tmp_path / "two", "mcap", stamped(REACHES[:, ::-1], names=("b", "a")))
+    loaded = load_recordings([tmp_path], joints=joints)
+    assert {d.joint_names for d in loaded.demonstrations} == {tuple(joints or ("a", "b"))}
+    for first, second in zip(*np.reshape(list(loaded.demonstrations), (2, 2)), strict=True):
+        np.testing.assert_array_equal(first.positions, second.positions)
+
+
 @pytest.mark.parametrize("rate", [10, 25, 100, 400])
 @pytest.mark.parametrize("noise", [1e-4, 3e-3])
 def test_noise_alone_is_no_motion(tmp_path: Path, rate: int, noise: float) -> None:

@@ -91,6 +91,26 @@ def test_publishers_without_a_common_joint_need_a_choice(bag: Bag) -> None:
         bag.repaired(messages)
 
 
+def test_messages_without_joints_are_no_reason_to_choose(bag: Bag) -> None:
+    clean = bag.repaired([*stamped(MOTION), Message((), [], EPOCH + 5 * S)])
+    np.testing.assert_array_equal(clean.pieces[0].positions, MOTION)
+    assert clean.repairs == {"missing_joints": 1}
+
+
+def test_joints_that_some_messages_lack_are_noted(bag: Bag) -> None:
+    messages = stamped(MOTION)
+    messages[5].names, messages[5].positions = ("a",), MOTION[5, :1]
+    clean = bag.repaired(messages)
+    assert clean.joint_names == ("a",)
+    assert clean.notes[0] == "joints left out, as not every message has them: 'b'"
+
+
+def test_missing_velocities_are_counted_in_all_messages_whatever_their_order(bag: Bag) -> None:
+    messages = stamped(MOTION)
+    messages[5].names, messages[5].positions = ("b", "a"), MOTION[5, ::-1]
+    assert bag.repaired(messages).notes == (NO_VELOCITIES,)
+
+
 def test_joints_that_never_come_together_are_refused(bag: Bag) -> None:
     messages = [*stamped(MOTION), Message(("finger",), [0.0], EPOCH + 5 * S)]
     with pytest.raises(RecordingError, match="no message lists all of the joints"):

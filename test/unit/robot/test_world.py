@@ -8,7 +8,8 @@ import pytest
 
 import mp_pca_planner as mp
 from mp_pca_planner.exceptions import WorldError
-from mp_pca_planner.robot.world import ANY, MAX_SHAPES
+from mp_pca_planner.input_limits import INPUT_LIMITS
+from mp_pca_planner.robot.world import ANY
 
 TURNED = (0.0, 0.0, np.sqrt(0.5), np.sqrt(0.5))
 
@@ -36,7 +37,7 @@ TURNED = (0.0, 0.0, np.sqrt(0.5), np.sqrt(0.5))
         (lambda: mp.Obstacle("a", [1.0]), "obstacle 'a' must have one or several shapes"),
         (lambda: mp.World([mp.Obstacle("a", mp.Sphere(1.0))] * 2), "'a' given more than once"),
         (
-            lambda: mp.World([mp.Obstacle("a", [mp.Sphere(1.0)] * (MAX_SHAPES + 1))]),
+            lambda: mp.World([mp.Obstacle("a", [mp.Sphere(1.0)] * (INPUT_LIMITS.shapes + 1))]),
             "1001 shapes is too large: at most 1000",
         ),
     ],

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -14,8 +15,10 @@ from mp_pca_planner.exceptions import RecordingError
 from mp_pca_planner.recordings.demonstration import Demonstration
 from mp_pca_planner.recordings.demonstrations import write_example_recording
 from mp_pca_planner.recordings.load import load_recordings
+from mp_pca_planner.teaching.dialogue import KEYS, hold_dialogue
 from mp_pca_planner.teaching.played import PlayedBag
 from mp_pca_planner.teaching.session import SessionFiles, TeachingSession
+from mp_pca_planner.teaching.words import SessionWords
 
 GOALS = (0.0, 1.0, 0.2, 0.9)
 
@@ -148,4 +151,65 @@ def test_tables_that_are_damaged_are_refused(tmp_path: Path) -> None:
         session(tmp_path)
     files(tmp_path).discarded.unlink()
     with session(tmp_path) as taught:
-        assert taught.update().notes == ("there is no well-formed message on '/joint_states'",)
+        assert taught.update().notes == ()
+
+
+class Silent:
+    """A source without messages, such as a topic that nobody publishes on."""
+
+    pause = 1e-6
+
+    def __init__(self, n_looks: int) -> None:
+        self.n_left = n_looks
+
+    def feed(self, record: Callable[[Sequence[tuple[int, bytes]]], None]) -> bool:
+        self.n_left -= 1
+        record([])
+        return self.n_left >= 0
+
+    def silence(self) -> str:
+        return "nobody publishes"
+
+
+class Pressed:
+    """Keys of a person who waits until the source has ended."""
+
+    def __init__(self, keys: str) -> None:
+        self.keys = list(keys)
+
+    def pressed(self, timeout: float | None) -> str | None:
+        return "" if timeout else self.keys.pop(0)
+
+
+def dialogue(folder: Path, source: Silent, keys: str) -> list[str]:
+    lines: list[str] = []
+    with session(folder) as taught:
+        hold_dialogue(taught, source, Pressed(keys), SessionWords(), lambda *x: lines.extend(x))
+    return lines
+
+
+def test_a_topic_that_stays_silent_is_named_once(tmp_path: Path) -> None:
+    reason = "no motion yet: there is no well-formed message on '/joint_states'"
+    assert dialogue(tmp_path, Silent(30), "q") == ["nobody publishes", reason]
+    assert dialogue(tmp_path, Silent(0), "q") == [reason]
+
+
+def test_a_continued_session_names_a_silent_topic_too(tmp_path: Path) -> None:
+    with session(tmp_path) as taught:
+        feed_all(played(tmp_path, reaching(GOALS[:2])), taught)
+    assert "nobody publishes" in dialogue(tmp_path, Silent(30), "q")
+
+
+def test_a_key_without_a_meaning_is_named(tmp_path: Path) -> None:
+    lines = dialogue(tmp_path, Silent(0), "ybq")
+    assert lines[1:] == [
+        f"'y' does nothing: {KEYS}",
+        "there is no motion to build a primitive of",
+    ]
+
+
+def test_reasons_are_not_given_while_more_follows(tmp_path: Path) -> None:
+    with session(tmp_path) as taught:
+        feed_all(played(tmp_path, np.zeros((5, 2))), taught)
+        assert taught.update(explains=False).notes == ()
+        assert "5 usable samples" in taught.update().notes[0]

@@ -1,0 +1,111 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Where demonstrations come from."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..exceptions import PrimitiveError
+from ..rows import row_blocks
+
+_FACTS = ("recording", "label", "checksum", "start_time_s", "end_time_s")
+
+
+class MotionSource(NamedTuple):
+    """Where a demonstration comes from.
+
+    Attributes
+    ----------
+    recording, label, checksum : str
+        Of the demonstration.
+    start_time, end_time : float
+        When it starts and ends, in seconds after the first message of the recording.
+    """
+
+    recording: str
+    label: str
+    checksum: str
+    start_time: float
+    end_time: float
+
+    @classmethod
+    def of_facts(cls, facts: Mapping[str, Any]) -> MotionSource:
+        """The source with these :attr:`facts`, of which the checksum may be missing."""
+        return cls(*(facts.get(name, "") for name in _FACTS))
+
+    @property
+    def facts(self) -> dict[str, Any]:
+        """The attributes by their names in the metadata of a primitive."""
+        return dict(zip(_FACTS, self, strict=True))
+
+    @property
+    def identity(self) -> tuple[str, float, float]:
+        """Equal for the same part of the same recording, whatever its name and label."""
+        return self.checksum, round(self.start_time, 6), round(self.end_time, 6)
+
+
+def source_rows(sources: Iterable[MotionSource]) -> NDArray[np.bytes_]:
+    """Sources as rows of bytes: objects of Python take several times the memory."""
+    return np.array([json.dumps(source) for source in sources], dtype=np.bytes_)
+
+
+class MotionSources(Sequence[Any]):
+    """The sources in the rows of :func:`source_rows`, each made when it is used.
+
+    Parameters
+    ----------
+    rows : array of bytes, shape (n_demonstrations,)
+        The rows.
+    as_facts : bool
+        Whether the items are :attr:`.MotionSource.facts`.
+    """
+
+    def __init__(self, rows: NDArray[np.bytes_], *, as_facts: bool = False) -> None:
+        self._rows, self._as_facts = rows, as_facts
+
+    def __len__(self) -> int:
+        return len(self._rows)
+
+    def __getitem__(self, index: Any) -> Any:
+        source = MotionSource(*json.loads(self._rows[index]))
+        return source.facts if self._as_facts else source
+
+    def __iter__(self) -> Iterator[Any]:
+        for (block,) in row_blocks(self._rows):
+            part = MotionSources(block, as_facts=self._as_facts)
+            yield from (part[i] for i in range(len(part)))
+
+
+def indices_of(name: str, motions: Iterable[MotionSource]) -> list[int]:
+    """Indices of the demonstrations of a recording; none if there is no such recording.
+
+    Parameters
+    ----------
+    name :
+        Its name, or its checksum, or the first 8 or more digits of that.
+    motions :
+        The demonstrations.
+
+    Raises
+    ------
+    PrimitiveError
+        If several recordings have this name.
+    """
+    found = {
+        i: motion.checksum
+        for i, motion in enumerate(motions)
+        if motion.recording == name or (len(name) >= 8 and motion.checksum.startswith(name))
+    }
+    checksums = sorted(set(found.values()))
+    if len(checksums) > 1:
+        raise PrimitiveError(
+            f"several recordings are called '{name}': name one by its checksum, "
+            + " or ".join(checksum[:12] for checksum in checksums)
+        )
+    return list(found)
