@@ -29,7 +29,12 @@ _MAX_UNEVENNESS = 3.0
 
 
 def fit_paces(
-    warps: FloatArray, *, n_steps: int = 12, price: float = 1e-5, max_step: float = 1.0
+    warps: FloatArray,
+    *,
+    n_steps: int = 12,
+    price: float = 1e-5,
+    end_price: float = 3e-4,
+    max_step: float = 1.0,
 ) -> FloatArray:
     """Paces nearest to warps, by Gauss–Newton steps.
 
@@ -41,6 +46,9 @@ def fit_paces(
         Gauss–Newton steps.
     price : float
         Cost of a coefficient of 1, as a squared error.
+    end_price : float
+        Cost of a value of 1 of g at an end, likewise: accelerations and jerks there grow with the
+        square and the cube of the rate.
     max_step : float
         Largest change of a coefficient in a step.
 
@@ -60,7 +68,8 @@ def fit_paces(
     targets = np.concatenate([aligned_phases(part, shares) for part in parts])
     functions = legendre.legvander(2.0 * shares - 1.0, PACE_DEGREE)[:, 1:]
     paces = np.zeros((len(warps), PACE_DEGREE))
-    ridge = price * len(shares) * np.eye(PACE_DEGREE)
+    ends = functions[[0, -1]]
+    ridge = len(shares) * (price * np.eye(PACE_DEGREE) + end_price * ends.T @ ends)
     for _ in range(n_steps):
         rates = np.exp(paces @ functions.T)
         covered = integral(rates[:, :, None])
