@@ -169,7 +169,7 @@ def kill_node(n: int, work: Path, random: np.random.Generator) -> list[str]:
     state, goal = (JointState(name=JOINT_NAMES, position=motion.positions[k]) for k in (0, -1))
     problems, takes, folder = [], 0.0, work / "kept"
     folder.mkdir(parents=True)
-    with primitive_file() as file, GoalClient() as client:
+    with primitive_file() as file, GoalClient(plays_robot=True) as client:
         options = ("--params-file", str(write_parameters(file)), "-p", f"save_folder:={folder}")
         for k in range(n + 1):
             before = contents(folder)

@@ -60,7 +60,7 @@ def main() -> int:
     state = JointState(name=JOINT_NAMES, position=motion.positions[0])
     with (
         primitive_file() as file,
-        GoalClient() as client,
+        GoalClient(plays_robot=True) as client,
         tempfile.TemporaryFile("w+") as log,
     ):
         parameters = write_parameters(file)

@@ -109,7 +109,7 @@ def main() -> int:
         own = ("-p", f"primitives:=['{file}']", "-p", f"save_folder:='{folder}'")
         node = start_node(*own, "-p", "state_timeout:=3600.0", output=log)
         try:
-            with GoalClient() as client, silent_node("fuzzer") as caller:
+            with GoalClient(plays_robot=True) as client, silent_node("fuzzer") as caller:
                 fuzzer = Fuzzer(node, client, caller)
                 fuzzer.send_garbage(arguments.messages)
                 fuzzer.send_too_much()

@@ -38,7 +38,7 @@ def main() -> None:
     motions = generate_motions(arguments.goals // _N_ROUNDS, seed=2)
     answers: dict[float, list[Answer]] = {rate: [] for rate in RATES}
     shares: dict[float, list[float]] = {rate: [] for rate in RATES}
-    with running_node() as node, GoalClient() as client:
+    with running_node() as node, GoalClient(plays_robot=True) as client:
         client.publish("robot_description", String(data=URDF.read_text(encoding="utf-8")))
         client.wait_for_node()
         client.wait_for_model()

@@ -84,7 +84,7 @@ def main() -> int:
     n_goals = arguments.goals // len(_KINDS)
     outcomes: Queue[Outcome] = PROCESSES.Queue()
     with running_node("--log-level", "fatal") as node, joint_states(500.0, start):
-        with GoalClient("monitor") as monitor:
+        with GoalClient("monitor", plays_robot=True) as monitor:
             monitor.publish("robot_description", String(data=URDF.read_text(encoding="utf-8")))
             monitor.wait_for_model()
         clients = [
@@ -112,7 +112,7 @@ def flood(n_goals: int, rate: float, start: list[float]) -> int:
     with (
         running_node("--log-level", "fatal"),
         joint_states(500.0, start),
-        GoalClient("monitor") as monitor,
+        GoalClient("monitor", plays_robot=True) as monitor,
         silent_node("sender") as sender,
         silent_node("keeping") as keeper,
         silent_node("lagging") as laggard,

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Start the planner.
 
-For example ``ros2 launch mp_pca_planner planner.launch.py primitives:=/path/reach.npz
+For example ``ros2 launch mp_pca_planner planner.launch.py primitives:="[/path/reach.npz]"
 controller_topic:=/arm_controller/joint_trajectory``; ``--show-args`` lists all arguments, among
 them every parameter of the node.
 """

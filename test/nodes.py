@@ -55,7 +55,7 @@ class NodeClient(GoalClient):
     """
 
     def __init__(self, *arguments: str, **names: str) -> None:
-        super().__init__(*arguments, **names)
+        super().__init__(*arguments, **names, plays_robot=True)
         self.executions: list[DiagnosticStatus] = []
         self.previews: list[MarkerArray] = []
         parameters = f"{self.planner}/set_parameters"

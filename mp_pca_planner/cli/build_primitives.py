@@ -306,7 +306,7 @@ def _slowest_line(recordings: RecordingSet, many: int = 10) -> list[str]:
 
 
 def _note_lines(recordings: RecordingSet, most: int = 5) -> list[str]:
-    """Notes on recordings; those that differ in numbers only are merged, with so many names."""
+    """Notes; those that differ in numbers only are one line, with at most so many names."""
     alike: dict[str, list[str]] = {}
     first: dict[str, str] = {}
     for report in recordings.reports:

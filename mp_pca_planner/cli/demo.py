@@ -43,8 +43,8 @@ from ..resources import config_file
 from ..robot.limits import JointLimits
 from ..robot.model import Robot
 from ..ros.client import READY, Answer, GoalClient, this_machine_only
+from ..ros.live_node import LiveNode
 from ..ros.messages import to_trajectory
-from ..ros.monitor import Monitor
 from . import build_primitives
 from .common import make_folder
 from .options import parse
@@ -218,7 +218,7 @@ def _execute_over_topics(folder: Path, primitive_file: Path) -> list[_Served]:
         children.start("planner_node", "--ros-args", *ros_arguments)
         record = ("--record", str(folder / _RECORD), "--force")
         children.start("simulate", "--robot", str(arm), "--start", start, *record)
-        with GoalClient() as client, Monitor() as monitor:
+        with GoalClient() as client, LiveNode() as monitor:
             client.wait_for_node()
             _wait_until_at(monitor, home)
             client.wait_for_diagnostics(lambda values: values["text"] == READY)
@@ -229,20 +229,20 @@ def _execute_over_topics(folder: Path, primitive_file: Path) -> list[_Served]:
             ]
 
 
-def _serve(client: GoalClient, monitor: Monitor, goal: FloatArray) -> _Served:
+def _serve(client: GoalClient, monitor: LiveNode, goal: FloatArray) -> _Served:
     """Send a goal to the arm at rest, and wait until it is there."""
     start = _measured(monitor)[0]
     answer = client.send(JointStateMessage(name=list(JOINT_NAMES), position=goal.tolist()))
     return _Served(start, answer, _wait_until_at(monitor, goal if answer.trajectory else start))
 
 
-def _measured(monitor: Monitor) -> FloatArray:
+def _measured(monitor: LiveNode) -> FloatArray:
     """Newest positions and velocities, shape (2, n_joints); NaN before there are any."""
-    states = monitor.look().states
+    states = monitor.view().states
     return np.array([states.get(name, (np.nan, np.nan))[:2] for name in JOINT_NAMES]).T
 
 
-def _wait_until_at(monitor: Monitor, goal: FloatArray) -> float:
+def _wait_until_at(monitor: LiveNode, goal: FloatArray) -> float:
     """Wait until the robot rests at a goal; return its distance from the goal [rad]."""
     deadline = time.monotonic() + _OPTIONS.patience
     while True:

@@ -12,7 +12,6 @@ import time
 from collections import defaultdict, deque
 from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
 from typing import Any, Protocol
 
 import numpy as np
@@ -129,6 +128,8 @@ class MotionServer:
 
     Attributes
     ----------
+    states, options
+        As given.
     surroundings : Surroundings
         The obstacles around the robot.
     served : Served or None
@@ -145,15 +146,13 @@ class MotionServer:
         sleep: Callable[[float], None] = time.sleep,
         options: ServingOptions | None = None,
     ) -> None:
-        self._options = options or ServingOptions()
-        self._states = states
-        self._statistics = statistics
-        self._send = publish
-        self._clock = clock
-        self._sleep = sleep
-        self._planner = GoalPlanner(states, clock, self._options)
-        self._stops = StopPlanner(states, self._options)
-        self._monitor = ExecutionMonitor(report, self._options)
+        self.options = options or ServingOptions()
+        self.states = states
+        self._statistics, self._send = statistics, publish
+        self._clock, self._sleep = clock, sleep
+        self._planner = GoalPlanner(states, clock, self.options)
+        self._stops = StopPlanner(states, clock, self.options)
+        self._monitor = ExecutionMonitor(report, self.options)
         self.surroundings = Surroundings(states)
         self.served: Served | None = None
         # Goals are served in a thread of their own, stops in that of the callbacks.
@@ -193,15 +192,14 @@ class MotionServer:
         CancelledError
             If it is preempted before it is published.
         """
-        serve_once = partial(self._serve_once, kind, make_goal, model, is_cancelled, name)
-        options, latency = self._options, self._statistics.expected_latency(kind)
+        options, latency = self.options, self._statistics.expected_latency(kind)
         if kind is JointGoal:
             latency = max(min(latency, options.max_lookahead), lookahead)
         deadline, attempt = self._clock() + options.confirmation_timeout, 1
         while True:
-            began = self._states.motion_time
+            began = self.states.motion_time
             try:
-                return serve_once(latency)
+                return self._serve_once(kind, make_goal, model, is_cancelled, name, latency)
             except UnconfirmedError:
                 if self._clock() > deadline:
                     raise
@@ -213,20 +211,20 @@ class MotionServer:
                 if attempt == options.max_attempts:
                     raise
                 attempt += 1
-                latency = 2.0 * max(self._states.motion_time - began, latency)
+                latency = 2.0 * max(self.states.motion_time - began, latency)
 
     def watch(self, model: Model) -> None:
         """Check how the robot follows its motion; call this at 10 Hz or more."""
         # No motion may be published in between: the robot would seem to follow the one before.
         with self._publishing:
             try:
-                following = self._states.follow(model.settings)
+                following = self.states.follow(model.settings)
             except GoalError:
                 following = None
-            now = self._states.motion_time
+            now = self.states.motion_time
             self._monitor.update(following, now)
             if self._monitor.never_started(now):
-                self._states.give_up()
+                self.states.give_up()
 
     def stop(self, model: Model, reason: str = "") -> str:
         """Publish a trajectory that brings the robot to rest.
@@ -249,19 +247,10 @@ class MotionServer:
             If the robot's state is unknown; nothing was published then.
         """
         with self._publishing:
-            message, joined = self._find_stop(model)
+            message, joined = self._stops.find(model)
             self._monitor.stop(self._publish_joined(joined), joined.time, reason)
             self.served = self.surroundings.threat = None
         return message
-
-    def _find_stop(self, model: Model) -> tuple[str, Joined]:
-        """Find a stop; again if a busy computer interrupted that, while the robot moved on."""
-        for _ in range(self._options.max_attempts):
-            began = self._clock()
-            found = self._stops.find(model)
-            if self._clock() - began <= self._options.stop_latency:
-                break
-        return found
 
     def _serve_once(
         self,
@@ -273,7 +262,7 @@ class MotionServer:
         latency: float,
     ) -> Served:
         began = self._clock()
-        start = self._states.choose(model.settings, latency)
+        start = self.states.choose(model.settings, latency)
         model.cancellation.is_cancelled = is_cancelled
         goal, served = make_goal(start.state), self.served
         under_way = served.answer(goal, start, model) if served is not None else ""
@@ -296,12 +285,12 @@ class MotionServer:
         check, first = plan.limit_check, start.state
         if start.is_in_motion:
             # The trajectory that is published a moment later is a part of this one.
-            joined = self._states.join(plan.trajectory, start, settings)
+            joined = self.states.join(plan.trajectory, start, settings)
             check = check_limits(joined.trajectory, model.planning_robot, model.limits)
         with self._publishing:
             if request.is_cancelled():
                 raise CancelledError
-            joined = self._states.join(plan.trajectory, start, settings)
+            joined = self.states.join(plan.trajectory, start, settings)
             if start.is_in_motion:
                 first = JointState(first.joint_names, joined.trajectory.positions[0])
             check_executable(
@@ -315,6 +304,5 @@ class MotionServer:
         return motion
 
     def _publish_joined(self, joined: Joined) -> PublishedMotion:
-        stamp = joined.time if joined.is_timed else None
-        self._send(joined.trajectory, stamp=stamp, last_point_only=joined.last_point_only)
-        return self._states.command(joined)
+        self._send(joined.trajectory, stamp=joined.stamp, last_point_only=joined.last_point_only)
+        return self.states.command(joined)

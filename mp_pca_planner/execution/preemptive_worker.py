@@ -12,9 +12,6 @@ T = TypeVar("T")
 
 IsCancelled = Callable[[], bool]
 
-PAUSE = 0.02
-"""Idle time after which other work is done [s]."""
-
 
 class CancelledError(Exception):
     """Work was aborted because its result is no longer needed."""
@@ -34,8 +31,11 @@ class PreemptiveWorker(Generic[T]):
     drop :
         Called with each goal that was cancelled or replaced.
     rest :
-        Called when a goal was served and no other came for `PAUSE`: for work that can wait.
+        Called when a goal was served and no other came for `pause`: for work that can wait.
     """
+
+    pause = 0.02
+    """Idle time after which other work is done [s]."""
 
     def __init__(
         self,
@@ -94,7 +94,7 @@ class PreemptiveWorker(Generic[T]):
             with self._changed:
                 self._changed.wait_for(
                     lambda: self._is_closed or self._waiting is not None,
-                    PAUSE if may_rest else None,
+                    self.pause if may_rest else None,
                 )
                 if self._is_closed:
                     return

@@ -146,6 +146,11 @@ class Joined:
     is_path_known: bool = True
 
     @property
+    def stamp(self) -> float | None:
+        """The time for the header of the message [s], if there is one."""
+        return self.time if self.is_timed else None
+
+    @property
     def last_point_only(self) -> bool:
         """Whether only the last point is sent, to which the controller interpolates by itself."""
         return self.trajectory.n_steps == 1 or not self.is_path_known

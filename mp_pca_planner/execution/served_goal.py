@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..motion.goal import Goal, JointGoal, JointState, Pose, PoseGoal, SequenceGoal
+from ..planning.states import in_order
 from .assembly import Model
 from .published_motion import PublishedMotion
 from .start_state import MotionStart
@@ -121,11 +122,8 @@ def is_same_configuration(one: JointState, other: JointState) -> bool:
     """Whether two states of the same joints, in any order, agree."""
     if set(one.joint_names) != set(other.joint_names):
         return False
-    order = [other.joint_names.index(name) for name in one.joint_names]
-    return all(
-        np.abs(getattr(one, field) - getattr(other, field)[order]).max(initial=0.0) <= _SAME
-        for field in ("positions", "velocities", "accelerations")
-    )
+    pairs = zip(one.values, in_order(other, one.joint_names).values, strict=True)
+    return all(np.abs(a - b).max(initial=0.0) <= _SAME for a, b in pairs)
 
 
 def _timing(goal: Goal) -> tuple[Any, ...]:

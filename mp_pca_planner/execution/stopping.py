@@ -25,6 +25,7 @@ from ..robot.limits import JointLimits
 from ..robot.model import Robot
 from .assembly import Model
 from .following import UnconfirmedError
+from .measured import Clock
 from .options import ServingOptions
 from .published_motion import Joined, PublishedMotion, hold
 from .start_state import StartStates, TooLateError
@@ -40,16 +41,20 @@ class StopPlanner:
     ----------
     states :
         Source of the robot's state.
+    clock :
+        The clock of planning times [s].
     options :
         Parameters.
     """
 
-    def __init__(self, states: StartStates, options: ServingOptions | None = None) -> None:
-        self._states = states
+    def __init__(
+        self, states: StartStates, clock: Clock, options: ServingOptions | None = None
+    ) -> None:
+        self._states, self._clock = states, clock
         self._options = options or ServingOptions()
 
     def find(self, model: Model) -> tuple[str, Joined]:
-        """Find a stop.
+        """Find a stop; again if a busy computer interrupted that, while the robot moved on.
 
         Returns
         -------
@@ -63,6 +68,14 @@ class StopPlanner:
         GoalError
             If neither a measured nor a commanded state is known.
         """
+        for _ in range(self._options.max_attempts):
+            began = self._clock()
+            found = self._find(model)
+            if self._clock() - began <= self._options.stop_latency:
+                break
+        return found
+
+    def _find(self, model: Model) -> tuple[str, Joined]:
         states = self._states
         try:
             measured = states.measured.newest(model.settings.state_timeout)

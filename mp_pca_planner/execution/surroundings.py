@@ -34,6 +34,8 @@ class Surroundings:
         rest of the motion.
     threat_time : float
         When it begins [s].
+    missing : str
+        Why an obstacle that was given is not avoided; empty if all are.
     """
 
     def __init__(self, states: StartStates) -> None:
@@ -41,7 +43,7 @@ class Surroundings:
         self._lock = threading.Lock()
         self._checker: tuple[Model, CollisionModel] | None = None
         self.threat: Collision | None = None
-        self.threat_time = 0.0
+        self.threat_time, self.missing = 0.0, ""
 
     @property
     def world(self) -> World:
@@ -56,8 +58,17 @@ class Surroundings:
         link, obstacle = self.threat.links
         return f"a new obstacle is on the path ('{link}' would hit '{obstacle}')"
 
-    def replace(self, world: World, model: Model | None) -> None:
-        """Use other obstacles from now on.
+    def replace(self, world: World, model: Model | None, served: Served | None) -> bool:
+        """Use other obstacles from now on; return whether a motion would hit one of them.
+
+        Parameters
+        ----------
+        world : World
+            The obstacles.
+        model : Model or None
+            The robot, if it is known.
+        served : Served or None
+            The goal of the motion.
 
         Raises
         ------
@@ -77,6 +88,9 @@ class Surroundings:
                     raise
                 checker.set_world(world)
             self._world = world
+        if model is not None:
+            self.look_ahead(model, served)
+        return self.threat is not None
 
     def prepare(self, model: Model) -> World:
         """Give the planner the newest obstacles, in its own thread; return them.

@@ -166,7 +166,7 @@ def attempt(
         Largest number of starts.
     """
     setup, passes, touched = problem.setup, 0, False
-    problem.bound(with_limits=not problem.is_near_expected)
+    problem.bound(fully=not problem.is_near_expected)
     first = starts = problem.starts[:n_starts]
     for _ in range(setup.options.search.max_refinements):
         solutions = _solutions(problem, starts, budget)
@@ -180,17 +180,17 @@ def attempt(
         collisions = () if check.violations else setup.collisions(trajectory)
         if (check.violations or collisions) and budget.is_over():
             break
-        if check.violations and not problem.is_bounded:
-            problem.bound(with_limits=True)
+        if not problem.covers(check.violations, motions):
+            problem.bound(fully=True)
             starts = _continued(problem, best, first[0]) if problem.has_clearances else first
             continue
         # A limit that is only touched may be exceeded between the points of the grid. It is
         # tightened only once, because an end of the motion may be at the limit.
-        tight = check.violations or (check.touched and not touched and problem.is_bounded)
+        touches = check.touched and not touched and problem.covers(check.touched, motions)
         apart = problem.separate(collisions, motions)
-        if not (tight or apart) or not best.converged:
+        if not (check.violations or touches or apart) or not best.converged:
             break
-        if tight:
+        if check.violations or touches:
             problem.tighten(check.touched, motions)
             touched = not check.violations
         starts = _continued(problem, best, first[0] if apart else None)

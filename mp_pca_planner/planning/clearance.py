@@ -42,7 +42,7 @@ class ClearanceOptions:
 
     distance: float = 3e-3
     share_of_ends: float = 0.5
-    reach: float = 0.05
+    reach: float = 0.03
     n_phases: int = 40
     n_more: int = 5
 

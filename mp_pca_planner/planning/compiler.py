@@ -24,7 +24,7 @@ from ..primitives.basis import Basis
 from ..robot.model import Robot
 from .conditions import Condition, ConditionEquations
 from .objectives import QUANTITIES, Effort, Nodes, Objective, Residuals
-from .unknowns import N_RATES, QuadratureTables, StateMap, Unknowns
+from .unknowns import N_RATES, QuadratureTables, Unknowns
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,9 +97,9 @@ class MotionProgram:
         self.scales = self.unknowns.scales
         self.expected = self.unknowns.from_weights(expected)
         self.precision = np.zeros((self.scales.size, self.scales.size))
-        self.equations = ConditionEquations(unknowns, tables.basis, conditions)
+        self.equations = ConditionEquations(unknowns, tables, conditions)
         self._last: tuple[bytes, Linearisation] | None = None
-        self._states = StateMap(self.unknowns, *tables.states)
+        self._states = tables.states(unknowns)
         if not unknowns.duration_is_free:
             self._slopes_at_any_x = self._slopes(self.expected, np.zeros(0))
 
@@ -113,10 +113,10 @@ class MotionProgram:
         stacked : array, shape (n_nodes, 3 n_joints, n_unknowns)
             Of positions, velocities and accelerations at each node.
         """
-        n_joints = self._robot.n_joints
-        rows = self._states.jacobian(x, values).reshape(-1, self.n_nodes, x.size)
-        by_rate = rows.reshape(N_RATES, n_joints, self.n_nodes, x.size).transpose(0, 2, 1, 3)
-        return by_rate, np.ascontiguousarray(rows[: 3 * n_joints].transpose(1, 0, 2))
+        shape = N_RATES, self._robot.n_joints, self.n_nodes, x.size
+        by_rate = self._states.jacobian(x, values).reshape(shape).transpose(0, 2, 1, 3)
+        stacked = by_rate[:3].transpose(1, 0, 2, 3).reshape(self.n_nodes, 3 * shape[1], x.size)
+        return by_rate, stacked
 
     @property
     def basis(self) -> Basis:

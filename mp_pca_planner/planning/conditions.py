@@ -13,9 +13,8 @@ from numpy.typing import NDArray
 
 from ..arrays import FloatArray
 from ..motion.goal import Pose
-from ..primitives.basis import Basis
 from ..robot.model import Robot
-from .unknowns import StateMap, Unknowns, state_map
+from .unknowns import QuadratureTables, StateMap, Unknowns, state_map
 
 
 class Target(Protocol):
@@ -102,16 +101,22 @@ class ConditionEquations:
     ----------
     unknowns : Unknowns
         The unknowns.
-    basis : Basis
+    tables : QuadratureTables
         The basis of the motion.
     conditions : sequence of Condition
         The conditions; the phases that are free are the last unknowns, in the same order.
     """
 
-    def __init__(self, unknowns: Unknowns, basis: Basis, conditions: Sequence[Condition]) -> None:
-        self._unknowns, self._basis, self._conditions = unknowns, basis, tuple(conditions)
+    def __init__(
+        self, unknowns: Unknowns, tables: QuadratureTables, conditions: Sequence[Condition]
+    ) -> None:
+        self._unknowns, self._basis, self._conditions = unknowns, tables.basis, tuple(conditions)
         fixed = [one.phase for one in conditions if one.phase is not None]
-        self._map = self._map_at(fixed) if 0 < len(fixed) == len(conditions) else None
+        self._map: StateMap | None = None
+        if fixed == [1.0] and len(conditions) == 1:
+            self._map = tables.goal_states(unknowns)
+        elif 0 < len(fixed) == len(conditions):
+            self._map = self._map_at(fixed)
 
     def _map_at(self, phases: Sequence[float]) -> StateMap:
         return state_map(self._unknowns, self._basis, np.array(phases), 1)

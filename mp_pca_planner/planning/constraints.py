@@ -65,7 +65,7 @@ class LimitTables:
 
     def __init__(self, tables: QuadratureTables, n_points: int = N_LIMIT_POINTS) -> None:
         self._tables = tables
-        self._states: dict[int, tuple[FloatArray, FloatArray, FloatArray]] = {}
+        self._values: dict[int, FloatArray] = {}
         self.n_points = n_points
 
     @cached_property
@@ -73,30 +73,17 @@ class LimitTables:
         # Just inside the ends, for only jerks are free there, and they are often largest there.
         return np.linspace(_INSIDE, 1.0 - _INSIDE, self.n_points)
 
-    def states(self, highest: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Positions and their derivatives by phase up to the highest one that is limited.
+    def states(self, rows: Rows) -> tuple[FloatArray, FloatArray]:
+        """Hermite functions and shapes of rows of states, see :class:`.StateMap`.
 
         Computed when limits become constraints. Tables with a time scaling are never reused by
         another request.
-
-        Returns
-        -------
-        hermite : array, shape (highest + 1, n_points, 6)
-            Quintic Hermite functions.
-        mean : array, shape (highest + 1, n_points, n_joints)
-            The mean shape.
-        functions : array, shape (highest + 1, n_points, n_joints, n_weights)
-            The basis functions, times the usual magnitudes of their weights.
         """
-        if highest not in self._states:
-            basis = self._tables.basis
-            values = _peaks(basis.tables(self._phases, highest))
-            self._states[highest] = (
-                _hermite_peaks(self._phases.tobytes())[: highest + 1],
-                values[..., 0],
-                values[..., 1:] * basis.scales,
-            )
-        return self._states[highest]
+        highest = int(rows.orders.max())
+        if highest not in self._values:
+            self._values[highest] = self._tables.basis.tables(self._phases, highest)
+        shapes = _peaks(self._values[highest][rows.orders, :, rows.joints])
+        return _hermite_peaks(self._phases.tobytes())[rows.orders], shapes
 
     @cached_property
     def from_nodes(self) -> FloatArray:
@@ -153,11 +140,13 @@ class LimitedProgram:
         The program without bounds.
     tables : LimitTables
         Its basis on the grid.
-    limits : JointLimits or None
-        Limits of its joints. Infinite ones make no constraints; None makes none at all.
+    limits : JointLimits
+        Limits of its joints. Infinite ones make no constraints.
     end_states : array, shape (n_ends, 4, n_joints)
         Positions, velocities, accelerations and efforts at the fixed ends: the margin is reduced
         where an end is closer to the limit.
+    chosen : array of bool, shape (5, n_joints), optional
+        Limits that become constraints, by quantity and joint; all unless given.
 
     Attributes
     ----------
@@ -172,19 +161,22 @@ class LimitedProgram:
         self,
         program: MotionProgram,
         tables: LimitTables,
-        limits: JointLimits | None,
+        limits: JointLimits,
         end_states: FloatArray,
+        chosen: NDArray[np.bool_] | None = None,
     ) -> None:
         self.program = program
         self._tables = tables
-        self._states: StateMap | None
-        if limits is None:
-            self._leave_unbounded()
-            return
         self._joint_names = limits.joint_names
+        self._states: StateMap | None = None
+        if chosen is not None and not chosen.any():
+            self.lower = self.upper = self._effort_units = np.zeros(0)
+            self._group_of_row = self._effort_joints = np.zeros(0, dtype=np.intp)
+            return
         lower, upper, scale, room = _bounds(limits, end_states)
         self._end_room = room.ravel()
-        quantities, joints = np.nonzero(np.isfinite(lower) | np.isfinite(upper))
+        limited = np.isfinite(lower) | np.isfinite(upper)
+        quantities, joints = np.nonzero(limited if chosen is None else limited & chosen)
         self._group_of_row = quantities * len(limits.joint_names) + joints
         self.lower, self.upper = (
             np.repeat(x[quantities, joints], tables.n_points) for x in (lower, upper)
@@ -193,19 +185,22 @@ class LimitedProgram:
         of_states, of_efforts = slice(n_state_rows), slice(n_state_rows, None)
         units = scale[quantities, joints]
         rows = Rows(quantities[of_states], joints[of_states], units[of_states])
-        highest = int(rows.orders.max(initial=0))
-        self._states = StateMap(program.unknowns, *tables.states(highest), rows)
+        if n_state_rows:
+            self._states = StateMap(program.unknowns, *tables.states(rows), rows)
         self._effort_joints, self._effort_units = joints[of_efforts], units[of_efforts]
-
-    def _leave_unbounded(self) -> None:
-        self.lower = self.upper = self._effort_units = np.zeros(0)
-        self._group_of_row = self._effort_joints = np.zeros(0, dtype=np.intp)
-        self._states = None
 
     @property
     def groups(self) -> NDArray[np.intp]:
         """See the class."""
         return np.repeat(self._group_of_row, self._tables.n_points)
+
+    def _group(self, violation: Violation) -> int:
+        quantity = QUANTITIES.index(violation.quantity)
+        return quantity * len(self._joint_names) + self._joint_names.index(violation.joint)
+
+    def covers(self, violations: Iterable[Violation]) -> bool:
+        """Whether all limits that a motion violates are constraints."""
+        return all(self._group(violation) in self._group_of_row for violation in violations)
 
     def tightened(self, violations: Iterable[Violation]) -> LimitedProgram:
         """The same program with bounds tightened for violations between points of the grid.
@@ -217,10 +212,8 @@ class LimitedProgram:
             most half of the distance between the fixed ends and the limit.
         """
         amount = np.zeros(self._end_room.size)
-        n_joints = len(self._joint_names)
         for violation in violations:
-            quantity = QUANTITIES.index(violation.quantity)
-            group = quantity * n_joints + self._joint_names.index(violation.joint)
+            group = self._group(violation)
             # Bounds of positions are shares of half the range, violations are shares of the whole
             # range.
             excess = violation.excess * (2.0 if violation.quantity == "position" else 1.0)

@@ -8,7 +8,7 @@ cost within limits and clearances, as for any other motion.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -48,16 +48,16 @@ class DetourOptions:
         Number of points of the path that the B-splines follow.
     min_naturalness : float
         Least weight ρ of deviations from the path. Without it, the program takes too many passes.
-    share_of_solving : float
-        Share of the remaining time for a motion near a path, 0 to 1, if the one along it may not be
-        executed; the rest is for checks and for other paths.
+    shares_of_solving : tuple of float
+        Shares of the remaining time for a motion near a path, 0 to 1, in turn until it may be
+        executed. The rest is for checks and for other paths.
     """
 
     n_control_points: int = 6
     spread: float = 0.3
     n_phases: int = 80
     min_naturalness: float = 0.005
-    share_of_solving: float = 0.8
+    shares_of_solving: tuple[float, ...] = (0.17, 0.8)
 
 
 _OPTIONS = DetourOptions()
@@ -133,8 +133,8 @@ class DetourPlanner:
         positions = motion.evaluate(duration * basis.tables.phases)[0]
         return any(map(collision.collides, positions))
 
-    def best(self, request: Request, budget: Budget, paths: Paths) -> Attempt | None:
-        """The best motion along a detour; None if there is no path.
+    def attempts(self, request: Request, budget: Budget, paths: Paths) -> Iterator[Attempt]:
+        """The best motion along a detour, if there is a path; the search starts when it is needed.
 
         If no motion keeps the limits, a path that was found is added to `paths`.
         """
@@ -150,7 +150,8 @@ class DetourPlanner:
                 break
         if path is not None and best is not None and not best.is_valid:
             paths[id(request.goal)] = self._finder.corners(path)
-        return best
+        if best is not None:
+            yield best
 
     def _follower(self, primitive: MovementPrimitive) -> PathFollower:
         if primitive.name not in self._followers:
@@ -163,24 +164,24 @@ class DetourPlanner:
         if request.duration_is_free:
             at_least = 0.0 if self._setup.options.timing == FREE else duration
             duration = max(at_least, detour.duration)
-        along = self._along(request, detour.basis, duration)
-        if request.duration_is_free and along.check.violations:
-            duration *= slowdown(along.check)
-            along = self._along(request, detour.basis, duration)
+        if request.duration_is_free:
+            motion = self._motion(request, detour.basis, duration)
+            duration *= slowdown(self._setup.check(self._setup.sample([motion])))
         if budget.is_over():
-            return along
+            return self._along(request, detour.basis, duration)
         naturalness = max(self._setup.options.naturalness, _OPTIONS.min_naturalness)
-        setting = Setting(detour.basis, duration, naturalness, is_first=True)
-        shares = [_OPTIONS.share_of_solving]
-        if along.is_valid:
-            shares.insert(0, self._setup.options.search.share_of_descent)
-        for share in shares:
+        setting, along = Setting(detour.basis, duration, naturalness, is_first=True), None
+        for share in _OPTIONS.shares_of_solving:
             found = self._near(request, setting, budget.share(share))
-            if found.is_valid or found.solution.converged or budget.is_over():
+            if found.is_valid:
+                return found
+            along = along or self._along(request, detour.basis, duration)
+            if found.solution.converged or budget.is_over():
                 break
             start = StartPoint(found.motions[0].weights)
             basis = replace(detour.basis, starts=(start,))
             setting = replace(setting, basis=basis, duration=found.duration)
+        assert along is not None
         return min(found, along, key=lambda one: one.violation)
 
     def _near(self, request: Request, setting: Setting, budget: Budget) -> Attempt:
@@ -200,10 +201,16 @@ class DetourPlanner:
         weights: FloatArray | None = None,
     ) -> Attempt:
         """The motion of some weights, or else that along a path, without optimisation."""
-        weights = basis.expected if weights is None else weights
-        motion = Motion(request.start, request.goal, duration, basis.basis, weights)
+        motion = self._motion(request, basis, duration, weights)
         solution, phases = MotionSolution.unknown(), (1.0,) * len(request.conditions)
         return checked(self._setup, request, (basis,), (motion,), solution, phases)
+
+    @staticmethod
+    def _motion(
+        request: Request, basis: MotionBasis, duration: float, weights: FloatArray | None = None
+    ) -> Motion:
+        weights = basis.expected if weights is None else weights
+        return Motion(request.start, request.goal, duration, basis.basis, weights)
 
 
 class PathFollower:

@@ -5,14 +5,36 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.linalg import lapack
 
 from ..arrays import FloatArray
 from ..primitives.conditional_model import ConditionalDistribution
 from .bases import MotionBasis
 from .compiler import MotionProgram
 from .search_options import SearchOptions
+from .starts import StartPoint
 from .unknowns import END_SCALES, GOAL_POSITION, LOG_DURATION_SCALE
+
+
+def natural_starts(
+    basis: MotionBasis,
+    program: MotionProgram,
+    naturalness: float,
+    search: SearchOptions,
+    goals: FloatArray,
+) -> list[StartPoint]:
+    """Set the program's naturalness; return the unknowns to start from, the cheapest first."""
+    starts = basis.starts
+    if basis.precision is not None and naturalness > 0.0:
+        program.precision = naturalness * goal_precision(program, basis, goals, search)
+        if naturalness >= search.near_expected:
+            starts = starts[:1]
+    # The state of a solver for weights alone does not fit programs with other unknowns.
+    fits, to_unknowns = program.scales.size == basis.expected.size, program.unknowns.from_weights
+    found = [StartPoint(to_unknowns(w), memory if fits else None) for w, memory in starts]
+    if len(found) > 1:
+        costs = program.costs(np.array([start.unknowns for start in found]))
+        found = [found[i] for i in np.argsort(costs, kind="stable")]
+    return found
 
 
 def goal_precision(
@@ -61,7 +83,6 @@ def segment_precision(
     spread of the demonstrations of each joint, averaged over the motion.
     """
     unknowns, tables = program.unknowns, basis.tables
-    hermite, _, every = tables.states
     n, n_joints = unknowns.n_weights, unknowns.boundary.shape[1]
     precision = np.zeros((program.scales.size, program.scales.size))
     if basis.precision is not None:
@@ -73,13 +94,13 @@ def segment_precision(
     variances = np.zeros(n_joints)
     if basis.n_components:
         k = basis.n_components
-        functions = every[0, :, :, :k] / basis.basis.scales[:k]
+        functions = tables.values[0, 1:-1, :, 1 : k + 1]
         variances = np.einsum(
             "k,kji,il,kjl->j", tables.quadrature, functions, expected.covariance, functions
         )
     spreads = search.bend_spread * np.maximum(np.sqrt(variances), search.min_spread)
     rows = unknowns.free_rows
-    bends = hermite[0][:, rows] * END_SCALES[rows]
+    bends = tables.hermite[0, 1:-1, rows].T * END_SCALES[rows]
     gram = bends.T @ (bends * tables.quadrature[:, None])
     for j in range(n_joints):
         index = n + j + n_joints * np.arange(len(rows))
@@ -99,7 +120,6 @@ def unit_of_naturalness(
     """
     here = program.at_expected
     gradient = (here.residual @ here.jacobian)[: len(precision)]
-    _, along, _ = lapack.dposv(precision, gradient)
-    descent = float(np.sqrt(gradient @ along))
+    descent = float(np.sqrt(gradient @ np.linalg.solve(precision, gradient)))
     cost = 0.5 * float(here.residual @ here.residual)
     return max(cost, effort_weight * descent)

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -23,6 +24,9 @@ from .selection import cost_of
 from .setup import Setup
 from .verdict import Judge, Planned, correction
 
+if TYPE_CHECKING:
+    from .planner import Planner
+
 
 class PlanAssembly:
     """Makes plans of attempts.
@@ -36,8 +40,8 @@ class PlanAssembly:
     def __init__(self, setup: Setup, resolver: GoalResolver) -> None:
         self._setup, self._resolver, self._judge = setup, resolver, Judge(setup)
 
-    def plan(self, planned: Planned, reason: str, solve_time: float) -> Plan:
-        """The plan, with its status, message and values."""
+    def plan(self, planned: Planned, reason: str, solve_time: float, planner: Planner) -> Plan:
+        """The plan of a planner, with its status, message and values."""
         attempt = planned.attempt
         request = attempt.request
         trajectory = attempt.trajectory.with_efforts(attempt.check.efforts)
@@ -66,6 +70,7 @@ class PlanAssembly:
             naturalness=attempt.naturalness,
             solve_time=solve_time,
             mode=planned.mode,
+            planner=planner,
         )
 
     def _solution(self, attempt: Attempt) -> MotionSolution:
@@ -89,9 +94,9 @@ class PlanAssembly:
             return request.expected.in_span_score
         free = request.duration_is_free
         return max(
-            self._resolver.expect(
+            self._resolver.in_span_score(
                 primitive, motion.start, motion.goal, None if free else motion.duration
-            ).in_span_score
+            )
             for primitive, motion in zip(request.primitives, attempt.motions, strict=True)
         )
 

@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import replace
 from importlib import import_module
 
 from ..exceptions import GoalError, PrimitiveError, quote_names
@@ -197,7 +196,7 @@ class Planner:
             planned, attempts = self._single.serve(requests, began, budget)
         solved_at = max(attempts[-1].solved_at, planned.attempt.solved_at)
         reason = selection_reason(goal, planned.attempt, attempts)
-        return replace(self._assembly.plan(planned, reason, solved_at - began), planner=self)
+        return self._assembly.plan(planned, reason, solved_at - began, self)
 
     @one_blas_thread()
     def precompute(self, max_time: float = float("inf")) -> None:

@@ -10,10 +10,11 @@ tightened or clearance constraints are added, and the solver continues from its 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..arrays import FloatArray
 from ..motion.collision import Collision, CollisionModel
@@ -27,16 +28,15 @@ from .clearance import Clearances, ClearProgram
 from .compiler import MotionProgram
 from .constraints import LimitedProgram
 from .motion import Motion
-from .naturalness import goal_precision, segment_precision
+from .naturalness import natural_starts, segment_precision
 from .pose_search import nearest_configuration
 from .program import Program
 from .request import Request
-from .search_options import SearchOptions
 from .selection import effort_of
 from .sequence_request import SequenceRequest, passing_phases
 from .setup import Setup
 from .starts import StartPoint
-from .time_scaling import keeps_limits
+from .time_scaling import limit_shares
 from .unknowns import GOAL_POSITION, Unknowns
 
 
@@ -64,18 +64,24 @@ class Part:
     limited: LimitedProgram = field(init=False)
     clearances: Clearances | None = None
 
-    def is_expected_within(self, limits: JointLimits) -> bool:
-        """Whether the expected motion keeps the limits at the nodes, and its duration is known."""
-        x = self.program.unknowns
-        if x.duration_is_free and not self.program.precision[x.n_linear, x.n_linear] > 0.0:
-            return False
-        at = self.program.at_expected
-        return keeps_limits(limits, at.states, at.efforts)
+    def near_limits(self, limits: JointLimits, share: float) -> NDArray[np.bool_]:
+        """Limits that a motion near the expected one may reach, shape (5, n_joints).
 
-    def bound(self, limits: JointLimits | None, robot: Robot) -> None:
-        """Add the limits as constraints."""
+        None of them if the expected motion keeps the limits at the nodes, and its duration is
+        known; otherwise those of which it takes more than a share.
+        """
+        x, at = self.program.unknowns, self.program.at_expected
+        shares = limit_shares(limits, at.states, at.efforts)
+        is_timed = not x.duration_is_free or self.program.precision[x.n_linear, x.n_linear] > 0.0
+        return ~(shares <= (1.0 if is_timed and np.all(shares <= 1.0) else share))
+
+    def bound(
+        self, limits: JointLimits, robot: Robot, chosen: NDArray[np.bool_] | None = None
+    ) -> None:
+        """Make limits constraints: all, or the chosen ones."""
         # Only fixed ends reduce the margin, and only of limits.
-        known = [state for state in self.ends if state is not None and limits is not None]
+        is_bounded = chosen is None or chosen.any()
+        known = [state for state in self.ends if state is not None and is_bounded]
         states = np.zeros((len(known), 4, robot.n_joints))
         if known:
             q, v, a = (
@@ -83,7 +89,8 @@ class Part:
                 for kind in ("positions", "velocities", "accelerations")
             )
             states = np.stack([q, v, a, robot.inverse_dynamics(q, v, a)], axis=1)
-        self.limited = LimitedProgram(self.program, self.basis.limit_tables, limits, states)
+        tables = self.basis.limit_tables
+        self.limited = LimitedProgram(self.program, tables, limits, states, chosen)
 
     def whole(self, collision: CollisionModel | None) -> Program:
         """The segment with all of its inequalities."""
@@ -109,8 +116,6 @@ class PlanningProblem(ABC):
         The segments.
     starts : list of StartPoint
         Starts of the solver, the cheapest first.
-    is_bounded : bool
-        Whether limits are constraints; otherwise they are only checked.
     """
 
     setup: Setup
@@ -119,7 +124,6 @@ class PlanningProblem(ABC):
     naturalness: float
     parts: list[Part]
     starts: list[StartPoint]
-    is_bounded = False
 
     @property
     def has_clearances(self) -> bool:
@@ -128,10 +132,9 @@ class PlanningProblem(ABC):
 
     @property
     def is_near_expected(self) -> bool:
-        """Whether motions stay near an expected one within limits, which are rarely active then."""
+        """Whether motions stay near an expected one."""
         certain = all(basis.precision is not None for basis in self.bases)
-        near = certain and self.naturalness >= self.setup.options.search.near_expected
-        return near and all(part.is_expected_within(self.setup.limits) for part in self.parts)
+        return certain and self.naturalness >= self.setup.options.search.near_expected
 
     @abstractmethod
     def program(self) -> Program:
@@ -153,21 +156,33 @@ class PlanningProblem(ABC):
     def naturalness_cost(self, x: FloatArray) -> float:
         """The naturalness term of the objective."""
 
-    def bound(self, *, with_limits: bool) -> None:
-        """Start with or without the limits."""
-        self.is_bounded = with_limits
+    def bound(self, *, fully: bool) -> None:
+        """Make limits constraints: all, or those that motions near the expected ones may reach."""
+        limits, share = self.setup.limits, self.setup.options.search.near_limit
         for part in self.parts:
-            part.bound(self.setup.limits if with_limits else None, self.setup.robot)
+            chosen = None if fully else part.near_limits(limits, share)
+            part.bound(limits, self.setup.robot, chosen)
+
+    def covers(self, violations: Sequence[Violation], motions: Sequence[Motion]) -> bool:
+        """Whether all limits that segments violate are constraints of theirs."""
+        parts = self._by_part(violations, motions)
+        return all(part.limited.covers(own) for part, own in parts)
 
     def tighten(self, violations: Sequence[Violation], motions: Sequence[Motion]) -> None:
         """Tighten the bounds of the segments in which limits are violated or touched."""
+        for part, own in self._by_part(violations, motions):
+            if own:
+                part.limited = part.limited.tightened(own)
+
+    def _by_part(
+        self, violations: Sequence[Violation], motions: Sequence[Motion]
+    ) -> Iterator[tuple[Part, list[Violation]]]:
+        """The segments, and the violations in each of them."""
         began = 0.0
         for part, motion in zip(self.parts, motions, strict=True):
             # At a target, the violation may belong to either segment.
             first, last = began - GRID_PERIOD, began + motion.duration + GRID_PERIOD
-            own = [one for one in violations if first <= one.time <= last]
-            if own:
-                part.limited = part.limited.tightened(own)
+            yield part, [one for one in violations if first <= one.time <= last]
             began += motion.duration
 
     def keep_clear(self) -> None:
@@ -247,7 +262,7 @@ class SingleProblem(PlanningProblem):
         )
         # A free goal is natural where demonstrations end.
         goals = request.primitive.boundary_states[:, GOAL_POSITION]
-        self.starts = _starts(basis, self._program, naturalness, setup.options.search, goals)
+        self.starts = natural_starts(basis, self._program, naturalness, setup.options.search, goals)
         ends = request.start, request.goal if request.pose is None else None
         self.parts = [Part(self._program, basis, ends)]
         if basis.is_detour:
@@ -375,25 +390,3 @@ def collision_at_end(
         if request.pose is None and one.last_time >= duration:
             return "goal", one
     return None
-
-
-def _starts(
-    basis: MotionBasis,
-    program: MotionProgram,
-    naturalness: float,
-    search: SearchOptions,
-    goals: FloatArray,
-) -> list[StartPoint]:
-    """Set the program's naturalness; return the unknowns to start from, the cheapest first."""
-    starts = basis.starts
-    if basis.precision is not None and naturalness > 0.0:
-        program.precision = naturalness * goal_precision(program, basis, goals, search)
-        if naturalness >= search.near_expected:
-            starts = starts[:1]
-    # The state of a solver for weights alone does not fit programs with other unknowns.
-    fits, to_unknowns = program.scales.size == basis.expected.size, program.unknowns.from_weights
-    found = [StartPoint(to_unknowns(w), memory if fits else None) for w, memory in starts]
-    if len(found) > 1:
-        costs = program.costs(np.array([start.unknowns for start in found]))
-        found = [found[i] for i in np.argsort(costs, kind="stable")]
-    return found

@@ -133,25 +133,20 @@ class MoreNatural:
 
 @dataclass(frozen=True, eq=False)
 class WiderBasis:
-    """The next wider basis, with the first duration and naturalness.
+    """The next wider basis, otherwise with the first setting.
 
     Attributes
     ----------
     bases : iterator of MotionBasis
-        From the narrowest to the widest; they are made when they are needed.
-    duration : float
-        Duration [s].
-    naturalness : float
-        Naturalness weight ρ.
+        From the narrower to the widest; they are made when they are needed.
+    first : Setting
+        The first setting.
     """
 
     bases: Iterator[MotionBasis]
-    duration: float
-    naturalness: float
+    first: Setting
 
-    def propose(self, failure: Failure | None = None) -> Setting | None:
-        """The next basis; the first one before any failure."""
+    def propose(self, failure: Failure) -> Setting | None:
+        """The next basis."""
         basis = next(self.bases, None)
-        if basis is None:
-            return None
-        return Setting(basis, self.duration, self.naturalness, is_first=True)
+        return None if basis is None else replace(self.first, basis=basis)

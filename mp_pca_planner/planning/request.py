@@ -154,8 +154,9 @@ class GoalResolver:
                     goal.duration is None,
                     one.expected,
                 )
-                conditions = self._conditions(request, goal.vias)
-                yield replace(request, conditions=conditions)
+                if pose is not None or goal.vias:
+                    request = replace(request, conditions=self._conditions(request, goal.vias))
+                yield request
 
     def target(self, goal: JointGoal, here: JointState) -> JointState:
         """The configuration of all joints that a goal specifies; see :meth:`resolve`."""
@@ -231,11 +232,26 @@ class GoalResolver:
         duration: float | None,
     ) -> ConditionalDistribution:
         """The prediction for a motion, with continuous joints shifted by full turns."""
+        return primitive.model.predict(*self._shifted(primitive, start, goal), duration)
+
+    def in_span_score(
+        self,
+        primitive: MovementPrimitive,
+        start: JointState,
+        goal: JointState,
+        duration: float | None,
+    ) -> float:
+        """The in-span score of that prediction."""
+        return primitive.model.in_span_score(*self._shifted(primitive, start, goal), duration)
+
+    def _shifted(
+        self, primitive: MovementPrimitive, start: JointState, goal: JointState
+    ) -> tuple[FloatArray, FloatArray]:
         # The demonstrations of a continuous joint may be full turns away.
         mean = primitive.model.mean[: primitive.n_joints]
         turns = np.round((mean - start.positions) / (2.0 * np.pi))
         shift = np.where(self._setup.robot.continuous, 2.0 * np.pi * turns, 0.0)
-        return primitive.model.predict(start.positions + shift, goal.positions + shift, duration)
+        return start.positions + shift, goal.positions + shift
 
 
 def longest_duration(options: PlannerOptions) -> float:

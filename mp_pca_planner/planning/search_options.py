@@ -14,8 +14,11 @@ class SearchOptions:
     Attributes
     ----------
     near_expected : float
-        From this naturalness on, motions stay near the expected one: the first attempt has no
-        limits in the program, one start is enough, and warm starts do not help.
+        From this naturalness on, motions stay near the expected one: one start is enough, warm
+        starts do not help, and the first attempt has only those limits in the program that the
+        expected motion comes near, none if it keeps them.
+    near_limit : float
+        Share of a limit from which on the expected motion is near it.
     effort_weight : float
         The unit of naturalness is the cost of the expected motion, or this multiple of the decrease
         of the objective along one standard deviation of the weights, if that is larger. At ρ = 1
@@ -33,8 +36,8 @@ class SearchOptions:
         Factor on the duration at which the expected motion just keeps the limits at the nodes, for
         the peaks between them.
     share_of_descent : float
-        Share of the time for descent among obstacles, 0 to 1: from the expected motion before
-        detours are tried, and from the motion along a path if that may be executed.
+        Share of the time for descent from the expected motion among obstacles, 0 to 1, before
+        detours are tried.
     detour_tolerance : float
         Tolerance of the solver on detours: most of the cost depends on the path that was found.
     detour_radius : float
@@ -78,6 +81,7 @@ class SearchOptions:
     """
 
     near_expected: float = 0.1
+    near_limit: float = 0.7
     effort_weight: float = 8.0
     max_refinements: int = 8
     share_of_fixed: float = 0.6

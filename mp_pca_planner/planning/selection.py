@@ -304,6 +304,6 @@ def cost_of(
 
 def node_states(motion: Motion, tables: QuadratureTables) -> FloatArray:
     """Positions to jerks at the start, the nodes and the goal, shape (4, n_nodes + 2, n_joints)."""
-    hermite, mean, functions = tables.with_ends
-    by_phase = hermite @ motion.boundary + mean + functions @ (motion.weights / motion.basis.scales)
+    shapes = tables.values @ np.concatenate([[1.0], motion.weights])
+    by_phase = tables.hermite @ motion.boundary + shapes
     return np.asarray(by_phase / motion.duration ** np.arange(4.0)[:, None, None])

@@ -8,7 +8,7 @@ import time
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import lru_cache
-from itertools import chain, islice
+from itertools import islice
 
 import numpy as np
 
@@ -182,45 +182,49 @@ class SinglePlanner:
         return WarmStarts(np.array(ends), np.array(weights), memories)
 
     def _attempts(self, request: Request, budget: Budget, paths: Paths) -> Attempt:
-        """The best motion for a request, with recoveries; adds a collision-free path to `paths`."""
-        options, usual = self._setup.options, request.expected.duration
-        stretch = options.search.max_stretch if request.duration_is_free else 1.0
-        bases, duration = self._chooser.bases(request), usual
-        if request.duration_is_free and not self._searches(request):
-            first_basis = next(bases)
-            bases, duration = (
-                chain([first_basis], bases),
-                _scaled(self._setup, request, first_basis),
-            )
-        wider = WiderBasis(bases, duration, options.naturalness)
-        recoveries: list[Recovery] = [wider]
-        if not self._searches(request):
-            natural = MoreNatural(options.search.naturalness_steps)
-            recoveries = [Slower(stretch * usual), natural, wider]
-        best, setting, descent, searched = None, wider.propose(), budget, False
-        if setting and self._detours.lead_first(request, setting.basis):
-            best, searched = self._detours.best(request, budget, paths), True
-            if best is not None and (best.is_valid or budget.is_over()):
-                return best
+        """The best motion for a request; adds a collision-free path to `paths`."""
+        tried: list[Attempt] = []
+        for one in self._in_turn(request, budget, paths):
+            tried.append(one)
+            if one.is_valid or one.is_hopeless:
+                break
+        return min(tried, key=lambda one: one.violation)
+
+    def _in_turn(self, request: Request, budget: Budget, paths: Paths) -> Iterator[Attempt]:
+        """Attempts by descent and, once bodies collide, along a detour; then recoveries."""
+        setting, recoveries = self._settings(request)
+        following: Setting | None = setting
+        descent, detour = budget, self._detours.attempts(request, budget, paths)
+        if self._detours.lead_first(request, setting.basis):
+            yield from detour
         elif self._detours.may_serve(request):
-            descent = budget.share(options.search.share_of_descent)
-        while setting is not None:
-            tried, setting = self._attempt(request, setting, descent)
-            best = tried if best is None else min(best, tried, key=lambda one: one.violation)
-            if not best.is_valid and (descent.is_over() or tried.meets_bodies):
+            descent = budget.share(self._setup.options.search.share_of_descent)
+        while following is not None:
+            tried, setting = self._attempt(request, following, descent)
+            yield tried
+            if descent.is_over() or tried.meets_bodies:
                 descent = budget
                 if self._detours.may_help(request, tried):
-                    around = None if searched else self._detours.best(request, budget, paths)
-                    best, searched = min(best, around or best, key=lambda one: one.violation), True
+                    yield from detour
                     if not self._detours.hint:  # then more descent is of no use
-                        break
-            if best.is_valid or best.is_hopeless or budget.is_over():
-                break
+                        return
+            if budget.is_over():
+                return
             failure = Failure(tried, setting, self._setup)
             proposals = (recovery.propose(failure) for recovery in recoveries)
-            setting = next((one for one in proposals if one is not None), None)
-        assert best is not None
-        return best
+            following = next((one for one in proposals if one is not None), None)
+
+    def _settings(self, request: Request) -> tuple[Setting, list[Recovery]]:
+        """The first setting, and its recoveries in order."""
+        options, bases = self._setup.options, self._chooser.bases(request)
+        basis, searches = next(bases), self._searches(request)
+        duration = longest = request.expected.duration
+        if request.duration_is_free and not searches:
+            longest *= options.search.max_stretch
+            duration = _scaled(self._setup, request, basis, is_unknown=options.timing == FREE)
+        setting = Setting(basis, duration, options.naturalness, is_first=True)
+        wider, natural = WiderBasis(bases, setting), MoreNatural(options.search.naturalness_steps)
+        return setting, [wider] if searches else [Slower(longest), natural, wider]
 
     def _searches(self, request: Request) -> bool:
         return request.duration_is_free and self._setup.options.timing == SHORTEST
@@ -260,7 +264,8 @@ class SinglePlanner:
 
         The planner's objectives count little: they choose among motions of one duration.
         """
-        options, duration = self._setup.options, _scaled(self._setup, request, basis)
+        options = self._setup.options
+        duration = _scaled(self._setup, request, basis, is_unknown=True)
         initial = Motion(request.start, request.goal, duration, basis.basis, basis.expected)
         cost = cost_of(self._setup.robot, initial, basis.tables, options.objectives)
         share = options.search.share_in_shortest * duration / max(cost, TINY)
@@ -295,10 +300,14 @@ class SinglePlanner:
         return stated
 
 
-def _scaled(setup: Setup, request: Request, basis: MotionBasis) -> float:
-    """The expected duration, longer if the expected motion exceeds limits otherwise [s]."""
+def _scaled(setup: Setup, request: Request, basis: MotionBasis, *, is_unknown: bool) -> float:
+    """The expected duration, longer if the expected motion exceeds limits otherwise [s].
+
+    With a margin, unless it is an unknown of the program, which keeps the limits itself.
+    """
     usual, search = request.expected.duration, setup.options.search
     motion = Motion(request.start, request.goal, usual, basis.basis, basis.expected)
     states = node_states(motion, basis.tables)
-    stretch = search.scaling_margin * least_stretch(setup.robot, setup.limits, states)
+    margin = 1.0 if is_unknown else search.scaling_margin
+    stretch = margin * least_stretch(setup.robot, setup.limits, states)
     return usual * stretch if 1.0 < stretch <= search.max_stretch else usual

@@ -9,7 +9,7 @@ weights were measured to take 2 to 3 times as long.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager
 from functools import cache
 from typing import Any
 
@@ -20,16 +20,21 @@ def one_blas_thread() -> Iterator[None]:
 
     No effect if threadpoolctl is not installed, as in ROS workspaces that lack it.
     """
-    libraries = _libraries()
-    with nullcontext() if libraries is None else libraries.limit(limits=1, user_api="blas"):
+    several = [(one, n) for one in _libraries() if (n := one.num_threads or 1) > 1]
+    for library, _ in several:
+        library.set_num_threads(1)
+    try:
         yield
+    finally:
+        for library, n_threads in several:
+            library.set_num_threads(n_threads)
 
 
 @cache
-def _libraries() -> Any:
+def _libraries() -> list[Any]:
     """The BLAS libraries of the process; NumPy's and SciPy's are loaded when planning begins."""
     try:
         from threadpoolctl import ThreadpoolController
     except ImportError:
-        return None
-    return ThreadpoolController()
+        return []
+    return list(ThreadpoolController().select(user_api="blas").lib_controllers)

@@ -72,11 +72,25 @@ def kinematic_stretch(limits: JointLimits, rates: FloatArray) -> float:
     return float(np.max(shares ** (1.0 / np.arange(1, 4))))
 
 
-def keeps_limits(limits: JointLimits, states: FloatArray, efforts: FloatArray) -> bool:
-    """Whether positions to jerks, shape (4, n_steps, n_joints), and efforts are within limits."""
-    inside = np.all((limits.lower <= states[0]) & (states[0] <= limits.upper))
-    weak = np.all(np.abs(efforts) <= limits.effort)
-    return bool(inside and weak and kinematic_stretch(limits, states[1:]) <= 1.0)
+def limit_shares(limits: JointLimits, states: FloatArray, efforts: FloatArray) -> FloatArray:
+    """Largest values of a motion as shares of the limits, shape (5, n_joints).
+
+    Those of positions are 0 in the middle of a range and 1 at its ends.
+
+    Parameters
+    ----------
+    limits : JointLimits
+        Limits of the joints.
+    states : array, shape (4, n_steps, n_joints)
+        Positions, velocities, accelerations and jerks.
+    efforts : array, shape (n_steps, n_joints)
+        Efforts; NaN counts as beyond a limit.
+    """
+    half = (limits.upper - limits.lower) / 2.0
+    beyond = np.maximum(limits.lower - states[0], states[0] - limits.upper).max(axis=0)
+    bounds = np.array([limits.velocity, limits.acceleration, limits.jerk, limits.effort])
+    magnitudes = np.abs([*states[1:], efforts]).max(axis=1)
+    return np.vstack([1.0 + beyond / np.where(np.isfinite(half), half, 1.0), magnitudes / bounds])
 
 
 def _effort_parts(

@@ -54,8 +54,11 @@ class QuadratureTables:
         Phases of the nodes.
     quadrature : array, shape (n_nodes,)
         Quadrature weights; they add up to 1.
-    with_ends : tuple of array
-        `states` at phase 0, at the nodes and at phase 1.
+    hermite : array, shape (4, n_nodes + 2, 6)
+        Quintic Hermite functions and their first three derivatives by phase, at phase 0, at the
+        nodes and at phase 1.
+    values : array, shape (4, n_nodes + 2, n_joints, 1 + n_weights)
+        The same of the mean shape and the basis functions.
     """
 
     def __init__(self, basis: Basis, n_nodes: int = DEFAULT_NODES) -> None:
@@ -68,26 +71,16 @@ class QuadratureTables:
         self.basis = basis
         self.phases = inside
         self.quadrature = (widths * w / 2.0).ravel()
-        tables = basis.tables(phases, N_RATES - 1)
-        hermite = hermite_tables(phases.tobytes())
-        self.with_ends = hermite, tables[..., 0], tables[..., 1:] * basis.scales
+        self.hermite = hermite_tables(phases.tobytes())
+        self.values = basis.tables(phases, N_RATES - 1)
 
-    @property
-    def states(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Positions and their first three derivatives by phase at the nodes.
+    def states(self, unknowns: Unknowns) -> StateMap:
+        """Positions to jerks at the nodes."""
+        return all_states(unknowns, self.hermite[:, 1:-1], self.values[:, 1:-1])
 
-        Returns
-        -------
-        hermite : array, shape (4, n_nodes, 6)
-            Quintic Hermite functions.
-        mean : array, shape (4, n_nodes, n_joints)
-            The mean shape.
-        functions : array, shape (4, n_nodes, n_joints, n_weights)
-            The basis functions, each times the usual magnitude of its weight, so that the unknowns
-            of the program are of order 1.
-        """
-        hermite, mean, functions = (table[:, 1:-1] for table in self.with_ends)
-        return hermite, mean, functions
+    def goal_states(self, unknowns: Unknowns) -> StateMap:
+        """Positions and velocities at the goal."""
+        return all_states(unknowns, self.hermite[:2, -1:], self.values[:2, -1:])
 
     @property
     def n_nodes(self) -> int:
@@ -289,34 +282,27 @@ class StateMap:
     ----------
     unknowns : Unknowns
         The unknowns.
-    hermite : array, shape (4, n_phases, 6)
-        Quintic Hermite functions and their first three derivatives by phase.
-    mean : array, shape (4, n_phases, n_joints)
-        The same of the mean shape.
-    functions : array, shape (4, n_phases, n_joints, n_weights)
-        The same of the basis functions, times the scales of their weights.
-    rows : Rows, optional
-        The rows; all states in SI units, order by order, unless given.
+    hermite : array, shape (n_rows, n_phases, 6)
+        Quintic Hermite functions, or their derivatives by phase.
+    shapes : array, shape (n_rows, n_phases, 1 + n_weights)
+        The mean shape and the basis functions, or their derivatives.
+    rows : Rows
+        The rows.
     """
 
     def __init__(
         self,
         unknowns: Unknowns,
         hermite: FloatArray,
-        mean: FloatArray,
-        functions: FloatArray,
-        rows: Rows | None = None,
+        shapes: FloatArray,
+        rows: Rows,
     ) -> None:
-        n_joints = mean.shape[2]
-        if rows is None:
-            every = np.arange(N_RATES * n_joints)
-            rows = Rows(every // n_joints, every % n_joints, np.ones(every.size))
         orders, self._joints, self._units = rows
-        self._unknowns, self._hermite, self._orders = unknowns, hermite[orders], orders[:, None]
-        self._mean = mean[orders, :, self._joints]
-        columns = functions[orders, :, self._joints]
+        self._unknowns, self._hermite, self._orders = unknowns, hermite, orders[:, None]
+        self._mean = shapes[:, :, 0]
+        columns = shapes[:, :, 1:] * unknowns.scales[: unknowns.n_weights]
         for row in unknowns.free_rows:
-            own = np.eye(n_joints)[self._joints][:, None, :]
+            own = np.eye(unknowns.boundary.shape[1])[self._joints][:, None, :]
             moved = END_SCALES[row] * self._hermite[:, :, row, None] * own
             columns = np.concatenate([columns, moved], axis=2)
         self._columns = columns.reshape(self._mean.size, columns.shape[2])
@@ -370,9 +356,13 @@ class StateMap:
 
 def state_map(unknowns: Unknowns, basis: Basis, phases: FloatArray, highest: int) -> StateMap:
     """States of all joints at some phases, order by order of their derivatives."""
-    tables = basis.tables(phases, highest)
-    joints = np.tile(np.arange(tables.shape[2]), highest + 1)
-    orders = np.repeat(np.arange(highest + 1), tables.shape[2])
     hermite = hermite_tables(phases.tobytes())[: highest + 1]
-    rows = Rows(orders, joints, np.ones(joints.size))
-    return StateMap(unknowns, hermite, tables[..., 0], tables[..., 1:] * basis.scales, rows)
+    return all_states(unknowns, hermite, basis.tables(phases, highest))
+
+
+def all_states(unknowns: Unknowns, hermite: FloatArray, tables: FloatArray) -> StateMap:
+    """States of all joints from Hermite functions and tables of a basis, order by order."""
+    n_orders, n_phases, n_joints, n_functions = tables.shape
+    orders, joints = np.divmod(np.arange(n_orders * n_joints), n_joints)
+    shapes = tables.transpose(0, 2, 1, 3).reshape(-1, n_phases, n_functions)
+    return StateMap(unknowns, hermite[orders], shapes, Rows(orders, joints, np.ones(joints.size)))

@@ -146,13 +146,7 @@ def aligned_positions(
     phases : array, shape (n_steps,)
         Aligned phases in [0, 1].
     """
-    # Late, so that the node starts fast.
-    from scipy.interpolate import CubicHermiteSpline
-
-    spline = CubicHermiteSpline(
-        demonstration.times, demonstration.positions, demonstration.velocities, axis=0
-    )
-    return np.asarray(spline(demonstration.duration * own_phases(warp, phases)), dtype=np.float64)
+    return demonstration.at(demonstration.duration * own_phases(warp, phases))
 
 
 def _curve(values: FloatArray) -> PchipInterpolator:

@@ -93,9 +93,9 @@ class PolynomialBasis(Basis):
 
     def shapes(self, weights: FloatArray, phases: FloatArray, highest: int) -> FloatArray:
         """Shape and derivatives up to the highest one, shape (highest + 1, n_steps, n_joints)."""
-        components = self.component_coefficients.reshape(-1, self.mean_coefficients.size)
-        weighted = weights @ components
-        series = self.mean_coefficients + weighted.reshape(self.mean_coefficients.shape)
+        mean = self.mean_coefficients
+        weighted = weights @ self.component_coefficients.reshape(self.n_weights, mean.size)
+        series = mean + weighted.reshape(mean.shape)
         return legendre_derivatives(series, phases, highest)
 
 

@@ -186,13 +186,9 @@ class ConditionalModel:
         duration : float, optional
             Duration [s]; the expected one unless given.
         """
-        ends = np.concatenate([start, goal])
+        ends, score = np.concatenate([start, goal]), self.in_span_score(start, goal, duration)
         expected = self._expected_duration(ends) if duration is None else duration
-        request = np.append(ends, np.log(expected))
-        given, precision = request, self.request_precision
-        if duration is None:
-            given, precision = ends, self._end_precision
-        score = in_span_score(given, self.mean, precision)
+        request = np.append(ends, math.log(expected))
         similar, distance = self._features(request)
         # Novelty of the request, from 0 to 1, by the shortest kernel.
         novelty = 1.0 + CONSTANT - similar[-1, 0].max()
@@ -202,6 +198,15 @@ class ConditionalModel:
         weights = self.straight_weights + math.sqrt(distance) * shape
         of_weights = self.weight_covariance, self.weight_precision
         return ConditionalDistribution(weights, *of_weights, pace, expected, score)
+
+    def in_span_score(
+        self, start: FloatArray, goal: FloatArray, duration: float | None = None
+    ) -> float:
+        """Distance of a request from the demonstrations, see :class:`ConditionalDistribution`."""
+        if duration is None:
+            return in_span_score(np.concatenate([start, goal]), self.mean, self._end_precision)
+        request = np.concatenate([start, goal, [math.log(duration)]])
+        return in_span_score(request, self.mean, self.request_precision)
 
     @cached_property
     def mean(self) -> FloatArray:

@@ -45,7 +45,7 @@ class _Quadratics:
     def of(
         cls, means: FloatArray, precisions: FloatArray, size: int, n_at_once: int = 4096
     ) -> _Quadratics:
-        """Coefficients for requests of a size; so many primitives at once bound the memory."""
+        """Coefficients for requests of a size; of few primitives at a time, to bound the memory."""
         centre = means[:, :size].mean(axis=0)
         upper = np.triu_indices(size)
         n_squares = upper[0].size

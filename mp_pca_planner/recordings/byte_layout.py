@@ -24,6 +24,7 @@ ENCAPSULATION = 4
 """Bytes before a message in CDR; alignment is relative to their end. ROS 1 has neither."""
 
 NS_PER_S = 1_000_000_000
+"""Nanoseconds in a second."""
 
 
 @dataclass(frozen=True, eq=False)

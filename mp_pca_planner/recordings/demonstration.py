@@ -129,21 +129,20 @@ class Demonstration:
         """Duration [s]."""
         return float(self.times[-1])
 
-    def time_normalised(self, n_phases: int) -> FloatArray:
-        """Positions at evenly spaced phases from 0 to 1 (linear time normalisation).
+    def at(self, times: FloatArray) -> FloatArray:
+        """Joint positions at times [s], shape (n_times, n_joints) [rad or m].
 
-        Parameters
-        ----------
-        n_phases : int
-            Number of phases, at least 2.
-
-        Returns
-        -------
-        positions : array, shape (n_phases, n_joints)
-            Joint positions [rad or m], by cubic Hermite interpolation of positions and velocities.
+        They are found by cubic Hermite interpolation of positions and velocities.
         """
         spline = CubicHermiteSpline(self.times, self.positions, self.velocities, axis=0)
-        return np.asarray(spline(np.linspace(0.0, self.times[-1], n_phases)), dtype=np.float64)
+        return np.asarray(spline(times), dtype=np.float64)
+
+    def time_normalised(self, n_phases: int) -> FloatArray:
+        """Joint positions at evenly spaced phases from 0 to 1 (linear time normalisation).
+
+        Their shape is (n_phases, n_joints); at least 2 phases are needed.
+        """
+        return self.at(np.linspace(0.0, self.times[-1], n_phases))
 
     def thinned(self, most_samples: int) -> Demonstration:
         """The same motion in fewer samples, for a figure.

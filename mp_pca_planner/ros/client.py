@@ -147,6 +147,9 @@ class GoalClient(NodeInOwnContext):
         Namespace of both nodes.
     planner : str
         Name of the planner's node.
+    plays_robot : bool
+        Whether it can also publish ``joint_states``, ``robot_description`` and ``trial_cost``, as
+        tests and benchmarks do. Another client must not appear as the robot.
 
     Attributes
     ----------
@@ -159,7 +162,12 @@ class GoalClient(NodeInOwnContext):
     """
 
     def __init__(
-        self, name: str = "goal_client", namespace: str = "", planner: str = NODE_NAME
+        self,
+        name: str = "goal_client",
+        namespace: str = "",
+        planner: str = NODE_NAME,
+        *,
+        plays_robot: bool = False,
     ) -> None:
         super().__init__(name, namespace, planner)
         self.trajectories: list[JointTrajectory] = []
@@ -169,12 +177,14 @@ class GoalClient(NodeInOwnContext):
         node = self.node
         self._publishers = {
             topic: node.create_publisher(kind, f"{planner}/{topic}", 1)
-            for kind, topic in (*_GOAL_TOPICS.items(), (Float64, "trial_cost"))
+            for kind, topic in _GOAL_TOPICS.items()
         }
-        self._publishers["joint_states"] = node.create_publisher(JointState, "joint_states", 1)
-        self._publishers["robot_description"] = node.create_publisher(
-            String, "robot_description", LATCHED
-        )
+        if plays_robot:
+            self._publishers |= {
+                "trial_cost": node.create_publisher(Float64, f"{planner}/trial_cost", 1),
+                "joint_states": node.create_publisher(JointState, "joint_states", 1),
+                "robot_description": node.create_publisher(String, "robot_description", LATCHED),
+            }
         self._services = {
             name: node.create_client(Trigger, f"{planner}/{name}")
             for name in ("reload_primitives", "stop", "save_motion")

@@ -17,7 +17,7 @@ from trajectory_msgs.msg import JointTrajectory
 
 from ..exceptions import GoalError, unknown_name
 from ..execution.assembly import Model
-from ..execution.avoidance import ObstacleAvoidance
+from ..execution.avoidance import avoid_obstacle
 from ..execution.goal_planner import UnexecutablePlanError
 from ..execution.motion_server import GoalStatistics, MakeGoal, MotionServer
 from ..execution.preemptive_worker import CancelledError, IsCancelled, PreemptiveWorker
@@ -63,22 +63,18 @@ def stated_in(goal: PoseGoal, reference: str, robot: Robot) -> Callable[[JointSt
             f"the goal is stated in the frame '{reference}', but {reason}; an empty frame_id "
             "means the base"
         )
-    # The origin of the reference frame and the ends of its axes give its pose.
-    points = robot.attach_points([reference] * 4, np.vstack([np.zeros(3), np.eye(3)]))
 
     def make_goal(start: JointState) -> PoseGoal:
-        index = [start.joint_names.index(name) for name in robot.joint_names]
-        (ends,), _ = points.positions_and_jacobians(start.positions[None, index])
-        axes = (ends[1:] - ends[0]).T
-        pose = goal.pose
+        # Imported late for a fast start of the node.
+        from scipy.spatial.transform import Rotation
+
+        q = in_order(start, robot.joint_names).positions
+        (place,) = robot.attached_poses(q[None], [reference], np.zeros((1, 6)))[0]
+        turned, pose = Rotation.from_quat(place[3:]), goal.pose
         orientation = pose.orientation
         if orientation is not None:
-            # Imported late for a fast start of the node.
-            from scipy.spatial.transform import Rotation
-
-            turned = Rotation.from_matrix(axes) * Rotation.from_quat(orientation)
-            orientation = turned.as_quat()
-        position = ends[0] + axes @ pose.position
+            orientation = (turned * Rotation.from_quat(orientation)).as_quat()
+        position = place[:3] + turned.as_matrix() @ pose.position
         return replace(goal, pose=Pose(pose.frame, position, orientation))
 
     return make_goal
@@ -129,8 +125,6 @@ class GoalTopics:
         Makes the planning context.
     server : MotionServer
         Plans and publishes motions.
-    avoidance : ObstacleAvoidance
-        Replaces motions that would hit an obstacle.
     statistics : GoalStatistics
         Counts goals.
     last_motion : LastMotion
@@ -143,12 +137,10 @@ class GoalTopics:
         node: GuardedNode,
         setup: PlanningSetup,
         server: MotionServer,
-        avoidance: ObstacleAvoidance,
         statistics: GoalStatistics,
         last_motion: LastMotion,
     ) -> None:
-        self._node, self._setup = node, setup
-        self._server, self._avoidance = server, avoidance
+        self._node, self._setup, self._server = node, setup, server
         self._statistics, self._last_motion = statistics, last_motion
         self._reports = node.create_publisher(DiagnosticStatus, "~/plan_report", EVERY)
         self._worker: PreemptiveWorker[_Request | _Avoidance] = PreemptiveWorker(
@@ -195,11 +187,11 @@ class GoalTopics:
         """Serve a goal, then avoid an obstacle that the running motion would hit."""
         if isinstance(request, _Request):
             self._serve_goal(request, is_cancelled)
-        if not self._avoidance.is_needed:
+        if self._server.surroundings.threat is None:
             return
         logger = self._node.get_logger()
         try:
-            text, served = self._avoidance.avoid(self._setup.ready(), is_cancelled)
+            text, served = avoid_obstacle(self._server, self._setup.ready(), is_cancelled)
         except CancelledError:
             raise
         except Exception as error:
@@ -236,7 +228,7 @@ class GoalTopics:
         library = served.model.planner.primitives
         used = [library.named(name) for name in dict.fromkeys(plan.primitives)]
         report = messages.to_plan_report(
-            plan, stamp, used, request.ignored_joints, self._avoidance.missing
+            plan, stamp, used, request.ignored_joints, self._server.surroundings.missing
         )
         self._reports.publish(report)
         times = f"{served.motion.duration:.3g} s long, planned in {1e3 * plan.solve_time:.3g} ms"

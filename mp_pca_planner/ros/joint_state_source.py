@@ -18,10 +18,6 @@ from .process import NodeInOwnContext
 from .subscriptions import PolledSubscription
 
 _NAME = "teach"
-_PERIOD = 0.02  # time between two polls [s]
-
-# As reliable as the publishers; waits for ten seconds of states at 1 kHz.
-_EVERY_STATE = QoSProfile(depth=10_000, reliability=ReliabilityPolicy.BEST_AVAILABLE)
 
 Record = Callable[[Sequence[tuple[int, bytes]]], None]
 
@@ -54,9 +50,11 @@ class JointStateSource(NodeInOwnContext):
     ----------
     pause : float
         Least time between two looks at what was recorded [s].
+    period : float
+        Time between two polls [s].
     """
 
-    pause = 0.3
+    pause, period = 0.3, 0.02
 
     def __init__(self, topic: str) -> None:
         super().__init__(_NAME, "", _NAME)
@@ -98,7 +96,7 @@ class JointStateSource(NodeInOwnContext):
             states = self._subscribe()
             is_ending = False
             while states is not None and not is_ending:
-                is_ending = self._is_ending.wait(_PERIOD)
+                is_ending = self._is_ending.wait(self.period)
                 record(
                     [
                         (facts["received_timestamp"] or time.time_ns(), bytes(message))
@@ -111,6 +109,8 @@ class JointStateSource(NodeInOwnContext):
     def _subscribe(self) -> PolledSubscription | None:
         """Subscribe once there is a publisher, to whose reliability that of the topic is fitted."""
         while not self.node.count_publishers(self._topic):
-            if self._is_ending.wait(_PERIOD):
+            if self._is_ending.wait(self.period):
                 return None
-        return PolledSubscription(self.node, JointState, self._topic, _EVERY_STATE, raw=True)
+        # As reliable as the publishers; ten seconds of states at 1 kHz may wait.
+        every = QoSProfile(depth=10_000, reliability=ReliabilityPolicy.BEST_AVAILABLE)
+        return PolledSubscription(self.node, JointState, self._topic, every, raw=True)

@@ -113,8 +113,6 @@ class LastMotion:
 
         if self._served is None:
             raise GoalError("there is no motion to save: none was published")
-        # Imported late for a fast start of the node.
-
         cost = {} if self.cost is None else {"trial_cost": self.cost}
         return keep_motion(self._served, Path(folder), {"kept_by": kept_by, **cost})
 

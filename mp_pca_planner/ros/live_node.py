@@ -1,14 +1,19 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""The running planner node for the page: what it publishes, goals, and its stop service."""
+"""The running planner node for the page and the demo: what it publishes, goals, and its stop."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import suppress
+from dataclasses import replace
+from functools import partial
+from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import PoseStamped
+from rclpy.qos import QoSProfile
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory
@@ -16,22 +21,23 @@ from visualization_msgs.msg import MarkerArray
 
 from ..exceptions import PlannerError, WorldError
 from ..motion.collision import package_folders
-from ..motion.trajectory import Trajectory
 from ..robot.world import World
 from ..view.live import LiveView, NodeStatus
 from .client import report_values
 from .messages import to_trajectory
-from .monitor import Monitor
 from .node import NODE_NAME
 from .obstacle_markers import MarkerMessages
-from .process import NoAnswerError
-from .subscriptions import BURSTS, EVERY, LATCHED_BURSTS, NEWEST, PolledSubscription
+from .process import NoAnswerError, NodeInOwnContext
+from .subscriptions import BURSTS, EVERY, LATCHED_BURSTS, NEWEST, STATES, PolledSubscription
 
-_STOP_TIMEOUT = 2.0  # [s]
+Keep = Callable[[Any, dict[str, int]], None]
 
 
-class LiveNode(Monitor):
+class LiveNode(NodeInOwnContext):
     """A connection to a planner node; use it as a context manager, in one thread.
+
+    Messages stay in the middleware until they are polled, so that joint states at 1 kHz cost next
+    to nothing.
 
     Parameters
     ----------
@@ -43,55 +49,43 @@ class LiveNode(Monitor):
         Topic of the motions, if it is remapped to that of a controller.
     """
 
+    stop_timeout = 2.0
+    """Longest time to wait for the answer to a stop [s]."""
+
     def __init__(
         self, namespace: str = "", planner: str = NODE_NAME, trajectories: str = ""
     ) -> None:
-        super().__init__(namespace, planner)
-        self._motion: Trajectory | None = None
-        self._execution: NodeStatus | None = None
-        topic = trajectories or f"{planner}/joint_trajectory"
-        self._motions = PolledSubscription(self.node, JointTrajectory, topic, EVERY)
-        report = f"{planner}/execution_report"
-        self._executions = PolledSubscription(self.node, DiagnosticStatus, report, EVERY)
-        self._world, self._markers = World(), MarkerMessages()
-        self._obstacles = [
-            PolledSubscription(self.node, MarkerArray, f"{planner}/obstacles", qos)
-            for qos in (BURSTS, LATCHED_BURSTS)
+        super().__init__("live", namespace, planner)
+        self._seen, self._markers = LiveView(), MarkerMessages()
+        self._states: dict[str, tuple[float, float, float]] = {}
+        parent = self.node.get_namespace().rstrip("/")
+        self._status_name = f"{parent}/{planner}: planner"
+        motions, obstacles = trajectories or f"{planner}/joint_trajectory", f"{planner}/obstacles"
+        topics: tuple[tuple[type, str, Keep, QoSProfile | int], ...] = (
+            (JointState, "joint_states", self._on_state, STATES),
+            (JointState, f"{planner}/goal", self._on_goal, 10),
+            (PoseStamped, f"{planner}/goal_pose", self._on_goal, 10),
+            (JointTrajectory, f"{planner}/goal_sequence", self._on_goal, 10),
+            (DiagnosticStatus, f"{planner}/plan_report", self._on_report, EVERY),
+            (DiagnosticStatus, f"{planner}/execution_report", self._on_execution, EVERY),
+            (DiagnosticArray, "/diagnostics", self._on_diagnostics, EVERY),
+            (JointTrajectory, motions, self._on_motion, EVERY),
+            (MarkerArray, obstacles, partial(self._on_markers, is_late=False), BURSTS),
+            (MarkerArray, obstacles, partial(self._on_markers, is_late=True), LATCHED_BURSTS),
+        )
+        self._subscriptions = [
+            (PolledSubscription(self.node, kind, topic, qos), keep)
+            for kind, topic, keep, qos in topics
         ]
         self._goals = self.node.create_publisher(JointState, f"{planner}/goal", NEWEST)
         self._stops = self.node.create_client(Trigger, f"{planner}/stop")
 
     def view(self) -> LiveView:
         """What was received up to now."""
-        seen = self.look()
-        for message, _ in self._motions.poll():
-            try:
-                self._motion = to_trajectory(message)
-            except PlannerError:  # another publisher's; the node publishes none like that
-                self._motion = None
-        for message, _ in self._executions.poll():
-            self._execution = _status((message, time.monotonic()))
-        for is_late, subscription in enumerate(self._obstacles):
+        for subscription, keep in self._subscriptions:
             for message, facts in subscription.poll():
-                self._mark(message, facts["source_timestamp"], is_late=bool(is_late))
-        return LiveView(
-            dict(seen.states),
-            seen.goal,
-            _status(seen.report),
-            self._execution,
-            _status(seen.diagnostics),
-            self._motion,
-            self._world,
-        )
-
-    def _mark(self, message: MarkerArray, stamp: int, *, is_late: bool) -> None:
-        """Apply markers as the node does, which reports those that it rejects."""
-        applied = self._markers.apply(
-            self._world, message, stamp, is_late=is_late, links=None, folders=package_folders(())
-        )
-        if applied is not None:
-            with suppress(WorldError):
-                self._world = World(applied[0])
+                keep(message, facts)
+        return replace(self._seen, states=dict(self._states))
 
     def send_goal(self, positions: Mapping[str, float]) -> None:
         """Send a goal configuration by joint name [rad or m]."""
@@ -104,15 +98,62 @@ class LiveNode(Monitor):
         if not self._stops.service_is_ready():
             return "not stopped: the node is not there"
         try:
-            answer = self.result(self._stops, Trigger.Request(), _STOP_TIMEOUT)
+            answer = self.result(self._stops, Trigger.Request(), self.stop_timeout)
         except NoAnswerError as error:
             return f"not stopped: {error}"
         return str(answer.message)
 
+    def _keep(self, **seen: Any) -> None:
+        self._seen = replace(self._seen, **seen)
 
-def _status(received: tuple[DiagnosticStatus, float] | None) -> NodeStatus | None:
-    if received is None:
-        return None
-    status, when = received
+    def _on_state(self, message: JointState, _: dict[str, int]) -> None:
+        velocities = message.velocity or [float("nan")] * len(message.name)
+        for name, q, v in zip(message.name, message.position, velocities, strict=False):
+            self._states[name] = (q, v, time.monotonic())
+
+    def _on_goal(
+        self, message: JointState | PoseStamped | JointTrajectory, _: dict[str, int]
+    ) -> None:
+        if isinstance(message, JointTrajectory):
+            n_points, n_joints = len(message.points), len(message.joint_names)
+            text = f"{n_points} configurations of {n_joints} joints"
+        elif isinstance(message, PoseStamped):
+            p, o = message.pose.position, message.pose.orientation
+            numbers = "  ".join(f"{x:.3f}" for x in (p.x, p.y, p.z, o.x, o.y, o.z, o.w))
+            text = f"pose {numbers} in '{message.header.frame_id}'"
+        else:
+            values = zip(message.name, message.position, strict=False)
+            text = "  ".join(f"{name} {value:.3f}" for name, value in values)
+        self._keep(goal=(text, time.monotonic()))
+
+    def _on_report(self, message: DiagnosticStatus, _: dict[str, int]) -> None:
+        self._keep(report=_status(message))
+
+    def _on_execution(self, message: DiagnosticStatus, _: dict[str, int]) -> None:
+        self._keep(execution=_status(message))
+
+    def _on_diagnostics(self, message: DiagnosticArray, _: dict[str, int]) -> None:
+        for status in message.status:
+            if status.name == self._status_name:
+                self._keep(diagnostics=_status(status))
+
+    def _on_motion(self, message: JointTrajectory, _: dict[str, int]) -> None:
+        try:
+            self._keep(motion=to_trajectory(message))
+        except PlannerError:  # another publisher's; the node publishes none like that
+            self._keep(motion=None)
+
+    def _on_markers(self, message: MarkerArray, facts: dict[str, int], *, is_late: bool) -> None:
+        """Apply markers as the node does, which reports those that it rejects."""
+        world, stamp = self._seen.world, facts["source_timestamp"]
+        applied = self._markers.apply(
+            world, message, stamp, is_late=is_late, links=None, folders=package_folders(())
+        )
+        if applied is not None:
+            with suppress(WorldError):
+                self._keep(world=World(applied[0]))
+
+
+def _status(status: DiagnosticStatus) -> NodeStatus:
     level = int.from_bytes(status.level, "little")
-    return NodeStatus(level, status.message, report_values(status), when)
+    return NodeStatus(level, status.message, report_values(status), time.monotonic())

@@ -28,15 +28,13 @@ from ..motion.trajectory import Trajectory
 from ..planning.plan import Plan
 from ..planning.remarks import remarks
 from ..primitives.primitive import MovementPrimitive
+from ..recordings.byte_layout import NS_PER_S
 
 UNDER_WAY = "under_way"
 """Status in the report of a goal that is under way, or reached, already."""
 
 OVERTAKEN = "overtaken"
 """Status in the report of a valid goal that was preempted before execution."""
-
-NANOSECONDS = 10**9
-"""Nanoseconds in a second."""
 
 
 def to_goal(message: JointStateMessage, duration: float) -> JointGoal:
@@ -149,7 +147,7 @@ def to_sequence_message(goal: SequenceGoal) -> JointTrajectory:
         if when is not None and when >= 2**31:
             raise GoalError(f"the time {when:g} s of a target is longer than a message can hold")
         since = point.time_from_start
-        since.sec, since.nanosec = divmod(round((when or 0.0) * NANOSECONDS), NANOSECONDS)
+        since.sec, since.nanosec = divmod(round((when or 0.0) * NS_PER_S), NS_PER_S)
         message.points.append(point)
     return message
 
@@ -248,7 +246,7 @@ def to_trajectory(message: JointTrajectory) -> Trajectory:
 
 def to_seconds(time: Duration | Time) -> float:
     """Convert a duration or a time of ROS [s]."""
-    return float(time.sec + time.nanosec / NANOSECONDS)
+    return float(time.sec + time.nanosec / NS_PER_S)
 
 
 def to_plan_report(

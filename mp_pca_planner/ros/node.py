@@ -21,7 +21,6 @@ from trajectory_msgs.msg import JointTrajectory
 from visualization_msgs.msg import MarkerArray
 
 from ..exceptions import quote_names
-from ..execution.avoidance import ObstacleAvoidance
 from ..execution.execution_monitor import ExecutionReport
 from ..execution.measured import MeasuredStates
 from ..execution.motion_server import GoalStatistics, MotionServer
@@ -81,11 +80,10 @@ class PlannerNode(GuardedNode):
         self._server = MotionServer(
             self._states, self._statistics, self._send, time.perf_counter, self._report_execution
         )
-        self._avoidance = ObstacleAvoidance(self._server, self._states)
         self._connect()
-        served_by = self._setup, self._server, self._avoidance
+        served_by = self._setup, self._server
         self._goals = GoalTopics(self, *served_by, self._statistics, self._last_motion)
-        self._obstacles = ObstacleTopic(self, self._setup, self._avoidance, self._goals.avoid)
+        self._obstacles = ObstacleTopic(self, *served_by, self._goals.avoid)
         if not self._setup.problem:
             self._log_readiness()
 
@@ -182,7 +180,7 @@ class PlannerNode(GuardedNode):
         self._poll_states()
         if self._setup.context is not None:
             self._server.watch(self._setup.context)
-        if self._avoidance.is_needed:
+        if self._server.surroundings.threat is not None:
             self._goals.avoid()
         measured = self._states.measured
         if not (self._clocks_are_known or measured.clocks_agree):

@@ -26,8 +26,6 @@ from ..robot.world import (
 )
 from ..robot.world_meshes import read_mesh
 
-# Messages that are remembered, because latched ones arrive on both subscriptions.
-_N_SEEN = 400
 _ACCEPTED = "CUBE, SPHERE, CYLINDER, CUBE_LIST, SPHERE_LIST, TRIANGLE_LIST and MESH_RESOURCE"
 
 
@@ -116,9 +114,13 @@ class MarkerMessages:
         Why the last marker of a name can't be used, by the names of such markers.
     """
 
+    most = 400
+    """Largest numbers of remembered messages, and of remembered rejections."""
+
     def __init__(self) -> None:
         self.rejected: dict[str, str] = {}
-        self._seen: deque[int] = deque(maxlen=_N_SEEN)
+        # The latest messages, because latched ones arrive on both subscriptions.
+        self._seen: deque[int] = deque(maxlen=self.most)
         # Source time of the last change of each obstacle, and of all of them [ns].
         self._changed: dict[str, int] = {}
         self._cleared = 0
@@ -168,7 +170,7 @@ class MarkerMessages:
                 _apply_marker(marker, obstacles, links, folders)
             except WorldError as error:
                 problems.append(str(error))
-                if len(self.rejected) < _N_SEEN:
+                if len(self.rejected) < self.most:
                     self.rejected[name] = str(error)
                 continue
             for cleared in [x for x in self.rejected if _concerns(marker, x)]:

@@ -10,7 +10,7 @@ from typing import Any
 from visualization_msgs.msg import MarkerArray
 
 from ..exceptions import PlannerError
-from ..execution.avoidance import ObstacleAvoidance
+from ..execution.motion_server import MotionServer
 from ..motion.collision import package_folders
 from ..robot.world import World
 from .guarded_node import LOG_PERIOD, GuardedNode
@@ -29,7 +29,7 @@ class ObstacleTopic:
         The node.
     setup : PlanningSetup
         Has the robot whose links markers may be attached to.
-    avoidance : ObstacleAvoidance
+    server : MotionServer
         Keeps the obstacles.
     on_threat : callable
         Called if the running motion would hit a new obstacle.
@@ -39,10 +39,10 @@ class ObstacleTopic:
         self,
         node: GuardedNode,
         setup: PlanningSetup,
-        avoidance: ObstacleAvoidance,
+        server: MotionServer,
         on_threat: Callable[[], None],
     ) -> None:
-        self._node, self._setup, self._avoidance = node, setup, avoidance
+        self._node, self._setup, self._server = node, setup, server
         self._on_threat = on_threat
         self._messages = MarkerMessages()
         group = ThreadGroup()
@@ -57,8 +57,8 @@ class ObstacleTopic:
     def facts(self) -> dict[str, str | int]:
         """The number of obstacles, and why one is not avoided, for the diagnostics."""
         return {
-            "obstacles": len(self._avoidance.world),
-            "obstacle_rejected": self._avoidance.missing or "none",
+            "obstacles": len(self._server.surroundings.world),
+            "obstacle_rejected": self._server.surroundings.missing or "none",
         }
 
     def close(self) -> None:
@@ -73,9 +73,9 @@ class ObstacleTopic:
 
     def _apply(self, message: MarkerArray, stamp: int, *, is_late: bool) -> None:
         """Apply the markers of a message; one that can't be used changes nothing."""
-        context = self._setup.context
+        context, surroundings = self._setup.context, self._server.surroundings
         applied = self._messages.apply(
-            self._avoidance.world,
+            surroundings.world,
             message,
             stamp,
             is_late=is_late,
@@ -87,12 +87,12 @@ class ObstacleTopic:
         obstacles, problems = applied
         missing = list(self._messages.rejected.values())
         try:
-            if self._avoidance.replace_world(World(obstacles), context):
+            if surroundings.replace(World(obstacles), context, self._server.served):
                 self._on_threat()
         except PlannerError as error:
             problems.append(str(error))
             missing.append(str(error))
-        self._avoidance.missing = to_text(missing[0]) if missing else ""
+        surroundings.missing = to_text(missing[0]) if missing else ""
         if problems:
             more = f" (and {len(problems) - 1} more)" if problems[1:] else ""
             text = to_text(f"obstacles: {problems[0]}{more}")

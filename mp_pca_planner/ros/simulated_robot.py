@@ -16,7 +16,8 @@ from std_msgs.msg import String
 from trajectory_msgs.msg import JointTrajectory
 
 from ..exceptions import SimulationError
-from ..simulation.controller import NANOSECONDS, TrajectoryMessage, TrajectoryPoint
+from ..recordings.byte_layout import NS_PER_S
+from ..simulation.controller import TrajectoryMessage, TrajectoryPoint
 from ..simulation.robot import CYCLE_NS, SimulatedRobot
 from .process import spin_until
 from .process import start_ros as start_ros
@@ -29,7 +30,7 @@ def to_controller_message(message: JointTrajectory) -> TrajectoryMessage:
     """Read a message as a controller receives it, well-formed or not."""
 
     def nanoseconds(time: object) -> int:
-        return int(time.sec * NANOSECONDS + time.nanosec)  # type: ignore[attr-defined]
+        return int(time.sec * NS_PER_S + time.nanosec)  # type: ignore[attr-defined]
 
     points = tuple(
         TrajectoryPoint(
@@ -94,7 +95,7 @@ class SimulatedRobotNode(Node):
         if not self._keep_record and len(robot.record) > 10_000:
             robot.record.clear()
         # Messages are handled on receipt; the cycles until then are made up for afterwards.
-        return (robot.time_ns + max(robot.state_period_ns, CYCLE_NS) - now) / NANOSECONDS
+        return (robot.time_ns + max(robot.state_period_ns, CYCLE_NS) - now) / NS_PER_S
 
     def _publish(self) -> None:
         robot = self._robot
@@ -102,7 +103,7 @@ class SimulatedRobotNode(Node):
         _, q, v = robot.newest_state()
         message = JointState(name=robot.joint_names, position=q.tolist(), velocity=v.tolist())
         stamp = message.header.stamp
-        stamp.sec, stamp.nanosec = divmod(self._published, NANOSECONDS)
+        stamp.sec, stamp.nanosec = divmod(self._published, NS_PER_S)
         self._states.publish(message)
 
     def _on_trajectory(self, message: JointTrajectory, facts: dict[str, int]) -> None:

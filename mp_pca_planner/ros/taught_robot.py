@@ -10,9 +10,8 @@ from collections.abc import Mapping
 from diagnostic_msgs.msg import DiagnosticStatus
 from sensor_msgs.msg import JointState
 
+from ..recordings.byte_layout import NS_PER_S
 from .client import DEPTH, READY, Answer, GoalClient, is_served, report_values
-
-_MARGIN = 30.0  # longest time from the end of a motion to its report [s]
 
 
 class TaughtRobot(GoalClient):
@@ -42,11 +41,18 @@ class TaughtRobot(GoalClient):
         message = JointState(name=list(goal), position=list(goal.values()))
         message.header.frame_id = primitive
         stamp = message.header.stamp
-        stamp.sec, stamp.nanosec = divmod(time.time_ns(), 10**9)
+        stamp.sec, stamp.nanosec = divmod(time.time_ns(), NS_PER_S)
         return self.send(message, timeout, with_trajectory=False)
 
-    def outcome(self, answer: Answer) -> str:
+    def outcome(self, answer: Answer, margin: float = 30.0) -> str:
         """What became of the motion; '' if there is none.
+
+        Parameters
+        ----------
+        answer : Answer
+            The answer to its goal.
+        margin : float
+            Longest time from the end of the motion to its report [s].
 
         Raises
         ------
@@ -61,5 +67,5 @@ class TaughtRobot(GoalClient):
             reports = ((one.message, report_values(one)) for one in self.executions)
             return [text for text, values in reports if values["goal_stamp"] == stamp]
 
-        self.wait(lambda: bool(own()), duration + _MARGIN, "did not report the execution")
+        self.wait(lambda: bool(own()), duration + margin, "did not report the execution")
         return own()[0]

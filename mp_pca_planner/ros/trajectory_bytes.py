@@ -17,7 +17,7 @@ from trajectory_msgs.msg import JointTrajectory
 
 from ..exceptions import TrajectoryError
 from ..motion.trajectory import Trajectory
-from .messages import NANOSECONDS
+from ..recordings.byte_layout import NS_PER_S
 
 
 def serialize_trajectory(
@@ -53,7 +53,7 @@ def serialize_trajectory(
     efforts = trajectory.efforts if with_efforts else None
     if with_efforts and efforts is None:
         raise TrajectoryError("the trajectory has no efforts to publish")
-    stamps = np.rint(trajectory.times * NANOSECONDS).astype(np.int64)
+    stamps = np.rint(trajectory.times * NS_PER_S).astype(np.int64)
     if np.any(np.diff(stamps) <= 0):
         raise TrajectoryError("points of a trajectory must be at least 1 ns apart")
     names = ("positions", "velocities", "accelerations")
@@ -63,7 +63,7 @@ def serialize_trajectory(
     first = trajectory.n_steps - 1 if last_point_only else 0
     stamped = JointTrajectory(joint_names=list(trajectory.joint_names))
     since = stamped.header.stamp
-    since.sec, since.nanosec = divmod(round((stamp or 0.0) * NANOSECONDS), NANOSECONDS)
+    since.sec, since.nanosec = divmod(round((stamp or 0.0) * NS_PER_S), NS_PER_S)
     # Without points, a message ends with their number. It begins with the encapsulation (plain CDR,
     # little-endian), and alignment is relative to the end of that.
     head = serialize_message(stamped)
@@ -76,7 +76,7 @@ def serialize_trajectory(
         for name, values in columns.items():
             points[f"n_{name}"] = trajectory.n_joints
             points[name] = values[part]
-        points["sec"], points["nanosec"] = np.divmod(stamps[part], NANOSECONDS)
+        points["sec"], points["nanosec"] = np.divmod(stamps[part], NS_PER_S)
         message += points.tobytes()
     return encapsulation + message
 

@@ -18,9 +18,8 @@ import numpy as np
 from ..arrays import FloatArray
 from ..exceptions import SimulationError, quote_names, unknown_name
 from ..motion.trajectory import Trajectory
+from ..recordings.byte_layout import NS_PER_S
 from .splines import BoolArray, Splines, States
-
-NANOSECONDS = 10**9
 
 
 @dataclass(frozen=True)
@@ -76,7 +75,7 @@ def to_message(
         Whether only the last point is sent, to which the controller interpolates by itself.
     """
     rows = zip(
-        (trajectory.times * NANOSECONDS).round().astype(int).tolist(),
+        (trajectory.times * NS_PER_S).round().astype(int).tolist(),
         trajectory.positions.tolist(),
         trajectory.velocities.tolist(),
         trajectory.accelerations.tolist(),
@@ -86,7 +85,7 @@ def to_message(
     return TrajectoryMessage(
         trajectory.joint_names,
         points[-1:] if last_point_only else points,
-        0 if stamp is None else round(stamp * NANOSECONDS),
+        0 if stamp is None else round(stamp * NS_PER_S),
     )
 
 
@@ -174,7 +173,7 @@ def _ended(message: TrajectoryMessage, now_ns: int) -> str | None:
     late = now_ns - message.stamp_ns - message.points[-1].time_from_start_ns
     if message.stamp_ns == 0 or late <= 0:
         return None
-    return f"the trajectory ended {late / NANOSECONDS:g} s before it arrived"
+    return f"the trajectory ended {late / NS_PER_S:g} s before it arrived"
 
 
 def _wrong_times(message: TrajectoryMessage) -> str | None:

@@ -176,11 +176,6 @@ def _solve(matrix: FloatArray, right: FloatArray) -> FloatArray:
     return np.asarray(solution)
 
 
-# The drives' torques are explicit, which is stable in shorter steps only.
-_SUBSTEPS = 5
-_MIN_MASS = 1e-9  # mass and inertia of a link [kg, kg·m²]
-
-
 class MujocoPlant(Plant):
     """An arm computed by MuJoCo.
 
@@ -190,11 +185,14 @@ class MujocoPlant(Plant):
         If MuJoCo is not installed.
     """
 
+    # The drives' torques are explicit, which is stable in shorter steps only.
+    _n_substeps = 5
+
     def _load(self, robot: Robot) -> None:
         mujoco = _mujoco()
         pin_model, self._joints = robot.pinocchio_model()
         spec = mujoco.MjSpec()
-        spec.option.timestep = PERIOD / _SUBSTEPS
+        spec.option.timestep = PERIOD / self._n_substeps
         spec.option.gravity = pin_model.gravity.linear
         _add_links(spec, pin_model, mujoco)
         self._model = spec.compile()
@@ -205,7 +203,7 @@ class MujocoPlant(Plant):
     def _move(self, command: FloatArray, rate: FloatArray, gravity: FloatArray) -> None:
         d, data, there, mujoco = self.drives, self._data, self._joints, _mujoco()
         due = command - d.lag * rate
-        for _ in range(_SUBSTEPS):
+        for _ in range(self._n_substeps):
             q, v = data.qpos[there], data.qvel[there]
             tau = gravity + d.kp * (due - q) + d.kd * (rate - v)
             data.qfrc_applied[there] = np.clip(tau, -d.effort, d.effort)
@@ -226,15 +224,16 @@ def _add_links(spec: Any, model: Any, mujoco: Any) -> None:
     """Add a body for every joint of a Pinocchio model, in its order."""
     import pinocchio as pin
 
+    least = 1e-9  # mass and inertia of a link [kg, kg·m²]
     bodies, data, neutral = [spec.worldbody], model.createData(), pin.neutral(model)
     for i in range(1, model.njoints):
         placement, inertia = model.jointPlacements[i], model.inertias[i]
         # MuJoCo rejects links without mass, which are usual between the joints of a shoulder.
-        full = inertia.inertia + _MIN_MASS * np.eye(3)
+        full = inertia.inertia + least * np.eye(3)
         body = bodies[model.parents[i]].add_body(
             pos=placement.translation,
             quat=np.roll(pin.Quaternion(placement.rotation).coeffs(), 1),
-            mass=max(inertia.mass, _MIN_MASS),
+            mass=max(inertia.mass, least),
             ipos=inertia.lever,
             fullinertia=[*np.diag(full), full[0, 1], full[0, 2], full[1, 2]],
             explicitinertial=True,

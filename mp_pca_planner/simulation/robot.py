@@ -18,9 +18,9 @@ from numpy.typing import ArrayLike
 from ..arrays import FloatArray, frozen_array
 from ..exceptions import SimulationError, unknown_name
 from ..motion.trajectory import Trajectory
+from ..recordings.byte_layout import NS_PER_S
 from ..robot.model import Robot
 from .controller import (
-    NANOSECONDS,
     ControllerOptions,
     TrajectoryController,
     TrajectoryMessage,
@@ -140,7 +140,7 @@ class Record:
         return arrays | {"cuts": np.array(self.cuts)}
 
 
-CYCLE_NS = round(PERIOD * NANOSECONDS)
+CYCLE_NS = round(PERIOD * NS_PER_S)
 """Time of one step of the robot [ns]."""
 
 _PLANTS = {"pinocchio": PinocchioPlant, "mujoco": MujocoPlant}
@@ -216,7 +216,7 @@ class SimulatedRobot:
         self._plant = _PLANTS[plant](robot, q)
         self._controller = TrajectoryController(self.joint_names, q, options, robot.continuous)
         self.time_ns = self.state_time_ns = time_ns
-        self.state_period_ns = round(NANOSECONDS / state_rate)
+        self.state_period_ns = round(NS_PER_S / state_rate)
         self._filters = [1.0, 1.0, 1.0]
         self._payload = 0.0
         self._under_way: deque[tuple[int, TrajectoryMessage]] = deque()
@@ -227,7 +227,7 @@ class SimulatedRobot:
     @property
     def time(self) -> float:
         """The present time [s]."""
-        return self.time_ns / NANOSECONDS
+        return self.time_ns / NS_PER_S
 
     def send(
         self, trajectory: Trajectory, stamp: float | None = None, *, last_point_only: bool = False
@@ -252,7 +252,7 @@ class SimulatedRobot:
             self.rejections.append((self.time, "the message was lost"))
             return
         delay = self.faults.delay + late * self.faults.jitter
-        due = self.time_ns + round(delay * NANOSECONDS)
+        due = self.time_ns + round(delay * NS_PER_S)
         # Messages of one publisher keep their order.
         if self._under_way:
             due = max(due, self._under_way[-1][0])
@@ -279,7 +279,7 @@ class SimulatedRobot:
         if controller.n_holds != n_holds:
             # The command is repeated in this cycle, and replaced by what is measured in the next.
             self.record.cuts += [len(self.record), len(self.record) + 1]
-        clock = controller.clock_ns / NANOSECONDS
+        clock = controller.clock_ns / NS_PER_S
         self.record.append((self.time, clock, controller.speed_scaling), command, self._plant.q)
         if not faults.silent and self.time_ns - self.state_time_ns >= self.state_period_ns:
             self._state, self.state_time_ns = self._measured, self.time_ns
@@ -290,7 +290,7 @@ class SimulatedRobot:
 
     def newest_state(self) -> tuple[float, FloatArray, FloatArray]:
         """The newest joint state that was published: its stamp [s], positions, velocities."""
-        return self.state_time_ns / NANOSECONDS, *self._state
+        return self.state_time_ns / NS_PER_S, *self._state
 
     def measured_state(self) -> tuple[FloatArray, FloatArray]:
         """Positions and velocities measured in the last cycle, each of shape (n_joints,)."""

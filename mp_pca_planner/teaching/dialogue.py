@@ -61,14 +61,14 @@ def hold_dialogue(
     idle_ratio :
         Pauses are at least so many times as long as an update of the session.
     max_silence :
-        Number of pauses without any message after which that is said.
+        Number of pauses at the beginning without a message after which that is said.
 
     Returns
     -------
     is_built :
         Whether the primitive is to be built.
     """
-    is_fed, n_silent = True, 0
+    is_fed, n_silent, n_known = True, 0, session.n_messages
     while True:
         started = time.monotonic()
         is_fed = is_fed and source.feed(session.record)
@@ -76,8 +76,8 @@ def hold_dialogue(
         say(*words.update_lines(update, session.motions))
         if is_fed and not source.pause:
             continue
-        n_silent += session.is_empty
-        if session.is_empty and n_silent == (max_silence if is_fed else 1):
+        n_silent = n_silent + 1 if session.n_messages == n_known else 0
+        if n_silent == max_silence and is_fed:
             say(source.silence())
         pause = max(source.pause, idle_ratio * (time.monotonic() - started))
         key = keys.pressed(pause if is_fed else None)

@@ -158,9 +158,9 @@ class TeachingSession:
                 self._waiting += messages
 
     @property
-    def is_empty(self) -> bool:
-        """Whether no message has been taken."""
-        return not self._raw.n_messages
+    def n_messages(self) -> int:
+        """Number of messages in the recording, as of the last update."""
+        return self._raw.n_messages
 
     def update(self, *, is_over: bool = False, explains: bool = True) -> SessionUpdate:
         """Cut the recording as it is now.
@@ -177,7 +177,7 @@ class TeachingSession:
         try:
             cuts, clean = cutting.cut_joint_states(self._raw, self._joints, _SEGMENTATION)
         except RecordingError as error:
-            reasons = [str(error)] if explains and not self.is_empty else []
+            reasons = [str(error)] if explains and (self.n_messages or is_over) else []
             return SessionUpdate(notes=self._new_notes(reasons, re.compile(r"\d\S*")))
         if not is_over and not _is_at_rest(cuts, clean):
             return SessionUpdate()

@@ -27,12 +27,6 @@ from .world_panel import DrawnWorld
 
 NAME = "Live"
 
-_ON_PHONES = """<style>@media (max-width: 600px) {
-    button[style*="--mantine-color-red"] { position: fixed; bottom: 0; left: 0; right: 0;
-        width: auto; min-height: 3.5em; z-index: 1000; }
-    .mantine-ScrollArea-viewport { padding-bottom: 3.5em; }
-}</style>"""
-
 
 class LivePanel:
     """The running node on the page.
@@ -77,7 +71,7 @@ class LivePanel:
             beside = gui.add_button("Stop (S)", color="red", icon=viser.Icon.HAND_STOP)
         window.float(x=15, y=-15, width=200)
         on_top = gui.add_button("Stop the robot", color="red", icon=viser.Icon.HAND_STOP)
-        gui.add_html(_ON_PHONES)
+        gui.add_html(part("style_on_phones"))
         self._answer = gui.add_html("")
         key = gui.add_command("Stop the robot", hotkey="S", icon=viser.Icon.HAND_STOP)
         # Without the lock of the page: nothing may delay a stop.

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -16,8 +17,6 @@ from ..robot.world import Box, Cylinder, Obstacle, Shape, Sphere, World
 
 KINDS = ("Box", "Sphere", "Cylinder")
 """Shapes of new obstacles."""
-
-_UPRIGHT = (0.0, 0.0, 0.0, 1.0)
 
 
 class WorldEditor:
@@ -52,7 +51,7 @@ class WorldEditor:
             return obstacle.shapes[0].pose
         if name not in self._places:
             middle = np.mean([shape.position for shape in obstacle.shapes], axis=0)
-            self._places[name] = np.concatenate([middle, _UPRIGHT])
+            self._places[name] = np.append(middle, [0.0, 0.0, 0.0, 1.0])
         return self._places[name]
 
     def parts(self, name: str) -> list[Shape]:
@@ -77,9 +76,9 @@ class WorldEditor:
 
     def move(self, name: str, pose: FloatArray) -> None:
         """Move an obstacle to a pose, shape (7,); see :meth:`place`."""
-        shapes = [shape.moved(pose) for shape in self.parts(name)]
+        shapes = tuple(shape.moved(pose) for shape in self.parts(name))
         self._places[name] = np.array(pose)
-        self._replace(self._with_shapes(self[name], shapes))
+        self._replace(replace(self[name], shapes=shapes))
 
     def resize(self, name: str, sizes: Iterable[float]) -> None:
         """Give the sizes of :meth:`sizes` of an obstacle other values [m]."""
@@ -87,7 +86,7 @@ class WorldEditor:
         shape: Any = obstacle.shapes[0]
         given = (values,) if isinstance(shape, Box) else values
         new = type(shape)(*given, shape.position, shape.orientation) if values else shape
-        self._replace(self._with_shapes(obstacle, [new]))
+        self._replace(replace(obstacle, shapes=(new,)))
 
     def sizes(self, name: str) -> dict[str, float]:
         """The sizes of an obstacle that can be changed [m]; none if it has several shapes."""
@@ -101,9 +100,6 @@ class WorldEditor:
         """Remove an obstacle."""
         self.world = self.world.without([name])
         self._places.pop(name, None)
-
-    def _with_shapes(self, obstacle: Obstacle, shapes: Iterable[Shape]) -> Obstacle:
-        return Obstacle(obstacle.name, shapes, obstacle.frame, obstacle.touch_links)
 
     def _replace(self, obstacle: Obstacle) -> None:
         """Put an obstacle into the place of the one with its name, or at the end."""

@@ -85,7 +85,7 @@ def main() -> None:
     (folder / "planner.yaml").write_text(yaml.safe_dump(parameters), encoding="utf-8")
     node = start_node("--params-file", str(folder / "planner.yaml"), "--log-level", "warn")
     try:
-        with GoalClient("robot_and_user") as client:
+        with GoalClient("robot_and_user", plays_robot=True) as client:
             robot = SimulatedRobot(perturbed(urdf), model, law, client, folder)
             client.wait_for_node()
             client.wait_for_model()

@@ -44,3 +44,13 @@ def test_names_that_no_node_can_have_are_refused_in_one_line(
     output = capsys.readouterr().err
     assert output.count("\n") == 1
     assert "no node can be called" in output and option[1] in output
+
+
+@pytest.mark.parametrize("plays_robot", [False, True])
+def test_only_a_client_that_plays_the_robot_appears_as_the_robot(plays_robot: bool) -> None:
+    from mp_pca_planner.ros.client import GoalClient
+
+    with GoalClient(namespace="alone", plays_robot=plays_robot) as client:
+        for topic in ("joint_states", "robot_description", "mp_pca_planner/trial_cost"):
+            assert client.node.count_publishers(f"/alone/{topic}") == plays_robot
+        assert client.node.count_publishers("/alone/mp_pca_planner/goal") == 1

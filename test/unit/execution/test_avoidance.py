@@ -11,7 +11,7 @@ from test_motion_server import GOAL, START, Node, model
 from worlds import plain_distances
 
 from mp_pca_planner.exceptions import RobotError, WorldError
-from mp_pca_planner.execution.avoidance import ObstacleAvoidance
+from mp_pca_planner.execution.avoidance import avoid_obstacle
 from mp_pca_planner.execution.preemptive_worker import CancelledError
 from mp_pca_planner.robot.world import Obstacle, Sphere, World
 
@@ -21,9 +21,12 @@ MODEL = model(collision=True, obstacle_margin=MARGIN)
 
 @pytest.fixture
 def node():
-    node = Node(MODEL)
-    node.avoidance = ObstacleAvoidance(node.server, node.states)
-    return node
+    return Node(MODEL)
+
+
+def use(node, world):
+    """Other obstacles; whether the motion would hit one."""
+    return node.server.surroundings.replace(world, node._model, node.server.served)
 
 
 def ball_at(positions):
@@ -52,9 +55,9 @@ def test_running_motion_leads_around_a_new_obstacle_without_a_jump(node):
     node.ask(GOAL, duration=4.0)
     node.run(0.8)
     world, came = ball_at(place_on_motion(node, 0.6)), node.now
-    assert node.avoidance.replace_world(world, node._model)
-    message, served = node.avoidance.avoid(node._model, not_cancelled)
-    assert served is not None and not node.avoidance.is_needed
+    assert use(node, world)
+    message, served = avoid_obstacle(node.server, node._model, not_cancelled)
+    assert served is not None and node.server.surroundings.threat is None
     assert message.startswith("a new obstacle is on the path ('lower_arm' would hit 'ball')")
     node.run(8.0)
     node.assert_smooth()
@@ -69,8 +72,8 @@ def test_robot_stops_before_an_obstacle_that_covers_the_goal(node):
     node.ask(GOAL, duration=4.0)
     node.run(0.8)
     world, came = ball_at(GOAL), node.now
-    assert node.avoidance.replace_world(world, node._model)
-    message, served = node.avoidance.avoid(node._model, not_cancelled)
+    assert use(node, world)
+    message, served = avoid_obstacle(node.server, node._model, not_cancelled)
     assert served is None and "the goal is in collision" in message
     node.run(5.0)
     node.assert_smooth()
@@ -83,8 +86,8 @@ def test_robot_stops_before_an_obstacle_that_covers_the_goal(node):
 def test_robot_stops_at_once_where_there_is_no_time_to_plan(node):
     node.ask(GOAL, duration=4.0)
     node.run(1.8)
-    assert node.avoidance.replace_world(ball_at(place_on_motion(node, 0.52)), node._model)
-    message, served = node.avoidance.avoid(node._model, not_cancelled)
+    assert use(node, ball_at(place_on_motion(node, 0.52)))
+    message, served = avoid_obstacle(node.server, node._model, not_cancelled)
     assert served is None and "there was no time to plan another motion" in message
     node.run(5.0)
     node.assert_smooth()
@@ -95,8 +98,8 @@ def test_obstacles_beside_or_behind_the_motion_change_nothing(node):
     node.ask(GOAL, duration=4.0)
     node.run(2.5)
     for world in (ball_at(START), World([Obstacle("far", Sphere(0.1, (3.0, 0.0, 0.0)))]), World()):
-        assert not node.avoidance.replace_world(world, node._model)
-        assert node.avoidance.avoid(node._model, not_cancelled) == ("", None)
+        assert not use(node, world)
+        assert avoid_obstacle(node.server, node._model, not_cancelled) == ("", None)
     node.run(5.0)
     assert node.outcomes == ["arrived"]
     assert len(node.sent) == 1
@@ -113,8 +116,8 @@ def test_rest_of_a_sequence_leaves_out_the_targets_that_were_passed(node):
     )
     node.run(1.1 * first)
     world, came = ball_at(START + 0.65 * (GOAL - START)), node.now
-    assert node.avoidance.replace_world(world, node._model)
-    message, served = node.avoidance.avoid(node._model, not_cancelled)
+    assert use(node, world)
+    message, served = avoid_obstacle(node.server, node._model, not_cancelled)
     assert served is not None, message
     node.run(8.0)
     node.assert_smooth()
@@ -139,7 +142,7 @@ def test_motion_that_was_planned_among_older_obstacles_is_planned_again(node):
     node.run(5.0)
     world = ball_at(through)
     node._planning_time = 0.2, 0.2
-    node.at(0.1, lambda: node.avoidance.replace_world(world, node._model))
+    node.at(0.1, lambda: use(node, world))
     came = node.now
     node.ask(GOAL)
     node.run(8.0)
@@ -150,12 +153,12 @@ def test_motion_that_was_planned_among_older_obstacles_is_planned_again(node):
 def test_newer_goal_takes_the_place_of_the_avoidance(node):
     node.ask(GOAL, duration=4.0)
     node.run(0.8)
-    assert node.avoidance.replace_world(ball_at(GOAL), node._model)
+    assert use(node, ball_at(GOAL))
     with pytest.raises(CancelledError):
-        node.avoidance.avoid(node._model, lambda: True)
-    assert node.avoidance.is_needed
+        avoid_obstacle(node.server, node._model, lambda: True)
+    assert node.server.surroundings.threat is not None
     node.ask(START)
-    assert not node.avoidance.is_needed
+    assert node.server.surroundings.threat is None
     node.run(8.0)
     node.assert_smooth()
     node.assert_rests_at(START)
@@ -164,11 +167,11 @@ def test_newer_goal_takes_the_place_of_the_avoidance(node):
 
 def test_obstacles_that_do_not_fit_the_robot_are_refused(node):
     kept = ball_at(START)
-    node.avoidance.replace_world(kept, node._model)
+    use(node, kept)
     wrong = World([Obstacle("ball", Sphere(0.1), "moon")])
     with pytest.raises(WorldError, match="no link is called 'moon'"):
-        node.avoidance.replace_world(wrong, node._model)
-    assert node.avoidance.world is kept
+        use(node, wrong)
+    assert node.server.surroundings.world is kept
 
 
 def test_goals_are_refused_among_obstacles_that_can_not_be_avoided(monkeypatch):
@@ -177,12 +180,11 @@ def test_goals_are_refused_among_obstacles_that_can_not_be_avoided(monkeypatch):
     bare = test_motion_server.URDF.replace("collision", "visual")
     monkeypatch.setattr(test_motion_server, "URDF", bare)
     node = Node(model(collision=True))
-    avoidance = ObstacleAvoidance(node.server, node.states)
     with pytest.raises(RobotError, match="has no collision geometry"):
-        avoidance.replace_world(ball_at(START), node._model)
+        use(node, ball_at(START))
     node.ask(GOAL)
     assert node.statuses == ["refused"]
     assert "obstacles can't be avoided" in node.plan_reports[0].message
-    avoidance.replace_world(World(), node._model)
+    use(node, World())
     node.ask(GOAL)
     assert node.statuses[-1] == "served"

@@ -478,7 +478,7 @@ def test_stop_that_took_long_to_find_is_found_again_a_few_times(node, monkeypatc
     node.run(0.4)
     node.robot.faults.silent = True
     node.run(0.6)
-    find, found = node.server._stops.find, []
+    find, found = node.server._stops._find, []
 
     def interrupted(model):
         found.append(find(model))
@@ -486,7 +486,7 @@ def test_stop_that_took_long_to_find_is_found_again_a_few_times(node, monkeypatc
             node.advance(0.15)
         return found[-1]
 
-    monkeypatch.setattr(node.server._stops, "find", interrupted)
+    monkeypatch.setattr(node.server._stops, "_find", interrupted)
     monkeypatch.setattr(node.server, "watch", lambda _: None)
     node.stop()
     assert len(found) == min(n_interruptions + 1, ServingOptions().max_attempts)

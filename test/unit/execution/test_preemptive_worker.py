@@ -12,7 +12,6 @@ import pytest
 from patience import HANG
 
 from mp_pca_planner.execution.preemptive_worker import (
-    PAUSE,
     CancelledError,
     IsCancelled,
     PreemptiveWorker,
@@ -96,13 +95,13 @@ def test_goals_one_after_the_other_are_all_served(kitchen: Kitchen) -> None:
 def test_thread_rests_once_when_goals_have_ceased(kitchen: Kitchen) -> None:
     kitchen.thread.submit(0)
     kitchen.wait_for(begun=1)
-    time.sleep(3.0 * PAUSE)
+    time.sleep(3.0 * PreemptiveWorker.pause)
     assert kitchen.n_rests == 0
     kitchen.thread.submit(1)
     kitchen.allow()
     kitchen.wait_for_rest()
     assert kitchen.served == [1]
-    time.sleep(3.0 * PAUSE)
+    time.sleep(3.0 * PreemptiveWorker.pause)
     assert kitchen.n_rests == 1
 
 

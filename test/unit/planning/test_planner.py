@@ -245,11 +245,10 @@ UNLIMITED = {
 }
 
 
-def unlimited(program, tables, _, ends):
+def unlimited(program, tables, _, ends, chosen):
     """A program that knows of no limits."""
-    return LimitedProgram(
-        program, tables, JointLimits(JOINTS, dict.fromkeys(JOINTS, UNLIMITED)), ends
-    )
+    limits = JointLimits(JOINTS, dict.fromkeys(JOINTS, UNLIMITED))
+    return LimitedProgram(program, tables, limits, ends, chosen)
 
 
 def test_naturalness_is_raised_where_nothing_else_keeps_the_limits(monkeypatch):

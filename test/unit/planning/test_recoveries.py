@@ -68,7 +68,7 @@ def test_more_naturalness_is_not_proposed_where_it_would_not_help(failed):
 
 def test_bases_are_proposed_one_after_the_other_with_the_first_duration():
     bases = [basis(), basis(is_corrected=True)]
-    wider = WiderBasis(iter(bases), 3.0, 0.5)
+    wider = WiderBasis(iter(bases), Setting(basis(), 3.0, 0.5, is_first=True))
     for expected in bases:
         setting = wider.propose(failure(KEPT))
         assert setting.basis is expected

@@ -117,7 +117,10 @@ def chain(posed: bool, *, with_limits: bool) -> ChainProblem:
     bases = tight._several.bases(resolved)
     joined = resolved.concatenate(bases, resolved.durations)
     problem = ChainProblem(tight._setup, resolved, bases, joined)
-    problem.bound(with_limits=with_limits)
+    problem.bound(fully=True)
+    if not with_limits:
+        for part in problem.parts:
+            part.bound(tight.limits, tight.robot, np.zeros((5, tight.robot.n_joints), dtype=bool))
     return problem
 
 
