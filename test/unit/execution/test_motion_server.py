@@ -340,7 +340,7 @@ def test_cancelled_goal_publishes_nothing(node):
     ],
 )
 def test_goal_that_is_cancelled_during_the_solve_ends_it(node, goal):
-    asked = iter([False] * 5)
+    asked = iter([False] * 3)
     with pytest.raises(CancelledError):
         node.server.serve(type(goal), lambda _: goal, MODEL, lambda: next(asked, True))
     assert next(asked, None) is None
