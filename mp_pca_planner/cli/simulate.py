@@ -17,7 +17,8 @@ import numpy as np
 from ..arrays import FloatArray
 from ..files import write_whole
 from ..robot.model import Robot
-from ..ros.simulated_robot import SimulatedRobotNode, run_node, start_ros
+from ..ros.process import spin_until, start_ros
+from ..ros.simulated_robot import SimulatedRobotNode
 from ..simulation import Faults, SimulatedRobot
 from .common import check_output, report
 from .goal_arguments import joint_values
@@ -57,7 +58,7 @@ def _simulate(arguments: argparse.Namespace, stop: threading.Event) -> int:
         arguments.controller_topic,
         keep_record=arguments.record is not None,
     )
-    run_node(node, stop)
+    spin_until(stop, node, lambda: max(node.advance(), 0.0))
     if arguments.record is not None:
         arrays = simulated.record.arrays() | {
             "taken": np.reshape(simulated.taken, (-1, 2)),

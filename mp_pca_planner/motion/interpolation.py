@@ -113,9 +113,9 @@ def segment_ends(
     steps = np.diff(times)[:, None]
     v = [velocities[part] * steps for part in (slice(None, -1), slice(1, None))]
     a = [accelerations[part] * steps**2 for part in (slice(None, -1), slice(1, None))]
-    straight = ~np.isfinite(v).all(axis=0)
-    lower = straight | ~np.isfinite(a).all(axis=0)
-    if lower.any():
+    if not (np.isfinite(velocities).all() and np.isfinite(accelerations).all()):
+        straight = ~np.isfinite(v).all(axis=0)
+        lower = straight | ~np.isfinite(a).all(axis=0)
         step = np.diff(positions, axis=0)
         v = [np.where(straight, step, own) for own in v]
         # The second derivatives of the cubic; of a straight line they are zero.

@@ -192,11 +192,15 @@ class SinglePlanner:
 
     def _in_turn(self, request: Request, budget: Budget, paths: Paths) -> Iterator[Attempt]:
         """Attempts by descent and, once bodies collide, along a detour; then recoveries."""
-        setting, recoveries = self._settings(request)
+        bases, searches = self._chooser.bases(request), self._searches(request)
+        setting, recoveries = _settings(self._setup, request, bases, searches=searches)
         following: Setting | None = setting
         descent, detour = budget, self._detours.attempts(request, budget, paths)
         if self._detours.lead_first(request, setting.basis):
-            yield from detour
+            for found in detour:
+                yield found
+                if budget.is_over():
+                    return
         elif self._detours.may_serve(request):
             descent = budget.share(self._setup.options.search.share_of_descent)
         while following is not None:
@@ -213,18 +217,6 @@ class SinglePlanner:
             failure = Failure(tried, setting, self._setup)
             proposals = (recovery.propose(failure) for recovery in recoveries)
             following = next((one for one in proposals if one is not None), None)
-
-    def _settings(self, request: Request) -> tuple[Setting, list[Recovery]]:
-        """The first setting, and its recoveries in order."""
-        options, bases = self._setup.options, self._chooser.bases(request)
-        basis, searches = next(bases), self._searches(request)
-        duration = longest = request.expected.duration
-        if request.duration_is_free and not searches:
-            longest *= options.search.max_stretch
-            duration = _scaled(self._setup, request, basis, is_unknown=options.timing == FREE)
-        setting = Setting(basis, duration, options.naturalness, is_first=True)
-        wider, natural = WiderBasis(bases, setting), MoreNatural(options.search.naturalness_steps)
-        return setting, [wider] if searches else [Slower(longest), natural, wider]
 
     def _searches(self, request: Request) -> bool:
         return request.duration_is_free and self._setup.options.timing == SHORTEST
@@ -298,6 +290,20 @@ class SinglePlanner:
                 seconds *= search.duration_margin
                 return stated if stated.seconds < seconds else StatedDuration(seconds, is_shortest)
         return stated
+
+
+def _settings(
+    setup: Setup, request: Request, bases: Iterator[MotionBasis], *, searches: bool
+) -> tuple[Setting, list[Recovery]]:
+    """The first setting and its recoveries in order, with or without a search for the shortest."""
+    options, basis = setup.options, next(bases)
+    duration = longest = request.expected.duration
+    if request.duration_is_free and not searches:
+        longest *= options.search.max_stretch
+        duration = _scaled(setup, request, basis, is_unknown=options.timing == FREE)
+    setting = Setting(basis, duration, options.naturalness, is_first=True)
+    wider, natural = WiderBasis(bases, setting), MoreNatural(options.search.naturalness_steps)
+    return setting, [wider] if searches else [Slower(longest), natural, wider]
 
 
 def _scaled(setup: Setup, request: Request, basis: MotionBasis, *, is_unknown: bool) -> float:

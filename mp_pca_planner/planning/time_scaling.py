@@ -46,15 +46,19 @@ def least_stretch(robot: Robot, limits: JointLimits, states: FloatArray) -> floa
     Returns
     -------
     factor : float
-        Infinite if gravity alone exceeds the limits of effort.
+        Infinite if gravity alone exceeds the limits of effort, unless the motion keeps them and
+        another limit asks for a longer duration.
     """
-    factors = [kinematic_stretch(limits, states[1:])]
-    if np.isfinite(limits.effort).any():
-        gravity, moving = _effort_parts(robot, *states[:3])
-        if not np.all(np.abs(gravity) < limits.effort):
-            return float("inf")
-        factors.append(_stretch_of_efforts(limits, gravity, moving))
-    return max(factors)
+    kinematic = kinematic_stretch(limits, states[1:])
+    if not np.isfinite(limits.effort).any():
+        return kinematic
+    tau = robot.inverse_dynamics(*states[:3])
+    if kinematic >= 1.0 and np.all(np.abs(tau) <= limits.effort):
+        return kinematic
+    gravity = _gravity(robot, states[0])
+    if not np.all(np.abs(gravity) < limits.effort):
+        return float("inf")
+    return max(kinematic, _stretch_of_efforts(limits, gravity, tau - gravity))
 
 
 def kinematic_stretch(limits: JointLimits, rates: FloatArray) -> float:
@@ -93,13 +97,10 @@ def limit_shares(limits: JointLimits, states: FloatArray, efforts: FloatArray) -
     return np.vstack([1.0 + beyond / np.where(np.isfinite(half), half, 1.0), magnitudes / bounds])
 
 
-def _effort_parts(
-    robot: Robot, q: FloatArray, v: FloatArray, a: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Efforts of gravity, and those that fall with the square of the duration."""
+def _gravity(robot: Robot, q: FloatArray) -> FloatArray:
+    """Efforts of gravity, the part of efforts that does not depend on the duration."""
     rest = np.zeros_like(q)
-    gravity = robot.inverse_dynamics(q, rest, rest)
-    return gravity, robot.inverse_dynamics(q, v, a) - gravity
+    return robot.inverse_dynamics(q, rest, rest)
 
 
 def _stretch_of_efforts(limits: JointLimits, gravity: FloatArray, moving: FloatArray) -> float:
@@ -134,8 +135,9 @@ def least_duration(robot: Robot, limits: JointLimits, start: FloatArray, goal: F
     ends = np.zeros((6, displacement.size))
     ends[0], ends[3] = start, goal
     q, v, a = quintics(_PHASES, ends, 2)
-    gravity, moving = _effort_parts(robot, q, v, a)
+    gravity = _gravity(robot, q)
     _check_gravity(gravity, limits)
+    moving = robot.inverse_dynamics(q, v, a) - gravity
     return float(max(*kinematic, _stretch_of_efforts(limits, gravity, moving)))
 
 

@@ -12,6 +12,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import fields, replace
 from functools import partial
+from itertools import islice
 from pathlib import Path
 from typing import IO, Any, BinaryIO
 
@@ -24,9 +25,9 @@ from ..exceptions import PrimitiveFileError
 from ..files import open_regular, reading, write_whole
 from ..input_limits import INPUT_LIMITS
 from ..json_content import check_form, load_json
-from ..rows import row_blocks
+from ..rows import BLOCK, row_blocks
 from .conditional_model import ConditionalModel
-from .motion_sources import MotionSource, source_rows
+from .motion_sources import MotionSource, MotionSources, source_rows
 from .motion_statistics import MotionStatistics
 from .pace import PACE_DEGREE
 from .primitive import MovementPrimitive
@@ -239,22 +240,36 @@ def checksum(arrays: Mapping[str, FloatArray], metadata: Mapping[str, Any]) -> s
     return digest.hexdigest()
 
 
-def _json_parts(value: Any, depth: int = 2) -> Iterator[str]:
-    """The text of a value as JSON with sorted keys; items are apart down to a depth.
+def _json_parts(metadata: Mapping[str, Any]) -> Iterator[str]:
+    """The text of metadata as JSON with sorted keys, in parts.
 
-    The facts on the demonstrations are many, and are made one by one.
+    Values with many items are made in blocks.
     """
-    if depth and isinstance(value, Mapping):
-        opening, closing = "{", "}"
-        items: Any = ((f"{json.dumps(key)}: ", value[key]) for key in sorted(value))
-    elif depth and isinstance(value, Sequence) and not isinstance(value, str):
-        opening, closing = "[", "]"
-        items = (("", item) for item in value)
-    else:
-        yield json.dumps(value, sort_keys=True)
+    before = "{"
+    for key in sorted(metadata):
+        yield f"{before}{json.dumps(key)}: "
+        yield from _value_parts(metadata[key])
+        before = ", "
+    yield "}"
+
+
+def _value_parts(value: Any) -> Iterator[str]:
+    if not isinstance(value, Mapping | Sequence) or isinstance(value, str):
+        yield json.dumps(value)
         return
-    yield opening
-    for i, (key, item) in enumerate(items):
-        yield f", {key}" if i else key
-        yield from _json_parts(item, depth - 1)
-    yield closing
+    is_mapping = isinstance(value, Mapping)
+    yield "{" if is_mapping else "["
+    for i, text in enumerate(_item_texts(value)):
+        yield f", {text}" if i else text
+    yield "}" if is_mapping else "]"
+
+
+def _item_texts(value: Any) -> Iterator[str]:
+    """The JSON of some items at a time, without the brackets around them."""
+    if isinstance(value, MotionSources):
+        yield from value.texts()
+        return
+    kind: type = dict if isinstance(value, Mapping) else list
+    items = iter(sorted(value.items()) if kind is dict else value)
+    for block in iter(lambda: kind(islice(items, BLOCK)), kind()):
+        yield json.dumps(block, sort_keys=True)[1:-1]

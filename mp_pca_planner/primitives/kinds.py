@@ -150,11 +150,14 @@ def find_kinds(
     features = _features(raw, options)
     step = -(-len(features) // options.max_clustered)
     sample = np.lexsort(features.T[::-1])[::step]
-    links = linkage(raw[sample], "ward") if len(sample) > 1 else None
+    clustered = raw[sample]
     release(raw)
+    links = linkage(clustered, "ward") if len(sample) > 1 else None
     tree = _Tree(features[sample], statistics.chosen(sample), options)
     kinds = sorted((np.sort(sample[x]) for x in tree.kinds(links)), key=lambda x: (-len(x), x[0]))
-    densities = np.column_stack([tree.density(features, features[x], len(sample)) for x in kinds])
+    densities = np.empty((len(features), len(kinds)))
+    for i, members in enumerate(kinds):
+        densities[:, i] = tree.density(features, features[members], len(sample))
     assigned = densities.argmax(axis=1)
     # As probable as a motion of a kind of its own.
     alone = tree.density(features, features[:0], len(sample))

@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -51,8 +51,9 @@ class MotionSource(NamedTuple):
 
 
 def source_rows(sources: Iterable[MotionSource]) -> NDArray[np.bytes_]:
-    """Sources as rows of bytes: objects of Python take several times the memory."""
-    return np.array([json.dumps(source) for source in sources], dtype=np.bytes_)
+    """Facts on sources as rows of JSON: objects of Python take several times the memory."""
+    encode = json.JSONEncoder(sort_keys=True).encode
+    return np.array([encode(source.facts) for source in sources], dtype=np.bytes_)
 
 
 class MotionSources(Sequence[Any]):
@@ -67,19 +68,23 @@ class MotionSources(Sequence[Any]):
     """
 
     def __init__(self, rows: NDArray[np.bytes_], *, as_facts: bool = False) -> None:
-        self._rows, self._as_facts = rows, as_facts
+        self._rows = rows
+        self._item: Callable[[Any], Any] = dict if as_facts else MotionSource.of_facts
 
     def __len__(self) -> int:
         return len(self._rows)
 
     def __getitem__(self, index: Any) -> Any:
-        source = MotionSource(*json.loads(self._rows[index]))
-        return source.facts if self._as_facts else source
+        return self._item(json.loads(self._rows[index]))
 
     def __iter__(self) -> Iterator[Any]:
+        for text in self.texts():
+            yield from map(self._item, json.loads(f"[{text}]"))
+
+    def texts(self) -> Iterator[str]:
+        """The JSON of all facts without the brackets around them, in blocks."""
         for (block,) in row_blocks(self._rows):
-            part = MotionSources(block, as_facts=self._as_facts)
-            yield from (part[i] for i in range(len(part)))
+            yield b", ".join(block.tolist()).decode()
 
 
 def indices_of(name: str, motions: Iterable[MotionSource]) -> list[int]:

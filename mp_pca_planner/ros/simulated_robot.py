@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, replace
 
@@ -19,8 +18,6 @@ from ..exceptions import SimulationError
 from ..recordings.byte_layout import NS_PER_S
 from ..simulation.controller import TrajectoryMessage, TrajectoryPoint
 from ..simulation.robot import CYCLE_NS, SimulatedRobot
-from .process import spin_until
-from .process import start_ros as start_ros
 from .subscriptions import LATCHED
 
 NODE_NAME = "simulated_robot"
@@ -120,8 +117,3 @@ class SimulatedRobotNode(Node):
         except SimulationError as error:
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
-
-
-def run_node(node: SimulatedRobotNode, stop: threading.Event) -> None:
-    """Run a node until the event is set, then end it and ROS."""
-    spin_until(stop, node, lambda: max(node.advance(), 0.0))

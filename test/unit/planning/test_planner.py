@@ -19,6 +19,7 @@ from mp_pca_planner.planning import problem
 from mp_pca_planner.planning.constraints import LimitedProgram
 from mp_pca_planner.planning.plan import INFEASIBLE, SOLVED, PlannerOptions
 from mp_pca_planner.planning.planner import Planner
+from mp_pca_planner.planning.search_options import SearchOptions
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
 from mp_pca_planner.recordings.demonstration import Demonstration
 from mp_pca_planner.recordings.synthetic import generate_motions
@@ -260,6 +261,23 @@ def test_naturalness_is_raised_where_nothing_else_keeps_the_limits(monkeypatch):
     for plan in plans:
         assert plan.is_executable
         assert ("naturalness was raised" in plan.message) == (plan.naturalness > 0.0)
+
+
+def test_a_motion_near_the_expected_one_needs_only_the_limits_that_this_comes_near():
+    usual = planner().plan(*request())
+    peaks = np.abs(usual.trajectory.velocities).max(axis=0)
+    slow = {JOINTS[int(peaks.argmax())]: {"max_velocity": 0.97 * peaks.max()}}
+    goal, start = request(duration=usual.duration)
+    plans = [
+        planner(overrides=slow, search=SearchOptions(near_limit=share)).plan(goal, start)
+        for share in (0.0, 0.7, 9.0)
+    ]
+    for plan in plans:
+        assert plan.status == SOLVED
+        positions = plans[0].trajectory.positions
+        np.testing.assert_allclose(plan.trajectory.positions, positions, atol=1e-6)
+    # Without the limit in the first attempt, it takes another one.
+    assert plans[0].iterations == plans[1].iterations < plans[2].iterations
 
 
 def test_an_executable_plan_breaks_no_limit_on_a_finer_grid():

@@ -16,7 +16,12 @@ from mp_pca_planner.motion.goal import JointState
 from mp_pca_planner.motion.trajectory import Trajectory
 from mp_pca_planner.motion.validation import LimitCheck, Violation, check_limits
 from mp_pca_planner.planning.stop_and_go import FixedShape, StopAndGo, stop_and_go
-from mp_pca_planner.planning.time_scaling import least_duration, least_stretch, slowdown
+from mp_pca_planner.planning.time_scaling import (
+    least_duration,
+    least_stretch,
+    limit_shares,
+    slowdown,
+)
 from mp_pca_planner.robot.limits import JointLimits
 
 STEP = 0.01
@@ -104,6 +109,24 @@ def test_stretch_of_a_minimum_jerk_motion_gives_its_least_duration(first, second
             assert stretch == np.inf
         else:
             assert stretch * duration == pytest.approx(least, rel=5e-3, abs=1e-6)
+
+
+@given(st.integers(0, 2**32 - 1))
+def test_shares_of_limits_are_those_of_the_largest_value_of_each_joint(seed):
+    rng = np.random.default_rng(seed)
+    limits = limits_of(max_velocity=0.7, max_acceleration=2.0, max_effort=50.0)
+    states, efforts = rng.normal(size=(4, 9, 4)), 30.0 * rng.normal(size=(9, 4))
+    found = limit_shares(limits, states, efforts)
+    middle, half = (limits.upper + limits.lower) / 2.0, (limits.upper - limits.lower) / 2.0
+    for j in range(4):
+        expected = [
+            max(abs(q - middle[j]) for q in states[0, :, j]) / half[j],
+            max(map(abs, states[1, :, j])) / 0.7,
+            max(map(abs, states[2, :, j])) / 2.0,
+            0.0,
+            max(map(abs, efforts[:, j])) / 50.0,
+        ]
+        np.testing.assert_allclose(found[:, j], expected, rtol=1e-12)
 
 
 def test_gravity_beyond_a_limit_of_effort_is_said_with_joint_and_value():
