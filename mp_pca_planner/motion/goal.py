@@ -127,6 +127,10 @@ class Via:
             raise GoalError(f"the phase of a via must be between 0 and 1, got {self.phase}")
 
 
+def _is_positive(value: object) -> bool:
+    return isinstance(value, int | float | np.integer | np.floating) and bool(0 < value < np.inf)
+
+
 class _CheckedGoal:
     """Checks of the fields that goals of one motion share."""
 
@@ -135,9 +139,10 @@ class _CheckedGoal:
 
     def __post_init__(self) -> None:
         duration = self.duration
-        if duration is not None and not (np.isfinite(duration) and duration > 0):
+        if duration is not None and not _is_positive(duration):
             raise GoalError(
-                f"the duration of a motion must be a positive number of seconds, got {duration}"
+                f"the duration of a motion must be a positive number of seconds, got {duration}; "
+                "`PlannerOptions(timing=…)` leaves it to the planner"
             )
         phases = [via.phase for via in self.vias if via.phase is not None]
         if any(later <= earlier for earlier, later in pairwise(phases)):

@@ -16,7 +16,7 @@ from ..recordings.demonstration import Demonstration
 from ..rows import empty_rows, row_blocks, row_mean
 from .conditional_model import ConditionalModel, thinned
 from .motion_sources import MotionSources
-from .motion_statistics import MotionStatistics, shape_functions
+from .motion_statistics import MotionStatistics, shape_functions, shape_smoother
 from .options import PrimitiveOptions as PrimitiveOptions
 from .pca import components_for_share, fit_components, largest_signs
 from .primitive import MovementPrimitive
@@ -106,7 +106,9 @@ def build_from_statistics(
     shapes = statistics.shapes
     directions, explained_variance = _fit_directions(shapes, options)
     mean = row_mean(shapes)
+    smoother = shape_smoother(options.degree, options.n_phases)
     _, legendre_coefficients = shape_functions(options.degree, options.n_phases)
+    legendre_coefficients = smoother @ legendre_coefficients
     return MovementPrimitive(
         name=name,
         joint_names=statistics.joint_names,
@@ -119,23 +121,27 @@ def build_from_statistics(
         boundary_states=statistics.boundary_states,
         durations=statistics.durations,
         warps=statistics.warps,
-        **_reproduced(statistics, mean, directions, options.n_phases),
+        **_reproduced(statistics, mean, directions, smoother, options.n_phases),
         model=_fit_model(statistics, mean, directions),
         statistics=statistics,
     )
 
 
 def _reproduced(
-    statistics: MotionStatistics, mean: FloatArray, directions: FloatArray, n_phases: int
+    statistics: MotionStatistics,
+    mean: FloatArray,
+    directions: FloatArray,
+    smoother: FloatArray,
+    n_phases: int,
 ) -> dict[str, FloatArray]:
-    """Weights of the demonstrations, and the RMS of what they leave of each joint."""
+    """Weights of the demonstrations, and the RMS of what they leave of each joint, smoothed."""
     sizes = {"weights": len(directions), "fit_residual": len(mean)}
     n_motions = len(statistics.durations)
     arrays = empty_rows(n_motions, {name: (np.float64, (n,)) for name, n in sizes.items()})
     for part, rows in zip(statistics.blocks(), row_blocks(*arrays.values()), strict=True):
-        shapes, (weights, residual) = part.shapes - mean, rows
-        weights[:] = _project(shapes, directions)
-        left = shapes - np.tensordot(weights, directions, axes=1)
+        weights, residual = rows
+        weights[:] = _project(part.shapes - mean, directions)
+        left = part.shapes - (mean + np.tensordot(weights, directions, axes=1)) @ smoother
         squares = np.sum(left**2, axis=2) + part.shape_remainders
         residual[:] = np.sqrt(squares / n_phases)
     return arrays

@@ -263,6 +263,25 @@ def shape_functions(degree: int, n_phases: int) -> tuple[FloatArray, FloatArray]
 
 
 @lru_cache(maxsize=8)
+def shape_smoother(degree: int, n_phases: int, price: float = 1e-9) -> FloatArray:
+    """Matrix that smooths shapes, shape (n_functions, n_functions), for rows of coefficients.
+
+    It minimises the squared change and the squared third derivative over phase together. Noise of
+    the demonstrations, which alignment magnifies at their ends, would become jerk.
+
+    Parameters
+    ----------
+    degree, n_phases : int
+        See :func:`shape_functions`.
+    price : float
+        Weight of the third derivative. By default half remains of a wave of a fifth of the motion.
+    """
+    _, coefficients = shape_functions(degree, n_phases)
+    jerks = legendre_values(coefficients, np.linspace(0.0, 1.0, n_phases), 3)
+    return np.asarray(np.linalg.inv(np.eye(jerks.shape[1]) + price * jerks.T @ jerks))
+
+
+@lru_cache(maxsize=8)
 def _angle_functions(n_phases: int) -> FloatArray:
     """Polynomials that are orthonormal on the phases, shape (n_phases, n_functions)."""
     degree = min(n_phases - 1, _ANGLE_DEGREE)

@@ -14,7 +14,7 @@ from test_compiler import BASES, compile_motion
 
 from mp_pca_planner.planning.constraints import LimitedProgram, LimitTables
 from mp_pca_planner.planning.solver import FEASIBLE, SolverOptions, solve
-from mp_pca_planner.planning.subproblem import _nearest
+from mp_pca_planner.planning.subproblem import Subproblem, _nearest
 from mp_pca_planner.planning.trust_region import trust_region_step
 from mp_pca_planner.planning.unknowns import QuadratureTables
 
@@ -94,6 +94,19 @@ def test_a_bound_in_the_valley_is_met():
     assert solution.converged
     np.testing.assert_allclose(solution.unknowns, [0.5, 0.25], atol=1e-6)
     assert solution.kkt_residual < 1e-4
+
+
+@given(st.floats(-2.0, 0.5), st.floats(-2.0, 2.0), st.booleans())
+def test_no_step_within_all_bounds_gains_more_than_the_one_within_some(x, y, is_known):
+    program = Rosenbrock(wall=0.5)
+    here = program.evaluate(np.array([x, y]))
+    sides = np.array([1] if is_known else [], dtype=np.intp)
+    subproblem = Subproblem(program, here, here.hessian, 100.0, sides)
+    step, most = subproblem.solve(), subproblem.largest_decrease()
+    assert x + step.change[0] <= 0.5 + 1e-9
+    assert step.decrease <= most + 1e-9 * here.cost
+    if is_known:  # then these are all
+        assert step.decrease == pytest.approx(most, rel=1e-9, abs=1e-12)
 
 
 @settings(max_examples=50, deadline=None)

@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Demonstrations to a primitive."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from arm import JOINTS, arm_demonstrations, arm_primitive
@@ -10,6 +12,7 @@ from mp_pca_planner.exceptions import PrimitiveError
 from mp_pca_planner.primitives.alignment import aligned_positions
 from mp_pca_planner.primitives.boundary import boundary_values, hermite_functions
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
+from mp_pca_planner.primitives.motion_statistics import shape_functions, shape_smoother
 from mp_pca_planner.recordings.demonstration import Demonstration
 
 
@@ -38,6 +41,41 @@ def test_weights_bring_every_demonstration_back_to_the_stated_residual(coupling)
             np.sqrt(np.mean(error**2, axis=0)), primitive.fit_residual[i], atol=1e-9
         )
     assert np.rad2deg(primitive.fit_residual).max() < 1.5
+
+
+def cut_off(motion: Demonstration, share: float) -> Demonstration:
+    """A motion without its slow ends, as where the speed between two motions is no rest."""
+    n = round(share * motion.times.size)
+    inner = slice(n, motion.times.size - n)
+    return replace(
+        motion,
+        times=motion.times[inner] - motion.times[n],
+        **{
+            name: getattr(motion, name)[inner]
+            for name in ("positions", "velocities", "accelerations")
+        },
+    )
+
+
+def test_motions_that_are_cut_off_teach_no_jerk():
+    demonstrations = [cut_off(motion, 0.12) for motion in arm_demonstrations()]
+    primitive = build_primitive(demonstrations, "cut off")
+    for demonstration in demonstrations:
+        start, goal = demonstration.positions[[0, -1]]
+        motion = primitive.predict(start, goal)
+        jerk = np.diff(motion.accelerations, axis=0) / np.diff(motion.times)[:, None]
+        minimum_jerk = 60.0 * np.abs(goal - start).max() / motion.duration**3
+        assert np.abs(jerk).max() < 15.0 * minimum_jerk
+
+
+def test_smoothing_leaves_half_of_a_wave_of_a_fifth_and_nearly_all_of_a_slow_one():
+    functions, _ = shape_functions(25, 201)
+    phases = np.linspace(0.0, 1.0, 201)
+    for waves, low, high in ((1.0, 0.98, 1.0), (5.0, 0.3, 0.7), (10.0, 0.0, 0.15)):
+        wave = np.sin(np.pi * phases) ** 4 * np.cos(2.0 * np.pi * waves * phases)
+        coefficients = wave @ functions
+        smooth = coefficients @ shape_smoother(25, 201)
+        assert low < smooth @ coefficients / (coefficients @ coefficients) < high
 
 
 def test_enough_components_reproduce_the_demonstrations():
