@@ -153,11 +153,7 @@ class GoalClient(NodeInOwnContext):
 
     Attributes
     ----------
-    trajectories : list of JointTrajectory
-        All that were received, the newest last.
-    reports : list of DiagnosticStatus
-        All that were received, the newest last.
-    diagnostics : list of DiagnosticArray
+    trajectories, reports, diagnostics : list of JointTrajectory, DiagnosticStatus, DiagnosticArray
         All that were received, the newest last.
     """
 
