@@ -5,13 +5,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Protocol
 
 from ..motion.trajectory import Trajectory
 from ..motion.validation import LimitCheck
-from .attempt import Attempt
+from .attempt import Attempt, Violation
 from .bases import MotionBasis
 from .setup import Setup
 from .time_scaling import slowdown
@@ -82,21 +82,31 @@ class Recovery(Protocol):
         """The setting to try next; None if this recovery does not apply."""
 
 
-@dataclass(frozen=True)
+@dataclass(eq=False)
 class Slower:
     """A longer duration, if the expected motion violates limits, too.
+
+    From a moving start, a longer duration may violate them more.
 
     Attributes
     ----------
     max_duration : float
         Longest duration [s].
+    max_worse : int
+        Number of attempts with one basis, after the least violation, that end this recovery.
     """
 
     max_duration: float
+    max_worse: int = 3
+    _violations: list[Violation] = field(default_factory=list)
 
     def propose(self, failure: Failure) -> Setting | None:
         """A longer duration."""
-        if not failure.is_recoverable:
+        if failure.setting.is_first:
+            self._violations.clear()
+        self._violations.append(failure.attempt.violation)
+        n_worse = len(self._violations) - 1 - self._violations.index(min(self._violations))
+        if n_worse >= self.max_worse or not failure.is_recoverable:
             return None
         duration = failure.setting.duration
         slower = min(duration * slowdown(failure.expected_check), self.max_duration)

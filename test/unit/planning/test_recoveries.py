@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Each recovery alone: when it applies, and what it proposes."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
 
 import pytest
@@ -26,6 +26,11 @@ class MadeUpFailure:
     setting: Setting
     expected_check: LimitCheck
     is_recoverable: bool = True
+    violation: float = 0.5
+
+    @property
+    def attempt(self):
+        return SimpleNamespace(violation=(self.violation, 0.0, 0.0))
 
 
 def failure(check, recoverable=True, naturalness=0.0, **options):
@@ -44,6 +49,20 @@ def test_more_time_is_proposed_where_the_expected_motion_is_too_fast():
 def test_more_time_is_not_proposed_where_it_would_not_help(check):
     assert Slower(10.0).propose(failure(check)) is None
     assert Slower(10.0).propose(failure(FAST, recoverable=False)) is None
+
+
+def test_more_time_is_given_up_after_several_worse_attempts_with_one_basis():
+    slower = Slower(10.0, max_worse=2)
+    first = replace(failure(FAST).setting, is_first=True)
+
+    def proposed(violation, setting=first):
+        return slower.propose(MadeUpFailure(setting, FAST, violation=violation))
+
+    later = proposed(0.5)
+    for violation in (0.6, 0.4, 0.5):
+        assert proposed(violation, later) is not None
+    assert proposed(0.45, later) is None
+    assert proposed(0.45) is not None
 
 
 def test_more_naturalness_is_proposed_where_the_expected_motion_keeps_the_limits():
