@@ -147,9 +147,10 @@ def test_gravity_beyond_a_limit_of_effort_is_said_with_joint_and_value():
 def test_brake_ends_at_rest_within_limits_of_acceleration_and_jerk(share, v, a):
     bounds = {"max_velocity": 2.0, "max_acceleration": 4.0, "max_jerk": 80.0}
     limits = replace_positions(limits_of(**bounds))
-    # As fast as the limit of velocity allows a joint that accelerates.
+    # As fast as the limit of velocity allows a joint that accelerates and brakes in whole steps.
     a = 4.0 * a
-    v = np.clip(2.0 * v, -2.0 + a**2 / 140.0, 2.0 - a**2 / 140.0)
+    fastest = 2.0 - a**2 / 140.0 - STEP * np.abs(a)
+    v = np.clip(2.0 * v, -fastest, fastest)
     start = JointState(JOINTS, configuration(share), v, a)
     motion = stop_and_go(arm_robot(), limits, [start, JointState(JOINTS, np.zeros(4))], STEP)
     q, speed, acceleration = motion.brake
