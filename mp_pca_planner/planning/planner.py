@@ -46,7 +46,7 @@ class Planner:
     ----------
     robot : Robot
         The model, with the joints of the primitives in their order. Not shared between threads.
-    primitives : PrimitiveLibrary or sequence of MovementPrimitive
+    primitives : MovementPrimitive, sequence of them, or PrimitiveLibrary
         At least one; names must differ.
     limits : JointLimits, optional
         Limits of the joints; those of the robot description unless given.
@@ -72,7 +72,7 @@ class Planner:
     def __init__(
         self,
         robot: Robot,
-        primitives: Sequence[MovementPrimitive],
+        primitives: MovementPrimitive | Sequence[MovementPrimitive],
         limits: JointLimits | None = None,
         options: PlannerOptions | None = None,
         collision: CollisionModel | None = None,

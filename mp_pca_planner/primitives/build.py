@@ -49,8 +49,16 @@ def build_primitive(
     Raises
     ------
     PrimitiveError
-        If there is no demonstration, they have different joints, or nothing moves.
+        If there is no demonstration, something else is among them, they have different joints, or
+        nothing moves.
     """
+    others = demonstrations if isinstance(demonstrations, Sequence) else [demonstrations]
+    for one in others:
+        if not isinstance(one, Demonstration):
+            raise PrimitiveError(
+                f"primitive '{name}' can't be built: {one!r:.80} is no demonstration; "
+                "load_demonstrations reads recordings"
+            )
     if not demonstrations:
         raise PrimitiveError(f"primitive '{name}' can't be built: there is no demonstration")
     return build_from_statistics(

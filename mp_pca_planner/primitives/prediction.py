@@ -68,8 +68,10 @@ def drawn_motions(
     Raises
     ------
     GoalError
-        If an end point has another shape or is not finite.
+        If an end point has another shape or is not finite, or `n` is no number of motions.
     """
+    if not isinstance(n, int) or n < 0:
+        raise GoalError(f"the number of motions must be 0 or a positive integer, got {n!r:.80}")
     ends, expected = _request(primitive, start, goal, None)
     rng = np.random.default_rng(seed)
     draws = rng.multivariate_normal(expected.weights, expected.covariance, n)

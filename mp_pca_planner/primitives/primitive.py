@@ -133,15 +133,14 @@ class MovementPrimitive:
         Raises
         ------
         PrimitiveError
-            If there is no demonstration, their joints differ, nothing moves, or an option is
-            out of its range.
+            If there is no demonstration, something else is among them, their joints differ, nothing
+            moves, or an option is out of its range.
         """
         from .build import PrimitiveOptions, build_primitive
 
         options = PrimitiveOptions(coupling=coupling, n_components=components, align=align)
-        if not isinstance(demonstrations, Sequence):
-            demonstrations = demonstrations.demonstrations
-        return build_primitive(demonstrations, name, options)
+        found: Any = getattr(demonstrations, "demonstrations", demonstrations)
+        return build_primitive(found, name, options)
 
     def predict(
         self, start: ArrayLike, goal: ArrayLike, duration: float | None = None

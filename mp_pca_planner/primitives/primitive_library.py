@@ -81,18 +81,26 @@ class PrimitiveLibrary(Sequence[MovementPrimitive]):
             raise PrimitiveError(f"several primitives are called {quote_names(twice)}")
 
     @classmethod
-    def of(cls, primitives: Sequence[MovementPrimitive]) -> PrimitiveLibrary:
-        """A library of primitives in memory; a library is returned as it is.
+    def of(cls, primitives: MovementPrimitive | Sequence[MovementPrimitive]) -> PrimitiveLibrary:
+        """A library of primitives in memory, or of a single one; a library is returned as it is.
 
         Raises
         ------
         PrimitiveError
-            If there is no primitive, two have the same name, or they move different joints.
+            If there is no primitive, two have the same name, they move different joints, or one is
+            something else, such as a path.
         """
         if isinstance(primitives, PrimitiveLibrary):
             return primitives
+        if isinstance(primitives, MovementPrimitive):
+            primitives = [primitives]
         if not primitives:
             raise PrimitiveError("at least one primitive is needed, got none")
+        for one in primitives:
+            if not isinstance(one, MovementPrimitive):
+                raise PrimitiveError(
+                    f"{one!r:.80} is no movement primitive; MovementPrimitive.load reads a file"
+                )
         require_same_joints((f"primitive '{p.name}'", p.joint_names) for p in primitives)
         return cls(
             [p.name for p in primitives],

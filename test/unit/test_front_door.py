@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import mp_pca_planner as mp
-from mp_pca_planner.exceptions import GoalError, RecordingError
+from mp_pca_planner.exceptions import GoalError, PlannerError, RecordingError
 
 URDF = mp.config_file("human_arm.urdf")
 
@@ -109,3 +109,26 @@ def test_report_counts_repairs_and_rejections(tmp_path: Path) -> None:
     demonstrations = mp.load_demonstrations([recording(), tmp_path / "empty.mcap"], robot=URDF)
     assert f"{len(demonstrations)} motions in 1 usable recording(s)" in demonstrations.report
     assert "rejected empty" in demonstrations.report
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        (lambda reach, robot, ends: mp.Planner(robot, ["reach.npz"]), "load reads a file"),
+        (lambda reach, robot, ends: mp.MovementPrimitive.fit(None), "None is no demonstration"),
+        (lambda reach, robot, ends: mp.MovementPrimitive.fit([ends]), "is no demonstration"),
+        (lambda reach, robot, ends: reach.sample(1.5, *ends), "positive integer, got 1.5"),
+        (lambda reach, robot, ends: reach.sample(-1, *ends), "positive integer, got -1"),
+    ],
+)
+def test_what_is_no_primitive_demonstration_or_number_is_refused(wrong, said) -> None:
+    demonstrations, primitive, robot, _ = planned()
+    with pytest.raises(PlannerError, match=said):
+        wrong(primitive, robot, demonstrations[0].positions[[0, -1]])
+
+
+def test_planner_takes_a_single_primitive() -> None:
+    demonstrations, primitive, robot, planner = planned()
+    start, goal = demonstrations[0].positions[[0, -1]]
+    alone, listed = (one.plan(goal, start) for one in (mp.Planner(robot, primitive), planner))
+    np.testing.assert_array_equal(alone.trajectory.positions, listed.trajectory.positions)
