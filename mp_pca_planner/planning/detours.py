@@ -57,7 +57,7 @@ class DetourOptions:
     spread: float = 0.3
     n_phases: int = 80
     min_naturalness: float = 0.005
-    shares_of_solving: tuple[float, ...] = (0.17, 0.8)
+    shares_of_solving: tuple[float, ...] = (0.2, 0.8)
 
 
 _OPTIONS = DetourOptions()
