@@ -129,7 +129,8 @@ class DemoOptions:
     patience, end_patience : float
         Longest times to wait for the arrival, and for a process that was signalled to end [s].
     start_error : float
-        Largest difference between the measured starts here and in the node [rad].
+        Largest difference between the measured starts here and in the node [rad]: a robot that
+        still settles at `speed` takes a second for it.
     n_animated : int
         Motions of the robot in the animation.
     """
@@ -143,7 +144,7 @@ class DemoOptions:
     speed: float = 1e-5
     patience: float = 30.0
     end_patience: float = 10.0
-    start_error: float = 1e-6
+    start_error: float = 1e-5
     n_animated: int = 4
 
 
