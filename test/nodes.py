@@ -119,7 +119,7 @@ def running_node(
             status = process.wait(timeout=HANG)
         finally:
             process.kill()
-    assert status == 0, log.read_text()
+    assert status == 0, f"status {status}\n{log.read_text()}"
     assert "Traceback" not in log.read_text()
 
 
