@@ -145,13 +145,15 @@ class ReadingCache:
         """Delete the files that were used first, until the others have at most `max_bytes`."""
         if self.folder is None:
             return
-        with suppress(OSError):
-            status = [(file.stat(), file) for file in self.folder.iterdir() if file.is_file()]
+        with suppress(OSError), os.scandir(self.folder) as files:
+            status = [(file.stat(), file.path) for file in files if file.is_file()]
+            if sum(one.st_size for one, _ in status) <= self.max_bytes:
+                return
             size = 0
             for one, file in sorted(status, key=lambda x: -x[0].st_mtime_ns):
                 size += one.st_size
                 if size > self.max_bytes:
-                    file.unlink(missing_ok=True)
+                    Path(file).unlink(missing_ok=True)
 
 
 def key_of(*values: Any) -> str:
