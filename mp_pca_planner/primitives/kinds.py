@@ -27,6 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.cluster.hierarchy import ClusterNode, linkage, to_tree
 from scipy.special import multigammaln
+from scipy.stats import multivariate_t
 
 from ..arrays import FloatArray
 from ..rows import empty_rows, release, row_blocks
@@ -246,8 +247,6 @@ class _Tree:
         freedom = self._freedom + n - len(center) + 1.0
         shape = scatter * (weight + 1.0) / (weight * freedom)
         log_share = np.log(max(n, 1) / n_motions)
-        from scipy.stats import multivariate_t  # imported late, because the import is slow
-
         return np.asarray(multivariate_t(center, shape, df=freedom).logpdf(features) + log_share)
 
     def _posterior_scatter(self, group: _Group) -> FloatArray:
