@@ -40,11 +40,11 @@ def avoid_obstacle(
     CancelledError
         If a newer goal preempts it.
     """
-    states, options, surroundings = server.states, server.options, server.surroundings
-    served, reason = server.served, surroundings.reason
-    if served is None or not reason:
+    states, options = server.states, server.options
+    served, threat = server.served, server.surroundings.threat
+    if served is None or threat is None:
         return "", None
-    last = surroundings.threat_time - options.avoidance_reserve
+    last, reason = threat.time - options.avoidance_reserve, threat.reason
 
     def is_over() -> bool:
         return is_cancelled() or states.motion_time > last

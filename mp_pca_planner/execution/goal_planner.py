@@ -147,6 +147,7 @@ def _displaced_in(
 
 
 AnyPlan = Plan | AdaptedPlan
+Planned = tuple[AnyPlan, "ServedTrial | None"]
 
 
 class UnexecutablePlanError(TrajectoryError):
@@ -199,7 +200,7 @@ class GoalPlanner:
         self._clock = clock
         self._options = options or ServingOptions()
 
-    def plan(self, goal: Goal, request: PlanRequest) -> tuple[AnyPlan, ServedTrial | None]:
+    def plan(self, goal: Goal, request: PlanRequest) -> Planned:
         """Plan an executable motion.
 
         Returns

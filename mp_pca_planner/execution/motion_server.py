@@ -21,13 +21,13 @@ from ..motion.goal import Goal, JointGoal, JointState
 from ..motion.trajectory import Trajectory
 from ..motion.validation import check_executable, check_limits
 from .assembly import Model
-from .execution_monitor import ExecutionMonitor, ExecutionReport
+from .execution_monitor import Execution, ExecutionReport
 from .following import UnconfirmedError
-from .goal_planner import AnyPlan, GoalPlanner, PlanRequest
+from .goal_planner import GoalPlanner, Planned, PlanRequest
 from .measured import Clock
 from .options import ServingOptions
 from .preemptive_worker import CancelledError, IsCancelled
-from .published_motion import Joined, PublishedMotion
+from .published_motion import Joined
 from .served_goal import Served
 from .start_state import StartStates, TooLateError
 from .stopping import StopPlanner
@@ -132,8 +132,6 @@ class MotionServer:
         As given.
     surroundings : Surroundings
         The obstacles around the robot.
-    served : Served or None
-        The goal that was served last, if the robot was not stopped since.
     """
 
     def __init__(
@@ -148,15 +146,22 @@ class MotionServer:
     ) -> None:
         self.options = options or ServingOptions()
         self.states = states
-        self._statistics, self._send = statistics, publish
+        self._statistics, self._send, self._report = statistics, publish, report
         self._clock, self._sleep = clock, sleep
         self._planner = GoalPlanner(states, clock, self.options)
         self._stops = StopPlanner(states, clock, self.options)
-        self._monitor = ExecutionMonitor(report, self.options)
         self.surroundings = Surroundings(states)
-        self.served: Served | None = None
-        # Goals are served in a thread of their own, stops in that of the callbacks.
-        self._publishing = threading.Lock()
+
+    @property
+    def served(self) -> Served | None:
+        """The goal that was served last; None if the robot was stopped since."""
+        execution = self._execution
+        return None if execution is None else execution.served
+
+    @property
+    def _execution(self) -> Execution | None:
+        published = self.states.published
+        return None if published is None else published.execution
 
     def serve(
         self,
@@ -215,16 +220,25 @@ class MotionServer:
 
     def watch(self, model: Model) -> None:
         """Check how the robot follows its motion; call this at 10 Hz or more."""
-        # No motion may be published in between: the robot would seem to follow the one before.
-        with self._publishing:
+        with self.states.lock:
             try:
                 following = self.states.follow(model.settings)
             except GoalError:
                 following = None
-            now = self.states.motion_time
-            self._monitor.update(following, now)
-            if self._monitor.never_started(now):
-                self.states.give_up()
+            execution = self._execution
+            if execution is None:
+                return
+            if self.states.commanded is None:
+                self._end(execution.given_up("time was set back"))
+            else:
+                self._end(execution.update(following, self.states.motion_time, self.options))
+
+    def expect(self, joint_names: tuple[str, ...]) -> None:
+        """Use the states of these joints; the execution of a motion of others ends."""
+        with self.states.lock:
+            execution = self._execution
+            if self.states.expect(joint_names) and execution is not None:
+                self._end(execution.given_up("the joints of the primitives have changed"))
 
     def stop(self, model: Model, reason: str = "") -> str:
         """Publish a trajectory that brings the robot to rest.
@@ -246,10 +260,9 @@ class MotionServer:
         PlannerError
             If the robot's state is unknown; nothing was published then.
         """
-        with self._publishing:
+        with self.states.lock:
             message, joined = self._stops.find(model)
-            self._monitor.stop(self._publish_joined(joined), joined.time, reason)
-            self.served = self.surroundings.threat = None
+            self._commit(joined, Execution.of_stop(self._execution, joined, reason))
         return message
 
     def _serve_once(
@@ -272,22 +285,22 @@ class MotionServer:
         request = PlanRequest(start, model, is_cancelled, served)
         plan, trial = self._planner.plan(goal, request)
         world = self.surroundings.check_again(plan.trajectory, world, model)
-        motion = self._publish(plan, request, name)
+        served = self._publish(goal, (plan, trial), request, name)
         self._statistics.served(kind, plan.solve_time, self._clock() - began)
-        self.served, self.surroundings.threat = Served(goal, plan, model, motion, name, trial), None
         if self.surroundings.world is not world:
-            self.surroundings.look_ahead(model, self.served)
-        return self.served
+            self.surroundings.look_ahead(model)
+        return served
 
-    def _publish(self, plan: AnyPlan, request: PlanRequest, name: Any) -> PublishedMotion:
+    def _publish(self, goal: Goal, planned: Planned, request: PlanRequest, name: Any) -> Served:
         """Publish a plan from where the robot is: the only place where goals are published."""
         start, model, settings = request.start, request.model, request.model.settings
-        check, first = plan.limit_check, start.state
+        (plan, trial), first = planned, start.state
+        check = plan.limit_check
         if start.is_in_motion:
             # The trajectory that is published a moment later is a part of this one.
             joined = self.states.join(plan.trajectory, start, settings)
             check = check_limits(joined.trajectory, model.planning_robot, model.limits)
-        with self._publishing:
+        with self.states.lock:
             if request.is_cancelled():
                 raise CancelledError
             joined = self.states.join(plan.trajectory, start, settings)
@@ -299,10 +312,18 @@ class MotionServer:
                 first,
                 allow_nonzero_end_velocity=settings.allow_nonzero_end_velocity,
             )
-            motion = self._publish_joined(joined)
-            self._monitor.begin(name, motion, joined.time, self.surroundings.reason)
-        return motion
+            served = Served(goal, plan, model, joined.motion, name, trial)
+            self._commit(joined, Execution(name, joined.motion, joined.time, served))
+        return served
 
-    def _publish_joined(self, joined: Joined) -> PublishedMotion:
+    def _commit(self, joined: Joined, execution: Execution) -> None:
+        """Publish a motion, the only place where that is done; it replaces the one before."""
+        old = self.states.published
         self._send(joined.trajectory, stamp=joined.stamp, last_point_only=joined.last_point_only)
-        return self.states.command(joined)
+        self.states.command(joined, execution)
+        if old is not None and old.execution is not None and not execution.is_stop:
+            self._end(old.execution.replaced(old.threat.reason if old.threat else ""))
+
+    def _end(self, report: ExecutionReport | None) -> None:
+        if report is not None:
+            self._report(report)

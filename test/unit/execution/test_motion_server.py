@@ -243,12 +243,11 @@ def test_motion_that_is_published_while_the_robot_is_watched_is_not_taken_for_an
     node.run(0.3)
     command, watchers = node.states.command, []
 
-    def watched(joined):
-        motion = command(joined)
+    def watched(*motion):
+        command(*motion)
         watchers.append(threading.Thread(target=node.server.watch, args=[MODEL]))
         watchers[-1].start()
         watchers[-1].join(0.2)  # it has to wait until the motion is published
-        return motion
 
     node.states.command = watched
     node.ask(START)
