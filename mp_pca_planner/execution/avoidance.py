@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from .assembly import Model
+from .goal_planner import GoalRequest
 from .motion_server import MotionServer
 from .preemptive_worker import CancelledError, IsCancelled
 from .served_goal import Served
@@ -53,14 +54,8 @@ def avoid_obstacle(
     try:
         if is_over():
             raise CancelledError
-        found = server.serve(
-            type(goal),
-            lambda _: goal,
-            model,
-            is_over,
-            served.name,
-            lookahead=options.avoidance_lookahead,
-        )
+        request = GoalRequest(goal, model, served.name)
+        found = server.serve(request, is_over, lookahead=options.avoidance_lookahead)
     except Exception as error:  # whatever the reason, the robot must not hit the obstacle
         if is_cancelled():
             raise CancelledError from None

@@ -79,6 +79,12 @@ class MotionFollower:
             self.published = Publication.after(self.published, joined, self._servo.lag, execution)
 
     @property
+    def execution(self) -> Execution | None:
+        """The execution of the motion that was published last; None if there is none."""
+        published = self.published
+        return None if published is None else published.execution
+
+    @property
     def motion_time(self) -> float:
         """The time by the clock of motions [s]; simulated time has its own rate."""
         return self._motion_clock()

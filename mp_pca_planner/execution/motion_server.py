@@ -23,7 +23,7 @@ from ..motion.validation import check_executable, check_limits
 from .assembly import Model
 from .execution_monitor import Execution, ExecutionReport
 from .following import UnconfirmedError
-from .goal_planner import GoalPlanner, Planned, PlanRequest
+from .goal_planner import GoalPlanner, GoalRequest, Planned, PlanRequest
 from .measured import Clock
 from .options import ServingOptions
 from .preemptive_worker import CancelledError, IsCancelled
@@ -93,10 +93,6 @@ class GoalStatistics:
         return {f"solve_time_p{rank}_s": float(np.percentile(times, rank)) for rank in (50, 90, 99)}
 
 
-MakeGoal = Callable[[JointState], Goal]
-"""Function that returns the goal of a motion, given its start state."""
-
-
 class Publish(Protocol):
     """Sends a trajectory to the controller."""
 
@@ -155,38 +151,20 @@ class MotionServer:
     @property
     def served(self) -> Served | None:
         """The goal that was served last; None if the robot was stopped since."""
-        execution = self._execution
+        execution = self.states.execution
         return None if execution is None else execution.served
 
-    @property
-    def _execution(self) -> Execution | None:
-        published = self.states.published
-        return None if published is None else published.execution
-
     def serve(
-        self,
-        kind: type[Goal],
-        make_goal: MakeGoal,
-        model: Model,
-        is_cancelled: IsCancelled,
-        name: Any = None,
-        *,
-        lookahead: float = 0.0,
+        self, request: GoalRequest, is_cancelled: IsCancelled, *, lookahead: float = 0.0
     ) -> Served:
         """Plan and publish a motion.
 
         Parameters
         ----------
-        kind :
-            The kind of the goal: some take longer than others.
-        make_goal :
-            The goal, for a motion that starts at this state.
-        model :
-            The planner and its settings.
+        request :
+            The goal.
         is_cancelled :
             Whether the goal was preempted.
-        name :
-            Identifies the goal in the report of its execution.
         lookahead :
             Least time that is planned ahead [s].
 
@@ -197,21 +175,21 @@ class MotionServer:
         CancelledError
             If it is preempted before it is published.
         """
-        options, latency = self.options, self._statistics.expected_latency(kind)
-        if kind is JointGoal:
+        options, latency = self.options, self._statistics.expected_latency(type(request.goal))
+        if isinstance(request.goal, JointGoal):
             latency = max(min(latency, options.max_lookahead), lookahead)
         deadline, attempt = self._clock() + options.confirmation_timeout, 1
         while True:
             began = self.states.motion_time
             try:
-                return self._serve_once(kind, make_goal, model, is_cancelled, name, latency)
+                return self._serve_once(request, is_cancelled, latency)
             except UnconfirmedError:
                 if self._clock() > deadline:
                     raise
                 if is_cancelled():
                     raise CancelledError from None
                 self._sleep(options.confirmation_period)
-                self.watch(model)
+                self.watch(request.model)
             except TooLateError:
                 if attempt == options.max_attempts:
                     raise
@@ -225,7 +203,7 @@ class MotionServer:
                 following = self.states.follow(model.settings)
             except GoalError:
                 following = None
-            execution = self._execution
+            execution = self.states.execution
             if execution is None:
                 return
             if self.states.commanded is None:
@@ -236,7 +214,7 @@ class MotionServer:
     def expect(self, joint_names: tuple[str, ...]) -> None:
         """Use the states of these joints; the execution of a motion of others ends."""
         with self.states.lock:
-            execution = self._execution
+            execution = self.states.execution
             if self.states.expect(joint_names) and execution is not None:
                 self._end(execution.given_up("the joints of the primitives have changed"))
 
@@ -262,31 +240,25 @@ class MotionServer:
         """
         with self.states.lock:
             message, joined = self._stops.find(model)
-            self._commit(joined, Execution.of_stop(self._execution, joined, reason))
+            self._commit(joined, Execution.of_stop(self.states.execution, joined, reason))
         return message
 
     def _serve_once(
-        self,
-        kind: type[Goal],
-        make_goal: MakeGoal,
-        model: Model,
-        is_cancelled: IsCancelled,
-        name: Any,
-        latency: float,
+        self, request: GoalRequest, is_cancelled: IsCancelled, latency: float
     ) -> Served:
-        began = self._clock()
+        began, model, last = self._clock(), request.model, self.served
         start = self.states.choose(model.settings, latency)
         model.cancellation.is_cancelled = is_cancelled
-        goal, served = make_goal(start.state), self.served
-        under_way = served.answer(goal, start, model) if served is not None else ""
-        if served is not None and under_way and self.surroundings.threat is None:
-            return replace(served, under_way=under_way)
+        goal = request.goal_from(start.state)
+        under_way = last.answer(goal, start, model) if last is not None else ""
+        if last is not None and under_way and self.surroundings.threat is None:
+            return replace(last, under_way=under_way)
         world = self.surroundings.prepare(model)
-        request = PlanRequest(start, model, is_cancelled, served)
-        plan, trial = self._planner.plan(goal, request)
-        world = self.surroundings.check_again(plan.trajectory, world, model)
-        served = self._publish(goal, (plan, trial), request, name)
-        self._statistics.served(kind, plan.solve_time, self._clock() - began)
+        context = PlanRequest(start, model, is_cancelled, last)
+        planned = self._planner.plan(goal, context)
+        world = self.surroundings.check_again(planned[0].trajectory, world, model)
+        served = self._publish(goal, planned, context, request.name)
+        self._statistics.served(type(request.goal), served.plan.solve_time, self._clock() - began)
         if self.surroundings.world is not world:
             self.surroundings.look_ahead(model)
         return served

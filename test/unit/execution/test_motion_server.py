@@ -19,7 +19,7 @@ from virtual_node import VirtualNode
 
 from mp_pca_planner.exceptions import GoalError
 from mp_pca_planner.execution.assembly import assemble_model
-from mp_pca_planner.execution.goal_planner import AdaptedPlan
+from mp_pca_planner.execution.goal_planner import AdaptedPlan, GoalRequest
 from mp_pca_planner.execution.motion_server import GoalStatistics, MotionServer
 from mp_pca_planner.execution.options import ServingOptions
 from mp_pca_planner.execution.parameters import Settings
@@ -327,7 +327,7 @@ def test_motion_whose_message_is_lost_is_reported_and_the_next_goal_served(node)
 def test_cancelled_goal_publishes_nothing(node):
     goal = JointGoal(JointState(JOINTS, GOAL))
     with pytest.raises(CancelledError):
-        node.server.serve(JointGoal, lambda _: goal, MODEL, lambda: True)
+        node.server.serve(GoalRequest(goal, MODEL), lambda: True)
     assert not node.sent
 
 
@@ -341,7 +341,7 @@ def test_cancelled_goal_publishes_nothing(node):
 def test_goal_that_is_cancelled_during_the_solve_ends_it(node, goal):
     asked = iter([False] * 3)
     with pytest.raises(CancelledError):
-        node.server.serve(type(goal), lambda _: goal, MODEL, lambda: next(asked, True))
+        node.server.serve(GoalRequest(goal, MODEL), lambda: next(asked, True))
     assert next(asked, None) is None
     assert not node.sent
 
