@@ -40,7 +40,7 @@ FINEST = 2e-7  # step that no encoder sees [rad]
 
 
 def model(**settings):
-    options = Settings(limits=LIMITS, max_solve_time=NODE_EVER, **settings)
+    options = Settings(**{"limits": LIMITS, "max_solve_time": NODE_EVER, **settings})
     return assemble_model(URDF, [arm_primitive()], options)
 
 
@@ -355,6 +355,37 @@ def test_refused_goal_leaves_the_running_motion_alone(node):
     node.run(5.0)
     node.assert_rests_at(GOAL)
     assert node.outcomes == ["arrived"]
+
+
+@pytest.mark.parametrize("event", ["none", "stop", "goal"])
+def test_robot_that_rests_slightly_outside_its_limits_is_led_inwards(event):
+    sign = np.sign(GOAL - START)
+    limit = START + 5e-4 * sign
+    sides = ["min_position" if inwards > 0.0 else "max_position" for inwards in sign]
+    bounds = zip(JOINTS, sides, limit, strict=True)
+    node = Node(model(limits={name: {**LIMITS[name], side: x} for name, side, x in bounds}))
+    began = len(node.robot.record.q)
+    node.ask(GOAL)
+    assert node.statuses == ["served"]
+    node.run(0.05)  # the first joints are still outside
+    if event == "stop":
+        node.stop()
+        node.run(2.0)
+    if event != "none":
+        node.ask(0.7 * GOAL + 0.3 * START)
+        node.run(3.0)
+        node.ask(GOAL)
+    node.run(5.0)
+    node.assert_rests_at(GOAL)
+    assert set(node.statuses) == {"served"}
+    within = sign * (node.robot.record.q[began:] - limit)
+    assert within[0].max() < 0.0  # all joints begin outside
+    assert within.min() >= -5.0001e-4
+    # For a stop at a point, the controller starts from the measured state.
+    error = 2e-4 if event == "stop" else 1e-5
+    assert np.all(within >= np.minimum(np.maximum.accumulate(within), 0.0) - error)
+    jumps = np.abs(np.diff(node.robot.record.q[began:], axis=0))
+    assert jumps.max() < 3.1e-3  # of the largest velocity
 
 
 # Sequences
