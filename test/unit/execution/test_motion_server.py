@@ -357,6 +357,23 @@ def test_refused_goal_leaves_the_running_motion_alone(node):
     assert node.outcomes == ["arrived"]
 
 
+@pytest.mark.parametrize(("change", "reason"), [("joints", "joints"), ("clock", "set back")])
+def test_motion_that_can_no_longer_be_followed_is_reported(node, monkeypatch, change, reason):
+    node.ask(GOAL)
+    node.run(0.2)
+    if change == "joints":
+        node.server.expect(JOINTS)  # the same ones
+        node.run(0.1)
+        assert not node.outcomes
+        node.server.expect(JOINTS[:2])
+        assert node.server.served is None
+    else:
+        monkeypatch.setattr(node.states, "_motion_clock", lambda: node.now - 100.0)
+    node.run(0.2)
+    ((_, report),) = node.execution_reports
+    assert report.outcome == "not_followed" and reason in report.message
+
+
 @pytest.mark.parametrize("event", ["none", "stop", "goal"])
 def test_robot_that_rests_slightly_outside_its_limits_is_led_inwards(event):
     sign = np.sign(GOAL - START)
