@@ -12,6 +12,7 @@ from ..motion.collision import Collision, CollisionModel
 from ..motion.trajectory import Trajectory
 from ..robot.world import World
 from .assembly import Model, collision_model
+from .options import ServingOptions
 from .start_state import StartStates, TooLateError
 
 
@@ -27,6 +28,10 @@ class Threat:
         """Why the running motion has to be replaced."""
         link, obstacle = self.collision.links
         return f"a new obstacle is on the path ('{link}' would hit '{obstacle}')"
+
+    def last_time(self, options: ServingOptions) -> float:
+        """Time at which the search for another motion ends, and the robot is stopped [s]."""
+        return self.time - options.avoidance_reserve
 
 
 class Surroundings:
