@@ -207,7 +207,8 @@ class MeasuredStates:
             raise GoalError(
                 "the present state is not known: joint_states contradict each other, joint "
                 f"'{self.joint_names[j]}' is at {one:.4g} and {other:.4g} rad (or m) within "
-                f"{abs(since[k, 0]):.2g} s; check that only one node publishes them"
+                f"{abs(since[k, 0]):.2g} s; check that only one node publishes them, then send the "
+                "goal again"
             )
 
     def history(self) -> MeasuredSamples:
