@@ -20,7 +20,7 @@ from ..arrays import FloatArray
 from ..exceptions import GoalError
 from ..motion.goal import JointState
 from ..motion.trajectory import Trajectory
-from ..motion.validation import check_limits
+from ..motion.validation import check_limits, nearest_start
 from ..robot.limits import JointLimits
 from ..robot.model import Robot
 from .assembly import Model
@@ -142,6 +142,8 @@ class StopPlanner:
     def _stop_at_point(
         self, states: list[JointState], ends: Sequence[FloatArray], model: Model
     ) -> tuple[str, Joined]:
+        # From slightly outside the limits, a stop may only lead inwards.
+        ends = [nearest_start(end, model.limits) for end in ends]
         request = ends, model.robot, model.limits
         stop = stop_at_point(states, *request) or stop_at_point(states[:1], *request)
         if stop is not None:

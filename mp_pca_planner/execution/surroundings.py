@@ -5,14 +5,28 @@
 from __future__ import annotations
 
 import threading
+from dataclasses import dataclass
 
 from ..exceptions import GoalError, RobotError
 from ..motion.collision import Collision, CollisionModel
 from ..motion.trajectory import Trajectory
 from ..robot.world import World
 from .assembly import Model, collision_model
-from .served_goal import Served
 from .start_state import StartStates, TooLateError
+
+
+@dataclass(frozen=True)
+class Threat:
+    """A collision of the rest of the running motion with an obstacle, and when it begins [s]."""
+
+    collision: Collision
+    time: float
+
+    @property
+    def reason(self) -> str:
+        """Why the running motion has to be replaced."""
+        link, obstacle = self.collision.links
+        return f"a new obstacle is on the path ('{link}' would hit '{obstacle}')"
 
 
 class Surroundings:
@@ -29,11 +43,6 @@ class Surroundings:
 
     Attributes
     ----------
-    threat : Collision or None
-        The next collision of the running motion with an obstacle that was not there before, in the
-        rest of the motion.
-    threat_time : float
-        When it begins [s].
     missing : str
         Why an obstacle that was given is not avoided; empty if all are.
     """
@@ -42,8 +51,7 @@ class Surroundings:
         self._states, self._world = states, World()
         self._lock = threading.Lock()
         self._checker: tuple[Model, CollisionModel] | None = None
-        self.threat: Collision | None = None
-        self.threat_time, self.missing = 0.0, ""
+        self.missing = ""
 
     @property
     def world(self) -> World:
@@ -51,14 +59,12 @@ class Surroundings:
         return self._world
 
     @property
-    def reason(self) -> str:
-        """Why the running motion has to be replaced; empty if it has not."""
-        if self.threat is None:
-            return ""
-        link, obstacle = self.threat.links
-        return f"a new obstacle is on the path ('{link}' would hit '{obstacle}')"
+    def threat(self) -> Threat | None:
+        """What the running motion would hit; None if nothing is known to be on its path."""
+        published = self._states.published
+        return None if published is None else published.threat
 
-    def replace(self, world: World, model: Model | None, served: Served | None) -> bool:
+    def replace(self, world: World, model: Model | None) -> bool:
         """Use other obstacles from now on; return whether a motion would hit one of them.
 
         Parameters
@@ -67,8 +73,6 @@ class Surroundings:
             The obstacles.
         model : Model or None
             The robot, if it is known.
-        served : Served or None
-            The goal of the motion.
 
         Raises
         ------
@@ -89,7 +93,7 @@ class Surroundings:
                 checker.set_world(world)
             self._world = world
         if model is not None:
-            self.look_ahead(model, served)
+            self.look_ahead(model)
         return self.threat is not None
 
     def prepare(self, model: Model) -> World:
@@ -128,20 +132,23 @@ class Surroundings:
             )
         return world
 
-    def look_ahead(self, model: Model, served: Served | None) -> None:
-        """Check the rest of the running motion, that of a goal, and set `threat`.
+    def look_ahead(self, model: Model) -> None:
+        """Check the rest of the running motion of a goal, and set its `threat`.
 
         Raises
         ------
         PlannerError
             If the motion can't be checked.
         """
+        published = self._states.published
+        if published is None or published.execution is None or published.execution.is_stop:
+            return
         try:
             following = self._states.follow(model.settings)
         except GoalError:  # the robot may be anywhere on its motion
             return
-        self.threat = None
-        if served is None or following is None or served.motion is not following.motion:
+        published.threat = None
+        if following is None or following.motion is not published.joined.motion:
             return
         motion, place = following.motion, following.progress.place
         with self._lock:
@@ -151,10 +158,9 @@ class Surroundings:
             if checker.world is not self._world:
                 checker.set_world(self._world)
             found = checker.collisions(motion.rest(place))
-        first = min(found, key=lambda one: one.first_time, default=None)
-        self.threat, self.threat_time = first, motion.began + place
-        if first is not None:
-            self.threat_time += first.first_time
+        if found:
+            first = min(found, key=lambda one: one.first_time)
+            published.threat = Threat(first, motion.began + place + first.first_time)
 
     def _checker_of(self, model: Model) -> CollisionModel:
         if self._checker is None or self._checker[0] is not model:

@@ -26,7 +26,7 @@ def node():
 
 def use(node, world):
     """Other obstacles; whether the motion would hit one."""
-    return node.server.surroundings.replace(world, node._model, node.server.served)
+    return node.server.surroundings.replace(world, node._model)
 
 
 def ball_at(positions):
