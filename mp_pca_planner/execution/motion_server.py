@@ -151,9 +151,9 @@ class MotionServer:
         self._statistics, self._send = statistics, publish
         self._clock, self._sleep = clock, sleep
         self._planner = GoalPlanner(states, clock, self.options)
-        self._stops = StopPlanner(states, clock, self.options)
         self._monitor = ExecutionMonitor(report, self.options)
         self.surroundings = Surroundings(states)
+        self._stops = StopPlanner(states, self.surroundings, clock, self.options)
         self.served: Served | None = None
         # Goals are served in a thread of their own, stops in that of the callbacks.
         self._publishing = threading.Lock()
@@ -247,10 +247,11 @@ class MotionServer:
             If the robot's state is unknown; nothing was published then.
         """
         with self._publishing:
-            message, joined = self._stops.find(model)
-            self._monitor.stop(self._publish_joined(joined), joined.time, reason)
+            found = self._stops.find(model)
+            why = "; ".join(filter(None, [reason, found.collision]))
+            self._monitor.stop(self._publish_joined(found.joined), found.joined.time, why)
             self.served = self.surroundings.threat = None
-        return message
+        return found.message
 
     def _serve_once(
         self,

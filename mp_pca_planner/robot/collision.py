@@ -6,9 +6,10 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterator, Sequence
+from copy import copy
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 import pinocchio as pin
@@ -127,6 +128,18 @@ class CollisionGeometry:
         self.world, self.margin, self.margins = world, margin, margins
         self.pairs = tuple((names[a], names[b]) for a, b in pairs)
         self.levers = self._distances.levers
+
+    def with_world(self, world: World) -> Self:
+        """The same among other obstacles, for use in another thread.
+
+        Raises
+        ------
+        WorldError
+            See the class.
+        """
+        other = copy(self)
+        other.set_world(world)
+        return other
 
     @property
     def has_geometry(self) -> bool:
