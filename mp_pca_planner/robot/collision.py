@@ -117,11 +117,9 @@ class CollisionGeometry:
         margin = self.margin if margin is None else _checked_margin(margin)
         bodies, n_links = self._links.with_world(world), len(self._links.names)
         names, further = bodies.names, _pairs_with_world(bodies, n_links, world)
-        pairs = [
-            (a, b)
-            for a, b in [*self._pairs_of_links, *further]
-            if not world.allows(names[a], names[b])
-        ]
+        pairs = [*self._pairs_of_links, *further]
+        if world.allowed:
+            pairs = [(a, b) for a, b in pairs if not world.allows(names[a], names[b])]
         indices = np.array(pairs, dtype=np.intp).reshape(-1, 2)
         margins = np.where(indices[:, 1] >= n_links, margin, 0.0)
         self._distances = BodyPairs(self._tree, bodies, indices, margins)
