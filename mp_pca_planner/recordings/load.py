@@ -11,7 +11,7 @@ from contextlib import closing
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal, Protocol
+from typing import Any, Literal
 
 import numpy as np
 
@@ -27,7 +27,6 @@ from .demonstration import (
     Refusal,
     Segment,
 )
-from .joint_states import RawJointStates
 from .processes import Outcome, map_in_processes
 from .reading import read_clean
 from .repair import CleanRecording, RepairOptions, repair
@@ -39,15 +38,6 @@ from .spool import GatheredSets
 __all__ = ["LoadOptions", "RecordingReport", "RecordingSet", "load_recordings"]
 
 SEGMENTATIONS = ("auto", "none")
-
-
-class MarkerSolver(Protocol):
-    """Finds joint states from markers, see :class:`.marker_joint_states.MarkerSource`."""
-
-    def joint_states(
-        self, path: Path, *, salvage: bool = False
-    ) -> tuple[RawJointStates, dict[str, MarkerResidual]]:
-        """Joint states of a recording, and the residuals of the markers by name."""
 
 
 @dataclass(frozen=True)
@@ -72,7 +62,7 @@ class LoadOptions:
         Filter and rate of the demonstrations.
     labels : sequence of str or None
         Labels in `segments_csv` of the motions to take; by default all.
-    markers : MarkerSolver or None
+    markers : MarkerSource or None
         Finds the joint states from markers, see :func:`.marker_joint_states.marker_source`;
         `topic` and `joints` are not used then.
     state_field : str or None
@@ -106,7 +96,7 @@ class LoadOptions:
     segmentation: SegmentationOptions = field(default_factory=SegmentationOptions)
     smoothing: SmoothingOptions = field(default_factory=SmoothingOptions)
     labels: Sequence[str] | None = None
-    markers: MarkerSolver | None = None
+    markers: Any = None
     state_field: str | None = None
     repair: RepairOptions = field(default_factory=RepairOptions)
     salvage: bool = False
@@ -332,8 +322,17 @@ def _loaded(task: _LoadTask, path: Path, progress: Callable[[float], None] | Non
     options = task.options
     clean, residuals = _clean(path, options, progress)
     smoothed = cutting.SmoothRecording.of(clean, options.smoothing, options.segmentation)
-    cuts, clean = _cut(task, smoothed)
-    motions = cutting.demonstrations(cuts, clean, task.name, options.cache.checksum(path))
+    if task.segments is not None:
+        cuts = [cutting.cut_row(smoothed.pieces, row) for row in task.segments]
+    else:
+        is_whole = clean.pieces_are_motions or options.segment == "none"
+        cuts, clean = cutting.cut_motions(
+            smoothed, options.segmentation, task.least_extent, is_whole=is_whole
+        )
+    if not cuts:
+        raise RecordingError("no motion was found in it")
+    checksum = options.cache.checksum(path)
+    motions = [cut.demonstration(clean.joint_names, task.name, checksum) for cut in cuts]
     segments = (Segment(m.start_time, m.end_time, m.label, extent(m.positions)) for m in motions)
     report = RecordingReport(
         name=task.name,
@@ -344,7 +343,7 @@ def _loaded(task: _LoadTask, path: Path, progress: Callable[[float], None] | Non
         rate=clean.rate,
         duration=clean.duration,
         joint_names=clean.joint_names,
-        checksum=motions[0].checksum,
+        checksum=checksum,
         repairs=clean.repairs,
         motions=tuple(segments),
         thresholds=smoothed.thresholds,
@@ -361,36 +360,14 @@ def _loaded(task: _LoadTask, path: Path, progress: Callable[[float], None] | Non
 def _clean(
     path: Path, options: LoadOptions, progress: Callable[[float], None] | None
 ) -> tuple[CleanRecording, dict[str, MarkerResidual]]:
+    """Repaired joint states, and the residuals of the markers that they come from."""
     if options.markers is not None:
         raw, residuals = options.markers.joint_states(path, salvage=options.salvage)
         return repair(raw, None, options.repair), residuals
-    read = partial(_read, path, options, progress)
     chosen = (options.topic, options.joints, options.state_field, options.salvage, options.repair)
+
+    def read() -> CleanRecording:
+        with bags.open_bag(path, salvage=options.salvage) as bag:
+            return read_clean(bag, *chosen[:3], options=options.repair, progress=progress)
+
     return options.cache.clean(path, repr(chosen), read), {}
-
-
-def _read(
-    path: Path, options: LoadOptions, progress: Callable[[float], None] | None
-) -> CleanRecording:
-    """Read joint states, and repair them."""
-    with bags.open_bag(path, salvage=options.salvage) as bag:
-        return read_clean(
-            bag,
-            options.topic,
-            options.joints,
-            state_field=options.state_field,
-            options=options.repair,
-            progress=progress,
-        )
-
-
-def _cut(
-    task: _LoadTask, recording: cutting.SmoothRecording
-) -> tuple[list[cutting.Cut], CleanRecording]:
-    """Cut a recording into its motions; return them with additional notes and repairs."""
-    if task.segments is not None:
-        return cutting.cut_by_hand(recording.pieces, task.segments), recording.clean
-    is_whole = recording.clean.pieces_are_motions or task.options.segment == "none"
-    return cutting.cut_motions(
-        recording, task.options.segmentation, task.least_extent, is_whole=is_whole
-    )

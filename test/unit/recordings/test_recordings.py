@@ -15,8 +15,8 @@ from conftest import EPOCH, FORMATS, Message, reaching, stamped, write_bag
 
 from mp_pca_planner.exceptions import RecordingError
 from mp_pca_planner.recordings.bags import bag, find_recordings, stored_size
-from mp_pca_planner.recordings.inspection import inspect_recording
 from mp_pca_planner.recordings.load import load_recordings
+from mp_pca_planner.recordings.reading import inspect_recording
 from mp_pca_planner.recordings.repair import RepairOptions
 from mp_pca_planner.recordings.segmentation import SegmentationOptions
 

@@ -17,8 +17,8 @@ from rosbags.rosbag2 import Writer as Writer2
 from rosbags.typesys import Stores, get_typestore
 
 from mp_pca_planner.exceptions import RecordingError
-from mp_pca_planner.recordings.inspection import inspect_recording
 from mp_pca_planner.recordings.joint_states import RawJointStates
+from mp_pca_planner.recordings.reading import inspect_recording
 
 N = 1000
 POSITIONS = np.random.default_rng(5).normal(size=(N, 2))
