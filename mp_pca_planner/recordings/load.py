@@ -39,6 +39,8 @@ __all__ = ["LoadOptions", "RecordingReport", "RecordingSet", "load_recordings"]
 
 SEGMENTATIONS = ("auto", "none")
 
+_DIED = "every process that tried to read it died: it was killed, or memory ran out"
+
 
 @dataclass(frozen=True)
 class LoadOptions:
@@ -221,15 +223,15 @@ def _load_all(
             progress(done + int(share * sizes[left[item]]), total)
 
     with closing(_outcomes([tasks[indices[i]] for i in left], jobs, dask, within)) as ready:
-        for outcome in ready:
-            position = left[outcome.index]
-            index = indices[position]
-            loaded[index] = _final(outcome, tasks[index].name)
+        for item, result in ready:
+            index = indices[left[item]]
+            died = RecordingSet(refused=(Refusal(tasks[index].name, _DIED),))
+            loaded[index] = died if result is None else result
             # What was refused is tried again: the reason may have been the network.
-            if kept.folder and outcome.result is not None and not outcome.result.refused:
-                kept.keep(_key(tasks[index]), outcome.result)
-            done += sizes[position]
-            within(outcome.index, 0.0)
+            if kept.folder and result is not None and not result.refused:
+                kept.keep(_key(tasks[index]), result)
+            done += sizes[left[item]]
+            within(item, 0.0)
 
 
 def _key(task: _LoadTask) -> str:
@@ -276,31 +278,18 @@ def _outcomes(
     jobs: int,
     dask: str | None,
     within: Callable[[int, float], None],
-) -> Generator[Outcome[RecordingSet], None, None]:
+) -> Generator[Outcome, None, None]:
     if dask is not None and tasks:
         yield from map_on_cluster(_load, tasks, dask, _local_path)
     elif jobs > 1 and len(tasks) > 1:
         yield from map_in_processes(_load, tasks, jobs)
     else:
         for index, task in enumerate(tasks):
-            yield Outcome(index, _load(task, partial(within, index)))
+            yield index, _load(task, partial(within, index))
 
 
 def _local_path(task: _LoadTask) -> str:
     return str(task.path) if isinstance(task.path, Path) else ""
-
-
-def _final(outcome: Outcome[RecordingSet], name: str) -> RecordingSet:
-    """The result for a recording, with what happened to the processes that read it."""
-    found = outcome.result
-    if found is None:
-        reason = "every process that tried to read it died: it was killed, or memory ran out"
-        return RecordingSet(refused=(Refusal(name, reason),))
-    if not outcome.repeated:
-        return found
-    note = "read a second time, after a process had died"
-    reports = (replace(report, notes=(*report.notes, note)) for report in found.reports)
-    return replace(found, reports=tuple(reports))
 
 
 def _load(task: _LoadTask, progress: Callable[[float], None] | None = None) -> RecordingSet:

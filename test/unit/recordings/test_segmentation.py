@@ -21,7 +21,6 @@ from mp_pca_planner.recordings.segmentation import (
     SegmentationOptions,
     find_motions,
     joint_speed,
-
     speed_thresholds,
     trim,
 )
