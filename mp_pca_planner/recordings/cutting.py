@@ -42,6 +42,13 @@ class Cut:
         """Norm over the joints of the distance that each of them covers [rad or m]."""
         return extent(self.piece.positions[self.first : self.last + 1])
 
+    def is_cut_off(self, options: SegmentationOptions) -> bool:
+        """Whether the piece begins or ends within the motion."""
+        speed = joint_speed(self.piece.velocities)
+        moving = options.moving_ratio * speed[self.first : self.last + 1].max()
+        ends = {0, speed.size - 1} & {self.first, self.last}
+        return any(speed[step] > moving for step in ends)
+
     def demonstration(
         self, joint_names: tuple[str, ...], recording: str, checksum: str
     ) -> Demonstration:
@@ -157,10 +164,13 @@ def cut_motions(
             "extent of the largest are left out"
         )
         clean = replace(clean, notes=(*clean.notes, note))
-    kept = _without_rest(large, clean.pieces, least_of_set, options)
-    if len(kept) < len(large):
-        clean = replace(clean, repairs={**clean.repairs, "rest": len(large) - len(kept)})
-    return kept, clean
+    moved = _without_rest(large, clean.pieces, least_of_set, options)
+    return moved, counted(clean, "rest", len(large) - len(moved))
+
+
+def counted(clean: CleanRecording, kind: str, n: int) -> CleanRecording:
+    """A recording with another count of a repair."""
+    return replace(clean, repairs={**clean.repairs, kind: n}) if n else clean
 
 
 def cut_row(pieces: Sequence[SmoothPiece], row: SegmentRow) -> Cut:
@@ -214,12 +224,11 @@ def _without_rest(
     return kept
 
 
-def absurd_reason(largest: float, absurd: float) -> str:
-    """Why a recording with a motion of an absurdly large extent is rejected [rad or m]."""
+def far_moving(largest: float, absurd: float) -> str:
+    """Statement on joints that move over an absurdly large extent [rad or m]."""
     return (
-        f"its joints move over {largest:.3g} rad (or m), and over {absurd:.3g} is absurd beside "
-        "the other recordings' motions: positions must be in radians (or m), not in degrees; "
-        "choose the joints, or give a table of segments if these are motions nevertheless"
+        f"joints move over {largest:.3g} rad (or m), and over {absurd:.3g} is absurd: positions "
+        "must be in radians (or m), not in degrees (or mm)"
     )
 
 

@@ -59,7 +59,7 @@ def _chosen_topic(bag: bags.Bag, topic: str | None) -> bags.Topic:
         return bags.choose_topic(bag.topics, topic)
     except RecordingError as error:
         hints = [
-            f"'--topic {name} --field {field}'"
+            f"field '{field}' of topic '{name}'"
             for name, field in bag.embedded_states()
             if topic in (None, name)
         ]
