@@ -57,7 +57,8 @@ def serve(
     """Serve a page for a time [s], or until Ctrl-C."""
     with ViewPage(content, host, port, link) as page:
         reach = "this machine only" if page.server.is_local else "every machine that reaches it"
-        say(f"page         {page.url} (for {reach}; Ctrl-C ends it)")
+        moved = "" if page.server.get_port() == port or not port else f"port {port} is in use; "
+        say(f"page         {page.url} ({moved}for {reach}; Ctrl-C ends it)")
         flush()
         with suppress(KeyboardInterrupt):  # the usual end
             threading.Event().wait(duration)
