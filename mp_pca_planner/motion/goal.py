@@ -7,18 +7,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import TypeGuard, cast
+from typing import Any, TypeGuard, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arrays import (
-    FloatArray,
-    check_type,
-    frozen_array,
-    set_frozen,
-    unique_names,
-)
+from ..arrays import FloatArray, by_name, check_type, frozen_array, set_frozen, unique_names
 from ..exceptions import GoalError, quote_names, unknown_name
 
 
@@ -130,7 +124,7 @@ class Via:
     phase: float | None = None
 
     def __post_init__(self) -> None:
-        set_frozen(self, target=_named_target(self.target, "the target of a via"))
+        set_frozen(self, target=_named(self.target, "the target of a via", JointState, Pose))
         if self.phase is not None and not (_is_positive(self.phase) and self.phase < 1.0):
             raise GoalError(f"the phase of a via must be between 0 and 1, got {self.phase!r:.80}")
 
@@ -190,8 +184,7 @@ class JointGoal(_CheckedGoal):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check_type(self.state, "the state of a goal", GoalError, JointState, Mapping)
-        set_frozen(self, state=_named_target(self.state, "the state of a goal"))
+        set_frozen(self, state=_named(self.state, "the state of a goal", JointState))
 
 
 @dataclass(frozen=True, eq=False)
@@ -253,9 +246,9 @@ class SequenceGoal:
         check_type(self.targets, "the targets of a sequence", GoalError, Sequence)
         if not self.targets:
             raise GoalError("a sequence needs at least one target, got none")
-        named = [_named_target(x, f"target {i}") for i, x in enumerate(self.targets, 1)]
+        named = (_named(x, "a target", JointState, Pose) for x in self.targets)
         set_frozen(self, targets=tuple(named))
-        n = len(named)
+        n = len(self.targets)
         set_frozen(self, times=self.times or (None,) * n, stops=self.stops or (False,) * n)
         for what, given in (("time (or None)", self.times), ("stop", self.stops)):
             if len(given) != n:
@@ -331,14 +324,9 @@ def as_state(value: StateLike, joint_names: Sequence[str], what: str) -> JointSt
 def joint_positions(
     value: StateLike, joint_names: Sequence[str], what: str, others: FloatArray | None = None
 ) -> FloatArray:
-    """Positions of all joints in their order, shape (n_joints,).
+    """Positions of all joints in their order, shape (n_joints,), see :func:`as_state`.
 
-    Parameters
-    ----------
-    value, joint_names, what
-        See :func:`as_state`.
-    others : array, shape (n_joints,), optional
-        Positions of joints that a mapping or a state doesn't name; without them, it must name all.
+    Joints that are not named take their positions from `others`, shape (n_joints,), if given.
 
     Raises
     ------
@@ -346,12 +334,11 @@ def joint_positions(
         If the value is no state of these joints.
     """
     state = as_state(value, joint_names, what)
-    found = dict(zip(state.joint_names, state.positions, strict=True))
-    for name in found:
+    found = {} if others is None else by_name(joint_names, others)
+    for name, position in zip(state.joint_names, state.positions, strict=True):
         if name not in joint_names:
             raise GoalError(f"{what}: {unknown_name('joint', name, joint_names)}")
-    if others is not None:
-        found = dict(zip(joint_names, others, strict=True)) | found
+        found[name] = position
     missing = [name for name in joint_names if name not in found]
     if missing:
         raise GoalError(f"{what} lacks a position for {quote_names(missing)}")
@@ -405,8 +392,7 @@ def _as_target(value: TargetLike, joint_names: Sequence[str], what: str) -> Join
     return value if isinstance(value, Pose) else as_state(value, joint_names, what)
 
 
-def _named_target(value: object, what: str) -> JointState | Pose:
-    """A state or a pose as it is, and the state that a mapping describes."""
-    check_type(value, what, GoalError, JointState, Pose, Mapping)
-    known = cast(JointState | Pose | Mapping[str, float], value)
-    return as_state(known, (), what) if isinstance(known, Mapping) else known
+def _named(value: Any, what: str, *kinds: type) -> Any:
+    """A value of some types, or the state that a mapping describes."""
+    check_type(value, what, GoalError, *kinds, Mapping)
+    return as_state(value, (), what) if isinstance(value, Mapping) else value
