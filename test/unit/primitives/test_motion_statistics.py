@@ -155,7 +155,7 @@ def test_a_motion_of_seven_joints_is_a_few_hundred_numbers_however_long_it_is():
         times = np.linspace(0.0, 3.0, n_steps)
         curves = np.sin(times[:, None] + np.arange(7.0))
         motion = Demonstration(
-            "abcdefg",
+            tuple("abcdefg"),
             times,
             curves,
             np.cos(times[:, None] + np.arange(7.0)),
