@@ -19,7 +19,7 @@ from ..exceptions import RobotError, WorldError
 from ..files import read_text, reading
 from ..input_limits import INPUT_LIMITS
 from .bodies import Bodies
-from .body_pairs import CONTACT, BodyPairs, Indices, NearPairs, index_pairs, set_pairs
+from .body_pairs import CONTACT, BodyPairs, Indices, NearPairs
 from .joint_poses import JointTree
 from .model import Robot
 from .urdf import parse_xml
@@ -85,17 +85,15 @@ class CollisionGeometry:
     ) -> None:
         model, geometry, self.model_order = robot.collision_geometry(package_dirs)
         self._in_order = bool(np.all(np.diff(self.model_order) == 1))
-        if not self_collision:
-            geometry.removeAllCollisionPairs()
-        elif srdf is None:
-            _remove_touching_at_neutral(model, geometry)
-        else:
+        if srdf is not None:
             geometry.addAllCollisionPairs()
             _remove_disabled(model, geometry, Path(srdf))
+        pairs = _pairs_of_links(model, geometry, touching=srdf is not None)
         self._links = Bodies.of_links(model, geometry)
         self._tree, joints = JointTree(model), self._links.joints
         # A pair without relative motion is not checked.
-        self._pairs_of_links = [(a, b) for a, b in index_pairs(geometry) if joints[a] != joints[b]]
+        moving = [(a, b) for a, b in pairs if joints[a] != joints[b]]
+        self._pairs_of_links = moving if self_collision else []
         self.margin = _checked_margin(margin)
         self.set_world(World() if world is None else world)
 
@@ -223,13 +221,16 @@ def _pairs_with_world(bodies: Bodies, n_links: int, world: World) -> Iterator[tu
                 yield a, b
 
 
-def _remove_touching_at_neutral(model: Any, geometry: Any) -> None:
+def _pairs_of_links(model: Any, geometry: Any, *, touching: bool) -> list[tuple[int, int]]:
+    """The pairs of a geometry, without those that touch in the neutral configuration if asked."""
     neutral = np.clip(pin.neutral(model), model.lowerPositionLimit, model.upperPositionLimit)
     data = geometry.createData()
     pin.updateGeometryPlacements(model, model.createData(), geometry, data, neutral)
-    pairs = index_pairs(geometry)
-    distances = [pin.computeDistance(geometry, data, k).min_distance for k in range(len(pairs))]
-    set_pairs(geometry, [pair for pair, d in zip(pairs, distances, strict=True) if d >= CONTACT])
+    return [
+        (pair.first, pair.second)
+        for k, pair in enumerate(geometry.collisionPairs)
+        if touching or pin.computeDistance(geometry, data, k).min_distance >= CONTACT
+    ]
 
 
 def _remove_disabled(model: Any, geometry: Any, srdf: Path) -> None:
