@@ -146,8 +146,7 @@ class MotionServer:
         sleep: Callable[[float], None] = time.sleep,
         options: ServingOptions | None = None,
     ) -> None:
-        self.options = options or ServingOptions()
-        self.states = states
+        self.options, self.states = options or ServingOptions(), states
         self._statistics, self._send = statistics, publish
         self._clock, self._sleep = clock, sleep
         self._planner = GoalPlanner(states, clock, self.options)
@@ -248,8 +247,11 @@ class MotionServer:
         """
         with self._publishing:
             found = self._stops.find(model)
-            why = "; ".join(filter(None, [reason, found.collision]))
-            self._monitor.stop(self._publish_joined(found.joined), found.joined.time, why)
+            motion, why = (
+                self._publish_joined(found.joined),
+                filter(None, [reason, found.collision]),
+            )
+            self._monitor.stop(motion, found.joined.time, "; ".join(why))
             self.served = self.surroundings.threat = None
         return found.message
 

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from ..arrays import FloatArray
 from ..exceptions import WorldError, unknown_name
+from .inertias import joint_of
 from .world import Box, Capsule, Cylinder, Mesh, Obstacle, Shape, Sphere, World
 
 try:
@@ -160,8 +161,7 @@ class Bodies:
                 f"obstacle '{obstacle.name}': {unknown_name('link', obstacle.frame, links)}"
             )
         frame = self.model.frames[self.model.getFrameId(obstacle.frame, pin.FrameType.BODY)]
-        joint = getattr(frame, "parentJoint", None)
-        return frame.parent if joint is None else joint, frame.placement
+        return joint_of(frame), frame.placement
 
 
 def _geometry_of(shape: Shape) -> Any:
