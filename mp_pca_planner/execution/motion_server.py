@@ -247,11 +247,8 @@ class MotionServer:
         """
         with self._publishing:
             found = self._stops.find(model)
-            motion, why = (
-                self._publish_joined(found.joined),
-                filter(None, [reason, found.collision]),
-            )
-            self._monitor.stop(motion, found.joined.time, "; ".join(why))
+            motion = self._publish_joined(found.joined)
+            self._monitor.stop(motion, found.joined.time, found.after(reason))
             self.served = self.surroundings.threat = None
         return found.message
 
