@@ -6,7 +6,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -125,32 +124,6 @@ class Bodies:
             0.5 * (corners[:, 1] - corners[:, 0]),
         )
 
-    @cached_property
-    def moved(self) -> FloatArray:
-        """1 for each joint that moves a shape, else 0; shape (n_shapes, n_joints)."""
-        rows = np.zeros((self.model.njoints, self.model.nv))
-        for joint, row in enumerate(rows):
-            row[[self.model.joints[other].idx_v for other in _chain(self.model, joint)]] = 1.0
-        return rows[self.joints]
-
-    @cached_property
-    def levers(self) -> FloatArray:
-        """Largest speed of a shape by each joint that moves it, shape (n_shapes, n_joints).
-
-        For a joint that turns, the longest path from it along the links to a point of the shape
-        [m]; for one that slides, 1.
-        """
-        rows, reaches = np.zeros((len(self.names), self.model.nv)), self.radii.copy()
-        reaches += np.linalg.norm(self.centres, axis=1)
-        for shape in np.flatnonzero(self.joints).tolist():
-            reach = float(reaches[shape])
-            for joint in _chain(self.model, int(self.joints[shape])):
-                slides = _slide(self.model, joint)
-                rows[shape, self.model.joints[joint].idx_v] = 1.0 if slides else reach
-                placement = self.model.jointPlacements[joint].translation
-                reach += float(np.linalg.norm(placement)) + slides
-        return rows
-
     def _attachment(self, obstacle: Obstacle) -> tuple[int, Any]:
         """The joint that an obstacle moves with, and the placement of its frame there."""
         if not obstacle.frame:
@@ -193,17 +166,3 @@ def _hull_of(shape: Any) -> tuple[Any, bool]:
         return shape, False  # it is flat, or the library was built without qhull
     hull = shape.convex
     return hull, bool(abs(shape.computeVolume()) >= _CONVEX_SHARE * hull.computeVolume())
-
-
-def _chain(model: Any, joint: int) -> list[int]:
-    """The joints from one to the base."""
-    return [other for other in reversed(list(model.supports[joint])) if other > 0]
-
-
-def _slide(model: Any, joint: int) -> float:
-    """Range of a joint that slides [m], 0 for one that turns."""
-    if not model.joints[joint].shortname().startswith("JointModelP"):
-        return 0.0
-    index = model.joints[joint].idx_q
-    ends = model.lowerPositionLimit[index], model.upperPositionLimit[index]
-    return float(np.abs(ends).max())

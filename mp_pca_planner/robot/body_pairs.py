@@ -60,12 +60,12 @@ class NearPairs:
 
 
 class BodyPairs:
-    """Pairs of bodies and their distances; configurations are in the order of the model's joints.
+    """Pairs of bodies and their distances.
 
     Parameters
     ----------
     tree : JointTree
-        The joints of the model.
+        The joints of the model, in the order of configurations.
     bodies : Bodies
         The bodies.
     indices : array of int, shape (n_pairs, 2)
@@ -76,7 +76,7 @@ class BodyPairs:
     Attributes
     ----------
     levers : array, shape (n_pairs, n_joints)
-        See `CollisionGeometry`.
+        Bound of the speed at which each joint closes the distance of each pair [m or 1].
     """
 
     def __init__(
@@ -90,10 +90,15 @@ class BodyPairs:
         first, second = indices.T
         self._are_convex = bodies.are_convex[first] & bodies.are_convex[second]
         # Of the joints that move one of both, 1 for the second body, −1 for the first.
-        self._moved = bodies.moved[second] - bodies.moved[first]
+        moves = tree.moves[bodies.joints]
+        self._moved = moves[second] - moves[first]
+        reaches = bodies.radii + np.linalg.norm(bodies.centres, axis=1)
+        levers = np.zeros(moves.shape)
+        for body in np.flatnonzero(bodies.joints).tolist():
+            levers[body] = tree.levers(int(bodies.joints[body]), float(reaches[body]))
         # A joint that moves both does not count.
-        both = np.where(self._moved > 0.0, bodies.levers[second], bodies.levers[first])
-        self.levers = both * np.abs(self._moved)
+        self.levers = np.where(self._moved > 0.0, levers[second], levers[first])
+        self.levers *= np.abs(self._moved)
 
     @cached_property
     def collide(self) -> CollisionCheck:
@@ -108,7 +113,7 @@ class BodyPairs:
         are_meshes = ~self._bodies.are_convex
         if hulls:
             are_meshes = are_meshes & (self._bodies.joints == 0)
-        return CollisionCheck(self._bodies, self._indices, distances, are_meshes)
+        return CollisionCheck(self._tree, self._bodies, self._indices, distances, are_meshes)
 
     def bounds(self, q: FloatArray, enough: FloatArray | float) -> FloatArray:
         """Lower bounds of all distances in some configurations.
@@ -253,7 +258,7 @@ class BodyPairs:
         arms = place[:, None] - poses.positions[k, 1:]
         motions = np.where(tree.turns[1:, None], np.cross(axes, arms), axes)
         rows = np.einsum("eji,ei->ej", motions, away)
-        return np.asarray(rows[:, tree.order] * self._moved[pairs])
+        return np.asarray(rows[:, tree.joints] * self._moved[pairs])
 
 
 class ShapeDistances:
@@ -291,7 +296,7 @@ class CollisionCheck:
 
     Parameters
     ----------
-    bodies, indices, margins
+    tree, bodies, indices, margins
         See `BodyPairs`.
     are_meshes : array of bool, shape (n_bodies,)
         Bodies that are meshes; the others are convex hulls.
@@ -299,12 +304,13 @@ class CollisionCheck:
 
     def __init__(
         self,
+        tree: JointTree,
         bodies: Bodies,
         indices: Indices,
         margins: FloatArray,
         are_meshes: NDArray[np.bool_],
     ) -> None:
-        geometry = pin.GeometryModel()
+        self._order, geometry = tree.order, pin.GeometryModel()
         for i, (joint, is_mesh) in enumerate(zip(bodies.joints, are_meshes, strict=True)):
             part = pin.GeometryObject(
                 str(i),
@@ -332,7 +338,7 @@ class CollisionCheck:
 
     def __call__(self, q: FloatArray) -> bool:
         """The answer for a configuration, shape (n_joints,)."""
-        return bool(pin.computeCollisions(*self._arguments, q, True))
+        return bool(pin.computeCollisions(*self._arguments, q[self._order], True))
 
 
 def _centres(bodies: Bodies, poses: JointPoses, k: Indices, body: Indices) -> FloatArray:

@@ -174,7 +174,7 @@ def test_distances_are_those_of_plain_calls_and_bounds_lie_below():
         assert np.all(own[clear] <= plain[clear] + 1e-5)
         assert np.all(own[plain <= -1e-3] < 1e-3)
         for enough in (0.0, 0.1, np.inf):
-            bounds = found.bounds(q, enough)
+            bounds = found.body_pairs.bounds(q, enough)
             below = bounds[near.configurations, near.pairs]
             assert np.all(below <= np.maximum(near.distances, 0.0) + 1e-9)
         met = np.array([found.collides(one) for one in q])
@@ -183,7 +183,9 @@ def test_distances_are_those_of_plain_calls_and_bounds_lie_below():
         assert np.all(met[hit & clearly])
         assert not np.any(met[(plain > 1e-3).all(axis=1)])
         pairs = np.arange(len(found.pairs))
-        least = np.array([found.distances(one[None], 0 * pairs, pairs).min() for one in q])
+        least = np.array(
+            [found.body_pairs.distances(one[None], 0 * pairs, pairs).min() for one in q]
+        )
         clearly = np.abs(least) > 1e-4
         np.testing.assert_array_equal(met[clearly], least[clearly] < 0.0)
     assert n_clear > 100
@@ -214,7 +216,7 @@ def test_poses_of_all_joints_at_once_are_those_of_pinocchio(kind):
     robot = mp.Robot(URDF) if kind == "balls" else arm_robot()
     model, _ = robot.pinocchio_model()
     data, q = model.createData(), np.random.default_rng(3).uniform(-2, 2, (5, robot.n_joints))
-    poses = JointTree(model).poses(q)
+    poses = JointTree(model, np.arange(model.nv)).poses(q)
     for k, one in enumerate(q):
         pin.forwardKinematics(model, data, one)
         for j in range(model.njoints):
