@@ -79,6 +79,21 @@ def test_open_mesh_is_a_surface_and_a_closed_convex_one_is_solid():
     assert distances(model(mp.Obstacle("solid", solid)), [0.0, 0.0])["slider", "solid"] < -1.0
 
 
+def test_order_of_the_joints_changes_the_order_of_columns_alone():
+    world = mp.World([mp.Obstacle("ball", mp.Sphere(0.2, (0.3, 0.9, 1.0)))])
+    usual, other = (
+        CollisionModel(mp.Robot(URDF, names), world=world)
+        for names in (["slide", "turn"], ["turn", "slide"])
+    )
+    assert usual.pairs == other.pairs
+    for q in np.random.default_rng(0).uniform(-2.0, 2.0, (20, 2)):
+        one, two = usual.near(q[None], np.inf), other.near(q[None, ::-1], np.inf)
+        np.testing.assert_allclose(one.distances, two.distances)
+        np.testing.assert_allclose(one.rows, two.rows[:, ::-1], atol=1e-9)
+        assert usual.collides(q) == other.collides(q[::-1])
+    np.testing.assert_array_equal(usual.body_pairs.levers, other.body_pairs.levers[:, ::-1])
+
+
 # Pairs
 
 
