@@ -244,7 +244,7 @@ class MotionServer:
         """
         with self.states.lock:
             found = self._stops.find(model)
-            why = "; ".join(filter(None, [reason, found.collision]))
+            why = found.after(reason)
             self._commit(found.joined, Execution.of_stop(self.states.execution, found.joined, why))
         return found.message
 

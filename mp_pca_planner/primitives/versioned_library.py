@@ -127,6 +127,7 @@ class VersionedLibrary(LibraryFolder):
         with locked(self.folder, self.versions):
             version = version_to_restore(self.history(), name, version)
             primitive = load_primitive(self.file_of(name, version))
+            self._check_joints([primitive], [])
             change = change_now(ROLLBACK, name, version, provenance_of(primitive), note)
             files = {self.file_in_use(name): self.content(name, version)}
             return self.make([change], files)[0]
@@ -158,19 +159,19 @@ class VersionedLibrary(LibraryFolder):
     def _check_joints(
         self, primitives: Sequence[MovementPrimitive], retired: Collection[str]
     ) -> None:
-        """Reject primitives of other joints than those that stay in use."""
+        """Reject primitives of other joints than those that stay in use, or than each other."""
         replaced = {*retired, *(primitive.name for primitive in primitives)}
-        for name, version in self.in_use().items():
-            if name in replaced or not primitives:
-                continue
-            other = load_primitive(self.file_of(name, version))
-            for primitive in primitives:
-                if other.joint_names != primitive.joint_names:
-                    raise PrimitiveError(
-                        f"'{primitive.name}' moves {quote_names(primitive.joint_names)}, but "
-                        f"'{name}' of the library moves {quote_names(other.joint_names)}: use "
-                        "another library"
-                    )
+        stays = [item for item in self.in_use().items() if item[0] not in replaced]
+        # All that stay move the same joints: the first one is enough.
+        known = [load_primitive(self.file_of(*item)) for item in stays[:1]] if primitives else []
+        every = [*known, *primitives]
+        for other in every[1:]:
+            if other.joint_names != every[0].joint_names:
+                raise PrimitiveError(
+                    f"'{other.name}' moves {quote_names(other.joint_names)}, but "
+                    f"'{every[0].name}' of the library moves {quote_names(every[0].joint_names)}: "
+                    "use another library"
+                )
 
     def _adopt(self, name: str) -> None:
         """Keep a file that was copied into the folder as a version before it is replaced."""
