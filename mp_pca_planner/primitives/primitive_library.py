@@ -92,7 +92,7 @@ class PrimitiveLibrary(Sequence[MovementPrimitive]):
         """
         if isinstance(primitives, PrimitiveLibrary):
             return primitives
-        if isinstance(primitives, MovementPrimitive):
+        if not isinstance(primitives, Sequence):
             primitives = [primitives]
         if not primitives:
             raise PrimitiveError("at least one primitive is needed, got none")

@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from ..arrays import check_number
 from ..exceptions import RecordingError, quote_names
 from . import bags, cutting
 from .cache import ReadingCache, key_of
@@ -83,8 +84,7 @@ def load_recordings(
         label, or the cluster can't be used. Errors of a single recording are in `refused` instead.
     """
     settings = LoadOptions(**options)
-    if jobs < 1:
-        raise RecordingError(f"the number of jobs must be 1 or more, got {jobs}")
+    check_number(jobs, "the number of jobs", RecordingError, 1, is_whole=True)
     tasks = _tasks(bags.find_recordings(paths), settings, is_absolute=dask is not None)
     kept = ReadingCache() if resume is None else ReadingCache.resumed(resume)
     loaded = GatheredSets(len(tasks), on_disk=on_disk)

@@ -13,7 +13,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from ..arrays import FloatArray, unique_names
+from ..arrays import FloatArray, check_type, unique_names
 from ..exceptions import RobotError, quote_names, unknown_name
 from ..files import read_text, reading
 from .dynamics import Dynamics
@@ -110,7 +110,8 @@ class Robot(Dynamics, Kinematics):
         locked: Mapping[str, float] | None = None,
     ) -> Robot:
         """Read the robot description from a URDF file (see the class)."""
-        with reading(f"the URDF file '{path}'", RobotError):
+        check_type(path, "the path of a URDF file", RobotError, str, Path)
+        with reading(f"the URDF file {str(path)!r:.100}", RobotError):
             urdf = read_text(path)
         robot = cls(urdf, joint_names, locked=locked, source=f"URDF file '{path}'")
         robot.path = Path(path)

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..arrays import FloatArray
-from ..exceptions import MissingDependencyError, RobotError
+from ..arrays import FloatArray, check_type
+from ..exceptions import MissingDependencyError, PlannerError, RobotError
 from ..files import read_text, reading
 from ..motion.collision import CollisionModel, package_folders
 from ..planning.plan import Plan
@@ -134,6 +134,7 @@ def show(planner: Planner, plan: Plan | None = None, *, port: int = 8080) -> Vie
     MissingDependencyError
         If the extra `view` is not installed.
     """
+    check_type(planner, "planner", PlannerError, Planner)
     try:
         from .page import ViewPage
     except ImportError as error:

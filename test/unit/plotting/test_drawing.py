@@ -183,6 +183,15 @@ def test_limits_are_drawn_where_the_motion_comes_near(tmp_path: Path) -> None:
     assert black(2.1) > black(20.0) + 100
 
 
+@pytest.mark.parametrize(("max_velocity", "is_near"), [(2.1, True), (20.0, False)])
+def test_legend_names_the_limits_that_are_drawn(max_velocity: float, is_near: bool) -> None:
+    limits = JointLimits(names(2), {"joint0": {"max_velocity": max_velocity}})
+    with styled_figure() as figure:
+        motion_figure(figure, {"planned": trajectory()}, "A motion", limits)
+    (legend,) = figure.legends
+    assert ("limit" in [text.get_text() for text in legend.get_texts()]) == is_near
+
+
 def test_prismatic_joints_are_drawn_in_metres() -> None:
     motion = trajectory()
     with styled_figure() as figure:
