@@ -10,6 +10,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
+import numpy as np
+
 from ..exceptions import RecordingError, UnusableRecordingError, unknown_name
 from . import bags, cutting
 from .cache import ReadingCache
@@ -178,9 +180,10 @@ def _cut(
         clean = cutting.counted(clean, "cut_off", len(found) - len(cuts))
     if not cuts:
         raise RecordingError("no motion was found in it")
-    largest = max(cut.extent for cut in cuts)
-    if largest > options.absurd_extent:
-        note = f"its {cutting.far_moving(largest, options.absurd_extent)}"
+    ranges = np.max([cut.ranges for cut in cuts], axis=0)
+    if ranges.max() > options.absurd_extent:
+        who = f"joint '{clean.joint_names[ranges.argmax()]}' moves"
+        note = cutting.far_moving(who, ranges.max(), options.absurd_extent)
         clean = replace(clean, notes=(*clean.notes, note))
     return cuts, clean
 
