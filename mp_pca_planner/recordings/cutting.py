@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..arrays import FloatArray
 from ..exceptions import RecordingError
 from .demonstration import Demonstration, Overview
 from .joint_states import RawJointStates
@@ -16,7 +17,6 @@ from .repair import CleanRecording, Piece, repair
 from .segmentation import (
     SegmentationOptions,
     SpeedThresholds,
-    extent,
     find_motions,
     joint_speed,
     least_extent,
@@ -38,9 +38,14 @@ class Cut:
     label: str = ""
 
     @property
+    def ranges(self) -> FloatArray:
+        """Distance that each joint covers [rad or m], shape (n_joints,)."""
+        return np.asarray(np.ptp(self.piece.positions[self.first : self.last + 1], axis=0))
+
+    @property
     def extent(self) -> float:
-        """Norm over the joints of the distance that each of them covers [rad or m]."""
-        return extent(self.piece.positions[self.first : self.last + 1])
+        """Norm of the ranges [rad or m]."""
+        return float(np.linalg.norm(self.ranges))
 
     def is_cut_off(self, options: SegmentationOptions) -> bool:
         """Whether the piece begins or ends within the motion."""
@@ -224,11 +229,11 @@ def _without_rest(
     return kept
 
 
-def far_moving(largest: float, absurd: float) -> str:
+def far_moving(who: str, largest: float, absurd: float) -> str:
     """Statement on joints that move over an absurdly large extent [rad or m]."""
     return (
-        f"joints move over {largest:.3g} rad (or m), and over {absurd:.3g} is absurd: positions "
-        "must be in radians (or m), not in degrees (or mm)"
+        f"{who} over {largest:.3g} rad (or m), and over {absurd:.3g} is absurd: positions must be "
+        "in radians (or m), not in degrees (or mm)"
     )
 
 

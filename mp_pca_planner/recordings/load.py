@@ -215,9 +215,9 @@ def _with_extent_of_set(
     options = tasks[0].options.segmentation if tasks else SegmentationOptions()
     absurd = absurd_extent([*known_extents, *filter(None, largest)], options)
     for index in np.flatnonzero(np.asarray(largest) > absurd).tolist():
-        what = cutting.far_moving(largest[index], absurd)
+        what = cutting.far_moving("its joints move", largest[index], absurd)
         reason = (
-            f"beside the other recordings' motions, its {what}; choose the joints, or give "
+            f"beside the other recordings' motions, {what}; choose the joints, or give "
             "a table of segments if these are motions nevertheless"
         )
         loaded.refuse(index, tasks[index].name, reason)

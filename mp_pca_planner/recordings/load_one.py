@@ -10,6 +10,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
+import numpy as np
+
 from ..exceptions import RecordingError, UnusableRecordingError, unknown_name
 from . import bags, cutting
 from .cache import ReadingCache
@@ -136,24 +138,10 @@ def _loaded(task: LoadTask, path: Path, progress: Callable[[float], None] | None
     options = task.options
     clean, residuals = _clean(path, options, progress)
     smoothed = cutting.SmoothRecording.of(clean, options.smoothing, options.segmentation)
-    if task.segments is not None:
-        cuts = [cutting.cut_row(smoothed.pieces, row) for row in task.segments]
-    else:
-        is_whole = clean.pieces_are_motions or options.segment == "none"
-        found, clean = cutting.cut_motions(
-            smoothed, options.segmentation, task.least_extent, is_whole=is_whole
-        )
-        # Where all motions are cut off, they were recorded so.
-        whole = [cut for cut in found if is_whole or not cut.is_cut_off(options.segmentation)]
-        cuts = whole or found
-        clean = cutting.counted(clean, "cut_off", len(found) - len(cuts))
-    if not cuts:
-        raise RecordingError("no motion was found in it")
+    cuts, clean = _cut(task, smoothed)
     checksum = options.cache.checksum(path)
     motions = [cut.demonstration(clean.joint_names, task.name, checksum) for cut in cuts]
     segments = [Segment(m.start_time, m.end_time, m.label, extent(m.positions)) for m in motions]
-    largest, absurd = max(one.extent for one in segments), options.segmentation.absurd_extent
-    units = (f"its {cutting.far_moving(largest, absurd)}",) if largest > absurd else ()
     report = RecordingReport(
         name=task.name,
         path=str(task.path),
@@ -167,7 +155,7 @@ def _loaded(task: LoadTask, path: Path, progress: Callable[[float], None] | None
         repairs=clean.repairs,
         motions=tuple(segments),
         thresholds=smoothed.thresholds,
-        notes=(*clean.notes, *units),
+        notes=clean.notes,
         overview=cutting.overview(smoothed.pieces) if options.overviews else None,
         marker_residuals=residuals,
     )
@@ -175,6 +163,29 @@ def _loaded(task: LoadTask, path: Path, progress: Callable[[float], None] | None
     n = options.most_samples
     kept = motions if n is None else [motion.thinned(n) for motion in motions if n > 0]
     return RecordingSet(tuple(kept), (report,), summaries=summaries)
+
+
+def _cut(
+    task: LoadTask, recording: cutting.SmoothRecording
+) -> tuple[list[cutting.Cut], CleanRecording]:
+    """Motions of a recording, and the recording with further repairs and notes."""
+    options, clean = task.options.segmentation, recording.clean
+    if task.segments is not None:
+        cuts = [cutting.cut_row(recording.pieces, row) for row in task.segments]
+    else:
+        is_whole = clean.pieces_are_motions or task.options.segment == "none"
+        found, clean = cutting.cut_motions(recording, options, task.least_extent, is_whole=is_whole)
+        # Where all motions are cut off, they were recorded so.
+        cuts = [cut for cut in found if is_whole or not cut.is_cut_off(options)] or found
+        clean = cutting.counted(clean, "cut_off", len(found) - len(cuts))
+    if not cuts:
+        raise RecordingError("no motion was found in it")
+    ranges = np.max([cut.ranges for cut in cuts], axis=0)
+    if ranges.max() > options.absurd_extent:
+        who = f"joint '{clean.joint_names[ranges.argmax()]}' moves"
+        note = cutting.far_moving(who, ranges.max(), options.absurd_extent)
+        clean = replace(clean, notes=(*clean.notes, note))
+    return cuts, clean
 
 
 def _clean(

@@ -316,10 +316,10 @@ def test_damaged_recording_and_longest_gap_through_the_command(tmp_path: Path) -
     options = (file, "--output", tmp_path / "p.npz")
     assert "damaged" in run(*options)[2]
     found = build(*options, "--salvage")
-    assert found["repairs"] == {file.stem: {"gaps": 1}}
+    assert found["repairs"] == {file.stem: {"gaps": 1, "cut_off": 1}}
     assert "before the damage" in found["notes"][file.stem][0]
     found = build(*options, "--salvage", "--max-gap", "1", "--force")
-    assert found["repairs"] == {file.stem: {}}
+    assert found["repairs"] == {file.stem: {"cut_off": 1}}
     assert "'a.b' needs the topic" in refusal(*options, "--field", "a.b", "--force")
 
 

@@ -108,4 +108,4 @@ def _samples(
     stamps, notes = choose_clock(raw, messages)
     notes = (*joined_notes(raw, names), *notes)
     first_stamp = int(stamps[np.argmax(stamps > 0)])
-    return Samples(stamps, positions, np.arange(stamps.size), first_stamp), notes
+    return Samples(stamps, positions, np.arange(stamps.size), first_stamp, names), notes

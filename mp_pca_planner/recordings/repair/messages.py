@@ -210,8 +210,8 @@ def choose_clock(raw: RawJointStates, messages: IntArray) -> tuple[IntArray, tup
     why = "span no plausible time" if stamped.any() else "are not set"
     raise RecordingError(
         f"there is no usable time: the header stamps {why}, and the {messages.size} messages were "
-        f"received within {np.ptp(received) / 1e6:.3g} ms; record them with stamps, or as they "
-        "happen"
+        f"received in bursts within {np.ptp(received) / NS_PER_S:.3g} s; record them with stamps, "
+        "or as they happen"
     )
 
 
@@ -221,16 +221,28 @@ def is_simulation_time(header: int, received: int) -> bool:
 
 
 def _plausible(stamps: IntArray) -> bool:
-    """Whether joint states can have been recorded at these times."""
+    """Whether joint states can have been recorded at these times, not in bursts."""
+    steps = np.diff(stamps)
+    steps = steps[steps > 0]
+    shortest = NS_PER_S / INPUT_LIMITS.state_rate
     return bool(
-        stamps.size < 2 or stamps.size <= np.ptp(stamps) / NS_PER_S * INPUT_LIMITS.state_rate
+        stamps.size < 2
+        or (stamps.size * shortest <= np.ptp(stamps) and np.percentile(steps, 75) > shortest / 2)
     )
 
 
 def drop_unusable(samples: Samples, options: RepairOptions, repairs: Counter[str]) -> Samples:
     """Drop samples without a stamp or with an unusable position."""
     # NaN compares false, too.
-    finite = np.all(np.abs(samples.positions) < INPUT_LIMITS.position, axis=1)
+    usable = np.abs(samples.positions) < INPUT_LIMITS.position
+    finite = np.all(usable, axis=1)
+    if not finite.any():
+        columns = zip(samples.joint_names, usable.T, strict=True)
+        never = quote_names(name for name, column in columns if not column.any())
+        raise RecordingError(
+            f"no message has finite positions of all joints (never of {never}): choose joints that "
+            "are measured"
+        )
     stamped = samples.times > 0
     repairs["non_finite"] += count(~finite)
     repairs["unstamped"] += count(finite & ~stamped)
@@ -340,8 +352,8 @@ def _refuse_conflicts(
     n_conflicts = count(conflicts)
     if n_conflicts > max(options.min_conflicts, options.max_conflicts * n_messages):
         raise RecordingError(
-            f"{n_conflicts} messages contradict {what}: two publishers of the same joints; record "
-            "one of them"
+            f"{n_conflicts} messages contradict {what}: two publishers of the same joints, or a "
+            "clock with coarse steps; record one publisher, with fine stamps"
         )
 
 

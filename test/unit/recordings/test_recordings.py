@@ -188,6 +188,7 @@ def test_a_set_in_degrees_is_noted(tmp_path: Path) -> None:
     for name in "12":
         write_bag(tmp_path / name, "mcap", stamped(float(name) * np.rad2deg(REACHES)))
     for report in load_recordings([tmp_path]).reports:
+        assert report.notes[-1].startswith("joint 'a' moves over ")
         assert "must be in radians (or m), not in degrees (or mm)" in report.notes[-1]
 
 

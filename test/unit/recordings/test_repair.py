@@ -143,6 +143,21 @@ def test_publishers_with_stamps_out_of_order_are_joined_by_reception(bag: Bag) -
     np.testing.assert_allclose(clean.pieces[0].positions[:, 1], times[1:], atol=1e-8)
 
 
+def test_a_joint_that_is_never_measured_is_named(bag: Bag) -> None:
+    positions = np.column_stack([MOTION, np.full(N, np.nan)])
+    with pytest.raises(RecordingError, match="never of 'finger'"):
+        bag.repaired(stamped(positions, names=("a", "b", "finger")))
+
+
+def test_messages_received_in_bursts_without_stamps_have_no_time(bag: Bag) -> None:
+    messages = stamped(MOTION)
+    for index, message in enumerate(messages):
+        message.receive = EPOCH + index // 20 * S // 5 + index % 20 * 1000
+        message.stamp = 0
+    with pytest.raises(RecordingError, match="received in bursts within 2.8 s"):
+        bag.repaired(messages)
+
+
 def test_messages_without_joints_are_no_reason_to_choose(bag: Bag) -> None:
     clean = bag.repaired([*stamped(MOTION), Message((), [], EPOCH + 5 * S)])
     np.testing.assert_array_equal(clean.pieces[0].positions, MOTION)
@@ -496,7 +511,7 @@ def test_recording_without_usable_time_is_refused(bag: Bag) -> None:
     messages = stamped(MOTION)
     for index, message in enumerate(messages):
         message.receive, message.stamp = EPOCH + index * 20_000, 0
-    with pytest.raises(RecordingError, match=r"no usable time.*300 messages.*within 5.98 ms"):
+    with pytest.raises(RecordingError, match=r"no usable time.*300 messages.*within 0.00598 s"):
         bag.repaired(messages)
 
 
