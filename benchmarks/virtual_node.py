@@ -20,6 +20,7 @@ from mp_pca_planner.evaluation.problems import Scene, robot_file, scene_of
 from mp_pca_planner.exceptions import PlannerError
 from mp_pca_planner.execution.assembly import Model, assemble_model
 from mp_pca_planner.execution.execution_monitor import ExecutionReport
+from mp_pca_planner.execution.goal_planner import GoalRequest
 from mp_pca_planner.execution.measured import MeasuredStates
 from mp_pca_planner.execution.motion_server import GoalStatistics, MotionServer
 from mp_pca_planner.execution.parameters import Settings
@@ -166,7 +167,7 @@ class VirtualNode:
             return self._is_cancelled
 
         try:
-            served = self.server.serve(type(goal), lambda _: goal, self._model, is_cancelled, name)
+            served = self.server.serve(GoalRequest(goal, self._model, name), is_cancelled)
         except CancelledError:
             self._may_cancel = False
             self._answer(name, "overtaken", "")

@@ -17,7 +17,7 @@ from ..plotting.units import prismatic_joints, unit_of
 from ..primitives.file import load_primitive
 from ..primitives.primitive import MovementPrimitive
 from ..recordings.bags import find_recordings
-from ..recordings.inspection import RecordingInspection, inspect_recording
+from ..recordings.reading import RecordingInspection, inspect_recording
 from ..recordings.repair import REPAIRS
 from .common import print_json
 from .terminal import DONE, REFUSED, complain, say

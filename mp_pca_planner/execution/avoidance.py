@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from .assembly import Model
+from .goal_planner import GoalRequest
 from .motion_server import MotionServer
 from .preemptive_worker import CancelledError, IsCancelled
 from .served_goal import Served
@@ -40,11 +41,11 @@ def avoid_obstacle(
     CancelledError
         If a newer goal preempts it.
     """
-    states, options, surroundings = server.states, server.options, server.surroundings
-    served, reason = server.served, surroundings.reason
-    if served is None or not reason:
+    states, options = server.states, server.options
+    served, threat = server.served, server.surroundings.threat
+    if served is None or threat is None:
         return "", None
-    last = surroundings.threat_time - options.avoidance_reserve
+    last, reason = threat.time - options.avoidance_reserve, threat.reason
 
     def is_over() -> bool:
         return is_cancelled() or states.motion_time > last
@@ -53,14 +54,8 @@ def avoid_obstacle(
     try:
         if is_over():
             raise CancelledError
-        found = server.serve(
-            type(goal),
-            lambda _: goal,
-            model,
-            is_over,
-            served.name,
-            lookahead=options.avoidance_lookahead,
-        )
+        request = GoalRequest(goal, model, served.name)
+        found = server.serve(request, is_over, lookahead=options.avoidance_lookahead)
     except Exception as error:  # whatever the reason, the robot must not hit the obstacle
         if is_cancelled():
             raise CancelledError from None

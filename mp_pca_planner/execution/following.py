@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,6 +16,10 @@ from ..motion.goal import JointState
 from .measured import MeasuredSamples
 from .options import FollowingOptions
 from .published_motion import Joined, Progress, PublishedMotion, TrackedMotion, hold
+
+if TYPE_CHECKING:
+    from .execution_monitor import Execution
+    from .surroundings import Threat
 
 
 class ServoModel:
@@ -181,7 +186,7 @@ class FollowingState:
 
 @dataclass(eq=False)
 class Publication:
-    """A published motion, and how the robot has followed it since.
+    """The motion that was published last: what is running, for all who ask.
 
     Attributes
     ----------
@@ -196,6 +201,10 @@ class Publication:
         Time since when the accepted motion is unknown [s].
     is_lagging, is_arrived : bool
         Whether the robot was seen to lag, or to rest at the end.
+    execution : Execution or None
+        Its goal and its report.
+    threat : Threat or None
+        The next collision of its rest with an obstacle that was not there when it was planned.
     """
 
     joined: Joined
@@ -204,9 +213,13 @@ class Publication:
     unconfirmed_since: float
     is_lagging: bool = False
     is_arrived: bool = False
+    execution: Execution | None = None
+    threat: Threat | None = None
 
     @classmethod
-    def after(cls, old: Publication | None, joined: Joined, lag: float) -> Publication:
+    def after(
+        cls, old: Publication | None, joined: Joined, lag: float, execution: Execution | None = None
+    ) -> Publication:
         """The publication that replaces another one, for servos with this lag [s]."""
         motion, now = joined.motion, joined.time
         is_lagging = old is not None and old.is_lagging
@@ -221,7 +234,8 @@ class Publication:
         else:
             previous, since = old.previous, old.unconfirmed_since
         progress = Progress(now, now - motion.began - lag * rate, rate)
-        return cls(joined, TrackedMotion(motion, progress), previous, since, is_lagging)
+        current = TrackedMotion(motion, progress)
+        return cls(joined, current, previous, since, is_lagging, execution=execution)
 
     def give_up(self) -> None:
         """Record that the controller has not accepted the motion."""

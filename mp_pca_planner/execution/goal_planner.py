@@ -4,10 +4,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import nan
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
@@ -147,6 +148,7 @@ def _displaced_in(
 
 
 AnyPlan = Plan | AdaptedPlan
+Planned = tuple[AnyPlan, "ServedTrial | None"]
 
 
 class UnexecutablePlanError(TrajectoryError):
@@ -155,6 +157,32 @@ class UnexecutablePlanError(TrajectoryError):
     def __init__(self, plan: Plan) -> None:
         super().__init__(plan.message)
         self.plan = plan
+
+
+@dataclass(frozen=True, eq=False)
+class GoalRequest:
+    """A goal that was received.
+
+    Attributes
+    ----------
+    goal : Goal
+        The goal as stated.
+    model : Model
+        The planner and its settings.
+    name : object
+        Identifies the goal in the report of its execution.
+    make_goal : callable, optional
+        Returns the goal for a motion from a start state, if that depends on the start.
+    """
+
+    goal: Goal
+    model: Model
+    name: Any = None
+    make_goal: Callable[[JointState], Goal] | None = None
+
+    def goal_from(self, start: JointState) -> Goal:
+        """The goal for a motion from a start state."""
+        return self.goal if self.make_goal is None else self.make_goal(start)
 
 
 @dataclass(frozen=True, eq=False)
@@ -199,7 +227,7 @@ class GoalPlanner:
         self._clock = clock
         self._options = options or ServingOptions()
 
-    def plan(self, goal: Goal, request: PlanRequest) -> tuple[AnyPlan, ServedTrial | None]:
+    def plan(self, goal: Goal, request: PlanRequest) -> Planned:
         """Plan an executable motion.
 
         Returns

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import threading
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -27,6 +28,9 @@ from .measured import MeasuredSamples, MeasuredStates
 from .parameters import Settings
 from .published_motion import Joined, Progress, PublishedMotion, TrackedMotion, locate
 
+if TYPE_CHECKING:
+    from .execution_monitor import Execution
+
 
 class MotionFollower:
     """Tracks the motion that was published last, and how the robot follows it.
@@ -40,6 +44,10 @@ class MotionFollower:
     ----------
     measured : MeasuredStates
         As given.
+    published : Publication or None
+        The motion that was published last; None if there is none.
+    lock : RLock
+        Held while a motion is published, so that nobody sees half of the change.
     """
 
     def __init__(self, measured: MeasuredStates) -> None:
@@ -47,33 +55,34 @@ class MotionFollower:
         self._options = measured.options
         self._motion_clock = measured.motion_clock
         # Goals are served in one thread, stops and reports in another.
-        self._lock = threading.RLock()
+        self.lock = threading.RLock()
         self._forget()
 
     def _forget(self) -> None:
-        self._published: Publication | None = None
+        self.published: Publication | None = None
         self._servo = ServoModel(len(self.measured.joint_names), self._options)
         # Noise of positions at rest [rad or m].
         self._noise = 0.0
 
-    def expect(self, joint_names: tuple[str, ...]) -> None:
-        """Set the joints whose state is needed, and discard the states of other joints."""
-        if self.measured.joint_names != tuple(joint_names):
-            with self._lock:
-                self.measured.expect(joint_names)
-                self._forget()
+    def expect(self, joint_names: tuple[str, ...]) -> bool:
+        """Set the joints whose state is needed; others are forgotten. Returns if they differ."""
+        with self.lock:
+            if self.measured.joint_names == tuple(joint_names):
+                return False
+            self.measured.expect(joint_names)
+            self._forget()
+            return True
 
-    def command(self, joined: Joined) -> PublishedMotion:
+    def command(self, joined: Joined, execution: Execution | None = None) -> None:
         """Record that a motion was published."""
-        with self._lock:
-            self._published = Publication.after(self._published, joined, self._servo.lag)
-        return joined.motion
+        with self.lock:
+            self.published = Publication.after(self.published, joined, self._servo.lag, execution)
 
-    def give_up(self) -> None:
-        """Record that the controller has not accepted the motion that was published last."""
-        with self._lock:
-            if self._published is not None:
-                self._published.give_up()
+    @property
+    def execution(self) -> Execution | None:
+        """The execution of the motion that was published last; None if there is none."""
+        published = self.published
+        return None if published is None else published.execution
 
     @property
     def motion_time(self) -> float:
@@ -83,7 +92,7 @@ class MotionFollower:
     @property
     def commanded(self) -> PublishedMotion | None:
         """The motion that was published last, unless time was set back since."""
-        published = self._published
+        published = self.published
         if published is None or self._motion_clock() < published.current.motion.began - 1.0:
             return None
         return published.current.motion
@@ -91,7 +100,7 @@ class MotionFollower:
     @property
     def last_place(self) -> float:
         """The place on that motion at which the robot was seen last [s]."""
-        return 0.0 if self._published is None else self._published.current.progress.place
+        return 0.0 if self.published is None else self.published.current.progress.place
 
     @property
     def load_offset(self) -> FloatArray:
@@ -101,8 +110,8 @@ class MotionFollower:
     @property
     def alternatives(self) -> list[JointState]:
         """The commanded state if the controller has not accepted that motion; else None."""
-        with self._lock:
-            previous = None if self._published is None else self._published.previous
+        with self.lock:
+            previous = None if self.published is None else self.published.previous
             return [] if previous is None else [previous.state(self._motion_clock())]
 
     def follow(self, settings: Settings) -> Following | None:
@@ -118,10 +127,10 @@ class MotionFollower:
         GoalError
             If there is no usable measured state.
         """
-        with self._lock:
+        with self.lock:
             motion = self.commanded
             measured = self.measured.newest(settings.state_timeout)
-            published = self._published
+            published = self.published
             if motion is None or published is None:
                 return None
             now = self._motion_clock()

@@ -21,13 +21,13 @@ from ..motion.goal import Goal, JointGoal, JointState
 from ..motion.trajectory import Trajectory
 from ..motion.validation import check_executable, check_limits
 from .assembly import Model
-from .execution_monitor import ExecutionMonitor, ExecutionReport
+from .execution_monitor import Execution, ExecutionReport
 from .following import UnconfirmedError
-from .goal_planner import AnyPlan, GoalPlanner, PlanRequest
+from .goal_planner import GoalPlanner, GoalRequest, Planned, PlanRequest
 from .measured import Clock
 from .options import ServingOptions
 from .preemptive_worker import CancelledError, IsCancelled
-from .published_motion import Joined, PublishedMotion
+from .published_motion import Joined
 from .served_goal import Served
 from .start_state import StartStates, TooLateError
 from .stopping import StopPlanner
@@ -93,10 +93,6 @@ class GoalStatistics:
         return {f"solve_time_p{rank}_s": float(np.percentile(times, rank)) for rank in (50, 90, 99)}
 
 
-MakeGoal = Callable[[JointState], Goal]
-"""Function that returns the goal of a motion, given its start state."""
-
-
 class Publish(Protocol):
     """Sends a trajectory to the controller."""
 
@@ -132,8 +128,6 @@ class MotionServer:
         As given.
     surroundings : Surroundings
         The obstacles around the robot.
-    served : Served or None
-        The goal that was served last, if the robot was not stopped since.
     """
 
     def __init__(
@@ -148,40 +142,29 @@ class MotionServer:
     ) -> None:
         self.options = options or ServingOptions()
         self.states = states
-        self._statistics, self._send = statistics, publish
+        self._statistics, self._send, self._report = statistics, publish, report
         self._clock, self._sleep = clock, sleep
         self._planner = GoalPlanner(states, clock, self.options)
-        self._stops = StopPlanner(states, clock, self.options)
-        self._monitor = ExecutionMonitor(report, self.options)
         self.surroundings = Surroundings(states)
-        self.served: Served | None = None
-        # Goals are served in a thread of their own, stops in that of the callbacks.
-        self._publishing = threading.Lock()
+        self._stops = StopPlanner(states, self.surroundings, clock, self.options)
+
+    @property
+    def served(self) -> Served | None:
+        """The goal that was served last; None if the robot was stopped since."""
+        execution = self.states.execution
+        return None if execution is None else execution.served
 
     def serve(
-        self,
-        kind: type[Goal],
-        make_goal: MakeGoal,
-        model: Model,
-        is_cancelled: IsCancelled,
-        name: Any = None,
-        *,
-        lookahead: float = 0.0,
+        self, request: GoalRequest, is_cancelled: IsCancelled, *, lookahead: float = 0.0
     ) -> Served:
         """Plan and publish a motion.
 
         Parameters
         ----------
-        kind :
-            The kind of the goal: some take longer than others.
-        make_goal :
-            The goal, for a motion that starts at this state.
-        model :
-            The planner and its settings.
+        request :
+            The goal.
         is_cancelled :
             Whether the goal was preempted.
-        name :
-            Identifies the goal in the report of its execution.
         lookahead :
             Least time that is planned ahead [s].
 
@@ -192,21 +175,21 @@ class MotionServer:
         CancelledError
             If it is preempted before it is published.
         """
-        options, latency = self.options, self._statistics.expected_latency(kind)
-        if kind is JointGoal:
+        options, latency = self.options, self._statistics.expected_latency(type(request.goal))
+        if isinstance(request.goal, JointGoal):
             latency = max(min(latency, options.max_lookahead), lookahead)
         deadline, attempt = self._clock() + options.confirmation_timeout, 1
         while True:
             began = self.states.motion_time
             try:
-                return self._serve_once(kind, make_goal, model, is_cancelled, name, latency)
+                return self._serve_once(request, is_cancelled, latency)
             except UnconfirmedError:
                 if self._clock() > deadline:
                     raise
                 if is_cancelled():
                     raise CancelledError from None
                 self._sleep(options.confirmation_period)
-                self.watch(model)
+                self.watch(request.model)
             except TooLateError:
                 if attempt == options.max_attempts:
                     raise
@@ -215,16 +198,25 @@ class MotionServer:
 
     def watch(self, model: Model) -> None:
         """Check how the robot follows its motion; call this at 10 Hz or more."""
-        # No motion may be published in between: the robot would seem to follow the one before.
-        with self._publishing:
+        with self.states.lock:
             try:
                 following = self.states.follow(model.settings)
             except GoalError:
                 following = None
-            now = self.states.motion_time
-            self._monitor.update(following, now)
-            if self._monitor.never_started(now):
-                self.states.give_up()
+            execution = self.states.execution
+            if execution is None:
+                return
+            if self.states.commanded is None:
+                self._end(execution.given_up("time was set back"))
+            else:
+                self._end(execution.update(following, self.states.motion_time, self.options))
+
+    def expect(self, joint_names: tuple[str, ...]) -> None:
+        """Use the states of these joints; the execution of a motion of others ends."""
+        with self.states.lock:
+            execution = self.states.execution
+            if self.states.expect(joint_names) and execution is not None:
+                self._end(execution.given_up("the joints of the primitives have changed"))
 
     def stop(self, model: Model, reason: str = "") -> str:
         """Publish a trajectory that brings the robot to rest.
@@ -246,48 +238,42 @@ class MotionServer:
         PlannerError
             If the robot's state is unknown; nothing was published then.
         """
-        with self._publishing:
-            message, joined = self._stops.find(model)
-            self._monitor.stop(self._publish_joined(joined), joined.time, reason)
-            self.served = self.surroundings.threat = None
-        return message
+        with self.states.lock:
+            found = self._stops.find(model)
+            why = "; ".join(filter(None, [reason, found.collision]))
+            self._commit(found.joined, Execution.of_stop(self.states.execution, found.joined, why))
+        return found.message
 
     def _serve_once(
-        self,
-        kind: type[Goal],
-        make_goal: MakeGoal,
-        model: Model,
-        is_cancelled: IsCancelled,
-        name: Any,
-        latency: float,
+        self, request: GoalRequest, is_cancelled: IsCancelled, latency: float
     ) -> Served:
-        began = self._clock()
+        began, model, last = self._clock(), request.model, self.served
         start = self.states.choose(model.settings, latency)
         model.cancellation.is_cancelled = is_cancelled
-        goal, served = make_goal(start.state), self.served
-        under_way = served.answer(goal, start, model) if served is not None else ""
-        if served is not None and under_way and self.surroundings.threat is None:
-            return replace(served, under_way=under_way)
+        goal = request.goal_from(start.state)
+        under_way = last.answer(goal, start, model) if last is not None else ""
+        if last is not None and under_way and self.surroundings.threat is None:
+            return replace(last, under_way=under_way)
         world = self.surroundings.prepare(model)
-        request = PlanRequest(start, model, is_cancelled, served)
-        plan, trial = self._planner.plan(goal, request)
-        world = self.surroundings.check_again(plan.trajectory, world, model)
-        motion = self._publish(plan, request, name)
-        self._statistics.served(kind, plan.solve_time, self._clock() - began)
-        self.served, self.surroundings.threat = Served(goal, plan, model, motion, name, trial), None
+        context = PlanRequest(start, model, is_cancelled, last)
+        planned = self._planner.plan(goal, context)
+        world = self.surroundings.check_again(planned[0].trajectory, world, model)
+        served = self._publish(goal, planned, context, request.name)
+        self._statistics.served(type(request.goal), served.plan.solve_time, self._clock() - began)
         if self.surroundings.world is not world:
-            self.surroundings.look_ahead(model, self.served)
-        return self.served
+            self.surroundings.look_ahead(model)
+        return served
 
-    def _publish(self, plan: AnyPlan, request: PlanRequest, name: Any) -> PublishedMotion:
+    def _publish(self, goal: Goal, planned: Planned, request: PlanRequest, name: Any) -> Served:
         """Publish a plan from where the robot is: the only place where goals are published."""
         start, model, settings = request.start, request.model, request.model.settings
-        check, first = plan.limit_check, start.state
+        (plan, trial), first = planned, start.state
+        check = plan.limit_check
         if start.is_in_motion:
             # The trajectory that is published a moment later is a part of this one.
             joined = self.states.join(plan.trajectory, start, settings)
             check = check_limits(joined.trajectory, model.planning_robot, model.limits)
-        with self._publishing:
+        with self.states.lock:
             if request.is_cancelled():
                 raise CancelledError
             joined = self.states.join(plan.trajectory, start, settings)
@@ -299,10 +285,18 @@ class MotionServer:
                 first,
                 allow_nonzero_end_velocity=settings.allow_nonzero_end_velocity,
             )
-            motion = self._publish_joined(joined)
-            self._monitor.begin(name, motion, joined.time, self.surroundings.reason)
-        return motion
+            served = Served(goal, plan, model, joined.motion, name, trial)
+            self._commit(joined, Execution(name, joined.motion, joined.time, served))
+        return served
 
-    def _publish_joined(self, joined: Joined) -> PublishedMotion:
+    def _commit(self, joined: Joined, execution: Execution) -> None:
+        """Publish a motion, the only place where that is done; it replaces the one before."""
+        old = self.states.published
         self._send(joined.trajectory, stamp=joined.stamp, last_point_only=joined.last_point_only)
-        return self.states.command(joined)
+        self.states.command(joined, execution)
+        if old is not None and old.execution is not None and not execution.is_stop:
+            self._end(old.execution.replaced(old.threat.reason if old.threat else ""))
+
+    def _end(self, report: ExecutionReport | None) -> None:
+        if report is not None:
+            self._report(report)

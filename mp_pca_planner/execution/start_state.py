@@ -92,7 +92,7 @@ class StartStates(MotionFollower):
         UnconfirmedError
             If the place of the robot on its motion is not known yet.
         """
-        with self._lock:
+        with self.lock:
             following = self.follow(settings)
             now = self._motion_clock()
             measured = self.measured.newest(settings.state_timeout)
@@ -101,8 +101,8 @@ class StartStates(MotionFollower):
                 if start_from == MEASURED:
                     raise GoalError(_motion_refusal(start_from, following, settings))
                 then = now + latency + 2.0 * TRANSPORT
-                if self._published is not None:
-                    self._published.check_taken(following, then, self._servo.lag, self._options)
+                if self.published is not None:
+                    self.published.check_taken(following, then, self._servo.lag, self._options)
                 if not at_once:
                     self._check_place(following, now)
                 place = following.progress.at(then)
@@ -118,7 +118,7 @@ class StartStates(MotionFollower):
         start_from: str,
         settings: Settings,
     ) -> MotionStart:
-        last, options = self._published, self._options
+        last, options = self.published, self._options
         holds = may_settle = False
         if following is not None and last is not None:
             if following.how == HELD and now < last.joined.time + options.start_time:
@@ -165,7 +165,7 @@ class StartStates(MotionFollower):
         GoalError
             If the measured state is too old by now.
         """
-        with self._lock:
+        with self.lock:
             following, old = self.follow(settings), start.following
             now = self._motion_clock()
             if self._last is not start.last:
@@ -215,7 +215,7 @@ class StartStates(MotionFollower):
 
     @property
     def _last(self) -> PublishedMotion | None:
-        return None if self._published is None else self._published.current.motion
+        return None if self.published is None else self.published.current.motion
 
     def _held(self, measured: FloatArray) -> FloatArray:
         """Commanded positions of a robot that rests away from the end of its motion."""

@@ -5,22 +5,41 @@
 from __future__ import annotations
 
 import threading
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass
 
-from ..exceptions import GoalError, RobotError
+from ..exceptions import GoalError, PlannerError, RobotError
 from ..motion.collision import Collision, CollisionModel
 from ..motion.trajectory import Trajectory
+from ..robot.model import Robot
 from ..robot.world import World
 from .assembly import Model, collision_model
-from .served_goal import Served
 from .start_state import StartStates, TooLateError
+
+# Longest wait of a stop for the check of a running motion in another thread [s].
+_LONGEST_WAIT = 5e-3
+
+
+@dataclass(frozen=True)
+class Threat:
+    """A collision of the rest of the running motion with an obstacle, and when it begins [s]."""
+
+    collision: Collision
+    time: float
+
+    @property
+    def reason(self) -> str:
+        """Why the running motion has to be replaced."""
+        link, obstacle = self.collision.links
+        return f"a new obstacle is on the path ('{link}' would hit '{obstacle}')"
 
 
 class Surroundings:
     """The newest obstacles, for planning and for the check of the running motion.
 
     The planner has a collision model of its own, which only the thread of planning uses. Running
-    motions are checked in any thread with another one. Both are made when the first obstacle is
-    known.
+    motions and stops are checked in any thread with another one.
 
     Parameters
     ----------
@@ -29,11 +48,6 @@ class Surroundings:
 
     Attributes
     ----------
-    threat : Collision or None
-        The next collision of the running motion with an obstacle that was not there before, in the
-        rest of the motion.
-    threat_time : float
-        When it begins [s].
     missing : str
         Why an obstacle that was given is not avoided; empty if all are.
     """
@@ -41,9 +55,8 @@ class Surroundings:
     def __init__(self, states: StartStates) -> None:
         self._states, self._world = states, World()
         self._lock = threading.Lock()
-        self._checker: tuple[Model, CollisionModel] | None = None
-        self.threat: Collision | None = None
-        self.threat_time, self.missing = 0.0, ""
+        self._checker: tuple[Robot, CollisionModel] | None = None
+        self.missing = ""
 
     @property
     def world(self) -> World:
@@ -51,14 +64,12 @@ class Surroundings:
         return self._world
 
     @property
-    def reason(self) -> str:
-        """Why the running motion has to be replaced; empty if it has not."""
-        if self.threat is None:
-            return ""
-        link, obstacle = self.threat.links
-        return f"a new obstacle is on the path ('{link}' would hit '{obstacle}')"
+    def threat(self) -> Threat | None:
+        """What the running motion would hit; None if nothing is known to be on its path."""
+        published = self._states.published
+        return None if published is None else published.threat
 
-    def replace(self, world: World, model: Model | None, served: Served | None) -> bool:
+    def replace(self, world: World, model: Model | None) -> bool:
         """Use other obstacles from now on; return whether a motion would hit one of them.
 
         Parameters
@@ -67,8 +78,6 @@ class Surroundings:
             The obstacles.
         model : Model or None
             The robot, if it is known.
-        served : Served or None
-            The goal of the motion.
 
         Raises
         ------
@@ -79,17 +88,15 @@ class Surroundings:
             If the robot's collision geometry can't be used; the new obstacles are kept, and goals
             are rejected.
         """
-        with self._lock:
+        try:
             if model is not None and len(world):
-                try:
-                    checker = self._checker_of(model)
-                except RobotError:
-                    self._world = world
-                    raise
-                checker.set_world(world)
+                self._checker_in(world, model)
+        except RobotError:
             self._world = world
+            raise
+        self._world = world
         if model is not None:
-            self.look_ahead(model, served)
+            self.look_ahead(model)
         return self.threat is not None
 
     def prepare(self, model: Model) -> World:
@@ -108,6 +115,8 @@ class Surroundings:
             if len(world) and not collision.has_geometry:
                 raise _without_geometry()
             collision.set_world(world)
+        if len(world) or model.settings.collision:
+            self._checker_in(world, model)  # no stop has to wait for it
         return world
 
     def check_again(self, trajectory: Trajectory, planned_in: World, model: Model) -> World:
@@ -128,41 +137,64 @@ class Surroundings:
             )
         return world
 
-    def look_ahead(self, model: Model, served: Served | None) -> None:
-        """Check the rest of the running motion, that of a goal, and set `threat`.
+    def look_ahead(self, model: Model) -> None:
+        """Check the rest of the running motion of a goal, and set its `threat`.
 
         Raises
         ------
         PlannerError
             If the motion can't be checked.
         """
+        published = self._states.published
+        if published is None or published.execution is None or published.execution.is_stop:
+            return
         try:
             following = self._states.follow(model.settings)
         except GoalError:  # the robot may be anywhere on its motion
             return
-        self.threat = None
-        if served is None or following is None or served.motion is not following.motion:
+        published.threat = None
+        if following is None or following.motion is not published.joined.motion:
             return
-        motion, place = following.motion, following.progress.place
+        motion, place, world = following.motion, following.progress.place, self._world
+        if not (following.is_running and len(world) and place < motion.duration):
+            return
+        checker = self._checker_in(world, model)
         with self._lock:
-            if not (following.is_running and len(self._world) and place < motion.duration):
-                return
-            checker = self._checker_of(model)
-            if checker.world is not self._world:
-                checker.set_world(self._world)
             found = checker.collisions(motion.rest(place))
-        first = min(found, key=lambda one: one.first_time, default=None)
-        self.threat, self.threat_time = first, motion.began + place
-        if first is not None:
-            self.threat_time += first.first_time
+        # Planning and stopping care for collisions of links.
+        of_obstacles = [one for one in found if one.links[1] in world.names]
+        if of_obstacles:
+            first = min(of_obstacles, key=lambda one: one.first_time)
+            published.threat = Threat(first, motion.began + place + first.first_time)
 
-    def _checker_of(self, model: Model) -> CollisionModel:
-        if self._checker is None or self._checker[0] is not model:
-            checker = collision_model(model.robot, model.settings, self_collision=False)
-            if not checker.has_geometry:
-                raise _without_geometry()
-            self._checker = model, checker
-        return self._checker[1]
+    def collision_of(self, stop: Sequence[Trajectory], model: Model) -> Collision | None:
+        """A collision of one of the motions to a stop, with an obstacle or between links.
+
+        None if there is none, or if that is not known: a stop must not wait.
+        """
+        if not (len(self._world) or model.settings.collision):
+            return None
+        with suppress(PlannerError):
+            checker = self._checker_in(self._world, model)
+            if self._lock.acquire(timeout=_LONGEST_WAIT):
+                try:
+                    every = map(checker.collisions, stop)
+                    return next((found[0] for found in every if found), None)
+                finally:
+                    self._lock.release()
+        return None
+
+    def _checker_in(self, world: World, model: Model) -> CollisionModel:
+        """The collision model of running motions in a world."""
+        robot, checker = self._checker or (None, None)
+        if checker is None or robot is not model.robot:
+            checker = model.planner.collision or collision_model(model.robot, model.settings)
+        if len(world) and not checker.has_geometry:
+            raise _without_geometry()
+        if self._checker != (model.robot, checker) or checker.world is not world:
+            checker = checker.with_world(world)
+            self._checker = model.robot, checker
+        return checker
 
 
 def _without_geometry() -> RobotError:

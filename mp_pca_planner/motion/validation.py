@@ -31,6 +31,10 @@ LIMIT_TOLERANCE = 1e-6
 LIMIT_NEAR = 1e-4
 """Relative distance from a limit within which the grid may miss a violation."""
 
+START_TOLERANCE = 1e-3
+"""Distance outside the limits of position from which a motion may start [rad or m]: what an encoder
+errs, or an end stop gives way. No joint may move further out, or out again."""
+
 
 @dataclass(frozen=True)
 class Violation:
@@ -75,10 +79,13 @@ class LimitCheck:
         Every limit that is violated, or nearer than `LIMIT_NEAR`, the worst first.
     efforts : array, shape (n_points, n_joints), or None
         Efforts at the points of the trajectory [N·m or N]; None if they are not known.
+    remark : str
+        Which joint starts outside its limits of position, within `START_TOLERANCE`; empty if none.
     """
 
     touched: tuple[Violation, ...]
     efforts: FloatArray | None = None
+    remark: str = ""
 
     @property
     def violations(self) -> tuple[Violation, ...]:
@@ -187,6 +194,8 @@ def check_limits(trajectory: Trajectory, robot: Robot, limits: JointLimits) -> L
     require_effort_limits(robot, limits)
     steps, ends = np.diff(trajectory.times), segment_ends(trajectory.times, *trajectory.states)
     at_points = robot.inverse_dynamics(*trajectory.states)
+    start = trajectory.positions[0]
+    inside = nearest_start(start, limits)
     # Only segments that come near a limit are sampled, and a single point.
     near, near_efforts = np.ones(1, dtype=bool), np.isfinite(limits.effort)
     if steps.size:
@@ -200,9 +209,10 @@ def check_limits(trajectory: Trajectory, robot: Robot, limits: JointLimits) -> L
     times: list[FloatArray] = []
     if near.any():
         dense, span = interpolate(trajectory, segments=near), _span(limits)
+        lower, upper = _reached_bounds(dense.q, limits, start - inside)
         compared += [
-            ("position", dense.q, limits.lower, (limits.lower - dense.q) / span),
-            ("position", dense.q, limits.upper, (dense.q - limits.upper) / span),
+            ("position", dense.q, limits.lower, (lower - dense.q) / span),
+            ("position", dense.q, limits.upper, (dense.q - upper) / span),
             _magnitude("velocity", dense.v, limits.velocity),
             _magnitude("acceleration", dense.a, limits.acceleration),
             _magnitude("jerk", dense.jerk, limits.jerk),
@@ -220,7 +230,46 @@ def check_limits(trajectory: Trajectory, robot: Robot, limits: JointLimits) -> L
                 at = (moments[k], values[k, j], bound[j], excess[k, j])
                 found.append(Violation(quantity, name, *map(float, at)))
     found.sort(key=lambda violation: -violation.excess)
-    return LimitCheck(tuple(found), None if np.isnan(at_points).any() else at_points)
+    efforts = None if np.isnan(at_points).any() else at_points
+    return LimitCheck(tuple(found), efforts, _start_remark(start, inside, limits))
+
+
+def nearest_start(positions: FloatArray, limits: JointLimits) -> FloatArray:
+    """The nearest positions within the limits; the same where they are not `START_TOLERANCE` near.
+
+    Parameters
+    ----------
+    positions : array, shape (n_joints,)
+        Positions at which a motion starts [rad or m].
+    limits : JointLimits
+        Limits of the joints.
+    """
+    inside = np.clip(positions, limits.lower, limits.upper)
+    return np.where(np.abs(positions - inside) <= START_TOLERANCE, inside, positions)
+
+
+def _reached_bounds(
+    q: FloatArray, limits: JointLimits, outside: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Bounds of positions that follow one another, for joints that start this far outside.
+
+    A joint outside may stay where it is or move inwards; then its bound moves with it.
+    """
+    lowest = np.minimum(limits.lower, np.maximum.accumulate(q))
+    highest = np.maximum(limits.upper, np.minimum.accumulate(q))
+    lower = np.where(outside < 0.0, lowest, limits.lower)
+    return lower, np.where(outside > 0.0, highest, limits.upper)
+
+
+def _start_remark(start: FloatArray, inside: FloatArray, limits: JointLimits) -> str:
+    worst = int(np.abs(start - inside).argmax())
+    if start[worst] == inside[worst]:
+        return ""
+    return (
+        f"joint '{limits.joint_names[worst]}' starts {abs(start[worst] - inside[worst]):.2g} rad "
+        f"(or m) outside its limits of position, at most {START_TOLERANCE:g} is accepted: it moves "
+        "inwards"
+    )
 
 
 def _magnitude(

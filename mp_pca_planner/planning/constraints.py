@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import FloatArray
+from ..motion.interpolation import hermite_functions
 from ..motion.validation import Violation
 from ..robot.limits import JointLimits
 from .compiler import Linearisation, MotionProgram
@@ -191,8 +192,13 @@ class LimitedProgram:
         limited = np.isfinite(lower) | np.isfinite(upper)
         quantities, joints = np.nonzero(limited if chosen is None else limited & chosen)
         self._group_of_row = quantities * len(limits.joint_names) + joints
+        # For a start slightly outside, what is added to a motion from the limit.
+        outside = end_states[:, 0] - np.clip(end_states[:, 0], limits.lower, limits.upper)
+        added, change = np.zeros((2, *lower.shape)), hermite_functions(tables.phases, 0)[:, 0]
+        added[:, 0] = outside.min(axis=0, initial=0.0), outside.max(axis=0, initial=0.0)
         self.lower, self.upper = (
-            np.repeat(x[quantities, joints], tables.n_points) for x in (lower, upper)
+            (bound[quantities, joints, None] + most[quantities, joints, None] * change).ravel()
+            for bound, most in zip((lower, upper), added / scale, strict=True)
         )
         n_state_rows = int(np.count_nonzero(quantities < N_RATES))
         of_states, of_efforts = slice(n_state_rows), slice(n_state_rows, None)
@@ -247,6 +253,8 @@ class LimitedProgram:
 
     def _efforts(self, node_efforts: FloatArray) -> FloatArray:
         """Bounded efforts from those at the nodes, shape (n_effort_joints, n_points)."""
+        if not self._effort_joints.size:
+            return np.zeros((0, self._tables.n_points))
         shares = node_efforts[:, self._effort_joints] / self._effort_units
         return np.asarray(shares.T @ self._tables.from_nodes.T)
 
@@ -336,11 +344,10 @@ def _bounds(
     scale = np.where(np.isfinite(upper), upper, 1.0)
     scale[0] = np.where(np.isfinite(half), half, 1.0)
     # Jerks at the ends are not fixed: they depend on the weights.
-    room = np.full(upper.shape, np.inf)
+    room, ends = np.full(upper.shape, np.inf), end_states.copy()
+    ends[:, 0] = np.clip(ends[:, 0], limits.lower, limits.upper)
     given = [QUANTITIES.index(name) for name in ("position", "velocity", "acceleration", "effort")]
-    room[given] = np.minimum(upper[given] - end_states, end_states - lower[given]).min(
-        axis=0, initial=np.inf
-    )
+    room[given] = np.minimum(upper[given] - ends, ends - lower[given]).min(axis=0, initial=np.inf)
     room /= scale
     margin = np.clip(0.5 * room, 0.0, MARGIN)
     return lower / scale + margin, upper / scale - margin, scale, room - margin

@@ -99,7 +99,7 @@ class PathFinder:
         """
         collision, limits = self._setup.collision, self._setup.limits
         assert collision is not None
-        bounds = limits.lower, limits.upper
+        bounds = np.minimum(limits.lower, ends[0]), np.maximum(limits.upper, ends[0])
         if _is_free(collision.collides, *ends, _OPTIONS.step):
             yield np.array(ends)
         least = least_distances(np.array(ends), collision)

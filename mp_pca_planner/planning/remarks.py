@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from typing import Protocol
 
+from ..motion.validation import LimitCheck
 from .plan import STOPPED_EARLY
 
 UNUSUAL_IN_SPAN_SCORE = 3.0
@@ -27,6 +28,10 @@ class AnyPlan(Protocol):
     def in_span_score(self) -> float:
         """How far outside the demonstrations the request lies."""
 
+    @property
+    def limit_check(self) -> LimitCheck | None:
+        """Its comparison with the limits."""
+
 
 def remarks(plan: AnyPlan) -> list[str]:
     """Sentences on unusual properties of a plan; none for a usual one."""
@@ -36,4 +41,6 @@ def remarks(plan: AnyPlan) -> list[str]:
             f"the request is unlike the demonstrations (in-span score {plan.in_span_score:.1f}, "
             "about 1 is usual), so the motion may look unlike them, too"
         )
+    if plan.limit_check is not None and plan.limit_check.remark:
+        found.append(plan.limit_check.remark)
     return found

@@ -22,7 +22,7 @@ from .plan import SHORTEST, PlannerOptions
 from .pose_search import configurations_at, starts_near
 from .selection import Selection, Selector
 from .setup import Setup
-from .states import check_within_limits, completed, in_order, unwrapped
+from .states import check_start, check_within_limits, completed, in_order, unwrapped
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,7 +124,7 @@ class GoalResolver:
             See :meth:`.Planner.plan`.
         """
         here = in_order(start, self._setup.robot.joint_names)
-        check_within_limits("present", here, self._setup.limits)
+        check_start(here, self._setup.limits)
         self._check_size(goal.duration)
         selector = self._selector.among(goal.primitive)
         if isinstance(goal, JointGoal):

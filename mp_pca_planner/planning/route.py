@@ -23,7 +23,7 @@ from .pose_search import configurations_at, starts_near
 from .selection import Selector
 from .sequence_request import SequenceRequest, duration_groups, fit_durations
 from .setup import Setup
-from .states import check_within_limits, completed, in_order, unwrapped
+from .states import check_start, check_within_limits, completed, in_order, unwrapped
 
 # Targets within this distance of each other count as the same [rad or m].
 _SAME = 1e-6
@@ -61,7 +61,7 @@ class SequenceResolver:
         """
         self._check_size(goal)
         here = in_order(start, self.robot.joint_names)
-        check_within_limits("present", here, self.limits)
+        check_start(here, self.limits)
         selector = self._selector.among(goal.primitive)
         n_passed = self._n_passed(goal, here)
         goal = replace(

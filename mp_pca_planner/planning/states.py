@@ -11,6 +11,7 @@ import numpy as np
 from ..arrays import FloatArray
 from ..exceptions import GoalError, quote_names, unknown_name
 from ..motion.goal import JointState
+from ..motion.validation import nearest_start
 from ..robot.limits import JointLimits
 from ..robot.model import Robot
 
@@ -89,6 +90,19 @@ def unwrapped(q: FloatArray, before: JointState, robot: Robot) -> FloatArray:
     """Positions to which continuous joints turn by less than half a turn."""
     turns = np.round((before.positions - q) / (2.0 * np.pi))
     return np.asarray(q + np.where(robot.continuous, 2.0 * np.pi * turns, 0.0))
+
+
+def check_start(start: JointState, limits: JointLimits) -> None:
+    """Reject a start that violates a limit, but for a position that is hardly outside.
+
+    Raises
+    ------
+    GoalError
+        If it violates a limit.
+    """
+    names, _, v, a = start.joint_names, *start.values
+    inside = JointState(names, nearest_start(start.positions, limits), v, a)
+    check_within_limits("present", inside, limits)
 
 
 def check_within_limits(what: str, state: JointState, limits: JointLimits) -> None:

@@ -52,7 +52,8 @@ def load_demonstrations(
     joints = options.pop("joints", None)
     if isinstance(robot, (str, Path)):
         robot = Robot.from_file(robot, joints)
-    recordings = load_recordings(paths, joints=robot.joint_names if robot else joints, **options)
+    joints = robot.joint_names if robot else joints
+    recordings = load_recordings(paths, joints=joints, same_joints=True, **options)
     recordings.require_motion()
     return recordings
 

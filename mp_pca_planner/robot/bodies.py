@@ -133,14 +133,10 @@ class Bodies:
     @cached_property
     def moved(self) -> FloatArray:
         """1 for each joint that moves a shape, else 0; shape (n_shapes, n_joints)."""
-        return np.array([self._behind(joint) for joint in self.joints.tolist()]).reshape(
-            -1, self.model.nv
-        )
-
-    def _behind(self, joint: int) -> FloatArray:
-        row = np.zeros(self.model.nv)
-        row[[self.model.joints[other].idx_v for other in _chain(self.model, joint)]] = 1.0
-        return row
+        rows = np.zeros((self.model.njoints, self.model.nv))
+        for joint, row in enumerate(rows):
+            row[[self.model.joints[other].idx_v for other in _chain(self.model, joint)]] = 1.0
+        return rows[self.joints]
 
     @cached_property
     def levers(self) -> FloatArray:
@@ -151,10 +147,11 @@ class Bodies:
         """
         rows, reaches = np.zeros((len(self.names), self.model.nv)), self.radii.copy()
         reaches += np.linalg.norm(self.centres, axis=1)
-        for row, first, reach in zip(rows, self.joints.tolist(), reaches.tolist(), strict=True):
-            for joint in _chain(self.model, first):
+        for shape in np.flatnonzero(self.joints).tolist():
+            reach = float(reaches[shape])
+            for joint in _chain(self.model, int(self.joints[shape])):
                 slides = _slide(self.model, joint)
-                row[self.model.joints[joint].idx_v] = 1.0 if slides else reach
+                rows[shape, self.model.joints[joint].idx_v] = 1.0 if slides else reach
                 placement = self.model.jointPlacements[joint].translation
                 reach += float(np.linalg.norm(placement)) + slides
         return rows

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 from typing import Any
 
@@ -76,8 +77,6 @@ class BodyPairs:
     ----------
     levers : array, shape (n_pairs, n_joints)
         See `CollisionGeometry`.
-    collide : CollisionCheck
-        Whether any pair is in collision in a configuration.
     """
 
     def __init__(
@@ -86,18 +85,23 @@ class BodyPairs:
         self._bodies, self._indices, self.margins = bodies, indices, margins
         self._model, self._data = bodies.model, bodies.model.createData()
         self._tree = tree
-        self._shape_data, self._hull_data = (
-            _working_memory(geometry, indices, margins)
-            for geometry in (bodies.shapes, bodies.hulls)
-        )
-        self.collide = self.check(margins)
         first, second = indices.T
         self._are_convex = bodies.are_convex[first] & bodies.are_convex[second]
+        meshes = ~self._are_convex
+        # Number of each pair with a mesh among these pairs.
+        self._meshes = np.cumsum(meshes) - 1
+        self._shape_data = _working_memory(bodies.shapes, indices[meshes], margins[meshes])
+        self._hull_data = _working_memory(bodies.hulls, indices, margins)
         # Of the joints that move one of both, 1 for the second body, −1 for the first.
         self._moved = bodies.moved[second] - bodies.moved[first]
         # A joint that moves both does not count.
         both = np.where(self._moved > 0.0, bodies.levers[second], bodies.levers[first])
         self.levers = both * np.abs(self._moved)
+
+    @cached_property
+    def collide(self) -> CollisionCheck:
+        """Whether any pair is in collision in a configuration."""
+        return self.check(self.margins)
 
     def check(self, distances: FloatArray, *, hulls: bool = False) -> CollisionCheck:
         """The check of configurations for pairs nearer than some distances, shape (n_pairs,).
@@ -169,7 +173,8 @@ class BodyPairs:
         shapes, data = self._bodies.shapes, self._shape_data
         for entries in self._placed(q, configurations[near], shapes, data):
             for e in near[entries]:
-                exact = pin.computeDistance(shapes, data, int(pairs[e])).min_distance
+                number = int(self._meshes[pairs[e]])
+                exact = pin.computeDistance(shapes, data, number).min_distance
                 found[e] = exact - margins[e]
         return found
 
@@ -220,7 +225,7 @@ class BodyPairs:
         """The result for the meshes themselves, or for their hulls if the meshes are in contact."""
         shapes, data = self._bodies.shapes, self._shape_data
         pin.updateGeometryPlacements(self._model, self._data, shapes, data)
-        exact = pin.computeDistance(shapes, data, pair)
+        exact = pin.computeDistance(shapes, data, int(self._meshes[pair]))
         # It is undefined for meshes in contact.
         return exact if exact.min_distance > CONTACT else self._hull_distance(pair)
 

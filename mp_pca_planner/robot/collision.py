@@ -6,9 +6,10 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterator, Sequence
+from copy import copy
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 import pinocchio as pin
@@ -116,17 +117,27 @@ class CollisionGeometry:
         margin = self.margin if margin is None else _checked_margin(margin)
         bodies, n_links = self._links.with_world(world), len(self._links.names)
         names, further = bodies.names, _pairs_with_world(bodies, n_links, world)
-        pairs = [
-            (a, b)
-            for a, b in [*self._pairs_of_links, *further]
-            if not world.allows(names[a], names[b])
-        ]
+        pairs = [*self._pairs_of_links, *further]
+        if world.allowed:
+            pairs = [(a, b) for a, b in pairs if not world.allows(names[a], names[b])]
         indices = np.array(pairs, dtype=np.intp).reshape(-1, 2)
         margins = np.where(indices[:, 1] >= n_links, margin, 0.0)
         self._distances = BodyPairs(self._tree, bodies, indices, margins)
         self.world, self.margin, self.margins = world, margin, margins
         self.pairs = tuple((names[a], names[b]) for a, b in pairs)
         self.levers = self._distances.levers
+
+    def with_world(self, world: World) -> Self:
+        """The same among other obstacles, for use in another thread.
+
+        Raises
+        ------
+        WorldError
+            See the class.
+        """
+        other = copy(self)
+        other.set_world(world)
+        return other
 
     @property
     def has_geometry(self) -> bool:

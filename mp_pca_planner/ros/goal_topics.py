@@ -18,11 +18,11 @@ from trajectory_msgs.msg import JointTrajectory
 from ..exceptions import GoalError, unknown_name
 from ..execution.assembly import Model
 from ..execution.avoidance import avoid_obstacle
-from ..execution.goal_planner import UnexecutablePlanError
-from ..execution.motion_server import GoalStatistics, MakeGoal, MotionServer
+from ..execution.goal_planner import GoalRequest, UnexecutablePlanError
+from ..execution.motion_server import GoalStatistics, MotionServer
 from ..execution.preemptive_worker import CancelledError, IsCancelled, PreemptiveWorker
 from ..execution.served_goal import Served
-from ..motion.goal import Goal, JointGoal, JointState, Pose, PoseGoal, SequenceGoal
+from ..motion.goal import JointGoal, JointState, Pose, PoseGoal, SequenceGoal
 from ..planning.states import in_order
 from ..robot.model import Robot
 from . import messages
@@ -81,33 +81,21 @@ def stated_in(goal: PoseGoal, reference: str, robot: Robot) -> Callable[[JointSt
 
 
 @dataclass(frozen=True, eq=False)
-class _Request:
-    """A goal that was received.
+class _Request(GoalRequest):
+    """A goal, named by the stamp of its message.
 
     Attributes
     ----------
-    goal : Goal
-        The goal as stated in the message.
-    make_goal : callable
-        Makes the goal for a start state.
-    context : Model
-        The planning context.
-    stamp : Time
-        The stamp of its message.
     ignored_joints : tuple of str
         Joints of the message that the primitives don't move.
     """
 
-    goal: Goal
-    make_goal: MakeGoal
-    context: Model
-    stamp: Time
     ignored_joints: tuple[str, ...] = ()
 
     def check(self) -> None:
         """Raise a `PlannerError` if the goal can be rejected without planning."""
         if isinstance(self.goal, JointGoal):
-            self.context.planner.check(self.goal)
+            self.model.planner.check(self.goal)
 
 
 class _Avoidance:
@@ -204,11 +192,9 @@ class GoalTopics:
 
     def _serve_goal(self, request: _Request, is_cancelled: IsCancelled) -> None:
         """Plan, publish and report, in the thread of the worker."""
-        kind, stamp = type(request.goal), request.stamp
+        stamp: Time = request.name
         try:
-            served = self._server.serve(
-                kind, request.make_goal, request.context, is_cancelled, stamp
-            )
+            served = self._server.serve(request, is_cancelled)
             self._report(served, request)
         except UnexecutablePlanError as error:
             self._reject(messages.to_refusal(str(error), stamp, error.plan))
@@ -218,7 +204,7 @@ class GoalTopics:
             self._reject(messages.to_refusal(self._node.explain(error), stamp))
 
     def _report(self, served: Served, request: _Request) -> None:
-        plan, stamp = served.plan, request.stamp
+        plan, stamp = served.plan, request.name
         if served.under_way:
             self._statistics.count("under_way")
             self._reports.publish(messages.to_under_way_report(plan, served.under_way, stamp))
@@ -248,10 +234,10 @@ class GoalTopics:
         try:
             request.check()
         except Exception as error:
-            self._reject(messages.to_refusal(self._node.explain(error), request.stamp))
+            self._reject(messages.to_refusal(self._node.explain(error), request.name))
         else:
             self._statistics.count("overtaken")
-            self._reports.publish(messages.to_overtaken_report(request.stamp))
+            self._reports.publish(messages.to_overtaken_report(request.name))
 
 
 def _read(message: JointStateMessage | PoseStamped | JointTrajectory, context: Model) -> _Request:
@@ -260,14 +246,14 @@ def _read(message: JointStateMessage | PoseStamped | JointTrajectory, context: M
     if isinstance(message, PoseStamped):
         posed = messages.to_pose_goal(message, context.end_effector, duration)
         make_goal = stated_in(posed, header.frame_id, context.planning_robot)
-        return _Request(posed, make_goal, context, header.stamp)
+        return _Request(posed, context, header.stamp, make_goal)
     stated: JointGoal | SequenceGoal
     if isinstance(message, JointTrajectory):
         stated = messages.to_sequence_goal(message)
     else:
         stated = messages.to_goal(message, duration)
     goal, ignored = _without_unmoved(stated, context.robot)
-    return _Request(goal, lambda _: goal, context, header.stamp, ignored)
+    return _Request(goal, context, header.stamp, ignored_joints=ignored)
 
 
 def _without_unmoved(

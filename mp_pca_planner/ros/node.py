@@ -67,9 +67,12 @@ class PlannerNode(GuardedNode):
         self._polling, self._polled = threading.Lock(), time.monotonic()
         self._clocks_are_known = False
         self._states = StartStates(MeasuredStates(time.monotonic, self._seconds, self._poll_states))
+        self._server = MotionServer(
+            self._states, self._statistics, self._send, time.perf_counter, self._report_execution
+        )
         self._declared = NodeParameters(self)
         topic = self.resolve_topic_name("robot_description")
-        self._setup = PlanningSetup(self._declared, self.explain, self._states.expect, topic)
+        self._setup = PlanningSetup(self._declared, self.explain, self._server.expect, topic)
         self._setup.hold = hold
         for problem in self._declared.unknown():
             self.get_logger().warning(f"ignored: {to_text(problem)}")
@@ -77,9 +80,6 @@ class PlannerNode(GuardedNode):
             self.load()
         # Registered after the declarations, because the initial values are checked together.
         self.add_on_set_parameters_callback(self._on_set_parameters)
-        self._server = MotionServer(
-            self._states, self._statistics, self._send, time.perf_counter, self._report_execution
-        )
         self._connect()
         served_by = self._setup, self._server
         self._goals = GoalTopics(self, *served_by, self._statistics, self._last_motion)

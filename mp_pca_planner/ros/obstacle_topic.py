@@ -87,7 +87,7 @@ class ObstacleTopic:
         obstacles, problems = applied
         missing = list(self._messages.rejected.values())
         try:
-            if surroundings.replace(World(obstacles), context, self._server.served):
+            if surroundings.replace(World(obstacles), context):
                 self._on_threat()
         except PlannerError as error:
             problems.append(str(error))

@@ -54,9 +54,9 @@ def world() -> World:
 
 
 def test_stamp_is_that_of_the_first_point_however_long_computing_takes(world: World) -> None:
-    motion = world.states.command(
-        Joined.after_wait(minimum_jerk(0.0, 1.0, 2.0), world.states.motion_time)
-    )
+    begun = Joined.after_wait(minimum_jerk(0.0, 1.0, 2.0), world.states.motion_time)
+    world.states.command(begun)
+    motion = begun.motion
     for _ in range(100):
         world.now += 0.01
         world.measure(float(motion.state(world.now - motion.began).positions[0]))
@@ -73,9 +73,9 @@ def test_stamp_is_that_of_the_first_point_however_long_computing_takes(world: Wo
 def test_robot_that_was_last_heard_of_before_its_motion_ended_has_not_arrived(
     world: World,
 ) -> None:
-    motion = world.states.command(
-        Joined.after_wait(minimum_jerk(0.0, 1.0, 2.0), world.states.motion_time)
-    )
+    begun = Joined.after_wait(minimum_jerk(0.0, 1.0, 2.0), world.states.motion_time)
+    world.states.command(begun)
+    motion = begun.motion
     world.now += 10.0
     following = world.states.follow(replace(SETTINGS, state_timeout=0.0))
     assert following is not None

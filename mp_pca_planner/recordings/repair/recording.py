@@ -39,6 +39,7 @@ REPAIRS = {
     "replaced": "commanded motion cut short: another one started before its end",
     "single_points": "single-point trajectory without a known start: dropped",
     "short_pieces": "piece between cuts dropped: too few samples",
+    "cut_off": "motion dropped: the recording or a gap cuts it off, and others are whole",
     "rest": "movement dropped: within the extent of noise and sway, taken for rest",
 }
 """Kinds of repairs, by the name under which they are counted."""

@@ -8,34 +8,38 @@ import numpy as np
 import pytest
 from dense import minimum_jerk_motion
 
-from mp_pca_planner.execution.execution_monitor import ExecutionMonitor
+from mp_pca_planner.execution.execution_monitor import Execution
 from mp_pca_planner.execution.following import HELD, OFF, Following
 from mp_pca_planner.execution.options import ServingOptions
-from mp_pca_planner.execution.published_motion import Progress, PublishedMotion
+from mp_pca_planner.execution.published_motion import Joined, Progress, PublishedMotion
 
 DURATION, PERIOD = 2.0, 0.05
 ON_TIME, LAGGING = "on_time", "lagging"
 
 
 class World:
-    """A monitor, and a robot of which the tests say how it follows its motion."""
+    """A robot of which the tests say how it follows its motion."""
 
     def __init__(self, options=None):
-        self.reports = []
-        self.monitor = ExecutionMonitor(self.reports.append, options)
-        self.now = 100.0
+        self.reports, self.options = [], options or ServingOptions()
+        self.execution, self.now = None, 100.0
 
     def motion(self):
         trajectory = minimum_jerk_motion(("a", "b"), [0.0, 0.0], [1.0, -0.5], DURATION)
-        return PublishedMotion(trajectory, self.now)
+        self.current = PublishedMotion(trajectory, self.now)
+        return self.current
+
+    def note(self, report):
+        self.reports += [] if report is None else [report]
 
     def begin(self, goal="goal"):
-        self.current = self.motion()
-        self.monitor.begin(goal, self.current, self.now)
+        if self.execution is not None:
+            self.note(self.execution.replaced())
+        self.execution = Execution(goal, self.motion(), self.now)
 
     def stop(self):
-        self.current = self.motion()
-        self.monitor.stop(self.current, self.now)
+        joined = Joined(self.motion().trajectory, self.current, self.now)
+        self.execution = Execution.of_stop(self.execution, joined)
 
     def run(self, duration, how=ON_TIME, place=None, distance=0.001, motion=None):
         """The robot follows for some time: as the clock says, or stays at a place."""
@@ -46,12 +50,12 @@ class World:
             at_rest = how == HELD or there >= DURATION
             progress = Progress(self.now, there)
             following = Following(motion, how, progress, distance, "b", at_rest)
-            self.monitor.update(following, self.now)
+            self.note(self.execution.update(following, self.now, self.options))
 
     def silence(self, duration):
         for _ in range(round(duration / PERIOD)):
             self.now += PERIOD
-            self.monitor.update(None, self.now)
+            self.note(self.execution.update(None, self.now, self.options))
 
     def only_report(self):
         """The report, which stays the only one whatever comes after."""
@@ -173,7 +177,7 @@ def test_robot_that_is_released_in_time_arrives(world):
 
 def test_motion_at_whose_start_the_robot_rests_never_started(world):
     world.run(0.9, HELD, place=0.0)
-    assert not world.reports and not world.monitor.never_started(world.now)
+    assert not world.reports
     world.run(0.3, HELD, place=0.0)
     report = world.only_report()
     assert (report.outcome, report.is_good, report.progress) == ("never_started", False, 0.0)

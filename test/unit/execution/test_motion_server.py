@@ -19,7 +19,7 @@ from virtual_node import VirtualNode
 
 from mp_pca_planner.exceptions import GoalError
 from mp_pca_planner.execution.assembly import assemble_model
-from mp_pca_planner.execution.goal_planner import AdaptedPlan
+from mp_pca_planner.execution.goal_planner import AdaptedPlan, GoalRequest
 from mp_pca_planner.execution.motion_server import GoalStatistics, MotionServer
 from mp_pca_planner.execution.options import ServingOptions
 from mp_pca_planner.execution.parameters import Settings
@@ -40,7 +40,7 @@ FINEST = 2e-7  # step that no encoder sees [rad]
 
 
 def model(**settings):
-    options = Settings(limits=LIMITS, max_solve_time=NODE_EVER, **settings)
+    options = Settings(**{"limits": LIMITS, "max_solve_time": NODE_EVER, **settings})
     return assemble_model(URDF, [arm_primitive()], options)
 
 
@@ -243,12 +243,11 @@ def test_motion_that_is_published_while_the_robot_is_watched_is_not_taken_for_an
     node.run(0.3)
     command, watchers = node.states.command, []
 
-    def watched(joined):
-        motion = command(joined)
+    def watched(*motion):
+        command(*motion)
         watchers.append(threading.Thread(target=node.server.watch, args=[MODEL]))
         watchers[-1].start()
         watchers[-1].join(0.2)  # it has to wait until the motion is published
-        return motion
 
     node.states.command = watched
     node.ask(START)
@@ -328,7 +327,7 @@ def test_motion_whose_message_is_lost_is_reported_and_the_next_goal_served(node)
 def test_cancelled_goal_publishes_nothing(node):
     goal = JointGoal(JointState(JOINTS, GOAL))
     with pytest.raises(CancelledError):
-        node.server.serve(JointGoal, lambda _: goal, MODEL, lambda: True)
+        node.server.serve(GoalRequest(goal, MODEL), lambda: True)
     assert not node.sent
 
 
@@ -342,7 +341,7 @@ def test_cancelled_goal_publishes_nothing(node):
 def test_goal_that_is_cancelled_during_the_solve_ends_it(node, goal):
     asked = iter([False] * 3)
     with pytest.raises(CancelledError):
-        node.server.serve(type(goal), lambda _: goal, MODEL, lambda: next(asked, True))
+        node.server.serve(GoalRequest(goal, MODEL), lambda: next(asked, True))
     assert next(asked, None) is None
     assert not node.sent
 
@@ -356,6 +355,54 @@ def test_refused_goal_leaves_the_running_motion_alone(node):
     node.run(5.0)
     node.assert_rests_at(GOAL)
     assert node.outcomes == ["arrived"]
+
+
+@pytest.mark.parametrize(("change", "reason"), [("joints", "joints"), ("clock", "set back")])
+def test_motion_that_can_no_longer_be_followed_is_reported(node, monkeypatch, change, reason):
+    node.ask(GOAL)
+    node.run(0.2)
+    if change == "joints":
+        node.server.expect(JOINTS)  # the same ones
+        node.run(0.1)
+        assert not node.outcomes
+        node.server.expect(JOINTS[:2])
+        assert node.server.served is None
+    else:
+        monkeypatch.setattr(node.states, "_motion_clock", lambda: node.now - 100.0)
+    node.run(0.2)
+    ((_, report),) = node.execution_reports
+    assert report.outcome == "not_followed" and reason in report.message
+
+
+@pytest.mark.parametrize("event", ["none", "stop", "goal"])
+def test_robot_that_rests_slightly_outside_its_limits_is_led_inwards(event):
+    sign = np.sign(GOAL - START)
+    limit = START + 5e-4 * sign
+    sides = ["min_position" if inwards > 0.0 else "max_position" for inwards in sign]
+    bounds = zip(JOINTS, sides, limit, strict=True)
+    node = Node(model(limits={name: {**LIMITS[name], side: x} for name, side, x in bounds}))
+    began = len(node.robot.record.q)
+    node.ask(GOAL)
+    assert node.statuses == ["served"]
+    node.run(0.05)  # the first joints are still outside
+    if event == "stop":
+        node.stop()
+        node.run(2.0)
+    if event != "none":
+        node.ask(0.7 * GOAL + 0.3 * START)
+        node.run(3.0)
+        node.ask(GOAL)
+    node.run(5.0)
+    node.assert_rests_at(GOAL)
+    assert set(node.statuses) == {"served"}
+    within = sign * (node.robot.record.q[began:] - limit)
+    assert within[0].max() < 0.0  # all joints begin outside
+    assert within.min() >= -5.0001e-4
+    # For a stop at a point, the controller starts from the measured state.
+    error = 2e-4 if event == "stop" else 1e-5
+    assert np.all(within >= np.minimum(np.maximum.accumulate(within), 0.0) - error)
+    jumps = np.abs(np.diff(node.robot.record.q[began:], axis=0))
+    assert jumps.max() < 3.1e-3  # of the largest velocity
 
 
 # Sequences
@@ -490,7 +537,7 @@ def test_stop_that_took_long_to_find_is_found_again_a_few_times(node, monkeypatc
     monkeypatch.setattr(node.server, "watch", lambda _: None)
     node.stop()
     assert len(found) == min(n_interruptions + 1, ServingOptions().max_attempts)
-    assert node.sent[-1][1] is found[-1][1].trajectory
+    assert node.sent[-1][1] is found[-1].joined.trajectory
 
 
 def test_stop_of_a_robot_that_was_never_heard_of_is_refused(node):

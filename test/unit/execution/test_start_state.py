@@ -59,7 +59,11 @@ class World:
     def begin(self, goal=(1.0, -1.0)):
         """Publish a motion from here."""
         trajectory = minimum_jerk_motion(JOINTS, self.here, goal, DURATION)
-        self.motion = self.states.command(Joined.after_wait(trajectory, self.now))
+        self.publish(Joined.after_wait(trajectory, self.now))
+
+    def publish(self, joined):
+        self.states.command(joined)
+        self.motion = joined.motion
 
     def follow(self, duration, rate=lambda _: 1.0):
         """The robot follows the motion at a rate; returns its place at last."""
@@ -304,7 +308,7 @@ def test_stale_state_waits_in_motion_and_is_refused_after_the_timeout(moving):
 def test_motion_that_may_not_have_been_taken_is_not_continued_until_it_is_seen(moving):
     start = moving.choose()
     joined = moving.join(continuing(start), start)
-    moving.motion = moving.states.command(joined)
+    moving.publish(joined)
     with pytest.raises(UnconfirmedError, match="has taken the motion before"):
         moving.choose(latency=0.3)
     moving.follow(0.5)
@@ -323,7 +327,6 @@ def test_robot_that_was_seen_on_the_motion_before_is_continued_there(moving):
 def test_motion_that_was_never_begun_leaves_the_start_as_it_was(world):
     world.begin()
     world.rest(0.6)
-    world.states.give_up()
     assert world.choose().state.positions.tolist() == [0.0, 0.0]
 
 
@@ -359,7 +362,7 @@ def test_held_robot_starts_where_it_rests(world):
 def test_robot_that_is_led_to_a_point_is_not_continued(moving):
     start = moving.choose()
     stop = Joined.to_last_point(continuing(start), moving.now)
-    moving.motion = moving.states.command(stop)
+    moving.publish(stop)
     moving.follow(0.3)
     with pytest.raises(UnconfirmedError, match="being stopped"):
         moving.choose()
@@ -367,9 +370,9 @@ def test_robot_that_is_led_to_a_point_is_not_continued(moving):
 
 @pytest.mark.parametrize(("away", "is_reached"), [(0.004, True), (0.006, False), (0.011, False)])
 def test_robot_that_rests_short_of_a_single_point_has_not_reached_it(moving, away, is_reached):
-    stop = moving.states.command(Joined.to_last_point(continuing(moving.choose()), moving.now))
+    moving.publish(Joined.to_last_point(continuing(moving.choose()), moving.now))
     # Beside the path that the node assumes.
-    rest, since = stop.end + away * np.array([-1.0, 1.0]), moving.now
+    rest, since = moving.motion.end + away * np.array([-1.0, 1.0]), moving.now
     moving.run(2.0, lambda time: rest + (moving.here - rest) * (time < since + 0.5))
     assert moving.states.follow(SETTINGS).is_over == is_reached
     np.testing.assert_allclose(moving.choose().state.positions, rest, atol=1e-4)

@@ -13,7 +13,13 @@ from mp_pca_planner.exceptions import TrajectoryError
 from mp_pca_planner.motion.goal import JointState
 from mp_pca_planner.motion.interpolation import BEZIER_POINTS
 from mp_pca_planner.motion.trajectory import Trajectory
-from mp_pca_planner.motion.validation import LIMIT_NEAR, check_executable, check_limits, interpolate
+from mp_pca_planner.motion.validation import (
+    LIMIT_NEAR,
+    START_TOLERANCE,
+    check_executable,
+    check_limits,
+    interpolate,
+)
 from mp_pca_planner.primitives.boundary import boundary_values, hermite_functions
 from mp_pca_planner.robot.limits import JointLimits, merge_limits
 
@@ -85,6 +91,8 @@ def test_limits_are_judged_as_on_the_whole_grid(
     peaks = peaks_of(quantity, trajectory)
     # Without another end a range counts as 1 rad long.
     bounds = peaks - excess if quantity == "position" else peaks / (1.0 + excess)
+    # Starts slightly outside have their own tests.
+    assume(quantity != "position" or np.all(abs(q[0] - bounds) > START_TOLERANCE))
     limits = {name: {f"max_{quantity}": bound} for name, bound in zip(JOINTS, bounds, strict=True)}
     found = check_limits(trajectory, arm_robot(), JointLimits(JOINTS, limits)).touched
     assert len(found) == (4 if excess > -LIMIT_NEAR else 0)
@@ -228,3 +236,54 @@ def test_a_single_point_at_rest_passes_as_a_stop():
 def test_without_limits_nothing_is_broken():
     check = check_limits(reach(0.01), arm_robot(), JointLimits(JOINTS, merge_limits()))
     assert check.violations == () and check.worst_excess == 0.0
+
+
+# Starts slightly outside the limits of position
+
+
+def through(*positions, side):
+    """Positions of the first joint relative to a limit at 0, 1 s apart and at rest at each."""
+    q = np.tile(START, (len(positions), 1))
+    q[:, 0] = side * np.array(positions)
+    bounds = {"min_position": 0.0, "max_position": 2.0}
+    if side < 0:
+        bounds = {"min_position": -2.0, "max_position": 0.0}
+    zero = np.zeros_like(q)
+    trajectory = Trajectory(JOINTS, np.arange(float(len(q))), q, zero, zero)
+    return check_limits(trajectory, arm_robot(), tightened(**bounds))
+
+
+@pytest.mark.parametrize("side", [1, -1])
+@given(outside=st.floats(1e-9, START_TOLERANCE), path=st.lists(st.floats(0.0, 1.0), min_size=1))
+def test_motion_may_start_slightly_outside_and_lead_inwards(side, outside, path):
+    check = through(-outside, *path, side=side)
+    assert not check.violations and check.worst_excess <= 1e-9
+    assert "'shoulder1' starts" in check.remark
+
+
+@pytest.mark.parametrize("side", [1, -1])
+@pytest.mark.parametrize(
+    "path",
+    [
+        (-1.01 * START_TOLERANCE, 0.5),  # too far
+        (-5e-4, -6e-4, 0.5),  # further out first
+        (-5e-4, -2e-4, -3e-4, 0.5),  # in, and out again before it is inside
+        (-5e-4, 0.5, -1e-4, 0.5),  # out again later
+        (0.0, -1e-4, 0.5),  # out from within
+        (0.5, -1e-4),
+    ],
+)
+def test_motion_outside_the_limits_may_do_nothing_else(side, path):
+    check = through(*path, side=side)
+    (worst, *_) = check.violations
+    assert (worst.quantity, worst.joint, worst.limit) == ("position", "shoulder1", 0.0)
+    assert not check_limits(reach(), arm_robot(), LIMITS).remark
+
+
+def test_start_outside_may_not_move_outwards():
+    """A quadratic from -5e-4 that first falls by 1e-4."""
+    times = np.linspace(0.0, 1.0, 101)
+    q, v, a = (np.zeros((101, 4)) for _ in range(3))
+    q[:, 0], v[:, 0], a[:, 0] = -5e-4 - 0.02 * times + times**2, -0.02 + 2.0 * times, 2.0
+    check = check_limits(Trajectory(JOINTS, times, q, v, a), arm_robot(), tightened(min_position=0))
+    assert check.violations[0].quantity == "position"

@@ -210,3 +210,23 @@ def test_legs_between_targets_lead_around_the_wall(tmp_path, kind):
     assert passed < 0.01
     assert "around obstacles with" in plan.message
     np.testing.assert_allclose(plan.trajectory.positions[[0, -1]], [start, start], atol=1e-12)
+
+
+def test_goal_in_motion_is_refused_where_no_stop_after_it_is_clear():
+    primitive, robot = arm_primitive(), arm_robot()
+    start, goal = primitive.boundary_states[0][[0, 3]]
+    velocity = 2.0 * (goal - start) / np.abs(goal - start).max()
+    limits = robot.limits({joint: {"max_acceleration": 15.0} for joint in JOINTS})
+    options = PlannerOptions(allow_nonzero_end_velocity=True)
+    request = JointGoal(JointState(JOINTS, goal, velocity)), JointState(JOINTS, start)
+    # The fastest stop covers half of v²/a at least.
+    beyond = goal + velocity * np.abs(velocity).max() / 30.0
+    hand = robot.frame_positions(beyond[None], [robot.frame_names[-1]])[0, 0]
+    ball = mp.World([mp.Obstacle("ball", mp.Sphere(0.02, hand))])
+    for world, may_execute in ((mp.World(), True), (ball, False)):
+        collision = CollisionModel(robot, world=world)
+        assert not collision.collides(goal)
+        plan = Planner(robot, [primitive], limits, options, collision).plan(*request)
+        assert plan.is_executable == may_execute, plan.message
+    assert "the goal is passed at a velocity, and in the stop after it" in plan.message
+    assert "'ball' collide" in plan.message

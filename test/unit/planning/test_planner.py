@@ -11,14 +11,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from patience import EVER, PATIENT
 from scipy.integrate import trapezoid
+from scipy.interpolate import BPoly
 
 from mp_pca_planner.exceptions import GoalError, PlannerError, PrimitiveError
 from mp_pca_planner.motion.goal import JointGoal, JointState, Pose, PoseGoal, Via
-from mp_pca_planner.motion.validation import check_limits
+from mp_pca_planner.motion.validation import LIMIT_TOLERANCE, START_TOLERANCE, check_limits
 from mp_pca_planner.planning import problem
 from mp_pca_planner.planning.constraints import LimitedProgram
 from mp_pca_planner.planning.plan import INFEASIBLE, SOLVED, PlannerOptions
 from mp_pca_planner.planning.planner import Planner
+from mp_pca_planner.planning.remarks import remarks
 from mp_pca_planner.planning.search_options import SearchOptions
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
 from mp_pca_planner.recordings.demonstration import Demonstration
@@ -327,6 +329,29 @@ def test_a_goal_that_cannot_be_served_is_refused_by_joint(names, values, message
     _, start = request()
     with pytest.raises(GoalError, match=message):
         planner().plan(JointGoal(JointState(names, values)), start)
+
+
+@pytest.mark.parametrize("outside", [1e-6, 1e-4, 0.999 * START_TOLERANCE])
+@pytest.mark.parametrize("joint", JOINTS)
+@pytest.mark.parametrize("side", ["min_position", "max_position"])
+def test_motion_from_slightly_outside_the_limits_leads_inwards(joint, side, outside):
+    goal, start = request(1)
+    j, sign = JOINTS.index(joint), 1.0 if side == "min_position" else -1.0
+    limit = start.positions[j] + sign * outside
+    limits = {side: limit}
+    if sign * (goal.state.positions[j] - limit) < 0.0:  # to a goal on the limit
+        goal = JointGoal(JointState([joint], [limit]))
+    plan = planner(overrides={joint: limits}).plan(goal, start)
+    assert plan.is_executable, plan.message
+    np.testing.assert_array_equal(plan.trajectory.positions[0], start.positions)
+    path = BPoly.from_derivatives(
+        plan.trajectory.times, np.stack([x[:, j] for x in plan.trajectory.states], axis=1)
+    )
+    within = sign * (path(np.linspace(0.0, plan.trajectory.duration, 10_000)) - limit)
+    rounding = LIMIT_TOLERANCE * 2.0 * np.pi
+    assert np.all(within >= np.minimum(np.maximum.accumulate(within), 0.0) - rounding)
+    (remark,) = [one for one in remarks(plan) if "outside its limits" in one]
+    assert f"joint '{joint}' starts {outside:.2g} rad" in remark
 
 
 def test_a_state_outside_the_limits_or_without_a_joint_is_refused():
