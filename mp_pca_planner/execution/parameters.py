@@ -108,8 +108,8 @@ class Settings:
     )
     end_effector_frame: str = _declared(
         "",
-        """Link of the robot for pose goals and for the path in the preview; empty: the last link of
-        the robot description.""",
+        """Link of the robot for pose goals and for the path in the preview; empty: the last link
+        that most joints move.""",
     )
     limits_file: str = _declared(
         "",

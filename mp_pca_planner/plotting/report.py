@@ -158,7 +158,7 @@ def _shapes_address(
 
 def _goals_address(primitive: MovementPrimitive, robot: Robot, verdict: PrimitiveVerdict) -> str:
     """The figure of the robot among the goals of its demonstrations."""
-    tip = robot.frame_names[-1]
+    tip = robot.end_effector
     ends = primitive.boundary_states[:, [0, 3]]
     typical, *_ = nearest_demonstrations(primitive, ends.mean(axis=0))
     times = np.linspace(0.0, primitive.durations[typical], PHASES.size)
