@@ -53,10 +53,8 @@ class Robot(Dynamics, Kinematics):
         The joints of `joint_names` that are measured in metres.
     movable_joints : tuple of str
         All movable joints of the description, in the order of the kinematic tree.
-    frame_names : tuple of str
-        The links.
-    end_effector : str
-        The link that most joints move, the last one of several.
+    frame_names, end_effector : tuple of str, str
+        The links, and the last one of those that most joints move.
     path : Path or None
         The file that the description was read from.
 
