@@ -5,8 +5,11 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from functools import lru_cache
+from math import inf
+from numbers import Integral, Real
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -67,8 +70,48 @@ def frozen_array(
     return array
 
 
+def check_number(
+    value: Any,
+    what: str,
+    error: type[PlannerError],
+    low: float = -inf,
+    high: float = inf,
+    *,
+    is_whole: bool = False,
+) -> None:
+    """Reject a value that is no number from `low` to `high`, both included.
+
+    Raises
+    ------
+    PlannerError
+        (as `error`) With the name, the value and what is accepted.
+    """
+    is_kind = isinstance(value, Integral if is_whole else Real) and not isinstance(value, bool)
+    if not (is_kind and low <= value <= high):
+        word = "a whole number" if is_whole else "a number"
+        bounds = f"from {low:g} to {high:g}" if high < inf else f"of at least {low:g}"
+        raise error(f"{what} must be {word} {bounds}, got {value!r:.80}")
+
+
+def check_type(value: object, what: str, error: type[PlannerError], *kinds: Any) -> None:
+    """Reject a value that is of none of some types.
+
+    Raises
+    ------
+    PlannerError
+        (as `error`) With the name, the value and the types.
+    """
+    if not isinstance(value, kinds):
+        names = " or ".join(kind.__name__.replace("NoneType", "None") for kind in kinds)
+        made = [kind.__name__ for kind in kinds if hasattr(kind, "from_file")]
+        hint = f" ({made[0]}.from_file reads one)" if made else ""
+        raise error(f"{what} must be a {names}{hint}, got {value!r:.80}")
+
+
 def unique_names(names: Sequence[str], what: str, error: type[PlannerError]) -> tuple[str, ...]:
     """Return the names as a tuple; reject an empty list, empty names and repetitions."""
+    if isinstance(names, str) or not isinstance(names, Iterable):
+        raise error(f"{what}: a list of names is needed, got {names!r:.80}")
     result = tuple(names)
     if not result:
         raise error(f"{what}: at least one is needed, none was given")

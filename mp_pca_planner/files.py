@@ -324,4 +324,7 @@ def check_writable(path: Path, *, overwrite: bool) -> None:
 
 def exists_already(path: Path) -> PlannerError:
     """The error for an output that would overwrite a file or folder."""
-    return PlannerError(f"'{path}' exists already: choose another name, or use --force")
+    return PlannerError(
+        f"'{path}' exists already: choose another name, or overwrite it "
+        "(--force, in Python overwrite=True)"
+    )

@@ -7,6 +7,7 @@ import pinocchio as pin
 from arm import arm_robot
 
 import mp_pca_planner as mp
+from mp_pca_planner.motion.validation import interpolate
 
 try:
     import coal
@@ -82,3 +83,25 @@ def plain_distances(world: mp.World, q: np.ndarray) -> np.ndarray:
                 )
                 least[k, i] = min(least[k, i], found)
     return least
+
+
+def least_distance(world: mp.World, motion: mp.Trajectory) -> float:
+    """Least distance of the links of the human arm from obstacles, every 3 ms of a motion."""
+    return float(plain_distances(world, interpolate(motion).q[::3]).min())
+
+
+def ball_beside(clear: mp.Trajectory, other: mp.Trajectory) -> mp.World:
+    """A ball more than 5 mm beside one motion, where the hand is farthest from it in another."""
+    robot = arm_robot()
+    one, two = (
+        robot.frame_positions(motion.positions, [robot.frame_names[-1]])[:, 0]
+        for motion in (clear, other)
+    )
+    away = np.linalg.norm(two[:, None] - one[None], axis=2)
+    k = away.min(axis=1).argmax()
+    direction = (two[k] - one[away[k].argmin()]) / away[k].min()
+    for off in np.linspace(0.0, 0.2, 21):
+        world = mp.World([mp.Obstacle("ball", mp.Sphere(0.03, two[k] + off * direction))])
+        if least_distance(world, clear) > 5e-3:
+            return world
+    raise AssertionError("the motions are too near to each other")

@@ -55,9 +55,8 @@ def run(arguments: argparse.Namespace) -> int:
         like = old or robot
         joints = arguments.joints if like is None else like.joint_names
         known = [old.statistics] if old and old.statistics else []
-        recordings = load(
-            arguments, options, joints, REPORT.n_samples if arguments.report else 0, known
-        )
+        samples = REPORT.n_samples if arguments.report else 0
+        recordings = load(arguments, options, joints, samples, known, same_joints=True)
         recordings.require_motion()
     statistics = _statistics(recordings, old, arguments.remove)
     name = arguments.name or (old.name if old else output.stem)
@@ -171,6 +170,8 @@ def load(
     joints: Sequence[str] | None,
     samples: int,
     known: Sequence[MotionStatistics] = (),
+    *,
+    same_joints: bool = False,
 ) -> RecordingSet:
     """Read the recordings of a set that known motions belong to, too."""
     segmentation, markers = _segmentation(arguments), _marker_source(arguments)
@@ -191,6 +192,7 @@ def load(
             dask=arguments.dask,
             resume=arguments.resume,
             on_disk=samples == 0,
+            same_joints=same_joints,
             markers=markers,
             state_field=arguments.field,
             repair=RepairOptions(max_gap=arguments.max_gap),

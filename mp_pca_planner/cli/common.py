@@ -15,7 +15,7 @@ import numpy as np
 from tqdm import tqdm
 
 from ..arrays import short
-from ..exceptions import PlannerError, unknown_name
+from ..exceptions import PlannerError, RobotError, unknown_name
 from ..files import check_writable, write_whole
 from ..motion.trajectory import check_format
 from ..robot.limits import JointLimits, read_limits_file
@@ -148,6 +148,20 @@ def make_folder(path: Path) -> None:
 def limits_of(robot: Robot, file: Path | None) -> JointLimits:
     """The limits of a robot; those in a file (of any of its joints) replace its own."""
     return robot.limits(read_limits_file(file, robot.movable_joints) if file else {})
+
+
+def check_frame(frame: str, robot: Robot | None) -> None:
+    """Reject the name of a link that the robot lacks; an empty name stands for the end effector.
+
+    Raises
+    ------
+    RobotError
+        If there is no such link, or no robot.
+    """
+    if frame and robot is None:
+        raise RobotError("--frame names a link of --robot: give that, too")
+    if frame and robot is not None and frame not in robot.frame_names:
+        raise RobotError(unknown_name("link", frame, robot.frame_names))
 
 
 def known(values: Mapping[str, str], names: Sequence[str] | None = None) -> dict[str, str]:

@@ -17,7 +17,7 @@ from ..plotting.units import prismatic_joints, unit_of
 from ..primitives.file import load_primitive
 from ..primitives.primitive import MovementPrimitive
 from ..recordings.bags import find_recordings
-from ..recordings.inspection import RecordingInspection, inspect_recording
+from ..recordings.reading import RecordingInspection, inspect_recording
 from ..recordings.repair import REPAIRS
 from .common import print_json
 from .terminal import DONE, REFUSED, complain, say
@@ -63,7 +63,7 @@ def _recording_text(facts: RecordingInspection, max_joints: int = 100) -> list[s
     lines = [f"{facts.path} ({facts.format})"]
     lines += [f"  topic     {t.name}  {t.type}  {t.count} messages" for t in facts.topics]
     if facts.topic is not None:
-        lines.append(f"  looked at {facts.topic}: {facts.n_messages} messages")
+        lines.append(f"  read      {facts.topic}: {facts.n_messages} messages")
     if facts.joint_names:
         lines.append(f"  joints    {listed(facts.joint_names, max_joints)}")
     if facts.rate is not None and facts.duration is not None:

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from ..arrays import FloatArray, by_name, name_values
-from ..exceptions import PlannerError
+from ..exceptions import GoalError, PlannerError
 from ..motion.collision import CollisionModel, package_folders
 from ..motion.goal import JointState
 from ..motion.trajectory import Trajectory
@@ -138,6 +138,8 @@ def plan_request(arguments: argparse.Namespace) -> PlannedRequest:
 def _options(arguments: argparse.Namespace, robot: Robot) -> PlannerOptions:
     is_named = isinstance(arguments.duration, str)
     weights = objective_weights(arguments.objective, "--objective")
+    if arguments.frame and arguments.goal_pose is None and "straightness" not in weights:
+        raise GoalError("--frame is for --goal-pose and the objective straightness: leave it out")
     # No controller executes the motion, so its final velocity may be nonzero.
     return PlannerOptions(
         basis=arguments.basis,

@@ -8,14 +8,13 @@ import argparse
 from collections.abc import Sequence
 from contextlib import suppress
 
-from ..exceptions import RobotError, unknown_name
 from ..robot.model import Robot
 from ..teaching.dialogue import KEYS, StateSource, hold_dialogue
 from ..teaching.played import PlayedBag
 from ..teaching.session import SessionFiles, TeachingSession
 from ..teaching.words import SessionWords
 from . import build_primitives
-from .common import check_output, report_lines
+from .common import check_frame, check_output, report_lines
 from .keys import Keys
 from .options import parse
 from .terminal import DONE, FAILED, REFUSED, complain, flush, say
@@ -25,9 +24,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Run the command; returns the exit status."""
     check_output(arguments.output, ".npz", force=arguments.force)
     robot = Robot.from_file(arguments.robot, arguments.joints) if arguments.robot else None
-    frames = robot.frame_names if robot else ()
-    if arguments.frame and arguments.frame not in frames:
-        raise RobotError(unknown_name("link", arguments.frame, frames))
+    check_frame(arguments.frame, robot)
     words = SessionWords(robot, arguments.frame)
     joints = robot.joint_names if robot else arguments.joints
     with Keys() as keys:

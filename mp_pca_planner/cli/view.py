@@ -9,19 +9,22 @@ import threading
 from contextlib import suppress
 from dataclasses import replace
 
-from ..exceptions import RobotError, unknown_name
+from ..exceptions import PlannerError
 from ..primitives.primitive_library import load_primitives
 from ..recordings.demonstrations import load_demonstrations
 from ..robot.world import World
 from ..view.content import PageContent, read_content
 from ..view.live import LiveLink
 from ..view.page import ViewPage
-from .common import limits_of
+from .common import check_frame, limits_of
 from .terminal import DONE, flush, say
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Serve the page until the time has passed or Ctrl-C; returns the exit status."""
+    for option, needed in (("topic", "demonstrations"), ("controller_topic", "live")):
+        if getattr(arguments, option) and not getattr(arguments, needed):
+            raise PlannerError(f"--{option.replace('_', '-')} is for --{needed}: give that, too")
     primitives = load_primitives(arguments.primitives)
     content = read_content(arguments.robot, primitives, arguments.package_dirs)
     limits = limits_of(content.robot, arguments.limits)
@@ -30,8 +33,7 @@ def run(arguments: argparse.Namespace) -> int:
         recordings = load_demonstrations(
             arguments.demonstrations, robot=content.robot, topic=arguments.topic
         )
-    if arguments.frame and arguments.frame not in content.robot.frame_names:
-        raise RobotError(unknown_name("link", arguments.frame, content.robot.frame_names))
+    check_frame(arguments.frame, content.robot)
     world = World() if arguments.obstacles is None else World.from_file(arguments.obstacles)
     content = replace(
         content, limits=limits, frame=arguments.frame, recordings=recordings, world=world
@@ -57,7 +59,8 @@ def serve(
     """Serve a page for a time [s], or until Ctrl-C."""
     with ViewPage(content, host, port, link) as page:
         reach = "this machine only" if page.server.is_local else "every machine that reaches it"
-        say(f"page         {page.url} (for {reach}; Ctrl-C ends it)")
+        moved = "" if page.server.get_port() == port or not port else f"port {port} is in use; "
+        say(f"page         {page.url} ({moved}for {reach}; Ctrl-C ends it)")
         flush()
         with suppress(KeyboardInterrupt):  # the usual end
             threading.Event().wait(duration)

@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..arrays import FloatArray, set_frozen
+from ..arrays import FloatArray, check_number, set_frozen
 from ..exceptions import ControlError, quote_names
 from ..motion.interpolation import interpolate_at, segment_ends
 from ..motion.trajectory import Trajectory
@@ -35,7 +35,7 @@ class ErrorModel:
     payload : float
         Largest unknown mass at the end effector [kg].
     frame : str or None
-        Link of the end effector; None means the last one.
+        Link of the end effector; None means the link that most joints move.
     position : float
         Largest error of each joint at the start [rad or m].
     velocity : float
@@ -54,12 +54,9 @@ class ErrorModel:
     velocity: float = 0.0
 
     def __post_init__(self) -> None:
-        if not 0.0 <= self.inertia < 1.0:
-            raise ControlError(f"an error of inertias must be 0 to less than 1, got {self.inertia}")
+        check_number(self.inertia, "the error of inertia", ControlError, 0.0, 0.999)
         for name in ("payload", "position", "velocity"):
-            value = getattr(self, name)
-            if not (np.isfinite(value) and value >= 0.0):
-                raise ControlError(f"the error of {name} must be a number ≥ 0, got {value}")
+            check_number(getattr(self, name), f"the error of {name}", ControlError, 0.0, 1e6)
 
     def sample(
         self, robot: Robot, rng: np.random.Generator, *, extreme: bool = False
@@ -108,10 +105,8 @@ class Sampling:
     delay: int = 1
 
     def __post_init__(self) -> None:
-        if not 1e-5 <= self.period <= 0.1:
-            raise ControlError(f"a control period must be 0.00001 to 0.1 s, got {self.period}")
-        if not 0 <= self.delay <= 100:
-            raise ControlError(f"a delay must be 0 to 100 samples, got {self.delay}")
+        check_number(self.period, "a control period [s]", ControlError, 1e-5, 0.1)
+        check_number(self.delay, "a delay [samples]", ControlError, 0, 100, is_whole=True)
 
 
 DEFAULT_SAMPLING = Sampling()

@@ -11,7 +11,6 @@ import numpy as np
 
 from ..arrays import FloatArray
 from ..exceptions import PrimitiveError
-from ..primitives.build import build_primitive
 from ..primitives.pca import PrincipalComponents
 from ..recordings.demonstration import Demonstration
 from ..robot.model import Robot
@@ -21,7 +20,6 @@ from .naturalness import (
     Comparison,
     Prediction,
     compare,
-    plan_like,
     planned,
 )
 from .paper import PAPER_OPTIONS, angle_components, free_bsplines, paper_method
@@ -34,25 +32,6 @@ FREE_ENDS = (FREE_BSPLINES, PAPER)
 """Methods that leave velocities and accelerations at the ends free; others end at rest."""
 
 
-@dataclass(frozen=True)
-class CaseStudyOptions:
-    """Numbers of the case study.
-
-    Attributes
-    ----------
-    min_of_activity : int
-        Least number of motions for a table of an activity.
-    n_repeats : int
-        Number of timed solutions.
-    """
-
-    min_of_activity: int = 5
-    n_repeats: int = 9
-
-
-_OPTIONS = CaseStudyOptions()
-
-
 @dataclass(frozen=True, eq=False)
 class Raising:
     """One motion planned by several methods.
@@ -62,7 +41,7 @@ class Raising:
     motion : Demonstration
         The person's motion.
     predictions : dict of str to Prediction
-        By method, each with the median time of several solutions.
+        By method.
     """
 
     motion: Demonstration
@@ -149,6 +128,7 @@ def study(
     robot: Robot,
     tip: str,
     progress: Callable[[int, int], None] | None = None,
+    min_of_activity: int = 5,
 ) -> CaseStudy:
     """Run the case study.
 
@@ -164,6 +144,8 @@ def study(
         The frame at its end.
     progress :
         Called with motions done and in all.
+    min_of_activity :
+        Least number of motions for a table of an activity.
 
     Raises
     ------
@@ -196,9 +178,9 @@ def study(
         shares_by_activity={
             label: variance_shares(angle_components(members))
             for label, members in sorted(sets.items())
-            if label and len(members) >= _OPTIONS.min_of_activity
+            if label and len(members) >= min_of_activity
         },
-        raising=_raise_arm(chosen, robot, tip),
+        raising=_highest_rise(held_out, robot, tip),
         held_out=held_out,
         other_activities=other_activities[0] if other_activities else None,
     )
@@ -213,25 +195,10 @@ def variance_shares(components: Sequence[PrincipalComponents]) -> FloatArray:
     return shares
 
 
-def _raise_arm(motions: Sequence[Demonstration], robot: Robot, tip: str) -> Raising:
-    """Plan the motion with the largest rise of the hand, with a primitive of the others."""
+def _highest_rise(held_out: Comparison, robot: Robot, tip: str) -> Raising:
+    """The motion with the largest rise of the hand."""
+    motions = held_out.motions
     heights = [robot.frame_positions(m.positions[[0, -1]], [tip])[:, 0, 2] for m in motions]
     highest = int(np.argmax([end - start for start, end in heights]))
-    motion = motions[highest]
-    others = [*motions[:highest], *motions[highest + 1 :]]
-    primitive = build_primitive(others, "others")
-    paper, free = paper_method(robot), free_bsplines(robot)
-    attempts = {
-        BSPLINES: lambda: plan_like(motion, primitive, robot, "bspline", 0.0),
-        FREE_BSPLINES: lambda: free(motion, others),
-        PAPER: lambda: paper(motion, others),
-        planned(0.0): lambda: plan_like(motion, primitive, robot, "pca", 0.0),
-        OURS: lambda: plan_like(motion, primitive, robot, "pca", DEFAULT_RHO),
-    }
-    return Raising(motion, {name: _repeated(attempt) for name, attempt in attempts.items()})
-
-
-def _repeated(attempt: Callable[[], Prediction]) -> Prediction:
-    """One of several equal predictions, with their median time."""
-    found = [attempt() for _ in range(_OPTIONS.n_repeats)]
-    return found[0]._replace(solve_time=float(np.median([p.solve_time for p in found])))
+    found = held_out.predictions[highest]
+    return Raising(motions[highest], {name: found[name] for name in TABLE_3_METHODS})

@@ -82,11 +82,14 @@ class Comparison:
         By method: the `QUANTITIES`.
     reference : str
         The method that is the planner's default.
+    predictions : tuple of dict of str to Prediction
+        By motion and method.
     """
 
     motions: tuple[Demonstration, ...]
     results: dict[str, FloatArray]
     reference: str
+    predictions: tuple[Mapping[str, Prediction], ...] = ()
 
     def column(self, method: str, quantity: str) -> FloatArray:
         """A quantity of each motion, shape (n_motions,)."""
@@ -173,20 +176,21 @@ def compare(
             f"{len(set(labels))}"
         )
     rows: dict[str, list[FloatArray]] = {}
+    every: list[dict[str, Prediction]] = []
     for i, motion in enumerate(motions):
         others = [m for m, label in zip(motions, labels, strict=True) if label != labels[i]]
         primitive = build_primitive(others, "others", options)
         predictions = _predictions(motion, primitive, robot, rhos)
         predictions |= {name: predict(motion, others) for name, predict in (more or {}).items()}
+        every.append(predictions)
         for name, prediction in predictions.items():
             row = _quantities(prediction, motion, primitive, robot, tip)
             rows.setdefault(name, []).append(row)
         if progress is not None:
             progress(i + 1, len(motions))
     reference = EXPECTED if robot is None else planned(DEFAULT_RHO)
-    return Comparison(
-        tuple(motions), {name: np.array(values) for name, values in rows.items()}, reference
-    )
+    results = {name: np.array(values) for name, values in rows.items()}
+    return Comparison(tuple(motions), results, reference, tuple(every))
 
 
 def _predictions(

@@ -145,8 +145,8 @@ class MotionServer:
         self._statistics, self._send, self._report = statistics, publish, report
         self._clock, self._sleep = clock, sleep
         self._planner = GoalPlanner(states, clock, self.options)
-        self._stops = StopPlanner(states, clock, self.options)
         self.surroundings = Surroundings(states)
+        self._stops = StopPlanner(states, self.surroundings, clock, self.options)
 
     @property
     def served(self) -> Served | None:
@@ -243,9 +243,10 @@ class MotionServer:
             If the robot's state is unknown; nothing was published then.
         """
         with self.states.lock:
-            message, joined = self._stops.find(model)
-            self._commit(joined, Execution.of_stop(self.states.execution, joined, reason))
-        return message
+            found = self._stops.find(model)
+            why = found.after(reason)
+            self._commit(found.joined, Execution.of_stop(self.states.execution, found.joined, why))
+        return found.message
 
     def _serve_once(
         self, request: GoalRequest, is_cancelled: IsCancelled, latency: float

@@ -185,6 +185,9 @@ class ServingOptions:
         at its end.
     stop_latency : float
         Longest time to find a stop, from whose end on it begins [s].
+    max_stops, clearance_time : int, float
+        Number of stops that are checked for collisions at most, ≥ 1, and time after which no
+        further one is [s].
     acceleration_share, jerk_share : float
         Shares of the limits for stops of a robot whose velocity is estimated, 0 to 1.
     away_time : float
@@ -212,6 +215,8 @@ class ServingOptions:
     near: float = 0.15
     near_at_rest: float = 0.03
     stop_latency: float = 0.02
+    max_stops: int = 8
+    clearance_time: float = 0.01
     acceleration_share: float = 0.7
     jerk_share: float = 0.5
     away_time: float = 0.2

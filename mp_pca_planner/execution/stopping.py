@@ -5,22 +5,29 @@
 A robot that follows its motion is slowed down along the path, which was checked. If its place on
 the motion is unknown, a single point is sent. The controller leads there from its own state, in a
 time that is long enough for every state it may have.
+
+Among the stops within the limits, one without collisions is used. If none is known, the robot stops
+with the least penetration: braking is safer than not braking.
 """
 
 from __future__ import annotations
 
 from bisect import bisect_left
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
-from dataclasses import replace
+from copy import copy
+from dataclasses import dataclass, replace
+from itertools import chain, islice
 
 import numpy as np
 
-from ..arrays import FloatArray
+from ..arrays import FloatArray, set_frozen
 from ..exceptions import GoalError
+from ..motion.collision import Collision
 from ..motion.goal import JointState
 from ..motion.trajectory import Trajectory
-from ..motion.validation import check_limits, nearest_start
+from ..motion.validation import LIMIT_TOLERANCE, check_limits, nearest_start
+from ..planning.stop_and_go import brakes
 from ..robot.limits import JointLimits
 from ..robot.model import Robot
 from .assembly import Model
@@ -29,9 +36,38 @@ from .measured import Clock
 from .options import ServingOptions
 from .published_motion import Joined, PublishedMotion, hold
 from .start_state import StartStates, TooLateError
+from .surroundings import Surroundings
 
 # Durations of stops [s]: 0.05 to 88 s; the shortest that the limits allow is used.
 _STOPPING_TIMES: FloatArray = 0.05 * 1.2 ** np.arange(42.0)
+
+
+@dataclass(frozen=True)
+class FoundStop:
+    """A stop to publish.
+
+    Attributes
+    ----------
+    description : str
+        What the robot does, as the begin of a sentence.
+    joined : Joined
+        The motion to publish.
+    collision : str
+        Text on the collision that no stop avoids; empty if none is known.
+    """
+
+    description: str
+    joined: Joined
+    collision: str = ""
+
+    @property
+    def message(self) -> str:
+        """All of it, one sentence."""
+        return self.after(self.description)
+
+    def after(self, text: str) -> str:
+        """A text that the collision is added to."""
+        return "; ".join(filter(None, [text, self.collision]))
 
 
 class StopPlanner:
@@ -41,6 +77,8 @@ class StopPlanner:
     ----------
     states :
         Source of the robot's state.
+    surroundings :
+        Finds collisions of stops.
     clock :
         The clock of planning times [s].
     options :
@@ -48,20 +86,17 @@ class StopPlanner:
     """
 
     def __init__(
-        self, states: StartStates, clock: Clock, options: ServingOptions | None = None
+        self,
+        states: StartStates,
+        surroundings: Surroundings,
+        clock: Clock,
+        options: ServingOptions | None = None,
     ) -> None:
-        self._states, self._clock = states, clock
+        self._states, self._surroundings, self._clock = states, surroundings, clock
         self._options = options or ServingOptions()
 
-    def find(self, model: Model) -> tuple[str, Joined]:
+    def find(self, model: Model) -> FoundStop:
         """Find a stop; again if a busy computer interrupted that, while the robot moved on.
-
-        Returns
-        -------
-        message : str
-            Description of the stop, one sentence.
-        joined : Joined
-            The motion to publish.
 
         Raises
         ------
@@ -75,7 +110,7 @@ class StopPlanner:
                 break
         return found
 
-    def _find(self, model: Model) -> tuple[str, Joined]:
+    def _find(self, model: Model) -> FoundStop:
         states = self._states
         try:
             measured = states.measured.newest(model.settings.state_timeout)
@@ -96,11 +131,10 @@ class StopPlanner:
         by_clock = following.motion.state(now - following.motion.began)
         ends = braking_ends(state) if v.any() else ends_at(state.positions - states.load_offset)
         places = [state, on_path, by_clock, *states.alternatives]
-        return self._stop_at_point(places, ends, model)
+        along = ends_on_path(following.motion, following.progress.place)
+        return self._stop_at_point(places, [ends, along], model)
 
-    def _stop_unknown(
-        self, measured: JointState, v: FloatArray, model: Model
-    ) -> tuple[str, Joined]:
+    def _stop_unknown(self, measured: JointState, v: FloatArray, model: Model) -> FoundStop:
         """Stop a robot that follows no motion of this node: its state is estimated."""
         now, q = self._states.motion_time, measured.positions
         if not v.any():
@@ -113,20 +147,27 @@ class StopPlanner:
         # The controller itself starts from the reported velocities.
         reported = [measured] if measured.velocities.any() else []
         model = replace(model, limits=self._reduced(model.limits))
-        return self._stop_at_point([here, *reported, *moved], braking_ends(moved[0]), model)
+        return self._stop_at_point([here, *reported, *moved], [braking_ends(moved[0])], model)
 
-    def _stop_on_path(self, model: Model) -> tuple[str, Joined]:
+    def _stop_on_path(self, model: Model) -> FoundStop:
         settings, states = model.settings, self._states
         start = states.choose(settings, self._options.stop_latency, at_once=True)
         if start.following is None or not start.is_in_motion:
             raise TooLateError("the robot has just come to rest")
-        motion, period = start.following.motion, settings.sample_period
-        stop = stop_on_path(motion, start.place, model.robot, model.limits, period)
-        joined = states.join(stop, start, settings)
+        motion, request = start.following.motion, (model.robot, model.limits)
+        along = stop_on_path(motion, start.place, *request, settings.sample_period)
+        # Where that collides, each joint stops as fast as it can.
+        others = brakes(*request, start.state, settings.sample_period)
+        off_path = (brake for brake, check in others if not check.violations)
+        clearest, collision = self._clearest(([one] for one in chain([along], off_path)), model)
+        assert clearest is not None
+        joined = states.join(clearest[0], start, settings)
         duration = joined.trajectory.duration
-        return f"the robot comes to rest on its path within {duration:.3g} s", joined
+        where = "on its path" if clearest[0] is along else "off its path"
+        said = f"the robot comes to rest {where} within {duration:.3g} s"
+        return FoundStop(said, joined, collision)
 
-    def _stop_silent(self, model: Model, error: GoalError) -> tuple[str, Joined]:
+    def _stop_silent(self, model: Model, error: GoalError) -> FoundStop:
         """Stop a robot that sends no joint_states, so it may be anywhere on its motion."""
         motion, seen = self._states.commanded, self._states.last_place
         if motion is None:
@@ -136,40 +177,69 @@ class StopPlanner:
         moving = [motion.state(place) for place in places]
         resting = [JointState(state.joint_names, state.positions) for state in moving]
         ends = ends_on_path(motion, float(places[-1]))
-        said, joined = self._stop_at_point([*moving, *resting], ends, model)
-        return f"{said}; it is not known whether the robot stops: {error}", joined
+        found = self._stop_at_point([*moving, *resting], [ends], model)
+        said = f"{found.description}; it is not known whether the robot stops: {error}"
+        return replace(found, description=said)
 
     def _stop_at_point(
-        self, states: list[JointState], ends: Sequence[FloatArray], model: Model
-    ) -> tuple[str, Joined]:
+        self, states: list[JointState], ends: Sequence[Sequence[FloatArray]], model: Model
+    ) -> FoundStop:
+        """Stop at one of some ends, each a sequence by duration; they are tried in turn."""
         # From slightly outside the limits, a stop may only lead inwards.
-        ends = [nearest_start(end, model.limits) for end in ends]
-        request = ends, model.robot, model.limits
-        stop = stop_at_point(states, *request) or stop_at_point(states[:1], *request)
+        ends = [[nearest_start(end, model.limits) for end in by_time] for by_time in ends]
+        request = model.robot, model.limits
+        found = (stop for one in ends for stop in stops_at_points(states, one, *request))
+        stop, collision = self._clearest(found, model)
+        if stop is None:
+            from_first = stops_at_points(states[:1], ends[0], *request)
+            stop, collision = self._clearest(from_first, model)
         if stop is not None:
-            said = f"the robot is sent to a single point, at rest within {stop.duration:.3g} s"
+            point = stop[0]
+            said = f"the robot is sent to a single point, at rest within {point.duration:.3g} s"
         else:
             # A controller does the same when its goal is cancelled.
-            stop = hold(states[0].joint_names, states[0].positions)
+            point = hold(states[0].joint_names, states[0].positions)
             said = "no stop within the limits was found: the robot is sent to hold its position"
-        return said, Joined.to_last_point(stop, self._states.motion_time)
+        return FoundStop(said, Joined.to_last_point(point, self._states.motion_time), collision)
+
+    def _clearest(
+        self, stops: Iterable[Sequence[Trajectory]], model: Model
+    ) -> tuple[Sequence[Trajectory] | None, str]:
+        """The first stop without a collision, else the one with the least penetration.
+
+        Parameters
+        ----------
+        stops : iterable of sequence of Trajectory
+            Motions to each stop.
+        model : Model
+            The robot.
+
+        Returns
+        -------
+        stop : sequence of Trajectory or None
+            The motions to the stop; None if there is no stop.
+        collision : str
+            Text on its collision; empty if none is known.
+        """
+        last = self._clock() + self._options.clearance_time
+        best: Sequence[Trajectory] | None = None
+        met: Collision | None = None
+        for stop in islice(stops, self._options.max_stops):
+            found = self._surroundings.collision_of(stop, model)
+            if found is None:
+                return stop, ""
+            if met is None or found.penetration < met.penetration:
+                best, met = stop, found
+            if self._clock() > last:
+                break
+        return best, f"no stop without a collision was found: {met}" if met else ""
 
     def _reduced(self, limits: JointLimits) -> JointLimits:
         """Limits with a margin for errors of an estimated state."""
-        columns = {
-            "min_position": limits.lower,
-            "max_position": limits.upper,
-            "max_velocity": limits.velocity,
-            "max_acceleration": self._options.acceleration_share * limits.acceleration,
-            "max_jerk": self._options.jerk_share * limits.jerk,
-            "max_effort": limits.effort,
-        }
-        names = limits.joint_names
-        by_joint = {
-            name: {key: values[j] for key, values in columns.items()}
-            for j, name in enumerate(names)
-        }
-        return JointLimits(names, by_joint)
+        reduced, options = copy(limits), self._options
+        acceleration = options.acceleration_share * limits.acceleration
+        set_frozen(reduced, acceleration=acceleration, jerk=options.jerk_share * limits.jerk)
+        return reduced
 
 
 def stop_on_path(
@@ -208,10 +278,10 @@ def stop_on_path(
     return _slowed(motion, place, times[first], period)
 
 
-def stop_at_point(
+def stops_at_points(
     states: Sequence[JointState], ends: Sequence[FloatArray], robot: Robot, limits: JointLimits
-) -> Trajectory | None:
-    """Find a point that the controller can lead to within the limits from each of some states.
+) -> Iterator[list[Trajectory]]:
+    """Find points that the controller can lead to within the limits from each of some states.
 
     Parameters
     ----------
@@ -222,16 +292,19 @@ def stop_at_point(
     robot, limits :
         Of the same joints.
 
-    Returns
-    -------
-    stop : Trajectory or None
-        From the first state to the end; None if every stop breaks a limit.
+    Yields
+    ------
+    stops : list of Trajectory
+        The quintic to an end from each state; the shortest durations first.
     """
     for time, end in zip(_STOPPING_TIMES, ends, strict=True):
-        stops = [stop for state in states for stop in _interpolated(state, end, time)]
-        if all(not check_limits(stop, robot, limits).violations for stop in stops):
-            return stops[0]
-    return None
+        if not all(_may_stop(state, end, time, limits) for state in states):
+            continue
+        stops = [_interpolated(state, end, time) for state in states]
+        every = (motion for pair in stops for motion in pair)
+        if all(not check_limits(motion, robot, limits).violations for motion in every):
+            # The cubics differ little from these.
+            yield [quintic for quintic, _ in stops]
 
 
 def braking_ends(state: JointState) -> list[FloatArray]:
@@ -281,18 +354,32 @@ def _interpolated(state: JointState, end: FloatArray, time: float) -> list[Traje
     """The controller's motion to a single point: a quintic, or a cubic without accelerations."""
     q, v, a = state.positions, state.velocities, state.accelerations
     zero = np.zeros_like(q)
-    mean = (end - q) / time
-    cubic = [(6.0 * mean - 4.0 * v) / time, (2.0 * v - 6.0 * mean) / time]
     return [
         Trajectory(state.joint_names, [0.0, time], [q, end], [v, zero], accelerations)
-        for accelerations in ([a, zero], cubic)
+        for accelerations in ([a, zero], _cubic(state, end, time))
     ]
+
+
+def _may_stop(state: JointState, end: FloatArray, time: float, limits: JointLimits) -> bool:
+    """Whether a cubic from a state to rest has accelerations and a jerk within limits."""
+    a = _cubic(state, end, time)
+    jerk = np.abs(a[1] - a[0]) / time
+    slack = 1.0 + LIMIT_TOLERANCE
+    return bool(
+        np.all(np.abs(a) <= slack * limits.acceleration) and np.all(jerk <= slack * limits.jerk)
+    )
+
+
+def _cubic(state: JointState, end: FloatArray, time: float) -> list[FloatArray]:
+    """Accelerations at both ends of the cubic from a state to rest."""
+    mean, v = (end - state.positions) / time, state.velocities
+    return [(6.0 * mean - 4.0 * v) / time, (2.0 * v - 6.0 * mean) / time]
 
 
 def _holding(
     measured: JointState, positions: FloatArray, now: float, is_certain: bool = True
-) -> tuple[str, Joined]:
+) -> FoundStop:
     """The stop of a robot at rest, and whether it is certain that it rests there."""
     held = hold(measured.joint_names, positions)
     joined = Joined.on_receipt(held, now) if is_certain else Joined.to_last_point(held, now)
-    return "the robot is at rest and holds its position", joined
+    return FoundStop("the robot is at rest and holds its position", joined)

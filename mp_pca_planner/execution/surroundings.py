@@ -5,15 +5,21 @@
 from __future__ import annotations
 
 import threading
+from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 
-from ..exceptions import GoalError, RobotError
+from ..exceptions import GoalError, PlannerError, RobotError
 from ..motion.collision import Collision, CollisionModel
 from ..motion.trajectory import Trajectory
+from ..robot.model import Robot
 from ..robot.world import World
 from .assembly import Model, collision_model
 from .options import ServingOptions
 from .start_state import StartStates, TooLateError
+
+# Longest wait of a stop for the check of a running motion in another thread [s].
+_LONGEST_WAIT = 5e-3
 
 
 @dataclass(frozen=True)
@@ -38,8 +44,7 @@ class Surroundings:
     """The newest obstacles, for planning and for the check of the running motion.
 
     The planner has a collision model of its own, which only the thread of planning uses. Running
-    motions are checked in any thread with another one. Both are made when the first obstacle is
-    known.
+    motions and stops are checked in any thread with another one.
 
     Parameters
     ----------
@@ -55,7 +60,7 @@ class Surroundings:
     def __init__(self, states: StartStates) -> None:
         self._states, self._world = states, World()
         self._lock = threading.Lock()
-        self._checker: tuple[Model, CollisionModel] | None = None
+        self._checker: tuple[Robot, CollisionModel] | None = None
         self.missing = ""
 
     @property
@@ -88,15 +93,13 @@ class Surroundings:
             If the robot's collision geometry can't be used; the new obstacles are kept, and goals
             are rejected.
         """
-        with self._lock:
+        try:
             if model is not None and len(world):
-                try:
-                    checker = self._checker_of(model)
-                except RobotError:
-                    self._world = world
-                    raise
-                checker.set_world(world)
+                self._checker_in(world, model)
+        except RobotError:
             self._world = world
+            raise
+        self._world = world
         if model is not None:
             self.look_ahead(model)
         return self.threat is not None
@@ -117,6 +120,8 @@ class Surroundings:
             if len(world) and not collision.has_geometry:
                 raise _without_geometry()
             collision.set_world(world)
+        if len(world) or model.settings.collision:
+            self._checker_in(world, model)  # no stop has to wait for it
         return world
 
     def check_again(self, trajectory: Trajectory, planned_in: World, model: Model) -> World:
@@ -155,25 +160,46 @@ class Surroundings:
         published.threat = None
         if following is None or following.motion is not published.joined.motion:
             return
-        motion, place = following.motion, following.progress.place
+        motion, place, world = following.motion, following.progress.place, self._world
+        if not (following.is_running and len(world) and place < motion.duration):
+            return
+        checker = self._checker_in(world, model)
         with self._lock:
-            if not (following.is_running and len(self._world) and place < motion.duration):
-                return
-            checker = self._checker_of(model)
-            if checker.world is not self._world:
-                checker.set_world(self._world)
             found = checker.collisions(motion.rest(place))
-        if found:
-            first = min(found, key=lambda one: one.first_time)
+        # Planning and stopping care for collisions of links.
+        of_obstacles = [one for one in found if one.links[1] in world.names]
+        if of_obstacles:
+            first = min(of_obstacles, key=lambda one: one.first_time)
             published.threat = Threat(first, motion.began + place + first.first_time)
 
-    def _checker_of(self, model: Model) -> CollisionModel:
-        if self._checker is None or self._checker[0] is not model:
-            checker = collision_model(model.robot, model.settings, self_collision=False)
-            if not checker.has_geometry:
-                raise _without_geometry()
-            self._checker = model, checker
-        return self._checker[1]
+    def collision_of(self, stop: Sequence[Trajectory], model: Model) -> Collision | None:
+        """A collision of one of the motions to a stop, with an obstacle or between links.
+
+        None if there is none, or if that is not known: a stop must not wait.
+        """
+        if not (len(self._world) or model.settings.collision):
+            return None
+        with suppress(PlannerError):
+            checker = self._checker_in(self._world, model)
+            if self._lock.acquire(timeout=_LONGEST_WAIT):
+                try:
+                    every = map(checker.collisions, stop)
+                    return next((found[0] for found in every if found), None)
+                finally:
+                    self._lock.release()
+        return None
+
+    def _checker_in(self, world: World, model: Model) -> CollisionModel:
+        """The collision model of running motions in a world."""
+        robot, checker = self._checker or (None, None)
+        if checker is None or robot is not model.robot:
+            checker = model.planner.collision or collision_model(model.robot, model.settings)
+        if len(world) and not checker.has_geometry:
+            raise _without_geometry()
+        if self._checker != (model.robot, checker) or checker.world is not world:
+            checker = checker.with_world(world)
+            self._checker = model.robot, checker
+        return checker
 
 
 def _without_geometry() -> RobotError:

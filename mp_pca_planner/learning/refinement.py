@@ -10,18 +10,19 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import OptimizeResult, minimize
 
 from ..arrays import FloatArray
 from ..exceptions import GoalError, TrajectoryError
-from ..motion.collision import CollisionModel
+from ..motion.collision import Collision, CollisionModel
 from ..motion.trajectory import Trajectory
 from ..motion.validation import LimitCheck, check_executable, check_limits
 from ..planning.motion import Motion
 from ..robot.limits import JointLimits
 from ..robot.model import Robot
 from .refined_motion import AMPLITUDE, LOG_DURATION, N_PARAMETERS, RefinedMotion
-from .refinement_terms import LimitConstraints
+from .refinement_terms import ClearanceConstraints, LimitConstraints
 from .refinement_terms import RefinementCost as RefinementCost
 
 
@@ -54,7 +55,7 @@ class RefinementOptions:
     max_rounds : int
         Optimisations, each with the violations of the one before as constraints.
     retreats : tuple of float
-        Factors that reduce a refinement that violates limits or in which links collide.
+        Factors that reduce a refinement that violates limits or in which bodies collide.
     first_step : float
         Standard deviation of the parameters of the first trials.
     max_halvings : int
@@ -164,7 +165,8 @@ def refine(
     options : RefinementOptions
         Bounds, price of time and sampling.
     collision : CollisionModel, optional
-        Collision model of the same robot; refinements with a self-collision are rejected.
+        Collision model of the same robot. Pairs of bodies in which refinements collide are kept
+        apart as in planning.
 
     Returns
     -------
@@ -185,15 +187,19 @@ def refine(
     before = cost.effort_and_cost(original.parameters)
     best_cost, iterations = before[1], 0
     kept = LimitConstraints(len(segments), robot, limits, options.margin)
-    start = np.zeros(len(segments) * N_PARAMETERS)
+    apart = ClearanceConstraints(segments, collision)
+    origin = start = np.zeros(len(segments) * N_PARAMETERS)
     for _ in range(options.max_rounds):
-        found = _minimise(cost, kept, segments, start, options)
+        found = _minimise(cost, [kept, apart], segments, start, options)
         iterations += int(found.nit)
-        check = judge.check(RefinedMotion(segments, found.x))
-        if not check.violations:
+        motion = RefinedMotion(segments, found.x)
+        _, check, collisions = judge.examine(motion)
+        if not (check.violations or collisions):
             break
-        kept.add_phases(RefinedMotion(segments, found.x), check)
-        start = found.x
+        kept.add_phases(motion, check)
+        apart.add(motion, collisions)
+        # From within a collision, the optimiser might leave it on the other side.
+        start = origin if collisions else found.x
     for factor in (1.0, *options.retreats):
         candidate = RefinedMotion(segments, factor * found.x)
         if options.time_price is None:
@@ -233,9 +239,13 @@ class ExecutableMotions:
     options: RefinementOptions
     collision: CollisionModel | None = None
 
-    def check(self, motion: RefinedMotion) -> LimitCheck:
-        """Compare a motion with the limits."""
-        return self._sampled(motion)[1]
+    def examine(
+        self, motion: RefinedMotion
+    ) -> tuple[Trajectory, LimitCheck, tuple[Collision, ...]]:
+        """The points of a motion, their comparison with the limits, and collisions if checked."""
+        trajectory = motion.sample(self.robot, self.options.sample_period)
+        collisions = self.collision.collisions(trajectory) if self.collision else ()
+        return trajectory, check_limits(trajectory, self.robot, self.limits), collisions
 
     def accept(self, motion: RefinedMotion) -> AcceptedMotion:
         """Sample a motion; refuse one that must not be executed.
@@ -243,26 +253,21 @@ class ExecutableMotions:
         Raises
         ------
         TrajectoryError
-            If it violates a limit or a rule of the controller, or links collide.
+            If it violates a limit or a rule of the controller, or bodies collide.
         """
-        trajectory, check = self._sampled(motion)
+        trajectory, check, collisions = self.examine(motion)
         allowed = self.options.allow_nonzero_end_velocity
         check_executable(
             trajectory, check, self.segments[0].start, allow_nonzero_end_velocity=allowed
         )
-        collisions = self.collision.collisions(trajectory) if self.collision else ()
         if collisions:
             raise TrajectoryError(str(collisions[0]))
         return AcceptedMotion(motion, trajectory, check)
 
-    def _sampled(self, motion: RefinedMotion) -> tuple[Trajectory, LimitCheck]:
-        trajectory = motion.sample(self.robot, self.options.sample_period)
-        return trajectory, check_limits(trajectory, self.robot, self.limits)
-
 
 def _minimise(
     cost: RefinementCost,
-    kept: LimitConstraints,
+    kept: Sequence[LimitConstraints | ClearanceConstraints],
     segments: Sequence[Motion],
     start: FloatArray,
     options: RefinementOptions,
@@ -274,16 +279,11 @@ def _minimise(
         value, gradient = cost.value_and_gradient(x)
         return value / scale, gradient / scale
 
-    near = kept.values_and_jacobian(segments, start)[0] < options.near
     constraints: list[dict[str, Any]] = []
-    if near.any():
-        constraints.append(
-            {
-                "type": "ineq",
-                "fun": lambda x: kept.values_and_jacobian(segments, x)[0][near],
-                "jac": lambda x: kept.values_and_jacobian(segments, x)[1][near],
-            }
-        )
+    for terms in kept:
+        near = terms.values_and_jacobian(segments, start)[0] < options.near
+        if near.any():
+            constraints.append(_inequality(terms, segments, near))
     if options.time_price is None:
         shares = np.array([segment.duration for segment in segments])
         # Rows that pick the logarithms of the durations out of the parameters.
@@ -306,3 +306,16 @@ def _minimise(
         constraints=constraints,
         options={"maxiter": options.max_iterations, "ftol": 1e-7},
     )
+
+
+def _inequality(
+    terms: LimitConstraints | ClearanceConstraints,
+    segments: Sequence[Motion],
+    chosen: NDArray[np.bool_],
+) -> dict[str, Any]:
+    """Some rows of a constraint for SciPy."""
+    return {
+        "type": "ineq",
+        "fun": lambda x: terms.values_and_jacobian(segments, x)[0][chosen],
+        "jac": lambda x: terms.values_and_jacobian(segments, x)[1][chosen],
+    }

@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Cost and limits of refined motions by their parameters, with derivatives."""
+"""Cost, limits and clearances of refined motions by their parameters, with derivatives."""
 
 from __future__ import annotations
 
@@ -10,7 +10,9 @@ import numpy as np
 from numpy.polynomial import legendre
 
 from ..arrays import FloatArray
+from ..motion.collision import Collision, CollisionModel
 from ..motion.validation import LimitCheck
+from ..planning.clearance import ClearanceOptions, Clearances, least_distances
 from ..planning.motion import Motion
 from ..robot.limits import JointLimits
 from ..robot.model import Robot
@@ -138,6 +140,63 @@ class LimitConstraints:
             values.append(room[limited])
             rows.append(np.zeros((values[-1].size, parameters.size)))
             rows[-1][:, i * N_PARAMETERS : (i + 1) * N_PARAMETERS] = slope[limited]
+        return np.concatenate(values), np.concatenate(rows)
+
+
+class ClearanceConstraints:
+    """Distances of the pairs of bodies that collided, as inequalities g(parameters) ≥ 0 [m].
+
+    Parameters
+    ----------
+    segments : sequence of Motion
+        The motions to refine.
+    collision : CollisionModel or None
+        Computes the distances, if collisions are avoided.
+    """
+
+    def __init__(self, segments: Sequence[Motion], collision: CollisionModel | None) -> None:
+        self._model = collision
+        self._clearances: list[Clearances] = []
+        self._pairs = np.zeros(0, dtype=np.intp)
+        if collision is not None:
+            phases = np.linspace(0.0, 1.0, ClearanceOptions().n_phases + 1)
+            for one in segments:
+                q, _, _ = one.evaluate(phases * one.duration)
+                # Bodies may come as near to each other as in the original.
+                least = least_distances(q, collision)
+                self._clearances.append(Clearances(phases[1:-1], least))
+
+    def add(self, motion: RefinedMotion, collisions: Sequence[Collision]) -> None:
+        """Constrain the pairs of some collisions of a motion."""
+        ended = np.cumsum(motion.durations)
+        for i, (end, duration) in enumerate(zip(ended, motion.durations, strict=True)):
+            own = [one.within(end - duration, end) for one in collisions]
+            met = [one for one in own if one is not None]
+            if met:
+                self._clearances[i] = self._clearances[i].during(met, duration)
+        self._pairs = np.union1d(self._pairs, [one.pair for one in collisions]).astype(np.intp)
+
+    def values_and_jacobian(
+        self, segments: Sequence[Motion], parameters: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """See :meth:`LimitConstraints.values_and_jacobian`."""
+        values, rows = [np.zeros(0)], [np.zeros((0, parameters.size))]
+        if not self._pairs.size:
+            return values[0], rows[0]
+        assert self._model is not None
+        for i, (part, one) in enumerate(
+            zip(_by_segment(parameters), self._clearances, strict=True)
+        ):
+            states = segment_states(segments[i], part, one.phases)
+            near = self._model.near(states.values[0], ClearanceOptions().reach)
+            values.append((near.bounds - one.least)[:, self._pairs].ravel())
+            slopes = np.zeros((*near.bounds.shape, parameters.size))
+            own = slice(i * N_PARAMETERS, (i + 1) * N_PARAMETERS)
+            by_parameter = states.by_parameter[0][near.configurations]
+            slopes[near.configurations, near.pairs, own] = np.einsum(
+                "ej,ejp->ep", near.rows, by_parameter
+            )
+            rows.append(slopes[:, self._pairs].reshape(-1, parameters.size))
         return np.concatenate(values), np.concatenate(rows)
 
 

@@ -72,7 +72,7 @@ class TrialLearner:
     request : mapping, optional
         The request that the motion serves, of JSON types: kept for :func:`read_request`.
     collision : CollisionModel, optional
-        Collision model of the same robot; no trial has a self-collision.
+        Collision model of the same robot; no trial has a collision.
 
     Raises
     ------

@@ -7,13 +7,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import TypeGuard, cast
+from typing import Any, TypeGuard, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arrays import FloatArray, frozen_array, set_frozen, unique_names
-from ..exceptions import GoalError
+from ..arrays import FloatArray, by_name, check_type, frozen_array, set_frozen, unique_names
+from ..exceptions import GoalError, quote_names, unknown_name
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,6 +89,7 @@ class Pose:
     def __init__(
         self, frame: str, position: ArrayLike, orientation: ArrayLike | None = None
     ) -> None:
+        check_type(frame, "the frame of a pose", GoalError, str)
         position = frozen_array(position, (3,), "position of a pose", GoalError)
         if orientation is not None:
             orientation = frozen_array(orientation, (4,), "orientation of a pose", GoalError)
@@ -108,7 +109,7 @@ class Via:
 
     Attributes
     ----------
-    target : JointState or Pose
+    target : JointState, mapping or Pose
         Positions of some joints (velocities and accelerations are ignored), or a pose.
     phase : float or None
         Share of the duration, strictly between 0 and 1; None leaves it to the planner.
@@ -116,15 +117,16 @@ class Via:
     Raises
     ------
     GoalError
-        If the phase is not between 0 and 1.
+        If the target is something else, or the phase is not between 0 and 1.
     """
 
     target: JointState | Pose
     phase: float | None = None
 
     def __post_init__(self) -> None:
-        if self.phase is not None and not 0.0 < self.phase < 1.0:
-            raise GoalError(f"the phase of a via must be between 0 and 1, got {self.phase}")
+        set_frozen(self, target=_named(self.target, "the target of a via", JointState, Pose))
+        if self.phase is not None and not (_is_positive(self.phase) and self.phase < 1.0):
+            raise GoalError(f"the phase of a via must be between 0 and 1, got {self.phase!r:.80}")
 
 
 def _is_positive(value: object) -> bool:
@@ -141,9 +143,13 @@ class _CheckedGoal:
         duration = self.duration
         if duration is not None and not _is_positive(duration):
             raise GoalError(
-                f"the duration of a motion must be a positive number of seconds, got {duration}; "
-                "`PlannerOptions(timing=…)` leaves it to the planner"
+                "the duration of a motion must be a positive number of seconds, got "
+                f"{duration!r:.80}; `PlannerOptions(timing=…)` leaves it to the planner"
             )
+        check_type(self.vias, "the vias of a goal", GoalError, Sequence)
+        for via in self.vias:
+            check_type(via, "each of the vias of a goal", GoalError, Via)
+        set_frozen(self, vias=tuple(self.vias))
         phases = [via.phase for via in self.vias if via.phase is not None]
         if any(later <= earlier for earlier, later in pairwise(phases)):
             raise GoalError(f"the phases of vias must increase, got {phases}")
@@ -155,7 +161,7 @@ class JointGoal(_CheckedGoal):
 
     Attributes
     ----------
-    state : JointState
+    state : JointState or mapping
         Configuration at the end of the motion, with the velocities and accelerations
         there. Joints of the robot that it doesn't name keep their present position.
     duration : float or None
@@ -168,13 +174,17 @@ class JointGoal(_CheckedGoal):
     Raises
     ------
     GoalError
-        If the duration is not a positive finite number, or phases of vias don't increase.
+        If a field is something else, or phases of vias don't increase.
     """
 
     state: JointState
     duration: float | None = None
     primitive: str | None = None
     vias: tuple[Via, ...] = ()
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        set_frozen(self, state=_named(self.state, "the state of a goal", JointState))
 
 
 @dataclass(frozen=True, eq=False)
@@ -191,13 +201,17 @@ class PoseGoal(_CheckedGoal):
     Raises
     ------
     GoalError
-        If the duration is not a positive finite number, or phases of vias don't increase.
+        If a field is something else, or phases of vias don't increase.
     """
 
     pose: Pose
     duration: float | None = None
     primitive: str | None = None
     vias: tuple[Via, ...] = ()
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_type(self.pose, "the pose of a goal", GoalError, Pose)
 
 
 @dataclass(frozen=True, eq=False)
@@ -206,7 +220,7 @@ class SequenceGoal:
 
     Attributes
     ----------
-    targets : tuple of JointState or Pose
+    targets : tuple of JointState, mapping or Pose
         At least one. Joints that a state doesn't name keep the position they had before.
     times : tuple of (float or None)
         Time of each target after the start [s]; None leaves it to the planner.
@@ -219,8 +233,8 @@ class SequenceGoal:
     Raises
     ------
     GoalError
-        If there is no target, the numbers of targets, times and stops differ, or times don't
-        increase.
+        If there is no target, one is something else, the numbers of targets, times and stops
+        differ, or times don't increase.
     """
 
     targets: tuple[JointState | Pose, ...]
@@ -229,8 +243,11 @@ class SequenceGoal:
     stops: tuple[bool, ...] = ()
 
     def __post_init__(self) -> None:
+        check_type(self.targets, "the targets of a sequence", GoalError, Sequence)
         if not self.targets:
             raise GoalError("a sequence needs at least one target, got none")
+        named = (_named(x, "a target", JointState, Pose) for x in self.targets)
+        set_frozen(self, targets=tuple(named))
         n = len(self.targets)
         set_frozen(self, times=self.times or (None,) * n, stops=self.stops or (False,) * n)
         for what, given in (("time (or None)", self.times), ("stop", self.stops)):
@@ -242,10 +259,10 @@ class SequenceGoal:
         for time in self.times:
             if time is None:
                 continue
-            if not (np.isfinite(time) and time > last):
+            if not (_is_positive(time) and time > last):
                 raise GoalError(
-                    f"the times of a sequence must be positive and increase, got {time} after "
-                    f"{last:g}"
+                    "the times of a sequence must be positive and increase, got "
+                    f"{time!r:.80} after {last:g}"
                 )
             last = time
 
@@ -279,21 +296,53 @@ def as_state(value: StateLike, joint_names: Sequence[str], what: str) -> JointSt
     """
     if isinstance(value, JointState):
         return value
+    names: Sequence[str] = tuple(value) if isinstance(value, Mapping) else joint_names
     try:
-        if isinstance(value, Mapping):
-            return JointState(tuple(value), [float(position) for position in value.values()])
-        positions = np.asarray(value, dtype=np.float64)
+        given = [float(x) for x in value.values()] if isinstance(value, Mapping) else value
+        positions = np.asarray(given, dtype=np.float64)
+        if positions.ndim == 0:
+            raise TypeError
     except (TypeError, ValueError):
         raise GoalError(
             f"{what} must be positions [rad or m] of the {len(joint_names)} joints, or a dict of "
             f"positions by joint name, got {value!r:.100}"
         ) from None
-    if positions.shape != (len(joint_names),):
+    if positions.shape != (len(names),):
         raise GoalError(
             f"{what} needs one position for each of the {len(joint_names)} joints "
             f"({', '.join(joint_names)}), got an array of shape {positions.shape}"
         )
-    return JointState(joint_names, positions)
+    for name, position in zip(names, positions, strict=True):
+        if not np.isfinite(position):
+            raise GoalError(
+                f"{what}: the position of joint '{name}' is {position}, but only finite numbers "
+                "are accepted"
+            )
+    return JointState(names, positions)
+
+
+def joint_positions(
+    value: StateLike, joint_names: Sequence[str], what: str, others: FloatArray | None = None
+) -> FloatArray:
+    """Positions of all joints in their order, shape (n_joints,), see :func:`as_state`.
+
+    Joints that are not named take their positions from `others`, shape (n_joints,), if given.
+
+    Raises
+    ------
+    GoalError
+        If the value is no state of these joints.
+    """
+    state = as_state(value, joint_names, what)
+    found = {} if others is None else by_name(joint_names, others)
+    for name, position in zip(state.joint_names, state.positions, strict=True):
+        if name not in joint_names:
+            raise GoalError(f"{what}: {unknown_name('joint', name, joint_names)}")
+        found[name] = position
+    missing = [name for name in joint_names if name not in found]
+    if missing:
+        raise GoalError(f"{what} lacks a position for {quote_names(missing)}")
+    return np.array([found[name] for name in joint_names])
 
 
 def as_goal(value: GoalLike, joint_names: Sequence[str], duration: float | None = None) -> Goal:
@@ -341,3 +390,9 @@ def _is_several(value: object) -> TypeGuard[Sequence[TargetLike]]:
 
 def _as_target(value: TargetLike, joint_names: Sequence[str], what: str) -> JointState | Pose:
     return value if isinstance(value, Pose) else as_state(value, joint_names, what)
+
+
+def _named(value: Any, what: str, *kinds: type) -> Any:
+    """A value of some types, or the state that a mapping describes."""
+    check_type(value, what, GoalError, *kinds, Mapping)
+    return as_state(value, (), what) if isinstance(value, Mapping) else value

@@ -15,7 +15,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
@@ -98,7 +97,7 @@ class MotionProgram:
         self.expected = self.unknowns.from_weights(expected)
         self.precision = np.zeros((self.scales.size, self.scales.size))
         self.equations = ConditionEquations(unknowns, tables, conditions)
-        self._last: tuple[bytes, Linearisation] | None = None
+        self._known: dict[bytes, Linearisation] = {}
         self._states = tables.states(unknowns)
         if not unknowns.duration_is_free:
             self._slopes_at_any_x = self._slopes(self.expected, np.zeros(0))
@@ -130,7 +129,9 @@ class MotionProgram:
 
     def effort_cost(self, x: FloatArray) -> float:
         """J at x, whether it is an objective or not."""
-        squares = np.square(self.linearise(x).efforts).sum(axis=1)
+        known = self._known.get(x.tobytes())
+        tau = self._robot.inverse_dynamics(*self.states(x)[:3]) if known is None else known.efforts
+        squares = np.square(tau).sum(axis=1)
         return float(0.5 * self.unknowns.duration_at(x) * self._tables.quadrature @ squares)
 
     def costs(self, candidates: FloatArray) -> FloatArray:
@@ -148,19 +149,18 @@ class MotionProgram:
         natural = np.array([self.naturalness(x) for x in candidates])
         return np.asarray(0.5 * durations * (by_candidate @ self._tables.quadrature) + natural)
 
-    @cached_property
+    @property
     def at_expected(self) -> Linearisation:
         """The residual and its Jacobian at the expected weights."""
-        return self._linearised(self.expected)
+        return self.linearise(self.expected)
 
     def linearise(self, x: FloatArray) -> Linearisation:
-        """The residual and its Jacobian; those of the last x are cached."""
-        key = x.tobytes()
-        if key == self.expected.tobytes():
-            return self.at_expected
-        if self._last is None or self._last[0] != key:
-            self._last = key, self._linearised(x)
-        return self._last[1]
+        """The residual and its Jacobian; those of the last x and of the expected one are kept."""
+        key, expected = x.tobytes(), self.expected.tobytes()
+        if key not in self._known:
+            self._known = {k: at for k, at in self._known.items() if k == expected}
+            self._known[key] = self._linearised(x)
+        return self._known[key]
 
     def _linearised(self, x: FloatArray) -> Linearisation:
         by_row, timed = self._states.values(x), self.unknowns.duration_is_free

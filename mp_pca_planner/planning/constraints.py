@@ -253,6 +253,8 @@ class LimitedProgram:
 
     def _efforts(self, node_efforts: FloatArray) -> FloatArray:
         """Bounded efforts from those at the nodes, shape (n_effort_joints, n_points)."""
+        if not self._effort_joints.size:
+            return np.zeros((0, self._tables.n_points))
         shares = node_efforts[:, self._effort_joints] / self._effort_units
         return np.asarray(shares.T @ self._tables.from_nodes.T)
 

@@ -4,13 +4,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from html import escape
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..arrays import FloatArray
+from ..arrays import FloatArray, check_number, check_type
 from ..exceptions import GoalError, PlannerError
 from ..motion.trajectory import Trajectory
 from ..motion.validation import LimitCheck
@@ -99,21 +100,24 @@ class PlannerOptions:
             raise GoalError(f"basis must be one of {BASES}, got {self.basis!r}")
         if self.timing not in TIMINGS:
             raise GoalError(f"timing must be one of {TIMINGS}, got {self.timing!r}")
-        weights = [weight for weight, _ in self.objectives]
-        if not (weights and np.all(np.isfinite(weights)) and min(weights) > 0.0):
-            raise GoalError(
-                f"at least one objective with a weight > 0 is needed, got the weights {weights}"
-            )
-        if not (np.isfinite(self.naturalness) and self.naturalness >= 0.0):
-            raise GoalError(f"naturalness must be a number ≥ 0, got {self.naturalness}")
-        if not 1e-4 <= self.sample_period <= 1.0:
-            raise GoalError(f"sample_period must be 0.0001 to 1 s, got {self.sample_period}")
-        if not self.max_solve_time > 0.0:
-            raise GoalError(f"max_solve_time must be positive, got {self.max_solve_time}")
-        if not 1 <= self.n_starts <= MOST_STARTS:
-            raise GoalError(f"n_starts must be 1 to {MOST_STARTS}, got {self.n_starts}")
-        if not 4 <= self.n_nodes <= 1000:
-            raise GoalError(f"n_nodes must be 4 to 1000, got {self.n_nodes}")
+        check_type(self.objectives, "objectives", GoalError, Sequence)
+        if not self.objectives:
+            raise GoalError("at least one objective with a weight is needed, got none")
+        for pair in self.objectives:
+            is_pair = isinstance(pair, Sequence) and len(pair) == 2
+            if not (is_pair and hasattr(pair[1], "residuals")):
+                raise GoalError(
+                    "objectives must be pairs of a weight and an objective, such as "
+                    f"(1.0, Effort()), got {pair!r:.80}"
+                )
+            check_number(pair[0], "the weight of an objective", GoalError, 1e-12, 1e12)
+        check_number(self.naturalness, "naturalness", GoalError, 0.0, 1e12)
+        check_number(self.sample_period, "sample_period [s]", GoalError, 1e-4, 1.0)
+        check_number(self.max_solve_time, "max_solve_time [s]", GoalError, 1e-9)
+        check_number(self.n_starts, "n_starts", GoalError, 1, MOST_STARTS, is_whole=True)
+        check_number(self.n_nodes, "n_nodes", GoalError, 4, 1000, is_whole=True)
+        check_type(self.solver, "solver", GoalError, SolverOptions)
+        check_type(self.search, "search", GoalError, SearchOptions)
 
 
 @dataclass(frozen=True, eq=False)
@@ -254,11 +258,11 @@ class Plan:
         cells = "".join(f"<tr><th>{name}</th><td>{escape(f'{v}')}</td></tr>" for name, v in rows)
         return f"<table>{cells}</table>"
 
-    def plot(self, axes: Any = None, **options: Any) -> Any:
+    def plot(self, axes: Any = None) -> Any:
         """Plot the trajectory, see :func:`.figures.plot_plan`; returns the Axes."""
         from ..plotting.figures import plot_plan
 
-        return plot_plan(self, axes, **options)
+        return plot_plan(self, axes)
 
     def show(self, *, port: int = 8080) -> Any:
         """Show the robot, its primitives and this motion in the browser; returns the page.

@@ -7,8 +7,17 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from importlib import import_module
+from types import NoneType
 
-from ..exceptions import GoalError, PrimitiveError, quote_names
+from ..arrays import check_type
+from ..exceptions import (
+    GoalError,
+    LimitsError,
+    PrimitiveError,
+    RobotError,
+    WorldError,
+    quote_names,
+)
 from ..motion.collision import CollisionModel, package_folders
 from ..motion.goal import (
     GoalLike,
@@ -78,9 +87,14 @@ class Planner:
         collision: CollisionModel | None = None,
         world: World | None = None,
     ) -> None:
+        check_type(robot, "the robot", RobotError, Robot)
         self.robot, self.primitives = robot, PrimitiveLibrary.of(primitives)
         self.limits = robot.limits() if limits is None else limits
         self.options = PlannerOptions() if options is None else options
+        check_type(self.limits, "limits", LimitsError, JointLimits)
+        check_type(self.options, "options", GoalError, PlannerOptions)
+        check_type(collision, "collision", RobotError, CollisionModel, NoneType)
+        check_type(world, "world", WorldError, World, NoneType)
         if world is not None and collision is None:
             folders = package_folders((), robot.path)
             collision = CollisionModel(robot, package_dirs=folders, world=world)
@@ -182,13 +196,13 @@ class Planner:
         RobotError
             If there is no such frame.
         """
+        if mode not in MODES:
+            raise GoalError(f"the mode must be one of {quote_names(MODES)}, got {mode!r:.80}")
         goal = as_goal(goal, self.robot.joint_names, duration)
         start = as_state(start, self.robot.joint_names, "the start")
         began = time.perf_counter()
         budget = Budget(began + self.options.max_solve_time, self.options.solver.should_stop)
         if isinstance(goal, SequenceGoal):
-            if mode not in MODES:
-                raise GoalError(f"the mode of a sequence must be one of {MODES}, got {mode!r}")
             planned = self._several.serve(self._sequences.resolve(goal, start), mode, budget)
             attempts = [planned.attempt]
         else:

@@ -9,7 +9,7 @@ time within its limits of acceleration and jerk.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -20,7 +20,7 @@ from ..exceptions import TrajectoryError
 from ..motion.goal import JointState
 from ..motion.interpolation import hermite_functions, segment_ends
 from ..motion.trajectory import Trajectory
-from ..motion.validation import check_limits
+from ..motion.validation import LimitCheck, check_limits
 from ..robot.limits import JointLimits
 from ..robot.model import Robot
 from .motion import Motion
@@ -244,18 +244,42 @@ def stop_and_go(
     return StopAndGo(start, goal, brake, launch, places, np.array(legs), step)
 
 
-def _brake(robot: Robot, limits: JointLimits, state: JointState, step: float) -> FloatArray:
-    """Knots from a state to rest, the fastest within the limits, shape (3, n_knots, n_joints)."""
-    knots = np.stack([state.positions, state.velocities, state.accelerations])[:, None]
-    if not np.any(knots[1:]):
-        return knots
-    worst = None
+def brakes(
+    robot: Robot, limits: JointLimits, state: JointState, step: float
+) -> Iterator[tuple[Trajectory, LimitCheck]]:
+    """Motions from a moving state to rest, each joint by itself, and their comparison with limits.
+
+    Parameters
+    ----------
+    robot, limits
+        The robot and the limits of its joints.
+    state : JointState
+        The state.
+    step : float
+        Time between the points [s].
+
+    Yields
+    ------
+    brake : Trajectory
+        The motion; the fastest first.
+    check : LimitCheck
+        Its comparison with the limits.
+    """
     for share in _OPTIONS.shares:
         knots = _decelerate(state, limits, share, step)
         times = step * np.arange(knots.shape[1])
-        check = check_limits(Trajectory(state.joint_names, times, *knots), robot, limits)
+        brake = Trajectory(state.joint_names, times, *knots)
+        yield brake, check_limits(brake, robot, limits)
+
+
+def _brake(robot: Robot, limits: JointLimits, state: JointState, step: float) -> FloatArray:
+    """Knots from a state to rest, the fastest within the limits, shape (3, n_knots, n_joints)."""
+    if not np.any([state.velocities, state.accelerations]):
+        return np.array(state.values)[:, None]
+    worst = None
+    for brake, check in brakes(robot, limits, state, step):
         if not check.violations:
-            return knots
+            return np.array(brake.states)
         worst = worst or check.violations[0]
     raise TrajectoryError(f"no brake within the limits was found: {worst}")
 

@@ -355,6 +355,8 @@ def _at_sides(
 
     With them their distances from the bounds, negative beyond them.
     """
+    if not sides.size:
+        return np.zeros((0, at.gradient.size)), np.zeros(0)
     index, signs = sides // 2, np.where(sides % 2, 1.0, -1.0)
     bounds = np.where(sides % 2, program.upper[index], program.lower[index])
     rows = signs[:, None] * at.inequality_rows(index, bounds)

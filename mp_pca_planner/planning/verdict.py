@@ -10,6 +10,8 @@ import numpy as np
 
 from ..exceptions import TrajectoryError
 from ..motion.collision import NOT_CHECKED
+from ..motion.goal import JointState
+from ..motion.trajectory import Trajectory
 from ..motion.validation import check_executable
 from .attempt import Attempt
 from .bases import MotionBasis
@@ -26,6 +28,7 @@ from .plan import (
 from .pose_search import POSE_TOLERANCE
 from .request import Request
 from .setup import Setup
+from .stop_and_go import brakes
 
 # Points of a detour at which clearances are computed, and the largest that is reported [m].
 _N_CHECKED, _NEAR = 50, 0.05
@@ -108,6 +111,8 @@ class Judge:
             precise = self._setup.collisions(attempt.trajectory, precisely=True)
             met = _met(replace(attempt, collisions=precise))
             return INFEASIBLE, self._refusal(outcome, kind, met)
+        if met := self._met_beyond(attempt.trajectory):
+            return INFEASIBLE, self._refusal(outcome, f"without {self._collision_kind}", met)
         if missed > POSE_TOLERANCE:
             nearest = f"the nearest one is {missed:.3g} rad or m off"
             return INFEASIBLE, self._refusal(outcome, "that passes where it was asked to", nearest)
@@ -130,6 +135,22 @@ class Judge:
     def _collision_kind(self) -> str:
         collision = self._setup.collision
         return "collision" if collision is not None and len(collision.world) else "self-collision"
+
+    def _met_beyond(self, trajectory: Trajectory) -> str:
+        """Text on the collision of all stops beyond a goal in motion; empty if one is clear."""
+        q, v, a = (values[-1] for values in trajectory.states)
+        if self._setup.collision is None or not v.any():
+            return ""
+        met, end = "", JointState(trajectory.joint_names, q, v, a)
+        request = self._setup.robot, self._setup.limits, end, self._setup.options.sample_period
+        for stop, check in brakes(*request):
+            if check.violations:
+                continue
+            found = self._setup.collisions(stop)
+            if not found:
+                return ""
+            met = met or f"the goal is passed at a velocity, and in the stop after it {found[0]}"
+        return met
 
     def _search(self, outcome: Planned, kind: str) -> str:
         """Text on the end of the search for a kind of motion."""

@@ -31,7 +31,7 @@ from ..evaluation.paper import PAPER_OPTIONS, TABLE_2, TABLE_3
 from ..primitives.differences import MEASURES
 from ..robot.model import Robot
 from .arm import arm_figure
-from .comparison import trade_off_figure
+from .comparison import comparison_figure
 from .page import Table, image_address, picture, render
 from .primitive import angle_components_figure
 from .text import percent, percents, table, variance_table
@@ -262,13 +262,19 @@ def draw_pictures(study: CaseStudy, robot: Robot, frames: Sequence[str]) -> dict
         title = "The arm-raising motion (paper: Figs. 3 and 4)"
         arm_figure(figure, chains, title, frames[-1])
     others = {
-        name: _place(study.held_out, name)
+        name: [_place(study.held_out, name)]
         for name in study.held_out.results
         if not name.startswith("planned") and name != EXPECTED
     }
     with picture(pictures["trade_off"]) as figure:
-        title = "Effort against distance to people's motions"
-        trade_off_figure(figure, _curve(study.held_out), others, title)
+        comparison_figure(
+            figure,
+            others,
+            x="effort, as a multiple of that of B-splines (median)",
+            y="RMS error in path [deg]",
+            title="Effort against distance to people's motions",
+            curve=_curve(study.held_out),
+        )
     return pictures
 
 
@@ -315,9 +321,9 @@ def _chains(study: CaseStudy, robot: Robot, frames: Sequence[str]) -> dict[str, 
 def _curve(comparison: Comparison) -> dict[str, tuple[float, float]]:
     """The planner from ρ = 0 to ∞."""
     methods = [name for name in comparison.results if name.startswith("planned")]
-    labels = {name: name.removeprefix("planned, ") for name in methods}
+    labels = {name: name.removeprefix("planned, ρ = ") for name in methods}
     labels[planned(DEFAULT_RHO)] += " (default)"
-    labels[EXPECTED] = "ρ = ∞"
+    labels[EXPECTED] = "∞"
     return {label: _place(comparison, name) for name, label in labels.items()}
 
 

@@ -19,48 +19,15 @@ Points = Sequence[tuple[float, float]]
 _MARKERS = "osD^vP*X<>"
 
 
-def trade_off_figure(
-    figure: Figure,
-    curve: Mapping[str, tuple[float, float]],
-    points: Mapping[str, tuple[float, float]],
-    title: str,
-) -> None:
-    """Plot errors over efforts: a curve of one method's settings, and other methods.
-
-    Parameters
-    ----------
-    figure : Figure
-        An empty figure, see :func:`.styled_figure`.
-    curve, points : mapping of str to (effort, error)
-        By label: effort as a multiple of the least, error [deg].
-    title : str
-        Title of the figure.
-    """
-    entries = [
-        line(name, COLOURS[1 + i % (len(COLOURS) - 1)], "", marker=mark, markersize=9)
-        for i, (name, mark) in enumerate(zip(points, _MARKERS[1:] * len(points), strict=False))
-    ]
-    add_header(figure, title, entries, 8.0, 4.8)
-    axes = figure.subplots()
-    colour = COLOURS[0]
-    axes.plot(*np.array(list(curve.values())).T, color=colour, linewidth=2.2, marker="o")
-    for place, entry in zip(points.values(), entries, strict=True):
-        axes.plot(*place, **entry)
-    text: Line = {"rotation": 45, "rotation_mode": "anchor", "fontsize": "small", "color": colour}
-    for name, place in curve.items():
-        axes.annotate(name, place, (2, 10), textcoords="offset points", **text)
-    axes.set(
-        xlabel="effort, as a multiple of that of B-splines (median)",
-        ylabel="RMS error in path [deg]",
-    )
-    _logarithmic(axes)
-    axes.margins(0.15, 0.2)
-
-
 def comparison_figure(
-    figure: Figure, clouds: Mapping[str, Points], x: str, y: str, title: str
+    figure: Figure,
+    clouds: Mapping[str, Points],
+    x: str,
+    y: str,
+    title: str,
+    curve: Mapping[str, tuple[float, float]] | None = None,
 ) -> None:
-    """Plot clouds of positive points, each with its median.
+    """Plot clouds of positive points, each with its median, and one method from ρ = 0 to ∞.
 
     Parameters
     ----------
@@ -72,12 +39,13 @@ def comparison_figure(
         Labels of the axes.
     title : str
         Title of the figure.
+    curve : mapping of str to (float, float), optional
+        By value of ρ, the points of the method that has it.
     """
     n = len(COLOURS)
+    style: Line = {"markersize": 11, "markeredgecolor": BLACK}
     medians = [
-        line(
-            label, COLOURS[i % n], "", marker=_MARKERS[i // n], markersize=11, markeredgecolor=BLACK
-        )
+        line(label, COLOURS[i % n], "", marker=_MARKERS[i % len(_MARKERS)], **style)
         for i, label in enumerate(clouds)
     ]
     add_header(figure, title, medians, 11.0, 7.0)
@@ -87,8 +55,27 @@ def comparison_figure(
         small = {"markersize": 4, "markeredgewidth": 0, "alpha": 0.3}
         axes.plot(*values.T, **median | small)
         axes.plot(*np.median(values, axis=0), **median)
+    if curve is not None:
+        axes.plot(*np.array(list(curve.values())).T, color=BLACK, linewidth=2.2, marker="o")
+        _label(axes, curve)
+        axes.margins(0.15, 0.2)
     axes.set(xlabel=x, ylabel=y)
     _logarithmic(axes)
+
+
+def _label(axes: Axes, curve: Mapping[str, tuple[float, float]], apart: float = 0.1) -> None:
+    """Label points of a curve below on the left, where nothing is; one label for near ones."""
+    groups: list[tuple[tuple[float, float], list[str]]] = []
+    for name, place in curve.items():
+        if groups and np.abs(np.log(np.divide(place, groups[-1][0]))).max() < apart:
+            groups[-1][1].append(name)
+        else:
+            groups.append((place, [name]))
+    for place, names in groups:
+        text = f"ρ = {', '.join(names)}"
+        axes.annotate(
+            text, place, (-6, -6), textcoords="offset points", ha="right", va="top", size="small"
+        )
 
 
 def _logarithmic(axes: Axes) -> None:

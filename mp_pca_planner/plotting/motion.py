@@ -148,10 +148,7 @@ def motion_figure(
         line(label, COLOURS[i % len(COLOURS)] if is_single else BLACK, STYLES[i % len(STYLES)])
         for i, label in enumerate(motions)
     ]
-    context = MotionContext() if context is None else context
-    header = [*entries, *([] if limits is None else [LINES["limit"]]), *context.entries()]
-    width, height = 3.5 * max(len(groups), 2), 2.3 * len(quantities)
-    add_header(figure, title, header, width, height)
+    context, drawn_limits = MotionContext() if context is None else context, 0
     grid = figure.subplots(len(quantities), len(groups), squeeze=False, sharex=True)
     for column, group in zip(grid.T, groups, strict=True):
         for entry, motion in zip(entries, motions.values(), strict=True):
@@ -159,7 +156,7 @@ def motion_figure(
             for axes, quantity in zip(column, quantities, strict=True):
                 plot_motion(axes, motion, quantity, group, prismatic=prismatic, lines=lines)
         for axes, quantity in zip(column, quantities, strict=True):
-            _show_limits(axes, quantity, group, limits, prismatic)
+            drawn_limits += _show_limits(axes, quantity, group, limits, prismatic)
             if not prismatic:
                 label_left(axes)
         _show_context(column[0], context, next(iter(motions.values())), group, prismatic)
@@ -167,6 +164,9 @@ def motion_figure(
             axes.set_xlabel("")
         _name_joints(column[0], group)
     grid[0, 0].set_xlim(0.0, duration)
+    header = [*entries, *([LINES["limit"]] if drawn_limits else []), *context.entries()]
+    width, height = 3.5 * max(len(groups), 2), 2.3 * len(quantities)
+    add_header(figure, title, header, width, height)
     return [list(column) for column in grid.T]
 
 
@@ -232,8 +232,11 @@ def _show_limits(
     names: Sequence[str],
     limits: JointLimits | None,
     prismatic: Collection[str],
-) -> None:
-    """Set the range of values; draw the limits that are near, of several joints by colour."""
+) -> int:
+    """Set the range of values; draw the limits that are near, of several joints by colour.
+
+    Returns the number of limits drawn.
+    """
     factor, _ = _scale(quantity, names, prismatic)
     low, high = axes.dataLim.intervaly
     least = FIGURES.min_effort_span if quantity == "efforts" else FIGURES.min_span
@@ -248,6 +251,7 @@ def _show_limits(
                 axes.axhline(bound, **LINES["limit"] | {"color": colour})
                 shown.append(bound)
     axes.set_ylim(min(shown) - 0.08 * span, max(shown) + 0.08 * span)
+    return len(shown) - 2
 
 
 def _bounds(limits: JointLimits | None, quantity: str, name: str) -> FloatArray:

@@ -76,7 +76,7 @@ def palette_line(label: str, index: int, width: float = 2.2) -> Line:
 
 
 LINES = {
-    "limit": line("limit (where near)", BLACK, (0, (2, 2)), 1.5),
+    "limit": line("limit", BLACK, (0, (2, 2)), 1.5),
     "behind": line("nearest demonstrations, re-timed", GREY, "-", 0.8, zorder=1.5, alpha=0.6),
     "via": line("via", BLACK, "", marker="D", markersize=8, markerfacecolor="white", zorder=3),
     "warning": line("", COLOURS[1], "", marker="^", markersize=11),

@@ -37,7 +37,7 @@ Column = tuple[str, str, str]
 def cells(values: Mapping[str, float | None], columns: Mapping[str, Column]) -> list[str]:
     """Values of a row as text, one for each column by its header; a dash for None."""
     factors = {"": 1.0, "%": 100.0, "ms": 1e3, "mm": 1e3, "mrad": 1e3}
-    chosen = [(values.get(name), form, factors[unit]) for name, form, unit in columns.values()]
+    chosen = [(values[name], form, factors[unit]) for name, form, unit in columns.values()]
     return ["–" if x is None else format(factor * x, form) for x, form, factor in chosen]
 
 

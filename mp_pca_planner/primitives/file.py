@@ -21,7 +21,7 @@ from numpy.lib.npyio import NpzFile
 
 from .. import __version__
 from ..arrays import FloatArray, frozen_array
-from ..exceptions import PrimitiveFileError
+from ..exceptions import PlannerError, PrimitiveFileError
 from ..files import open_regular, reading, write_whole
 from ..input_limits import INPUT_LIMITS
 from ..json_content import check_form, load_json
@@ -73,8 +73,11 @@ def save_primitive(
     Raises
     ------
     PlannerError
-        If the file exists and may not be overwritten, or can't be written.
+        If its name does not end in .npz, it exists and may not be overwritten, or it can't be
+        written.
     """
+    if Path(path).suffix != ".npz":
+        raise PlannerError(f"the output '{path}' must end in .npz")
     write_whole(path, partial(write_primitive, primitive), overwrite=overwrite)
 
 

@@ -107,7 +107,7 @@ def check_name(name: str) -> None:
     except UnicodeEncodeError:
         length = 0
     if not 0 < length <= MAX_NAME_BYTES or name.startswith(".") or "/" in name or "\0" in name:
-        raise PrimitiveError(f"{name!r:.80} can't be the name of a file: give it another --name")
+        raise PrimitiveError(f"{name!r:.80} can't be the name of a file: choose another")
 
 
 def change_now(

@@ -142,7 +142,9 @@ class MotionStatistics:
         for part in parts:
             _check_joints([(x.joint_names, x.motions[0].recording) for x in (first, part)])
             if part.shapes.shape[1:] + part.angles.shape[1:] != row_shapes:
-                raise PrimitiveError("statistics of different --degree or --phases can't be merged")
+                raise PrimitiveError(
+                    "statistics of different degrees or numbers of phases can't be merged"
+                )
             n, widest = n + len(part.sources), max(widest, part.sources.itemsize)
         arrays, n_done = _empty(n, first, widest), 0
         for part in parts:
@@ -323,5 +325,5 @@ def _check_joints(found: Sequence[tuple[tuple[str, ...], str]]) -> None:
             raise PrimitiveError(
                 f"the joints of '{recording}', {quote_names(joint_names)}, "
                 f"are not those of '{first_recording}', {quote_names(first)}: choose joints that "
-                "all have (--joints), or leave recordings out"
+                "all have, or leave recordings out"
             )

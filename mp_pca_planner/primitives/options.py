@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from ..arrays import check_number
 from ..exceptions import PrimitiveError, quote_names
 from .alignment import ALIGNMENTS
 from .basis import N_END_CONDITIONS
@@ -49,20 +50,25 @@ class PrimitiveOptions:
             raise PrimitiveError(
                 f"coupling must be one of {quote_names(COUPLINGS)}, got {self.coupling!r}"
             )
-        if self.n_components is not None and self.n_components < 1:
-            raise PrimitiveError(f"components must be at least 1, got {self.n_components}")
-        if not 0.0 < self.variance <= 1.0:
-            raise PrimitiveError(f"variance must be in (0, 1], got {self.variance:g}")
-        if not N_END_CONDITIONS <= self.degree <= 30:
-            raise PrimitiveError(
-                f"degree must be from {N_END_CONDITIONS} (the ends take six conditions) to 30, "
-                f"got {self.degree}"
-            )
-        if not 2 * self.degree <= self.n_phases <= 10_000:
-            raise PrimitiveError(
-                f"phases must be at least twice the degree ({2 * self.degree}) and at most 10000, "
-                f"got {self.n_phases}"
-            )
+        if self.n_components is not None:
+            check_number(self.n_components, "components", PrimitiveError, 1, is_whole=True)
+        check_number(self.variance, "variance", PrimitiveError, 1e-9, 1.0)
+        check_number(
+            self.degree,
+            "degree (of which the ends take six conditions)",
+            PrimitiveError,
+            N_END_CONDITIONS,
+            30,
+            is_whole=True,
+        )
+        check_number(
+            self.n_phases,
+            "phases (at least twice the degree)",
+            PrimitiveError,
+            2 * self.degree,
+            10_000,
+            is_whole=True,
+        )
         if self.align not in ALIGNMENTS:
             raise PrimitiveError(
                 f"align must be one of {quote_names(ALIGNMENTS)}, got {self.align!r}"

@@ -7,10 +7,12 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from ..arrays import FloatArray, frozen_array
+from ..arrays import FloatArray, check_number
 from ..exceptions import GoalError
+from ..input_limits import INPUT_LIMITS
+from ..motion.goal import StateLike, joint_positions
 from ..motion.trajectory import Trajectory
 from .boundary import boundary_values, quintics
 
@@ -21,8 +23,8 @@ if TYPE_CHECKING:
 
 def expected_motion(
     primitive: MovementPrimitive,
-    start: ArrayLike,
-    goal: ArrayLike,
+    start: StateLike,
+    goal: StateLike,
     duration: float | None = None,
 ) -> Trajectory:
     """The motion that a primitive expects from rest to rest.
@@ -33,22 +35,22 @@ def expected_motion(
     ----------
     primitive : MovementPrimitive
         Any primitive.
-    start, goal : array, shape (n_joints,)
-        End points [rad or m].
+    start, goal : JointState, mapping or array, shape (n_joints,)
+        End points [rad or m]. Joints that the goal doesn't name keep their position.
     duration : float, optional
         Duration [s]; the expected one unless given.
 
     Raises
     ------
     GoalError
-        If an end point has another shape or is not finite, or the duration is not positive.
+        If an end point is none of these or not finite, or the duration is out of its range.
     """
     ends, expected = _request(primitive, start, goal, duration)
     return _motion(primitive, ends, expected, expected.weights)
 
 
 def drawn_motions(
-    primitive: MovementPrimitive, n: int, start: ArrayLike, goal: ArrayLike, seed: int = 0
+    primitive: MovementPrimitive, n: int, start: StateLike, goal: StateLike, seed: int = 0
 ) -> list[Trajectory]:
     """Draw motions from the conditional distribution of a request.
 
@@ -60,18 +62,19 @@ def drawn_motions(
         Any primitive.
     n : int
         Number of motions.
-    start, goal : array, shape (n_joints,)
-        End points [rad or m].
+    start, goal : JointState, mapping or array, shape (n_joints,)
+        End points [rad or m]. Joints that the goal doesn't name keep their position.
     seed : int
         Seed of the random numbers.
 
     Raises
     ------
     GoalError
-        If an end point has another shape or is not finite, or `n` is no number of motions.
+        If an end point is none of these or not finite, or `n` or `seed` is no whole number of at
+        least 0.
     """
-    if not isinstance(n, int) or n < 0:
-        raise GoalError(f"the number of motions must be 0 or a positive integer, got {n!r:.80}")
+    for what, value in (("the number of motions", n), ("the seed", seed)):
+        check_number(value, what, GoalError, 0, is_whole=True)
     ends, expected = _request(primitive, start, goal, None)
     rng = np.random.default_rng(seed)
     draws = rng.multivariate_normal(expected.weights, expected.covariance, n)
@@ -79,16 +82,14 @@ def drawn_motions(
 
 
 def _request(
-    primitive: MovementPrimitive, start: ArrayLike, goal: ArrayLike, duration: float | None
+    primitive: MovementPrimitive, start: StateLike, goal: StateLike, duration: float | None
 ) -> tuple[FloatArray, ConditionalDistribution]:
     """End points, shape (2, n_joints), and the prediction for them."""
-    shape = (primitive.n_joints,)
-    ends = [
-        frozen_array(x, shape, what, GoalError) for x, what in ((start, "start"), (goal, "goal"))
-    ]
-    if duration is not None and not (np.isfinite(duration) and duration > 0.0):
-        raise GoalError(f"the duration must be a positive number of seconds, got {duration}")
-    return np.array(ends), primitive.model.predict(ends[0], ends[1], duration)
+    first = joint_positions(start, primitive.joint_names, "the start")
+    last = joint_positions(goal, primitive.joint_names, "the goal", first)
+    if duration is not None:
+        check_number(duration, "the duration [s]", GoalError, 1e-3, INPUT_LIMITS.duration)
+    return np.array([first, last]), primitive.model.predict(first, last, duration)
 
 
 def _motion(

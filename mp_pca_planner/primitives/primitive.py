@@ -12,9 +12,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from ..arrays import FloatArray
+from ..motion.goal import StateLike
 from ..motion.trajectory import Trajectory
 from .alignment import aligned_phases
 from .basis import Basis, PolynomialBasis
@@ -140,18 +140,19 @@ class MovementPrimitive:
 
         options = PrimitiveOptions(coupling=coupling, n_components=components, align=align)
         found: Any = getattr(demonstrations, "demonstrations", demonstrations)
-        return build_primitive(found, name, options)
+        several = found if isinstance(found, Sequence) else [found]
+        return build_primitive(several, name, options)
 
     def predict(
-        self, start: ArrayLike, goal: ArrayLike, duration: float | None = None
+        self, start: StateLike, goal: StateLike, duration: float | None = None
     ) -> Trajectory:
         """The expected motion from rest to rest, without regard to limits.
 
-        See :func:`.expected_motion`.
+        Start and goal are arrays or dicts, as for a planner; see :func:`.expected_motion`.
         """
         return expected_motion(self, start, goal, duration)
 
-    def sample(self, n: int, start: ArrayLike, goal: ArrayLike, seed: int = 0) -> list[Trajectory]:
+    def sample(self, n: int, start: StateLike, goal: StateLike, seed: int = 0) -> list[Trajectory]:
         """Draw motions from the conditional distribution, see :func:`.drawn_motions`."""
         return drawn_motions(self, n, start, goal, seed)
 

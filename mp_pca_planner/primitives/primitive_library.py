@@ -92,7 +92,7 @@ class PrimitiveLibrary(Sequence[MovementPrimitive]):
         """
         if isinstance(primitives, PrimitiveLibrary):
             return primitives
-        if isinstance(primitives, MovementPrimitive):
+        if not isinstance(primitives, Sequence):
             primitives = [primitives]
         if not primitives:
             raise PrimitiveError("at least one primitive is needed, got none")
@@ -212,7 +212,7 @@ def _check_together(
         if other is not file:
             raise PrimitiveError(
                 f"'{file}' and '{other}' both hold a primitive called '{name}': build "
-                "one of them again with another --name"
+                "one of them again under another name"
             )
     joints = (joint_names for _, joint_names in primitives)
     require_same_joints(zip((f"'{file}'" for file in files), joints, strict=True))

@@ -14,31 +14,74 @@ change first restores the files in use. Reading the history changes nothing.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+import json
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import asdict
 from functools import partial
 from itertools import count
 from pathlib import Path
 
-from ..exceptions import PrimitiveError, quote_names, unknown_name
-from ..files import Content
+from ..exceptions import PlannerError, PrimitiveError, quote_names, unknown_name
+from ..files import Content, read_bytes, read_text, reading, write_together
+from ..input_limits import INPUT_LIMITS
 from .file import load_primitive, primitive_bytes, write_primitive
-from .library_folder import LibraryFolder
 from .library_journal import (
     ADD,
+    MAX_JOURNAL_BYTES,
     RETIRE,
     ROLLBACK,
     Change,
     change_now,
     check_name,
     locked,
+    parsed_change,
     provenance_of,
     version_to_restore,
 )
 from .primitive import MovementPrimitive
 
 
-class VersionedLibrary(LibraryFolder):
-    """A folder of primitives with its history, and the changes of it."""
+class VersionedLibrary:
+    """A folder of primitives with its history, and the changes of it.
+
+    Parameters
+    ----------
+    folder : str or Path
+        The folder; made at the first change.
+
+    Raises
+    ------
+    PrimitiveError
+        If it is no folder, or its journal is damaged.
+    """
+
+    def __init__(self, folder: str | Path) -> None:
+        self.folder = Path(folder)
+        if self.folder.exists() and not self.folder.is_dir():
+            raise PrimitiveError(f"the library '{folder}' is no folder")
+        self._versions = self.folder / ".versions"
+        self._journal = self._versions / "journal.jsonl"
+        self.history()
+
+    def history(self) -> tuple[Change, ...]:
+        """Every change, the oldest first."""
+        with reading(f"the journal '{self._journal}'", PrimitiveError):
+            try:
+                lines = read_text(self._journal, MAX_JOURNAL_BYTES).splitlines()
+            except (FileNotFoundError, NotADirectoryError):
+                return ()
+        where = f"of '{self._journal}'"
+        return tuple(parsed_change(line, f"line {i} {where}") for i, line in enumerate(lines, 1))
+
+    def in_use(self) -> dict[str, int]:
+        """Version of each primitive that is in use, by name."""
+        latest = {change.name: change.version for change in self.history()}
+        return {name: version for name, version in latest.items() if version is not None}
+
+    def kept(self, name: str) -> Path:
+        """Path of a file that is kept beside the versions, see :meth:`change`."""
+        return self._versions / name
 
     def add(self, primitive: MovementPrimitive, note: str = "") -> Change:
         """Put a primitive into use; an earlier one of the same name is kept as a version.
@@ -48,8 +91,8 @@ class VersionedLibrary(LibraryFolder):
         PrimitiveError
             If its name is no file name, or it moves other joints than those in use.
         """
-        with locked(self.folder, self.versions):
-            return self._change([primitive], [], {}, note)[0]
+        with locked(self.folder, self._versions):
+            return self._change([primitive], [], {}, note)[-1]
 
     def change(
         self,
@@ -81,7 +124,7 @@ class VersionedLibrary(LibraryFolder):
             If a name is no file name, a primitive moves other joints than those that stay, or
             another process has changed the library meanwhile.
         """
-        with locked(self.folder, self.versions):
+        with locked(self.folder, self._versions):
             if len(self.history()) != n_before:
                 raise PrimitiveError(f"the library '{self.folder}' changed meanwhile: try again")
             used = self.in_use()
@@ -89,7 +132,7 @@ class VersionedLibrary(LibraryFolder):
                 primitive
                 for primitive in primitives
                 if primitive.name not in used
-                or primitive_bytes(primitive) != self.content(primitive.name, used[primitive.name])
+                or primitive_bytes(primitive) != self._content(primitive.name, used[primitive.name])
             ]
             return self._change(new, retired, kept, note)
 
@@ -101,21 +144,18 @@ class VersionedLibrary(LibraryFolder):
         PrimitiveError
             If none of this name is in use.
         """
-        with locked(self.folder, self.versions):
-            self._adopt(name)
-            if name not in self.in_use():
+        with locked(self.folder, self._versions):
+            if name not in self.in_use() and not self._file(name).exists():
                 raise PrimitiveError(unknown_name("primitive in use", name, self.in_use()))
-            return self._change([], [name], {}, note)[0]
+            return self._change([], [name], {}, note)[-1]
 
     def roll_back(self, name: str, version: int | None = None, note: str = "") -> Change:
         """Put an earlier version of a primitive into use again.
 
         Parameters
         ----------
-        name : str
-            Name of the primitive.
-        version : int, optional
-            The version; the one that was in use before the present one unless given.
+        name, version : str, int or None
+            Its name and version; by default the one that was in use before the present one.
         note : str
             Reason of the change.
 
@@ -124,12 +164,12 @@ class VersionedLibrary(LibraryFolder):
         PrimitiveError
             If there is no such version.
         """
-        with locked(self.folder, self.versions):
+        with locked(self.folder, self._versions):
             version = version_to_restore(self.history(), name, version)
-            primitive = load_primitive(self.file_of(name, version))
+            primitive = load_primitive(self._file(name, version))
+            self._check_joints([primitive], [])
             change = change_now(ROLLBACK, name, version, provenance_of(primitive), note)
-            files = {self.file_in_use(name): self.content(name, version)}
-            return self.make([change], files)[0]
+            return self._make([change], {self._file(name): self._content(name, version)})[0]
 
     def _change(
         self,
@@ -138,55 +178,94 @@ class VersionedLibrary(LibraryFolder):
         kept: Mapping[str, Content | None],
         note: str,
     ) -> tuple[Change, ...]:
+        """Make changes; files that were copied into the folder are kept as versions first."""
         for primitive in primitives:
             check_name(primitive.name)
+        history, used = self.history(), self.in_use()
         self._check_joints(primitives, retired)
-        for primitive in primitives:
-            self._adopt(primitive.name)
+        replaced = [*(primitive.name for primitive in primitives), *retired]
+        copied = [name for name in replaced if name not in used and self._file(name).exists()]
+        additions = [
+            (name, load_primitive(self._file(name)), "was there before") for name in copied
+        ]
+        additions += [(primitive.name, primitive, note) for primitive in primitives]
         changes: list[Change] = []
         files: dict[Path, Content | None] = {}
-        for primitive in primitives:
-            change, own = self._addition(primitive, note)
-            changes.append(change)
-            files |= own
+        for name, primitive, reason in additions:
+            known = max((c.version or 0 for c in (*history, *changes) if c.name == name), default=0)
+            # A version that the journal does not name was left by a process that was killed.
+            version = next(n for n in count(known + 1) if not self._file(name, n).exists())
+            changes.append(change_now(ADD, name, version, provenance_of(primitive), reason))
+            content = partial(write_primitive, primitive)
+            files |= {self._file(name, version): content, self._file(name): content}
         for name in retired:
             changes.append(change_now(RETIRE, name, None, {}, note))
-            files[self.file_in_use(name)] = None
-        files |= {self.versions / name: content for name, content in kept.items()}
-        return self.make(changes, files)
+            files[self._file(name)] = None
+        return self._make(changes, files | {self.kept(name): x for name, x in kept.items()})
 
     def _check_joints(
         self, primitives: Sequence[MovementPrimitive], retired: Collection[str]
     ) -> None:
-        """Reject primitives of other joints than those that stay in use."""
+        """Reject primitives of other joints than those that stay in use, or than each other."""
         replaced = {*retired, *(primitive.name for primitive in primitives)}
-        for name, version in self.in_use().items():
-            if name in replaced or not primitives:
-                continue
-            other = load_primitive(self.file_of(name, version))
-            for primitive in primitives:
-                if other.joint_names != primitive.joint_names:
-                    raise PrimitiveError(
-                        f"'{primitive.name}' moves {quote_names(primitive.joint_names)}, but "
-                        f"'{name}' of the library moves {quote_names(other.joint_names)}: use "
-                        "another library"
-                    )
+        stays = [item for item in self.in_use().items() if item[0] not in replaced]
+        # All that stay move the same joints: the first one is enough.
+        known = [load_primitive(self._file(*item)) for item in stays[:1]] if primitives else []
+        every = [*known, *primitives]
+        for other in every[1:]:
+            if other.joint_names != every[0].joint_names:
+                raise PrimitiveError(
+                    f"'{other.name}' moves {quote_names(other.joint_names)}, but "
+                    f"'{every[0].name}' of the library moves {quote_names(every[0].joint_names)}: "
+                    "use another library"
+                )
 
-    def _adopt(self, name: str) -> None:
-        """Keep a file that was copied into the folder as a version before it is replaced."""
-        file = self.file_in_use(name)
-        if name not in self.in_use() and file.exists():
-            change, files = self._addition(load_primitive(file), "was in the folder already", name)
-            self.make([change], files)
+    def _make(
+        self, changes: Sequence[Change], files: Mapping[Path, Content | None]
+    ) -> tuple[Change, ...]:
+        """Make changes atomically: their files, then their lines of the journal."""
+        before = self._journal.read_bytes() if self._journal.exists() else b""
+        lines = (json.dumps(asdict(change), sort_keys=True).encode() + b"\n" for change in changes)
+        journal = before + b"".join(lines)
+        if len(journal) > MAX_JOURNAL_BYTES:
+            raise PrimitiveError(f"the journal '{self._journal}' is full: use another library")
+        with _new_folders(self._versions / change.name for change in changes):
+            write_together({**self._restored(), **files, self._journal: journal}, overwrite=True)
+        return tuple(changes)
 
-    def _addition(
-        self, primitive: MovementPrimitive, note: str, name: str = ""
-    ) -> tuple[Change, dict[Path, Content | None]]:
-        """The change that adds a primitive, and its files."""
-        name, content = name or primitive.name, partial(write_primitive, primitive)
-        known = [c.version or 0 for c in self.history() if c.name == name]
-        # A version that the journal does not name was left by a process that was killed.
-        free = (v for v in count(max(known, default=0) + 1) if not self.file_of(name, v).exists())
-        version = next(free)
-        change = change_now(ADD, name, version, provenance_of(primitive), note)
-        return change, {self.file_of(name, version): content, self.file_in_use(name): content}
+    def _restored(self) -> dict[Path, bytes | None]:
+        """Files in use that differ from those of the journal, with the content of the latter."""
+        files: dict[Path, bytes | None] = {}
+        for name, version in {c.name: c.version for c in self.history()}.items():
+            expected = None if version is None else self._content(name, version)
+            file, present = self._file(name), None
+            with suppress(OSError, ValueError):
+                present = read_bytes(file, INPUT_LIMITS.primitive_bytes)
+            if present != expected:
+                files[file] = expected
+        return files
+
+    def _file(self, name: str, version: int | None = None) -> Path:
+        """Path of a primitive in use, or of a version."""
+        in_use = self.folder / f"{name}.npz"
+        return in_use if version is None else self._versions / name / f"{version:04}.npz"
+
+    def _content(self, name: str, version: int) -> bytes:
+        """Content of a version of a primitive."""
+        with reading(f"version {version} of '{name}' of the library", PrimitiveError):
+            return read_bytes(self._file(name, version), INPUT_LIMITS.primitive_bytes)
+
+
+@contextmanager
+def _new_folders(folders: Iterable[Path]) -> Iterator[None]:
+    """Make folders, and remove them after an error if they are empty."""
+    made = list(folders)
+    for folder in made:
+        folder.mkdir(parents=True, exist_ok=True)
+    try:
+        yield
+    except PlannerError:
+        for folder in made:
+            with suppress(OSError):
+                folder.rmdir()
+        raise

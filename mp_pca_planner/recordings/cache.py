@@ -68,12 +68,12 @@ class ReadingCache:
         try:
             folder.mkdir(mode=0o700, exist_ok=True)
             if any(file.suffix not in (_SUFFIX, ".tmp") for file in folder.iterdir()):
-                raise RecordingError(f"'{path}' (--resume) holds other files: name a new folder")
+                raise RecordingError(f"'{path}' holds other files: resume from a new folder")
             if not os.access(folder, os.W_OK):
                 raise PermissionError
         except OSError as error:
             reason = error.strerror or "it may not be changed"
-            raise RecordingError(f"'{path}' can't be the folder of --resume: {reason}") from None
+            raise RecordingError(f"'{path}' can't be the folder to resume from: {reason}") from None
         return cls(folder)
 
     def value(self, key: str) -> Any:

@@ -44,7 +44,7 @@ def map_on_cluster(
     items: Sequence[Item],
     address: str,
     path_of: Callable[[Item], str],
-) -> Iterator[Outcome[Result]]:
+) -> Iterator[Outcome]:
     """Call a function with every item, on the workers of a cluster.
 
     Dask gives the items of a worker that dies to another one. An item has no result if the workers

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..arrays import FloatArray
 from ..exceptions import RecordingError
 from .demonstration import Demonstration, Overview
 from .joint_states import RawJointStates
@@ -16,10 +17,8 @@ from .repair import CleanRecording, Piece, repair
 from .segmentation import (
     SegmentationOptions,
     SpeedThresholds,
-    extent,
     find_motions,
     joint_speed,
-    large_motions,
     least_extent,
     least_extent_of_set,
     speed_thresholds,
@@ -39,9 +38,21 @@ class Cut:
     label: str = ""
 
     @property
+    def ranges(self) -> FloatArray:
+        """Distance that each joint covers [rad or m], shape (n_joints,)."""
+        return np.asarray(np.ptp(self.piece.positions[self.first : self.last + 1], axis=0))
+
+    @property
     def extent(self) -> float:
-        """Norm over the joints of the distance that each of them covers [rad or m]."""
-        return extent(self.piece.positions[self.first : self.last + 1])
+        """Norm of the ranges [rad or m]."""
+        return float(np.linalg.norm(self.ranges))
+
+    def is_cut_off(self, options: SegmentationOptions) -> bool:
+        """Whether the piece begins or ends within the motion."""
+        speed = joint_speed(self.piece.velocities)
+        moving = options.moving_ratio * speed[self.first : self.last + 1].max()
+        ends = {0, speed.size - 1} & {self.first, self.last}
+        return any(speed[step] > moving for step in ends)
 
     def demonstration(
         self, joint_names: tuple[str, ...], recording: str, checksum: str
@@ -126,7 +137,7 @@ def cut_motions(
     least_of_set :
         Smallest extent of a motion by those of all recordings [rad or m].
     is_whole :
-        Whether each piece is one motion.
+        Whether each piece is one motion, without the stillness at both ends.
 
     Returns
     -------
@@ -140,30 +151,41 @@ def cut_motions(
     RecordingError
         If all movements are within the extent of noise and sway.
     """
-    clean = recording.clean
-    notes: tuple[str, ...] = ()
+    clean, thresholds = recording.clean, recording.thresholds
     if is_whole:
-        cuts = cut_whole_pieces(recording.pieces, recording.thresholds)
+        spans = [(piece, trim(piece, thresholds)) for piece in recording.pieces]
+        found = large = [Cut(piece, *span) for piece, span in spans if span is not None]
     else:
-        cuts, notes = cut_at_rests_and_valleys(recording.pieces, recording.thresholds, options)
-    kept = without_rest(cuts, clean.pieces, least_of_set, options)
-    n_rest = len(cuts) - len(kept)
-    repairs = {**clean.repairs, "rest": n_rest} if n_rest else clean.repairs
-    return kept, replace(clean, repairs=repairs, notes=clean.notes + notes)
+        found = [
+            Cut(piece, *span)
+            for piece in recording.pieces
+            for span in find_motions(piece, thresholds, options)
+        ]
+        largest = max((cut.extent for cut in found), default=0.0)
+        large = [cut for cut in found if cut.extent > options.extent_ratio * largest]
+    if len(large) < len(found):
+        note = (
+            f"{len(found) - len(large)} motions over less than {options.extent_ratio:.0%} of the "
+            "extent of the largest are left out"
+        )
+        clean = replace(clean, notes=(*clean.notes, note))
+    moved = _without_rest(large, clean.pieces, least_of_set, options)
+    return moved, counted(clean, "rest", len(large) - len(moved))
 
 
-def cut_by_hand(pieces: Sequence[SmoothPiece], rows: Sequence[SegmentRow]) -> list[Cut]:
-    """Cut the motions of a table of segments.
+def counted(clean: CleanRecording, kind: str, n: int) -> CleanRecording:
+    """A recording with another count of a repair."""
+    return replace(clean, repairs={**clean.repairs, kind: n}) if n else clean
+
+
+def cut_row(pieces: Sequence[SmoothPiece], row: SegmentRow) -> Cut:
+    """Cut the motion of a row of a table of segments.
 
     Raises
     ------
     RecordingError
-        If one of them is not within a piece.
+        If it is not within a piece.
     """
-    return [_cut_row(pieces, row) for row in rows]
-
-
-def _cut_row(pieces: Sequence[SmoothPiece], row: SegmentRow) -> Cut:
     for piece in pieces:
         first, last = (
             round((time - float(piece.times[0])) * piece.rate) for time in (row.start, row.end)
@@ -178,39 +200,7 @@ def _cut_row(pieces: Sequence[SmoothPiece], row: SegmentRow) -> Cut:
     )
 
 
-def cut_whole_pieces(pieces: Sequence[SmoothPiece], thresholds: SpeedThresholds) -> list[Cut]:
-    """Take each piece as one motion, without the stillness at both ends."""
-    spans = ((piece, trim(piece, thresholds)) for piece in pieces)
-    return [Cut(piece, *span) for piece, span in spans if span is not None]
-
-
-def cut_at_rests_and_valleys(
-    pieces: Sequence[SmoothPiece], thresholds: SpeedThresholds, options: SegmentationOptions
-) -> tuple[list[Cut], tuple[str, ...]]:
-    """Cut at rests and valleys; motions that are small beside the largest are left out.
-
-    Returns
-    -------
-    cuts : list of Cut
-        The motions.
-    notes : tuple of str
-        A note if some are left out.
-    """
-    cuts = [
-        Cut(piece, *span) for piece in pieces for span in find_motions(piece, thresholds, options)
-    ]
-    large = large_motions([cut.extent for cut in cuts], options)
-    kept = [cut for cut, is_large in zip(cuts, large, strict=True) if is_large]
-    if len(kept) == len(cuts):
-        return kept, ()
-    note = (
-        f"{len(cuts) - len(kept)} motions over less than {options.extent_ratio:.0%} of the extent "
-        "of the largest are left out"
-    )
-    return kept, (note,)
-
-
-def without_rest(
+def _without_rest(
     cuts: Sequence[Cut],
     pieces: Sequence[Piece],
     least_of_set: float,
@@ -239,28 +229,12 @@ def without_rest(
     return kept
 
 
-def absurd_reason(largest: float, absurd: float) -> str:
-    """Why a recording with a motion of an absurdly large extent is rejected [rad or m]."""
+def far_moving(who: str, largest: float, absurd: float) -> str:
+    """Statement on joints that move over an absurdly large extent [rad or m]."""
     return (
-        f"its joints move over {largest:.3g} rad (or m), and over {absurd:.3g} is absurd beside "
-        "the other recordings' motions: positions must be in radians (or m), not in degrees; "
-        "choose the joints, or give a table of segments if these are motions nevertheless"
+        f"{who} over {largest:.3g} rad (or m), and over {absurd:.3g} is absurd: positions must be "
+        "in radians (or m), not in degrees (or mm)"
     )
-
-
-def demonstrations(
-    cuts: Sequence[Cut], clean: CleanRecording, recording: str, checksum: str
-) -> list[Demonstration]:
-    """Demonstrations of the motions of a recording.
-
-    Raises
-    ------
-    RecordingError
-        If there is no motion.
-    """
-    if not cuts:
-        raise RecordingError("no motion was found in it")
-    return [cut.demonstration(clean.joint_names, recording, checksum) for cut in cuts]
 
 
 def overview(pieces: Sequence[SmoothPiece]) -> Overview:

@@ -226,10 +226,19 @@ class MarkerResidual:
 
 @dataclass(frozen=True)
 class Refusal:
-    """A recording that can't be used, and why."""
+    """A recording that can't be used, and why.
+
+    Attributes
+    ----------
+    recording, reason : str
+        Its name, and the reason.
+    joint_names : tuple of str
+        All joints that its messages list, if they can be read.
+    """
 
     recording: str
     reason: str
+    joint_names: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -6,8 +6,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from pathlib import Path
+from types import NoneType
 from typing import Any
 
+from ..arrays import check_type
+from ..exceptions import RecordingError, RobotError
 from ..robot.model import Robot
 from .bags import write_joint_states
 from .demonstration import RecordingSet
@@ -44,10 +47,13 @@ def load_demonstrations(
     RobotError
         If the URDF can't be read or lacks one of the joints.
     """
+    check_type(paths, "the paths of recordings", RecordingError, str, Path, Iterable)
+    check_type(robot, "robot", RobotError, Robot, str, Path, NoneType)
     joints = options.pop("joints", None)
     if isinstance(robot, (str, Path)):
         robot = Robot.from_file(robot, joints)
-    recordings = load_recordings(paths, joints=robot.joint_names if robot else joints, **options)
+    joints = robot.joint_names if robot else joints
+    recordings = load_recordings(paths, joints=joints, same_joints=True, **options)
     recordings.require_motion()
     return recordings
 

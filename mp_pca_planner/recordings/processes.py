@@ -13,10 +13,9 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import AbstractContextManager, contextmanager
-from dataclasses import dataclass
 from itertools import zip_longest
 from queue import Empty, Queue
-from typing import Any, Generic, TypeVar
+from typing import Any, TypeVar
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -35,24 +34,8 @@ items, and fewer if a process would get fewer than `BUNDLES` bundles, because al
 are repeated if their process dies."""
 
 
-@dataclass(frozen=True)
-class Outcome(Generic[Result]):
-    """Outcome of an item.
-
-    Attributes
-    ----------
-    index : int
-        Index of the item.
-    result : object or None
-        What the function returned; None if every worker that tried it died.
-    repeated : bool
-        Whether it was done again because a worker died.
-    """
-
-    index: int
-    result: Result | None
-    repeated: bool = False
-
+Outcome = tuple[int, Any]
+"""Index of an item, and what the function returned; None if every worker that tried it died."""
 
 Hired = tuple[Callable[[list[int]], Any], Callable[[], bool], int]
 """A function from a bundle of indices to its future, one that returns whether there are workers
@@ -66,7 +49,7 @@ def map_by(
     hire: Hire,
     bundles: Sequence[list[int]],
     died: type[Exception],
-) -> Iterator[Outcome[Any]]:
+) -> Iterator[Outcome]:
     """Process every item by workers.
 
     When a worker dies, it is unknown which item killed it. All submitted items are processed again,
@@ -93,13 +76,12 @@ def map_by(
             if result is None:
                 lost.append(index)
             else:
-                yield Outcome(index, result)
+                yield index, result
         for index in sorted(lost):
-            for _, result in _round(hire, [[index]], died):
-                yield Outcome(index, result, repeated=True)
+            yield from _round(hire, [[index]], died)
 
 
-def _round(hire: Hire, left: list[list[int]], died: type[Exception]) -> Iterator[tuple[int, Any]]:
+def _round(hire: Hire, left: list[list[int]], died: type[Exception]) -> Iterator[Outcome]:
     """Process bundles from the end of a list until a worker dies; None marks lost items."""
     done: Queue[Any] = Queue()
     running: dict[Any, list[int]] = {}
@@ -133,7 +115,7 @@ def _results(future: Any, died: type[Exception]) -> list[Any] | None:
 
 def map_in_processes(
     function: Callable[[Item], Result], items: Sequence[Item], n_processes: int
-) -> Iterator[Outcome[Result]]:
+) -> Iterator[Outcome]:
     """Call a function with every item, in other processes, see :func:`map_by`.
 
     Parameters

@@ -1,23 +1,24 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Repaired joint states of a bag, from joint states or commanded motions."""
+"""Repaired joint states of a bag, from joint states or commanded motions, and its inspection."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
 
-from ..exceptions import RecordingError
-from .bags import JOINT_TRAJECTORY, Bag, Topic, choose_topic
+from ..exceptions import RecordingError, UnusableRecordingError
+from . import bags
 from .joint_trajectories import read_trajectories, repair_trajectories
 from .repair import CleanRecording, RepairOptions, repair
 
 
 def read_clean(
-    bag: Bag,
+    bag: bags.Bag,
     topic: str | None = None,
     joints: Sequence[str] | None = None,
-    *,
     state_field: str | None = None,
+    *,
     options: RepairOptions | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> CleanRecording:
@@ -45,20 +46,20 @@ def read_clean(
     """
     if topic is None or state_field is None:
         chosen = _chosen_topic(bag, topic)
-        if chosen.type == JOINT_TRAJECTORY:
+        if chosen.type == bags.JOINT_TRAJECTORY:
             return repair_trajectories(read_trajectories(bag, chosen), joints, options)
         topic = chosen.name
     raw = bag.joint_states(topic, field=state_field, progress=progress)
     return repair(raw, joints, options)
 
 
-def _chosen_topic(bag: Bag, topic: str | None) -> Topic:
+def _chosen_topic(bag: bags.Bag, topic: str | None) -> bags.Topic:
     """The topic to read; an error lists the messages that have joint states as a field."""
     try:
-        return choose_topic(bag.topics, topic)
+        return bags.choose_topic(bag.topics, topic)
     except RecordingError as error:
         hints = [
-            f"'--topic {name} --field {field}'"
+            f"field '{field}' of topic '{name}'"
             for name, field in bag.embedded_states()
             if topic in (None, name)
         ]
@@ -67,3 +68,96 @@ def _chosen_topic(bag: Bag, topic: str | None) -> Topic:
         raise RecordingError(
             f"{error}; other messages hold joint states: read them with {' or '.join(hints)}"
         ) from None
+
+
+@dataclass(frozen=True)
+class RecordingInspection:
+    """Content of a recording, also of one that can't be used.
+
+    Attributes
+    ----------
+    name, path : str
+        The recording.
+    format : str
+        Its storage format.
+    topics : tuple of Topic
+        All topics with their types and counts; empty if it can't be read.
+    topic : str or None
+        The topic of joint states that was inspected.
+    n_messages : int
+        Messages on it.
+    joint_names : tuple of str
+        All joints that its messages list.
+    rate, duration : float or None
+        Usual rate [Hz] and duration [s], if its time is usable.
+    repairs : dict
+        Counts of the repairs that are needed, by their names in :data:`.repair.REPAIRS`.
+    notes : tuple of str
+        Other findings, one sentence each.
+    refusal : str or None
+        Reason why its joint states can't be used, if so.
+    """
+
+    name: str
+    path: str
+    format: bags.BagFormat
+    topics: tuple[bags.Topic, ...] = ()
+    topic: str | None = None
+    n_messages: int = 0
+    joint_names: tuple[str, ...] = ()
+    rate: float | None = None
+    duration: float | None = None
+    repairs: dict[str, int] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+    refusal: str | None = None
+
+
+def inspect_recording(
+    path: str | bags.Recording,
+    topic: str | None = None,
+    *,
+    state_field: str | None = None,
+    salvage: bool = False,
+) -> RecordingInspection:
+    """Inspect a recording; defects that make it unusable are reported, not raised.
+
+    Parameters
+    ----------
+    path :
+        The recording.
+    topic :
+        Topic of the joint states; by default the only one.
+    state_field :
+        The field of the topic's messages that is a JointState; needs `topic`.
+    salvage :
+        Inspects the messages before the damage of a damaged recording.
+
+    Raises
+    ------
+    RecordingError
+        If there is nothing at the path, more than one recording, or something else.
+    """
+    paths = bags.find_recordings([path])
+    if len(paths) > 1:
+        raise RecordingError(f"there are {len(paths)} recordings at '{path}': inspect one of them")
+    (recording,) = paths
+    with bags.local_copy(recording) as copy:
+        inspection = RecordingInspection(
+            bags.recording_names(paths)[0], str(recording), bags.recording_format(copy)
+        )
+        try:
+            with bags.open_bag(copy, salvage=salvage) as bag:
+                inspection = replace(inspection, topics=bag.topics)
+                clean = read_clean(bag, topic, state_field=state_field)
+            found, refusal = vars(clean) | {"duration": clean.duration}, None
+        except UnusableRecordingError as error:
+            found, refusal = error.findings, str(error)
+        except RecordingError as error:
+            return replace(inspection, refusal=str(error))
+    facts = ("topic", "n_messages", "rate", "duration", "repairs", "notes")
+    return replace(
+        inspection,
+        joint_names=found["listed_joints"],
+        refusal=refusal,
+        **{fact: found[fact] for fact in facts if fact in found},
+    )

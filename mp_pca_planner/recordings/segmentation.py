@@ -178,10 +178,7 @@ def _errors_from_neighbours(piece: Piece) -> FloatArray:
 def find_motions(
     piece: SmoothPiece, thresholds: SpeedThresholds, options: SegmentationOptions
 ) -> list[Span]:
-    """Find the motions of a piece, in order, as first and last step.
-
-    They include motions that are small beside others, see :func:`large_motions`.
-    """
+    """Find the motions of a piece, also small ones, in order, as first and last step."""
     speed = joint_speed(piece.velocities)
     runs = _moving_runs(speed, thresholds, round(options.min_rest * piece.rate))
     if piece.recorded_rate >= options.min_valley_rate:
@@ -203,11 +200,6 @@ def trim(piece: SmoothPiece, thresholds: SpeedThresholds) -> Span | None:
 def extent(positions: FloatArray) -> float:
     """Norm over the joints of the distance that each of them covers [rad or m]."""
     return float(np.linalg.norm(np.ptp(positions, axis=0)))
-
-
-def large_motions(extents: Sequence[float], options: SegmentationOptions) -> list[bool]:
-    """Whether each motion of a recording is more than an adjustment beside the largest."""
-    return [size > options.extent_ratio * max(extents) for size in extents]
 
 
 def _moving_runs(speed: FloatArray, thresholds: SpeedThresholds, min_rest_steps: int) -> list[Span]:

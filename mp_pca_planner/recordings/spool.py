@@ -15,7 +15,7 @@ from typing import Any, TypeVar, overload
 import numpy as np
 
 from ..exceptions import RecordingError
-from .demonstration import RecordingReport, RecordingSet
+from .demonstration import RecordingReport, RecordingSet, Refusal
 
 Value = TypeVar("Value")
 
@@ -98,12 +98,15 @@ class GatheredSets:
         for name, spool in self._spools.items():
             spool.put(index, getattr(found, name))
 
-    def reports(self, index: int) -> Sequence[RecordingReport]:
-        """The report of a recording, if it is used."""
+    def found(self, index: int) -> tuple[Sequence[RecordingReport], Sequence[Refusal]]:
+        """The report of a recording if it is used, else its refusal."""
         if not self._spools:
-            return self._sets[index].reports
-        found: Sequence[RecordingReport] = self._spools["reports"].group(index)
-        return found
+            return self._sets[index].reports, self._sets[index].refused
+        return self._spools["reports"].group(index), self._spools["refused"].group(index)
+
+    def refuse(self, index: int, name: str, reason: str) -> None:
+        """Reject a recording after all."""
+        self[index] = RecordingSet(refused=(Refusal(name, reason),))
 
     def result(self) -> RecordingSet:
         """The results of all recordings, in order."""

@@ -13,7 +13,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from ..arrays import FloatArray, unique_names
+from ..arrays import FloatArray, check_type, unique_names
 from ..exceptions import RobotError, quote_names, unknown_name
 from ..files import read_text, reading
 from .dynamics import Dynamics
@@ -53,8 +53,8 @@ class Robot(Dynamics, Kinematics):
         The joints of `joint_names` that are measured in metres.
     movable_joints : tuple of str
         All movable joints of the description, in the order of the kinematic tree.
-    frame_names : tuple of str
-        The links.
+    frame_names, end_effector : tuple of str, str
+        The links, and the last one of those that most joints move.
     path : Path or None
         The file that the description was read from.
 
@@ -110,7 +110,8 @@ class Robot(Dynamics, Kinematics):
         locked: Mapping[str, float] | None = None,
     ) -> Robot:
         """Read the robot description from a URDF file (see the class)."""
-        with reading(f"the URDF file '{path}'", RobotError):
+        check_type(path, "the path of a URDF file", RobotError, str, Path)
+        with reading(f"the URDF file {str(path)!r:.100}", RobotError):
             urdf = read_text(path)
         robot = cls(urdf, joint_names, locked=locked, source=f"URDF file '{path}'")
         robot.path = Path(path)
@@ -165,14 +166,14 @@ class Robot(Dynamics, Kinematics):
         return self._model.copy(), self._order.to_pin
 
     def with_payload(self, mass: float, frame: str | None = None) -> Robot:
-        """The same robot with a point mass [kg] at the origin of a link, by default the last one.
+        """The same robot with a point mass [kg] at a link, by default the end effector.
 
         Raises
         ------
         RobotError
             If there is no such link.
         """
-        (frame_id,) = self._frame_ids([self.frame_names[-1] if frame is None else frame])
+        (frame_id,) = self._frame_ids([self.end_effector if frame is None else frame])
         model = self._model.copy()
         carrier = model.frames[frame_id]
         joint = joint_of(carrier)

@@ -273,6 +273,9 @@ def _copy_joint(joint: ET.Element, clean: ET.Element, source: str) -> None:
         limit.attrib.update(lower="-" + _UNBOUNDED, upper=_UNBOUNDED)
         copy.set("type", "revolute")
     problem = _wrong_numbers(copy)
+    axis = None if problem or kind not in _ONE_DOF_TYPES else copy.find("axis")
+    if axis is not None and not any(map(float, axis.get("xyz", "1").split())):
+        problem = "its <axis> has no direction, expected three numbers that are not all 0"
     if limit is None and kind in _ONE_DOF_TYPES:
         problem = "it has no <limit>, which must state 'effort' and 'velocity'"
     if problem:

@@ -21,7 +21,7 @@ from ..recordings.bags import GrowingBag, open_bag
 from ..recordings.demonstration import Demonstration
 from ..recordings.joint_states import joined, slice_joint_states
 from ..recordings.repair import CleanRecording
-from ..recordings.segmentation import SegmentationOptions, joint_speed
+from ..recordings.segmentation import SegmentationOptions
 from ..recordings.segments_file import read_segments, segments_table
 
 _NOTHING = re.compile(r"(?!)")  # never matches
@@ -182,7 +182,7 @@ class TeachingSession:
         if not is_over and not _is_at_rest(cuts, clean):
             return SessionUpdate()
         self.present = clean.pieces[-1].positions[-1]
-        whole = [cut for cut in cuts if not _is_cut_off(cut)]
+        whole = [cut for cut in cuts if not cut.is_cut_off(_SEGMENTATION)]
         every = [cut.demonstration(clean.joint_names, self._name, "") for cut in whole]
         before = self.motions
         self.motions = tuple(one for one in every if not _is_among(one, self._discarded))
@@ -244,14 +244,6 @@ def _is_at_rest(cuts: Sequence[cutting.Cut], clean: CleanRecording) -> bool:
         return True
     last = cuts[-1]
     return float(clean.pieces[-1].times[-1] - last.piece.times[last.last]) > _SEGMENTATION.min_rest
-
-
-def _is_cut_off(cut: cutting.Cut) -> bool:
-    """Whether the recording begins or ends within the motion."""
-    speed = joint_speed(cut.piece.velocities)
-    moving = _SEGMENTATION.moving_ratio * speed[cut.first : cut.last + 1].max()
-    ends = {0, speed.size - 1} & {cut.first, cut.last}
-    return any(speed[step] > moving for step in ends)
 
 
 def _left_out(clean: CleanRecording, n_cut_off: int) -> list[str]:

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..arrays import FloatArray
-from ..exceptions import MissingDependencyError, RobotError
+from ..arrays import FloatArray, check_type
+from ..exceptions import MissingDependencyError, PlannerError, RobotError
 from ..files import read_text, reading
 from ..motion.collision import CollisionModel, package_folders
 from ..planning.plan import Plan
@@ -47,7 +47,7 @@ class PageContent:
     collision : CollisionModel or None
         Collision model of the robot; None: self-collisions are not checked.
     frame : str
-        The link that the handle moves; empty: the last one.
+        The link that the handle moves; empty: the end effector.
     recordings : RecordingSet or None
         Demonstrations; those that the primitives reproduce unless given.
     world : World
@@ -134,6 +134,7 @@ def show(planner: Planner, plan: Plan | None = None, *, port: int = 8080) -> Vie
     MissingDependencyError
         If the extra `view` is not installed.
     """
+    check_type(planner, "planner", PlannerError, Planner)
     try:
         from .page import ViewPage
     except ImportError as error:

@@ -43,12 +43,12 @@ def reproduced(primitives: Iterable[MovementPrimitive]) -> list[DemonstrationGro
     """The demonstrations of primitives, as their weights and their own timing reproduce them."""
     found: dict[str, list[ShownMotion]] = {}
     for primitive in primitives:
-        sources = _provenance(primitive)
+        sources = primitive.metadata["demonstrations"]
         for i, (duration, source) in enumerate(zip(primitive.durations, sources, strict=True)):
             times = np.linspace(0.0, float(duration), PAGE.n_samples)
-            name = _name(i, str(source.get("recording", "")), source.get("start_time_s"))
+            name = _name(i, source["recording"], source["start_time_s"])
             motion = ShownMotion(name, times, primitive.reproduction(i, times))
-            found.setdefault(str(source.get("label") or primitive.name), []).append(motion)
+            found.setdefault(source["label"] or primitive.name, []).append(motion)
     return [DemonstrationGroup(label, tuple(motions)) for label, motions in found.items()]
 
 
@@ -63,19 +63,8 @@ def recorded(recordings: RecordingSet) -> list[DemonstrationGroup]:
     return [DemonstrationGroup(label, tuple(motions)) for label, motions in found.items()]
 
 
-def _provenance(primitive: MovementPrimitive) -> list[dict[str, Any]]:
-    """Facts on each demonstration; empty where the file holds none."""
-    facts = primitive.metadata.get("demonstrations")
-    n = len(primitive.durations)
-    if not isinstance(facts, Sequence) or len(facts) != n:
-        return [{}] * n
-    return [fact if isinstance(fact, dict) else {} for fact in facts]
-
-
-def _name(index: int, recording: str, start: Any) -> str:
-    is_known = recording and isinstance(start, int | float)
-    where = f" {recording} at {start:.1f} s" if is_known else ""
-    return f"{index + 1}.{where}"
+def _name(index: int, recording: str, start: float) -> str:
+    return f"{index + 1}. {recording} at {start:.1f} s"
 
 
 class DemonstrationsPanel:

@@ -22,7 +22,7 @@ from embedded_bags import FIELD, TOPIC, write_embedded_bag
 from mp_pca_planner.cli.main import main
 from mp_pca_planner.primitives.build import build_primitive
 from mp_pca_planner.primitives.file import load_primitive
-from mp_pca_planner.recordings import load
+from mp_pca_planner.recordings import load_one
 from mp_pca_planner.recordings.bags import find_recordings, stored_size
 from mp_pca_planner.recordings.load import load_recordings
 from mp_pca_planner.recordings.repair import REPAIRS
@@ -109,7 +109,7 @@ def test_refusal_of_embedded_joint_states_names_their_field(
     tmp_path: Path, bag_format: str
 ) -> None:
     bag = write_embedded_bag(tmp_path / "x", bag_format, stamped(reaching(GOALS[0])))
-    hint = f"'--topic {TOPIC} --field {FIELD}'"
+    hint = f"field '{FIELD}' of topic '{TOPIC}'"
     assert hint in refusal(bag, "--output", tmp_path / "p.npz")
     assert hint in refusal(bag, "--output", tmp_path / "p.npz", "--topic", TOPIC)
     assert hint not in refusal(bag, "--output", tmp_path / "p.npz", "--topic", "/other")
@@ -156,7 +156,8 @@ def test_refusal_of_a_damaged_recording_says_what_may_help(bags: Path, tmp_path:
     (refused,) = build(bags, "--output", tmp_path / "p.npz")["refused"]
     assert refused["recording"] == "broken"
     assert refused["reason"].endswith(
-        "recovering it (--recover) takes what is before the damage, if there is any"
+        "recovering it (--recover; salvage=True in Python) takes what is before the damage, if "
+        "there is any"
     )
     (refused,) = build(bags, "--output", tmp_path / "q.npz", "--salvage")["refused"]
     assert "--recover" not in refused["reason"]
@@ -284,7 +285,7 @@ def test_demonstrations_of_processes_are_immutable(bags: Path) -> None:
 def test_recording_whose_process_dies_is_refused_by_name(
     bags: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    read = load.read_clean
+    read = load_one.read_clean
 
     def die_of_two(*arguments, **options):
         clean = read(*arguments, **options)
@@ -292,7 +293,7 @@ def test_recording_whose_process_dies_is_refused_by_name(
             os._exit(9)
         return clean
 
-    monkeypatch.setattr(load, "read_clean", die_of_two)
+    monkeypatch.setattr(load_one, "read_clean", die_of_two)
     done: list[tuple[int, int]] = []
     loaded = load_recordings([bags], jobs=2, progress=lambda n, total: done.append((n, total)))
     assert {report.name for report in loaded.reports} == {NAMES[0], NAMES[2]}
@@ -315,10 +316,10 @@ def test_damaged_recording_and_longest_gap_through_the_command(tmp_path: Path) -
     options = (file, "--output", tmp_path / "p.npz")
     assert "damaged" in run(*options)[2]
     found = build(*options, "--salvage")
-    assert found["repairs"] == {file.stem: {"gaps": 1}}
+    assert found["repairs"] == {file.stem: {"gaps": 1, "cut_off": 1}}
     assert "before the damage" in found["notes"][file.stem][0]
     found = build(*options, "--salvage", "--max-gap", "1", "--force")
-    assert found["repairs"] == {file.stem: {}}
+    assert found["repairs"] == {file.stem: {"cut_off": 1}}
     assert "'a.b' needs the topic" in refusal(*options, "--field", "a.b", "--force")
 
 

@@ -8,8 +8,10 @@ import resource
 import numpy as np
 import pytest
 from arm import JOINTS, arm_primitive, arm_robot
+from obstacle_scenes import write_scene
 from scipy.integrate import trapezoid
 from test_commands import GOAL, START, URDF, refusal, run
+from worlds import plain_distances
 
 from mp_pca_planner.cli.main import load_command
 from mp_pca_planner.exceptions import PlannerError, RecordingError
@@ -18,6 +20,7 @@ from mp_pca_planner.motion.trajectory import Trajectory
 from mp_pca_planner.primitives.file import load_primitive, save_primitive
 from mp_pca_planner.recordings.bags import write_joint_states
 from mp_pca_planner.recordings.synthetic import generate_motions
+from mp_pca_planner.robot.world import World
 
 
 @pytest.fixture
@@ -52,6 +55,18 @@ def write_execution(path, times, held, tau):
     stamps = (1_700_000_000 * 10**9 + np.round(times * 1e9)).astype(np.int64)
     write_joint_states(path, "mcap", JOINTS, stamps, held, efforts=tau)
     return path
+
+
+def test_refined_motion_keeps_clear_of_obstacles(primitive, tmp_path):
+    bare = np.array(refine(primitive, "--time-price", "3")["positions"])
+    hand = arm_robot().frame_positions(bare, [arm_robot().frame_names[-1]])[:, 0]
+    ball = ("ball", "sphere", [0.02], hand[len(hand) // 2])
+    scene = write_scene(tmp_path / "scene.yaml", [ball])
+    facts = refine(primitive, "--time-price", "3", "--obstacles", scene, "--margin", "0.01")
+    assert facts["collision"].startswith("none")
+    world = World.from_file(scene)
+    assert plain_distances(world, bare).min() < 0.0
+    assert plain_distances(world, np.array(facts["positions"])).min() >= 0.01
 
 
 # Executions

@@ -117,14 +117,87 @@ def test_report_counts_repairs_and_rejections(tmp_path: Path) -> None:
         (lambda reach, robot, ends: mp.Planner(robot, ["reach.npz"]), "load reads a file"),
         (lambda reach, robot, ends: mp.MovementPrimitive.fit(None), "None is no demonstration"),
         (lambda reach, robot, ends: mp.MovementPrimitive.fit([ends]), "is no demonstration"),
-        (lambda reach, robot, ends: reach.sample(1.5, *ends), "positive integer, got 1.5"),
-        (lambda reach, robot, ends: reach.sample(-1, *ends), "positive integer, got -1"),
+        (lambda reach, robot, ends: mp.MovementPrimitive.fit(robot), "is no demonstration"),
+        (lambda reach, robot, ends: reach.sample(1.5, *ends), "at least 0, got 1.5"),
+        (lambda reach, robot, ends: reach.sample(-1, *ends), "at least 0, got -1"),
+        (lambda reach, robot, ends: reach.sample(1, *ends, seed="x"), "seed must be a whole"),
+        (lambda reach, robot, ends: reach.predict(*ends, duration="2"), "from 0.001 to 600"),
+        (lambda reach, robot, ends: reach.predict(*ends, duration=1e9), "from 0.001 to 600"),
+        (
+            lambda reach, robot, ends: reach.predict({"elbow": 0}, ends[1]),
+            "lacks .*shoulder1",
+        ),
+        (lambda reach, robot, ends: reach.predict(ends[0], {"elbo": 0}), "did you mean 'elbow'"),
+        (lambda reach, robot, ends: mp.Planner(URDF, reach), "Robot.from_file reads one"),
+        (lambda reach, robot, ends: mp.Planner([reach], robot), "the robot must be a Robot"),
+        (lambda reach, robot, ends: mp.Planner(robot, robot), "is no movement primitive"),
+        (lambda reach, robot, ends: mp.Planner(robot, reach, limits={}), "a JointLimits"),
+        (lambda reach, robot, ends: mp.Planner(robot, reach, options={}), "a PlannerOptions"),
+        (lambda reach, robot, ends: mp.Planner(robot, reach, collision=True), "CollisionModel or"),
+        (lambda reach, robot, ends: mp.Planner(robot, reach, world=[]), "World.from_file reads"),
+        (lambda reach, robot, ends: mp.PlannerOptions(naturalness="x"), "naturalness must be a"),
+        (lambda reach, robot, ends: mp.PlannerOptions(n_starts=1.5), "whole number from 1 to 5"),
+        (lambda reach, robot, ends: mp.PlannerOptions(objectives=["jerk"]), "pairs of a weight"),
+        (lambda reach, robot, ends: mp.PlannerOptions(solver=None), "solver must be a Solver"),
+        (lambda reach, robot, ends: mp.JointGoal(ends[1]), "JointState or Mapping"),
+        (lambda reach, robot, ends: mp.PoseGoal(ends[1]), "must be a Pose"),
+        (lambda reach, robot, ends: mp.Pose(None, [0, 0, 0]), "frame of a pose must be a str"),
+        (lambda reach, robot, ends: mp.Via({"elbow": 0}, "x"), "between 0 and 1, got 'x'"),
+        (lambda reach, robot, ends: mp.JointGoal({"elbow": 0}, vias=[{}]), "must be a Via"),
+        (lambda reach, robot, ends: mp.SequenceGoal({"elbow": 0}), "targets of a sequence must"),
+        (lambda reach, robot, ends: mp.SequenceGoal([{"elbow": 0}], ["x"]), "increase, got 'x'"),
+        (lambda reach, robot, ends: mp.JointState("elbow", [0]), "a list of names is needed"),
+        (lambda reach, robot, ends: mp.Robot.from_file(URDF, "elbow"), "a list of names is needed"),
+        (lambda reach, robot, ends: mp.Robot.from_file(None), "path of a URDF file must be"),
+        (lambda reach, robot, ends: mp.load_demonstrations(None), "paths of recordings must be"),
+        (lambda reach, robot, ends: mp.load_demonstrations("x", robot=3), "robot must be a Robot"),
+        (lambda reach, robot, ends: mp.show(reach), "planner must be a Planner"),
     ],
 )
-def test_what_is_no_primitive_demonstration_or_number_is_refused(wrong, said) -> None:
+def test_wrong_value_is_refused_in_one_sentence(wrong, said) -> None:
     demonstrations, primitive, robot, _ = planned()
     with pytest.raises(PlannerError, match=said):
         wrong(primitive, robot, demonstrations[0].positions[[0, -1]])
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        ({"goal": {"elbow": -0.6}, "mode": "fast"}, "one of 'real_time', 'optimal', got 'fast'"),
+        ({"goal": {"elbow": float("nan")}}, "the goal: the position of joint 'elbow' is nan"),
+        ({"goal": None}, "the goal must be positions .* got None"),
+        ({"goal": {}}, "at least one"),
+    ],
+)
+def test_goal_or_mode_that_means_nothing_is_refused(arguments, said) -> None:
+    demonstrations, _, _, planner = planned()
+    with pytest.raises(GoalError, match=said):
+        planner.plan(start=demonstrations[0].positions[0], **arguments)
+
+
+def test_prediction_takes_what_plan_takes() -> None:
+    demonstrations, primitive, robot, _ = planned()
+    start, goal = demonstrations[0].positions[[0, -1]]
+    names, elbow = robot.joint_names, np.where(np.equal(robot.joint_names, "elbow"), goal, start)
+    expected = primitive.predict(start, elbow)
+    state = mp.JointState(names[::-1], start[::-1])
+    for begin in (dict(zip(names, start, strict=True)), state):
+        found = primitive.predict(begin, {"elbow": goal[names.index("elbow")]})
+        np.testing.assert_array_equal(found.positions, expected.positions)
+
+
+def test_goals_take_dicts_of_positions() -> None:
+    state = mp.JointState(["elbow"], [-0.6])
+    goals = mp.JointGoal({"elbow": -0.6}), mp.SequenceGoal([{"elbow": -0.6}])
+    for made in (goals[0].state, goals[1].targets[0], mp.Via({"elbow": -0.6}).target):
+        assert made.joint_names == state.joint_names
+        np.testing.assert_array_equal(made.positions, state.positions)
+
+
+def test_single_demonstration_is_a_set_of_one() -> None:
+    demonstrations = planned()[0]
+    alone = mp.MovementPrimitive.fit(demonstrations[0])
+    assert len(alone.durations) == 1
 
 
 def test_planner_takes_a_single_primitive() -> None:

@@ -252,7 +252,10 @@ def _hint_at_salvage(salvage: bool) -> Iterator[None]:
     except DamagedRecordingError as error:
         if salvage:
             raise
-        hint = "recovering it (--recover) takes what is before the damage, if there is any"
+        hint = (
+            "recovering it (--recover; salvage=True in Python) takes what is before the damage, if "
+            "there is any"
+        )
         raise DamagedRecordingError(f"{error}; {hint}") from error.__cause__
 
 
@@ -281,7 +284,7 @@ def choose_topic(topics: Sequence[Topic], topic: str | None = None) -> Topic:
         if len(found) > 1:
             raise RecordingError(
                 f"several topics hold {what}: {quote_names(item.name for item in found)}; choose "
-                "one of them"
+                "one of these topics"
             )
         if found:
             return found[0]

@@ -4,10 +4,12 @@
 
 from __future__ import annotations
 
+import shutil
+import sqlite3
 import tempfile
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import ExitStack, closing, contextmanager, suppress
 from itertools import chain
 from pathlib import Path, PurePath
 
@@ -82,6 +84,9 @@ class RecordingFiles:
             elif self._path.is_dir():
                 note = f"{METADATA} is missing: the files are read in the order of their numbers"
                 self.notes = (note,)
+            logs = quote_names(log.name for file in files for log in _logs(file))
+            if logs != "none":
+                self.notes += (f"the recorder did not end: what it left in {logs} is used, too",)
             self._files = [_READERS[part.suffix](part) for part in _plain_files(files, stack)]
             for part in self._files:
                 # Channels without messages are included.
@@ -133,19 +138,32 @@ def damage_reported(path: Path, bag_format: BagFormat) -> Iterator[None]:
 def _plain_files(
     files: Iterable[Path], stack: ExitStack, *, damaged: bool = False
 ) -> Iterator[Path]:
-    """The files, unpacked to temporary ones if compressed; a damaged one up to the damage."""
+    """The files, as temporary ones if compressed or incomplete; a damaged one up to the damage."""
     for file in files:
-        if file.suffix not in PACKED_SUFFIXES:
+        logs = _logs(file)
+        if file.suffix not in PACKED_SUFFIXES and not logs:
             yield file
             continue
-        folder = stack.enter_context(tempfile.TemporaryDirectory())
-        target = Path(folder, file.stem)
+        folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
+        target = folder / (file.name if logs else file.stem)
         try:
-            copy_unpacked(file, target)
+            if logs:
+                for part in (file, *logs):
+                    shutil.copyfile(part, folder / part.name)
+                with closing(sqlite3.connect(target)) as database:
+                    database.execute("PRAGMA journal_mode=DELETE")  # applies the logs
+            else:
+                copy_unpacked(file, target)
         except Exception:
             if not damaged:
                 raise
         yield target
+
+
+def _logs(file: Path) -> list[Path]:
+    """Logs of sqlite3 beside a file, in which a recorder that was killed left messages."""
+    beside = [file.with_name(f"{file.name}{end}") for end in ("-wal", "-journal")]
+    return [log for log in beside if log.is_file() and log.stat().st_size]
 
 
 def _read_metadata(folder: Path) -> list[Path]:

@@ -21,6 +21,7 @@ from .messages import (
     drop_equal_stamps,
     drop_unusable,
     drop_zeros,
+    joined_notes,
     left_out_notes,
     order_by_time,
     refuse_late_contradictions,
@@ -77,7 +78,7 @@ def repair(
     repairs: Counter[str] = Counter(malformed=raw.n_malformed)
     with findings_on_refusal(raw, repairs):
         names = choose_joints([layout.joint_names for layout in raw.layouts], raw.topic, joints)
-        samples, clock_notes = _samples(raw, names, repairs)
+        samples, clock_notes = _samples(raw, names, options, repairs)
         for repair_samples in SAMPLE_REPAIRS:
             samples = repair_samples(samples, options, repairs)
             samples.refuse_few(options)
@@ -100,10 +101,11 @@ def repair(
 
 
 def _samples(
-    raw: RawJointStates, names: tuple[str, ...], repairs: Counter[str]
+    raw: RawJointStates, names: tuple[str, ...], options: RepairOptions, repairs: Counter[str]
 ) -> tuple[Samples, tuple[str, ...]]:
     """Positions of the joints by stamp, with notes on the stamps."""
-    messages, positions = take_joints(raw, names, repairs)
+    messages, positions = take_joints(raw, names, options, repairs)
     stamps, notes = choose_clock(raw, messages)
+    notes = (*joined_notes(raw, names), *notes)
     first_stamp = int(stamps[np.argmax(stamps > 0)])
-    return Samples(stamps, positions, np.arange(stamps.size), first_stamp), notes
+    return Samples(stamps, positions, np.arange(stamps.size), first_stamp, names), notes

@@ -45,7 +45,7 @@ def choose_joints(
     if len(names) > INPUT_LIMITS.joints:
         raise RecordingError(
             f"{len(names)} joints of '{topic}' are more than the {INPUT_LIMITS.joints} accepted: "
-            "choose some of them (--joints)"
+            "choose some of them"
         )
     return names
 
@@ -65,8 +65,8 @@ def _common_joints(listed: Sequence[tuple[str, ...]], topic: str) -> tuple[str, 
     if not common:
         choices = "; ".join(quote_names(names) for names in list(dict.fromkeys(listed))[:10])
         raise RecordingError(
-            f"no joint is in every message of '{topic}', choose joints that come together: "
-            f"{choices}"
+            f"no joint is in every message of '{topic}': choose the joints, of one publisher or of "
+            f"several, from {choices}"
         )
     return tuple(name for name in listed[0] if name in common)
 
@@ -80,14 +80,16 @@ def left_out_notes(raw: RawJointStates, names: tuple[str, ...]) -> tuple[str, ..
 
 
 def take_joints(
-    raw: RawJointStates, names: tuple[str, ...], repairs: Counter[str]
+    raw: RawJointStates, names: tuple[str, ...], options: RepairOptions, repairs: Counter[str]
 ) -> tuple[IntArray, FloatArray]:
     """Messages that list all of the joints, and their positions in the order of `names`.
+
+    Where none does, those of several publishers are joined, see :func:`_joined_publishers`.
 
     Raises
     ------
     RecordingError
-        If no message lists them all.
+        If no message lists them all, and publishers can't be joined.
     """
     messages: list[IntArray] = []
     positions: list[FloatArray] = []
@@ -105,12 +107,76 @@ def take_joints(
         own = layout.positions
         positions.append(own if columns == list(range(own.shape[1])) else own[:, columns])
     if not messages:
-        raise RecordingError(f"no message lists all of the joints {quote_names(names)} together")
+        repairs["missing_joints"] = 0
+        return _joined_publishers(raw, names, options, repairs)
     if len(messages) == 1:
         return messages[0], positions[0]
     merged = np.concatenate(messages)
     order_of_reception = np.argsort(merged)
     return merged[order_of_reception], np.concatenate(positions)[order_of_reception]
+
+
+def _joined_publishers(
+    raw: RawJointStates, names: tuple[str, ...], options: RepairOptions, repairs: Counter[str]
+) -> tuple[IntArray, FloatArray]:
+    """Messages of the publisher with most, with positions of the others at their times.
+
+    These are interpolated between messages without a gap between them.
+    """
+    by_size = sorted(raw.layouts, key=lambda layout: -layout.messages.size)
+    sources = [next(layout for layout in by_size if name in layout.joint_names) for name in names]
+    base = max(sources, key=lambda layout: layout.messages.size)
+    clocks = (raw.header_stamps, raw.receive_stamps)
+    # The times of reception are in order unless the recording was put together.
+    stamps = clocks[any(_steps_back(raw.header_stamps[x.messages]) for x in sources)]
+    stamps = stamps - stamps.min()  # exact as floating-point numbers
+    positions = np.empty((base.messages.size, len(names)))
+    known = np.ones(base.messages.size, dtype=bool)
+    for column, (name, source) in enumerate(zip(names, sources, strict=True)):
+        own = source.positions[:, source.joint_names.index(name)]
+        if source is not base:
+            usable = np.abs(own) < INPUT_LIMITS.position
+            times = stamps[source.messages][usable]
+            own = _between(stamps[base.messages], times, own[usable], options)
+            known &= np.isfinite(own)
+        positions[:, column] = own
+    if not known.any():
+        raise RecordingError(
+            f"no message lists all of the joints {quote_names(names)} together, and the messages "
+            "of their publishers don't overlap in time"
+        )
+    unused = sum(x.messages.size for x in raw.layouts if x not in sources)
+    repairs["missing_joints"] += unused + count(~known)
+    return base.messages[known], positions[known]
+
+
+def _steps_back(stamps: IntArray) -> bool:
+    """Whether stamps are not set, or not in order."""
+    return bool((stamps <= 0).any() or (np.diff(stamps) < 0).any())
+
+
+def _between(
+    stamps: IntArray, own_stamps: IntArray, values: FloatArray, options: RepairOptions
+) -> FloatArray:
+    """Values at stamps by interpolation between those before and after; NaN in gaps."""
+    if own_stamps.size < options.min_samples:
+        return np.full(stamps.size, np.nan)
+    after = np.clip(np.searchsorted(own_stamps, stamps), 1, own_stamps.size - 1)
+    steps = own_stamps[after] - own_stamps[after - 1]
+    found = np.interp(stamps, own_stamps, values, left=np.nan, right=np.nan)
+    found[steps > options.longest_gap(float(np.median(np.diff(own_stamps))))] = np.nan
+    found[np.abs(np.diff(values))[after - 1] > np.pi] = np.nan  # a wrapped angle
+    return found
+
+
+def joined_notes(raw: RawJointStates, names: tuple[str, ...]) -> tuple[str, ...]:
+    """A note if the joints are those of several publishers."""
+    if any(set(names) <= set(layout.joint_names) for layout in raw.layouts):
+        return ()
+    return (
+        "no message lists all of the joints: those of several publishers are joined by "
+        "interpolation in time",
+    )
 
 
 SIMULATION_TIME = (
@@ -144,8 +210,8 @@ def choose_clock(raw: RawJointStates, messages: IntArray) -> tuple[IntArray, tup
     why = "span no plausible time" if stamped.any() else "are not set"
     raise RecordingError(
         f"there is no usable time: the header stamps {why}, and the {messages.size} messages were "
-        f"received within {np.ptp(received) / 1e6:.3g} ms; record them with stamps, or as they "
-        "happen"
+        f"received in bursts within {np.ptp(received) / NS_PER_S:.3g} s; record them with stamps, "
+        "or as they happen"
     )
 
 
@@ -155,16 +221,28 @@ def is_simulation_time(header: int, received: int) -> bool:
 
 
 def _plausible(stamps: IntArray) -> bool:
-    """Whether joint states can have been recorded at these times."""
+    """Whether joint states can have been recorded at these times, not in bursts."""
+    steps = np.diff(stamps)
+    steps = steps[steps > 0]
+    shortest = NS_PER_S / INPUT_LIMITS.state_rate
     return bool(
-        stamps.size < 2 or stamps.size <= np.ptp(stamps) / NS_PER_S * INPUT_LIMITS.state_rate
+        stamps.size < 2
+        or (stamps.size * shortest <= np.ptp(stamps) and np.percentile(steps, 75) > shortest / 2)
     )
 
 
 def drop_unusable(samples: Samples, options: RepairOptions, repairs: Counter[str]) -> Samples:
     """Drop samples without a stamp or with an unusable position."""
     # NaN compares false, too.
-    finite = np.all(np.abs(samples.positions) < INPUT_LIMITS.position, axis=1)
+    usable = np.abs(samples.positions) < INPUT_LIMITS.position
+    finite = np.all(usable, axis=1)
+    if not finite.any():
+        columns = zip(samples.joint_names, usable.T, strict=True)
+        never = quote_names(name for name, column in columns if not column.any())
+        raise RecordingError(
+            f"no message has finite positions of all joints (never of {never}): choose joints that "
+            "are measured"
+        )
     stamped = samples.times > 0
     repairs["non_finite"] += count(~finite)
     repairs["unstamped"] += count(finite & ~stamped)
@@ -274,8 +352,8 @@ def _refuse_conflicts(
     n_conflicts = count(conflicts)
     if n_conflicts > max(options.min_conflicts, options.max_conflicts * n_messages):
         raise RecordingError(
-            f"{n_conflicts} messages contradict {what}: two publishers of the same joints; record "
-            "one of them"
+            f"{n_conflicts} messages contradict {what}: two publishers of the same joints, or a "
+            "clock with coarse steps; record one publisher, with fine stamps"
         )
 
 

@@ -187,9 +187,9 @@ def velocity_notes(
 
     The messages of the layout with most velocities are checked.
     """
-    if raw.computed:
-        return ()
     fitting = [layout for layout in raw.layouts if set(joint_names) <= set(layout.joint_names)]
+    if raw.computed or not fitting:
+        return ()
     n_messages = sum(layout.messages.size for layout in fitting)
     n_missing = n_messages - sum(_n_velocities(layout, joint_names) for layout in fitting)
     if n_missing == n_messages:

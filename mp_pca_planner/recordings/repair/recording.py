@@ -7,7 +7,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -39,6 +39,7 @@ REPAIRS = {
     "replaced": "commanded motion cut short: another one started before its end",
     "single_points": "single-point trajectory without a known start: dropped",
     "short_pieces": "piece between cuts dropped: too few samples",
+    "cut_off": "motion dropped: the recording or a gap cuts it off, and others are whole",
     "rest": "movement dropped: within the extent of noise and sway, taken for rest",
 }
 """Kinds of repairs, by the name under which they are counted."""
@@ -248,12 +249,15 @@ class Samples:
         Place of each sample in the order of reception.
     first_stamp : int
         Stamp of the recording's first message [ns].
+    joint_names : tuple of str
+        Names of the joints.
     """
 
     times: IntArray
     positions: FloatArray
     received: IntArray
     first_stamp: int
+    joint_names: tuple[str, ...]
 
     @property
     def period(self) -> float:
@@ -263,12 +267,10 @@ class Samples:
 
     def taken(self, rows: IntArray) -> Samples:
         """Some of the samples, in the order of `rows`."""
-        return Samples(
-            taken(rows, self.times),
-            taken(rows, self.positions),
-            taken(rows, self.received),
-            self.first_stamp,
+        times, positions, received = (
+            taken(rows, values) for values in (self.times, self.positions, self.received)
         )
+        return replace(self, times=times, positions=positions, received=received)
 
     def refuse_few(self, options: RepairOptions) -> None:
         """Raise a RecordingError if there are too few different times."""

@@ -182,7 +182,7 @@ def test_controller_gets_the_gains_by_joint() -> None:
             "valid names: 'feedforward_pd'",
         ),
         (lambda: ControlLaw(FEEDFORWARD_PD, JOINTS, np.ones(4), -np.ones(4)), "positive"),
-        (lambda: ErrorModel(inertia=1.0), "less than 1"),
+        (lambda: ErrorModel(inertia=1.0), "from 0 to 0.999"),
         (lambda: ErrorModel(payload=-1.0), "payload"),
         (lambda: Sampling(0.0), "control period"),
         (lambda: Sampling(1e-3, -1), "delay"),

@@ -13,6 +13,7 @@ from worlds import plain_distances
 from mp_pca_planner.exceptions import RobotError, WorldError
 from mp_pca_planner.execution.avoidance import avoid_obstacle
 from mp_pca_planner.execution.preemptive_worker import CancelledError
+from mp_pca_planner.motion.validation import interpolate
 from mp_pca_planner.robot.world import Obstacle, Sphere, World
 
 MARGIN, RADIUS = 0.01, 0.03
@@ -177,6 +178,56 @@ def test_newer_goal_takes_the_place_of_the_avoidance(node):
     node.assert_smooth()
     node.assert_rests_at(START)
     assert node.outcomes == ["replaced", "arrived"]
+
+
+def least(motion, world):
+    return plain_distances(world, interpolate(motion).q[::5]).min()
+
+
+def test_stop_leaves_its_path_where_that_alone_keeps_clear_of_an_obstacle(node):
+    node.ask(GOAL, duration=1.2)
+    node.run(0.55)
+    along = node.server._stops.find(node._model).joined.trajectory
+    robot, random, n_clear = arm_robot(), np.random.default_rng(1), 0
+    ends = robot.frame_positions(along.positions[-1:], [robot.frame_names[-1]])[0, 0]
+    now = plain_distances(World([Obstacle("ball", Sphere(RADIUS, ends))]), node.commanded[None])
+    assert now.min() > MARGIN
+    for off in random.normal(0.0, 0.03, (12, 3)):
+        world = World([Obstacle("ball", Sphere(RADIUS, ends + off))])
+        on_path = least(along, world)
+        if plain_distances(world, node.commanded[None]).min() < MARGIN:
+            continue
+        use(node, world)
+        found = node.server._stops.find(node._model)
+        distance = least(found.joined.trajectory, world)
+        assert distance >= on_path - 1e-3
+        assert (distance >= MARGIN - 1e-4) != ("'ball' are nearer than the margin" in found.message)
+        n_clear += on_path < MARGIN <= distance
+    assert n_clear > 0
+
+
+def test_stop_at_a_point_names_the_bodies_that_it_can_not_keep_apart(node):
+    node.ask(GOAL, duration=2.5)
+    node.run(0.5)
+    node.robot.faults.silent = True
+    node.run(0.7)
+    found = node.server._stops.find(node._model)
+    assert "single point" in found.message and "collision" not in found.message
+    use(node, ball_at(found.joined.trajectory.positions[-1]))
+    message = node.stop()
+    assert "no stop without a collision was found: 'lower_arm' and 'ball'" in message
+    node.robot.faults.silent = False
+    node.run(5.0)
+    assert node.outcomes == ["stopped"]
+    assert "'lower_arm' and 'ball'" in node.execution_reports[0][1].message
+
+
+def test_stop_is_not_delayed_by_the_check_of_a_motion_in_another_thread(node):
+    node.ask(GOAL, duration=1.2)
+    node.run(0.55)
+    use(node, ball_at(place_on_motion(node, 0.9)))
+    with node.server.surroundings._lock:
+        assert "comes to rest on its path" in node.stop()
 
 
 def test_obstacles_that_do_not_fit_the_robot_are_refused(node):

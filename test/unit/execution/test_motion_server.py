@@ -537,7 +537,7 @@ def test_stop_that_took_long_to_find_is_found_again_a_few_times(node, monkeypatc
     monkeypatch.setattr(node.server, "watch", lambda _: None)
     node.stop()
     assert len(found) == min(n_interruptions + 1, ServingOptions().max_attempts)
-    assert node.sent[-1][1] is found[-1][1].trajectory
+    assert node.sent[-1][1] is found[-1].joined.trajectory
 
 
 def test_stop_of_a_robot_that_was_never_heard_of_is_refused(node):

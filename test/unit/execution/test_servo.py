@@ -21,7 +21,7 @@ def even(duration=10.0, rate=1.0):
     """A motion at a constant speed, which began at 0."""
     ends = np.array([np.zeros(3), V * rate * duration])
     velocities = np.tile(rate * V, (2, 1))
-    trajectory = Trajectory("abc", [0.0, duration], ends, velocities, np.zeros((2, 3)))
+    trajectory = Trajectory(tuple("abc"), [0.0, duration], ends, velocities, np.zeros((2, 3)))
     return PublishedMotion(trajectory, 0.0)
 
 

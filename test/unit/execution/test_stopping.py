@@ -18,8 +18,8 @@ from mp_pca_planner.execution.stopping import (
     braking_ends,
     ends_at,
     ends_on_path,
-    stop_at_point,
     stop_on_path,
+    stops_at_points,
 )
 from mp_pca_planner.motion.goal import JointState
 from mp_pca_planner.motion.trajectory import Trajectory
@@ -113,6 +113,11 @@ def test_stop_at_a_point_is_allowed_from_everywhere_the_robot_may_be(shares):
     on_path = spline(motion.trajectory)(np.linspace(places[-1], DURATION, 10001))
     assert np.abs(on_path - stop.positions[-1]).max(axis=1).min() < 2e-4
     np.testing.assert_array_equal(stop.positions[0], moving[0].positions)
+
+
+def stop_at_point(*request):
+    """The first motion to the first point that is allowed from all states, if there is one."""
+    return next((stops[0] for stops in stops_at_points(*request)), None)
 
 
 NUMBERS = st.lists(st.floats(-1.0, 1.0), min_size=4, max_size=4).map(np.array)

@@ -2,12 +2,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """Motions are scaled and warped to less cost, within the limits, their ends untouched."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from arm import JOINTS, arm_primitive, arm_robot
 from patience import PATIENT
 from scipy.integrate import trapezoid
+from worlds import ball_beside, least_distance
 
+import mp_pca_planner as mp
 from mp_pca_planner.exceptions import GoalError, PlannerError, TrajectoryError
 from mp_pca_planner.learning.refined_motion import (
     AMPLITUDE,
@@ -18,6 +22,8 @@ from mp_pca_planner.learning.refined_motion import (
     segment_states,
 )
 from mp_pca_planner.learning.refinement import RefinementCost, RefinementOptions, refine
+from mp_pca_planner.learning.refinement_terms import ClearanceConstraints
+from mp_pca_planner.motion.collision import CollisionModel
 from mp_pca_planner.motion.goal import JointGoal, JointState
 from mp_pca_planner.motion.validation import check_limits
 from mp_pca_planner.planning.motion import Motion
@@ -124,6 +130,59 @@ def test_gradient_of_the_cost_is_that_of_differences(price):
         for e in 1e-6 * np.eye(x.size)
     ]
     np.testing.assert_allclose(gradient, slopes, rtol=1e-6, atol=1e-6 * np.abs(gradient).max())
+
+
+def least(motion, world):
+    return least_distance(world, motion.trajectory)
+
+
+def planned_stiffly():
+    """A motion near the demonstrations, which refinement changes much."""
+    states = arm_primitive().boundary_states
+    options = replace(PATIENT, naturalness=10.0)
+    planner = Planner(ROBOT, [arm_primitive()], LIMITS, options)
+    return planner.plan(states[0, 3], states[0, 0])
+
+
+def test_gradients_of_clearances_are_those_of_differences():
+    plan = planned_stiffly()
+    price = RefinementOptions(time_price=3.0)
+    refined = refine(plan.motions, ROBOT, LIMITS, price)
+    model = CollisionModel(ROBOT, world=ball_beside(plan.trajectory, refined.trajectory))
+    terms = ClearanceConstraints(plan.motions, model)
+    x = refined.motion.parameters.ravel()
+    assert terms.values_and_jacobian(plan.motions, x)[0].size == 0
+    terms.add(refined.motion, model.collisions(refined.trajectory))
+    values, rows = terms.values_and_jacobian(plan.motions, x)
+    assert values.min() < 0.0 and np.abs(rows).max() > 0.01
+    for k, e in enumerate(1e-6 * np.eye(x.size)):
+        ahead, behind = (terms.values_and_jacobian(plan.motions, x + s * e)[0] for s in (1, -1))
+        near = np.any(rows != 0.0, axis=1)
+        slopes = (ahead - behind)[near] / 2e-6
+        np.testing.assert_allclose(slopes, rows[near, k], atol=2e-3 * np.abs(rows).max())
+
+
+@pytest.mark.parametrize("price", [None, 3.0])
+def test_refining_keeps_clear_of_an_obstacle_that_it_would_meet_otherwise(price):
+    plan, options = planned_stiffly(), RefinementOptions(time_price=price)
+    bare = refine(plan.motions, ROBOT, LIMITS, options)
+    world = ball_beside(plan.trajectory, bare.trajectory)
+    assert least(bare, world) < 0.0
+    model = CollisionModel(ROBOT, world=world)
+    found = refine(plan.motions, ROBOT, LIMITS, options, model)
+    assert least(found, world) > 1e-3
+    assert 0.0 < found.gain < bare.gain
+
+
+def test_refining_a_detour_keeps_clear_of_the_obstacle():
+    start, goal = arm_primitive().boundary_states[0][[0, 3]]
+    world = mp.World([mp.Obstacle("post", mp.Box((0.04, 0.04, 1.2), (0.384, -0.419, 0.14)))])
+    model = CollisionModel(ROBOT, world=world)
+    plan = Planner(ROBOT, [arm_primitive()], LIMITS, PATIENT, model).plan(goal, start)
+    assert plan.is_executable and plan.correction > 0.0
+    found = refine(plan.motions, ROBOT, LIMITS, RefinementOptions(time_price=3.0), model)
+    assert found.gain > 0.01
+    assert least(found, world) > 0.0
 
 
 def test_cost_is_the_integral_of_the_efforts():

@@ -12,11 +12,13 @@ import numpy as np
 import pytest
 from arm import JOINTS, arm_primitive, arm_robot
 from patience import PATIENT
+from worlds import ball_beside, least_distance
 
 from mp_pca_planner.exceptions import LearningError
-from mp_pca_planner.learning.refined_motion import RefinedMotion
+from mp_pca_planner.learning.refined_motion import AMPLITUDE, RefinedMotion
 from mp_pca_planner.learning.refinement import RefinementCost, RefinementOptions
 from mp_pca_planner.learning.trials import TrialLearner
+from mp_pca_planner.motion.collision import CollisionModel
 from mp_pca_planner.motion.goal import JointGoal, JointState
 from mp_pca_planner.motion.validation import check_limits
 from mp_pca_planner.planning.planner import Planner
@@ -50,6 +52,27 @@ def tight_limits():
             )
         }
     )
+
+
+def test_no_trial_collides():
+    options = RefinementOptions(time_price=1.0)
+    learner = TrialLearner([motion()], ROBOT, ROBOT.limits(), options)
+    original, *tried = learn_proposals(learner, 8)
+    other = max(tried, key=lambda one: abs(one.motion.parameters[0, AMPLITUDE]))
+    world = ball_beside(original.trajectory, other.trajectory)
+    model = CollisionModel(ROBOT, world=world)
+    assert model.collisions(other.trajectory)
+    clear = TrialLearner([motion()], ROBOT, ROBOT.limits(), options, collision=model)
+    for one in learn_proposals(clear, 8):
+        assert least_distance(world, one.trajectory) > 0.0
+
+
+def learn_proposals(learner, n):
+    found = []
+    for _ in range(n):
+        found.append(learner.propose())
+        learner.record(effort(found[-1]))
+    return found
 
 
 def effort(proposal):

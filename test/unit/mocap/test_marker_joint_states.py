@@ -271,7 +271,11 @@ def test_markers_before_the_damage_are_taken_on_request(
     options = ("--markers", "/markers", "--robot", URDF, "--marker-map", MAP)
     output = tmp_path / "x.npz"
     status, _, err = build(capsys, file, *options, "--output", output)
-    assert status == 2 and "; recovering it (--recover) takes what is before the damage" in err
+    assert (
+        status == 2
+        and "; recovering it (--recover; salvage=True in Python) takes what is before the damage"
+        in err
+    )
     status, out, err = build(capsys, file, *options, "--output", output, "--salvage", "--json")
     assert status == 0, err
     assert 2 <= json.loads(out)["n_motions"] < 8

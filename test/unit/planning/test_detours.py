@@ -10,6 +10,7 @@ import pytest
 from arm import JOINTS, arm_primitive, arm_robot
 from dense import assert_keeps, spline
 from obstacle_scenes import write_scene
+from worlds import TRAY
 
 import mp_pca_planner as mp
 from mp_pca_planner.evaluation.check import RigidArm
@@ -145,6 +146,21 @@ def test_refusal_names_bodies_place_and_the_missing_extra(tmp_path, monkeypatch)
     assert "needs the Python module 'ompl'" in plan.message
 
 
+@pytest.mark.parametrize("end", [0, 3])
+def test_end_inside_a_mesh_has_no_path_and_is_named(end):
+    robot, primitive = arm_robot(), arm_primitive()
+    ends = primitive.boundary_states[0][[0, 3]]
+    hand = robot.frame_positions(ends, [robot.frame_names[-1]])[int(end > 0), 0]
+    tray = mp.Mesh(0.1 * TRAY.vertices, TRAY.triangles, hand)
+    collision = CollisionModel(robot, world=mp.World([mp.Obstacle("tray", tray)]))
+    setup = Setup(robot, robot.limits(), PlannerOptions(), collision)
+    assert not list(PathFinder(setup).paths(tuple(ends), Budget(math.inf)))
+    plan = Planner(robot, [primitive], None, PlannerOptions(naturalness=0.01), collision)
+    message = plan.plan(ends[1], ends[0]).message
+    assert "'tray' collide" in message
+    assert f"the {'goal' if end else 'start'} is in collision" in message
+
+
 def test_first_path_stays_near_its_ends(post):
     pytest.importorskip("ompl", reason="the extra ompl is not installed")
     _, planner, start, goal = post
@@ -210,3 +226,23 @@ def test_legs_between_targets_lead_around_the_wall(tmp_path, kind):
     assert passed < 0.01
     assert "around obstacles with" in plan.message
     np.testing.assert_allclose(plan.trajectory.positions[[0, -1]], [start, start], atol=1e-12)
+
+
+def test_goal_in_motion_is_refused_where_no_stop_after_it_is_clear():
+    primitive, robot = arm_primitive(), arm_robot()
+    start, goal = primitive.boundary_states[0][[0, 3]]
+    velocity = 2.0 * (goal - start) / np.abs(goal - start).max()
+    limits = robot.limits({joint: {"max_acceleration": 15.0} for joint in JOINTS})
+    options = PlannerOptions(allow_nonzero_end_velocity=True)
+    request = JointGoal(JointState(JOINTS, goal, velocity)), JointState(JOINTS, start)
+    # The fastest stop covers half of v²/a at least.
+    beyond = goal + velocity * np.abs(velocity).max() / 30.0
+    hand = robot.frame_positions(beyond[None], [robot.frame_names[-1]])[0, 0]
+    ball = mp.World([mp.Obstacle("ball", mp.Sphere(0.02, hand))])
+    for world, may_execute in ((mp.World(), True), (ball, False)):
+        collision = CollisionModel(robot, world=world)
+        assert not collision.collides(goal)
+        plan = Planner(robot, [primitive], limits, options, collision).plan(*request)
+        assert plan.is_executable == may_execute, plan.message
+    assert "the goal is passed at a velocity, and in the stop after it" in plan.message
+    assert "'ball' collide" in plan.message

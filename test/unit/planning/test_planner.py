@@ -133,7 +133,7 @@ def test_practice_leaves_out_what_the_limits_forbid_and_helps_poses_and_vias_too
 
 @pytest.mark.parametrize("n_starts", [0, 6])
 def test_a_number_of_starts_that_there_are_not_is_refused(n_starts):
-    with pytest.raises(GoalError, match="n_starts must be 1 to 5"):
+    with pytest.raises(GoalError, match="n_starts must be a whole number from 1 to 5"):
         PlannerOptions(n_starts=n_starts)
 
 

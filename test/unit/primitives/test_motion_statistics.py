@@ -155,7 +155,7 @@ def test_a_motion_of_seven_joints_is_a_few_hundred_numbers_however_long_it_is():
         times = np.linspace(0.0, 3.0, n_steps)
         curves = np.sin(times[:, None] + np.arange(7.0))
         motion = Demonstration(
-            "abcdefg",
+            tuple("abcdefg"),
             times,
             curves,
             np.cos(times[:, None] + np.arange(7.0)),
@@ -173,7 +173,7 @@ def test_a_motion_of_seven_joints_is_a_few_hundred_numbers_however_long_it_is():
 def test_statistics_of_other_joints_are_refused_by_name():
     options = PrimitiveOptions()
     stranger = Demonstration(
-        "a", [0.0, 1.0], [[0.0], [1.0]], [[0.0], [0.0]], [[0.0], [0.0]],
+        ["a"], [0.0, 1.0], [[0.0], [1.0]], [[0.0], [0.0]], [[0.0], [0.0]],
         recording="stranger", start_time=0.0, end_time=1.0,
     )  # fmt: skip
     parts = [MotionStatistics.of([d], options) for d in (arm_demonstrations()[0], stranger)]

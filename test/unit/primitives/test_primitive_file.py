@@ -48,6 +48,12 @@ def rewrite(path, change):
     np.savez(path, metadata=np.array(json.dumps(metadata)), **arrays)
 
 
+def test_a_file_is_saved_under_its_ending_only(tmp_path):
+    with pytest.raises(PlannerError, match=r"'.*x\.txt' must end in \.npz"):
+        arm_primitive().save(tmp_path / "x.txt")
+    assert not list(tmp_path.iterdir())
+
+
 def test_what_was_saved_is_loaded(path):
     saved, loaded = arm_primitive(), load_primitive(path)
     assert (loaded.name, loaded.joint_names) == (saved.name, saved.joint_names)

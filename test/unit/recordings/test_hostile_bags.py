@@ -23,8 +23,8 @@ from test_salvage import compressed_bag
 from mp_pca_planner.exceptions import PlannerError, RecordingError
 from mp_pca_planner.input_limits import INPUT_LIMITS, InputLimits
 from mp_pca_planner.recordings.bags import files, storage, write_joint_states
-from mp_pca_planner.recordings.inspection import inspect_recording
 from mp_pca_planner.recordings.load import load_recordings
+from mp_pca_planner.recordings.reading import inspect_recording
 
 MB = 1 << 20
 ZEROS = bytes(400 * MB)

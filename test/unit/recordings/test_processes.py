@@ -17,7 +17,7 @@ import pytest
 from patience import HANG
 
 from mp_pca_planner.recordings import processes
-from mp_pca_planner.recordings.processes import Outcome, map_by, map_in_processes
+from mp_pca_planner.recordings.processes import map_by, map_in_processes
 
 
 def square(number: int) -> int:
@@ -42,41 +42,38 @@ def fail(number: int) -> int:
 
 
 def test_every_item_is_done_once_by_other_processes() -> None:
-    outcomes = sorted(map_in_processes(square, range(20), 2), key=lambda outcome: outcome.index)
-    assert outcomes == [Outcome(i, i * i) for i in range(20)]
+    outcomes = sorted(map_in_processes(square, range(20), 2))
+    assert outcomes == [(i, i * i) for i in range(20)]
 
 
 def test_bundles_leave_nothing_out() -> None:
     # So many and so quick that they are handed out in bundles, of which one kills its process.
     numbers = [*range(10, 300), 3, *range(300, 500)]
-    outcomes = {o.index: o for o in map_in_processes(die_of_three, numbers, 2)}
+    outcomes = dict(map_in_processes(die_of_three, numbers, 2))
     assert len(outcomes) == len(numbers)
     killer = numbers.index(3)
-    assert outcomes.pop(killer) == Outcome(killer, None, repeated=True)
-    assert all(outcome.result == numbers[index] for index, outcome in outcomes.items())
-    assert sum(outcome.repeated for outcome in outcomes.values()) > 1
+    assert outcomes.pop(killer) is None
+    assert outcomes == {index: numbers[index] for index in outcomes}
 
 
 def test_item_that_kills_its_process_has_no_result_and_the_others_have() -> None:
-    outcomes = {o.index: o for o in map_in_processes(die_of_three, range(12), 2)}
-    assert outcomes[3] == Outcome(3, None, repeated=True)
-    assert [outcomes[i].result for i in range(12) if i != 3] == [i for i in range(12) if i != 3]
+    outcomes = dict(map_in_processes(die_of_three, range(12), 2))
+    assert outcomes == {i: None if i == 3 else i for i in range(12)}
 
 
 def test_item_of_a_process_that_was_killed_is_done_again(tmp_path: Path) -> None:
-    (outcome,) = map_in_processes(die_once, [tmp_path / "marker"], 2)
-    assert outcome.repeated
-    assert outcome.result not in (None, os.getpid())
+    ((_, process),) = map_in_processes(die_once, [tmp_path / "marker"], 2)
+    assert process not in (None, os.getpid())
 
 
 def test_a_pool_that_lost_all_processes_between_submissions_is_replaced() -> None:
     results = {}
-    for outcome in map_in_processes(square, range(100), 2):
+    for index, result in map_in_processes(square, range(100), 2):
         if not results:
             for process in multiprocessing.active_children():
                 process.kill()
                 process.join()
-        results[outcome.index] = outcome.result
+        results[index] = result
     assert results == {i: i * i for i in range(100)}
 
 
@@ -97,9 +94,10 @@ def test_bundles_of_workers_that_are_gone_without_a_word_are_done_again(monkeypa
 
         yield submit, lambda: n_hired > 1, 2
 
-    outcomes = sorted(map_by(hire, [[0, 1], [2], [3]], OSError), key=lambda o: o.index)
+    outcomes = sorted(map_by(hire, [[0, 1], [2], [3]], OSError))
     # Two bundles were submitted, and lost.
-    assert outcomes == [Outcome(i, i * i, repeated=i <= 2) for i in range(4)]
+    assert outcomes == [(i, i * i) for i in range(4)]
+    assert n_hired > 1
 
 
 def test_error_of_the_function_comes_through() -> None:

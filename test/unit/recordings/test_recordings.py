@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+import shutil
 from functools import partial
 from pathlib import Path
 
@@ -15,8 +16,8 @@ from conftest import EPOCH, FORMATS, Message, reaching, stamped, write_bag
 
 from mp_pca_planner.exceptions import RecordingError
 from mp_pca_planner.recordings.bags import bag, find_recordings, stored_size
-from mp_pca_planner.recordings.inspection import inspect_recording
 from mp_pca_planner.recordings.load import load_recordings
+from mp_pca_planner.recordings.reading import inspect_recording
 from mp_pca_planner.recordings.repair import RepairOptions
 from mp_pca_planner.recordings.segmentation import SegmentationOptions
 
@@ -127,10 +128,80 @@ def test_without_cutting_only_the_stillness_at_the_ends_goes(tmp_path: Path) -> 
 def test_motion_never_spans_a_gap(tmp_path: Path) -> None:
     messages = stamped(REACHES)
     path = write_bag(tmp_path / "x", "mcap", messages[:140] + messages[260:])
-    for segment in ("auto", "none"):
-        loaded = load_recordings([path], segment=segment)
-        assert loaded.reports[0].repairs == {"gaps": 1}
-        assert [m.end < 1.41 or m.start > 2.59 for m in loaded.reports[0].motions] == [True, True]
+    (report,) = load_recordings([path], segment="none").reports
+    assert report.repairs == {"gaps": 1}
+    assert [m.end < 1.41 or m.start > 2.59 for m in report.motions] == [True, True]
+    (report,) = load_recordings([path]).reports
+    assert report.repairs == {"gaps": 1, "cut_off": 1}
+    assert [m.start > 2.59 for m in report.motions] == [True]
+
+
+def test_motions_that_are_cut_off_count_where_no_other_is_whole(tmp_path: Path) -> None:
+    for name, last in (("one", 250), ("both", None)):
+        write_bag(tmp_path / name, "mcap", stamped(REACHES[150:last]))
+    both, one = load_recordings([tmp_path]).reports
+    assert [len(both.motions), both.repairs] == [1, {"cut_off": 1}]
+    assert [len(one.motions), one.repairs] == [1, {}]
+    assert both.motions[0].start == pytest.approx(1.5, abs=0.12)
+    for report in (both, one):
+        assert "the recording begins in a motion, which may be cut off there" in report.notes
+
+
+def write_joints(path: Path, *joints: tuple[str, ...]) -> Path:
+    """Reaches whose joints come in one message, or in several of different publishers."""
+    messages = []
+    for k, group in enumerate(joints):
+        places = [0 if name == "a" else 1 for name in group]
+        messages += stamped(REACHES[:, places], names=group, start=EPOCH + k * 3_000_000)
+    messages.sort(key=lambda message: message.stamp)
+    return write_bag(path, "mcap", messages)
+
+
+def test_recordings_take_the_joints_of_most(tmp_path: Path) -> None:
+    for name in ("1", "2", "3", "4"):
+        write_bag(tmp_path / name, "mcap", stamped(float(name) * REACHES))
+    write_joints(tmp_path / "5_gripper", ("a", "b", "grip"))
+    write_joints(tmp_path / "6_gripper_apart", ("b", "a"), ("grip",))
+    write_joints(tmp_path / "7_apart", ("b",), ("a",))
+    write_joints(tmp_path / "8_other", ("c", "b"))
+    mixed = load_recordings([tmp_path])
+    assert [report.joint_names for report in mixed.reports][4:] == [("a", "b", "grip"), ("c", "b")]
+    loaded = load_recordings([tmp_path], same_joints=True)
+    assert {report.joint_names for report in loaded.reports} == {("a", "b")}
+    assert len(loaded.reports) == 7 and len(loaded.demonstrations) == 14
+    (other,) = loaded.refused
+    assert other.recording == "8_other"
+    assert other.reason == ("its joints, 'c', 'b', are not those of most recordings, 'a', 'b'")
+    for demonstration in loaded.demonstrations[8:]:
+        goal = demonstration.positions[-1, 0]
+        np.testing.assert_allclose(demonstration.positions[-1], [goal, -0.5 * goal], atol=0.01)
+
+
+def test_without_a_majority_no_recording_is_rejected_for_its_joints(tmp_path: Path) -> None:
+    write_bag(tmp_path / "1", "mcap", stamped(REACHES))
+    write_joints(tmp_path / "2", ("c", "d"))
+    loaded = load_recordings([tmp_path], same_joints=True)
+    assert [report.joint_names for report in loaded.reports] == [("a", "b"), ("c", "d")]
+
+
+def test_a_set_in_degrees_is_noted(tmp_path: Path) -> None:
+    for name in "12":
+        write_bag(tmp_path / name, "mcap", stamped(float(name) * np.rad2deg(REACHES)))
+    for report in load_recordings([tmp_path]).reports:
+        assert report.notes[-1].startswith("joint 'a' moves over ")
+        assert "must be in radians (or m), not in degrees (or mm)" in report.notes[-1]
+
+
+def test_a_copy_of_a_recording_counts_once(tmp_path: Path) -> None:
+    first = reaches(tmp_path / "first")
+    shutil.copytree(first, tmp_path / "second")
+    loaded = load_recordings([tmp_path])
+    assert [report.name for report in loaded.reports] == ["first"]
+    (refused,) = loaded.refused
+    assert (refused.recording, refused.reason) == (
+        "second",
+        "it is a copy of 'first', which is used",
+    )
 
 
 def test_small_motions_are_left_out_with_a_note(tmp_path: Path) -> None:

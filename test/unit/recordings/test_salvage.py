@@ -4,6 +4,9 @@
 
 from __future__ import annotations
 
+import shutil
+import sqlite3
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -17,8 +20,8 @@ from rosbags.rosbag2 import Writer as Writer2
 from rosbags.typesys import Stores, get_typestore
 
 from mp_pca_planner.exceptions import RecordingError
-from mp_pca_planner.recordings.inspection import inspect_recording
 from mp_pca_planner.recordings.joint_states import RawJointStates
+from mp_pca_planner.recordings.reading import inspect_recording
 
 N = 1000
 POSITIONS = np.random.default_rng(5).normal(size=(N, 2))
@@ -42,6 +45,38 @@ def test_whole_file_is_read_as_ever(file: Path) -> None:
     raw = read_joint_states(file, "/joint_states", salvage=True)
     assert raw.notes == ()
     assert raw.n_messages == N
+
+
+@pytest.mark.parametrize(
+    ("mode", "end"), [("WAL", "-wal"), ("DELETE", "-journal")], ids=["wal", "journal"]
+)
+def test_messages_in_the_log_of_a_recorder_that_was_killed_are_read(
+    tmp_path: Path, mode: str, end: str
+) -> None:
+    source = storage_file(write_bag(tmp_path / "x", "sqlite3", stamped(POSITIONS)))
+    with closing(sqlite3.connect(source, isolation_level=None)) as database:
+        database.execute(f"PRAGMA journal_mode={mode}")
+        database.execute("PRAGMA cache_size=5")  # pages reach the file before the commit
+        database.execute("BEGIN")
+        database.execute("UPDATE messages SET timestamp = 5 WHERE id > 500")
+        if mode == "WAL":
+            database.execute("UPDATE messages SET timestamp = 7 WHERE id > 500")
+            database.execute("COMMIT")
+        folder = tmp_path / "killed"
+        folder.mkdir()
+        for file in (source, Path(f"{source}{end}")):
+            shutil.copy(file, folder / file.name.replace("x", "killed_0"))
+        if mode == "DELETE":
+            database.execute("ROLLBACK")
+    before = {file.name: file.read_bytes() for file in folder.iterdir()}
+    raw = read_joint_states(folder, "/joint_states")
+    assert raw.n_messages == N
+    late = raw.receive_stamps[500:]
+    assert (late == 7).all() if mode == "WAL" else (late > 7).all()
+    assert raw.notes[-1] == (
+        f"the recorder did not end: what it left in 'killed_0.db3{end}' is used, too"
+    )
+    assert {file.name: file.read_bytes() for file in folder.iterdir()} == before
 
 
 @pytest.mark.parametrize("share", [0.4, 0.7, 0.9])

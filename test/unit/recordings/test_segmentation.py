@@ -21,7 +21,6 @@ from mp_pca_planner.recordings.segmentation import (
     SegmentationOptions,
     find_motions,
     joint_speed,
-    large_motions,
     speed_thresholds,
     trim,
 )
@@ -156,12 +155,6 @@ def test_trim_keeps_all_between_the_outer_rests() -> None:
     span = trim(piece, speed_thresholds(joint_speed(piece.velocities), OPTIONS))
     assert span is not None
     np.testing.assert_allclose(piece.times[list(span)], (1, 4), atol=0.12)
-
-
-def test_adjustments_beside_a_large_motion_are_told_apart() -> None:
-    assert large_motions([2.0, 0.19, 0.21], OPTIONS) == [True, False, True]
-    assert large_motions([0.01], OPTIONS) == [True]
-    assert large_motions([], OPTIONS) == []
 
 
 @pytest.mark.parametrize(

@@ -41,6 +41,7 @@ def changed(old: str, new: str) -> str:
             "'one': 'xyz' of <origin> is '0 1', expected 3",
         ),
         (changed('xyz="0 1 0"', 'xyz="0 y 0"'), "'xyz' of <axis> is '0 y 0', expected 3 finite"),
+        (changed('xyz="0 1 0"', 'xyz="0 -0.0 0"'), "'one': its <axis> has no direction"),
         (changed('upper="1"', 'upper="inf"'), "'upper' of <limit> is 'inf', expected a finite"),
         (changed('effort="30"', ""), "joint 'one': <limit> lacks 'effort'"),
         (changed("<limit ", "<bounds "), "joint 'one': it has no <limit>, which must state"),

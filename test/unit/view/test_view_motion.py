@@ -63,14 +63,6 @@ def test_reproduced_demonstrations_are_like_the_recorded_ones():
     assert np.sqrt(np.mean((first.positions - same.positions) ** 2)) < 0.1
 
 
-def test_a_primitive_without_provenance_is_shown_all_the_same():
-    from dataclasses import replace
-
-    for facts in ({}, {"demonstrations": "none"}, {"demonstrations": [1] * 20}):
-        (group,) = reproduced([replace(arm_primitive(), metadata=facts)])
-        assert group.label == arm_primitive().name and group.motions[0].name == "1."
-
-
 # Playback
 
 

@@ -1,0 +1,204 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Loading of one recording as demonstrations, or as the reason why it can't be used."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from ..exceptions import RecordingError, UnusableRecordingError, unknown_name
+from . import bags, cutting
+from .cache import ReadingCache
+from .demonstration import (
+    Demonstration,
+    MarkerResidual,
+    RecordingReport,
+    RecordingSet,
+    Refusal,
+    Segment,
+)
+from .reading import read_clean
+from .repair import CleanRecording, RepairOptions, repair
+from .segmentation import SegmentationOptions, extent
+from .segments_file import SegmentRow
+from .smoothing import SmoothingOptions
+
+SEGMENTATIONS = ("auto", "none")
+
+
+@dataclass(frozen=True)
+class LoadOptions:
+    """Choice of the motions to load, and how they are repaired, cut and smoothed.
+
+    Attributes
+    ----------
+    topic : str or None
+        Topic of the joint states; by default the only one.
+    joints : sequence of str or None
+        Names of the joints; by default all that every message lists.
+    segment : str
+        "auto" cuts at rests and valleys of the speed, "none" takes each recording as one motion
+        and only trims the stillness at both ends (a recording with gaps: one motion per piece).
+    segments_csv : path or None
+        A table of motions cut by hand, see :func:`.segments_file.read_segments`; instead of
+        `segment`.
+    segmentation : SegmentationOptions
+        Thresholds of "auto".
+    smoothing : SmoothingOptions
+        Filter and rate of the demonstrations.
+    labels : sequence of str or None
+        Labels in `segments_csv` of the motions to take; by default all.
+    markers : MarkerSource or None
+        Finds the joint states from markers, see :func:`.marker_joint_states.marker_source`;
+        `topic` and `joints` are not used then.
+    state_field : str or None
+        The field of the topic's messages that is a JointState, with dots where it is a field of a
+        field; needs `topic`. By default the messages themselves are.
+    repair : RepairOptions
+        Thresholds of the repairs.
+    salvage : bool
+        Takes the messages before the damage of a damaged recording.
+    overviews : bool
+        Adds overviews of the recordings to the reports.
+    summarise : callable or None
+        Called with the demonstrations of each recording, in the process that reads it: a function
+        of a module, or a :func:`functools.partial` of one. Its results are in `summaries`.
+    cache : ReadingCache
+        Keeps what is read, except joint states from markers; by default nothing.
+    most_samples : int or None
+        Largest number of samples kept of each demonstration, after `summarise` was called;
+        0 keeps no demonstrations. By default all samples are kept.
+
+    Raises
+    ------
+    RecordingError
+        If `segment` is unknown or `state_field` is given without `topic`.
+    """
+
+    topic: str | None = None
+    joints: Sequence[str] | None = None
+    segment: Literal["auto", "none"] = "auto"
+    segments_csv: str | Path | None = None
+    segmentation: SegmentationOptions = field(default_factory=SegmentationOptions)
+    smoothing: SmoothingOptions = field(default_factory=SmoothingOptions)
+    labels: Sequence[str] | None = None
+    markers: Any = None
+    state_field: str | None = None
+    repair: RepairOptions = field(default_factory=RepairOptions)
+    salvage: bool = False
+    overviews: bool = False
+    summarise: Callable[[Sequence[Demonstration]], Any] | None = None
+    most_samples: int | None = None
+    cache: ReadingCache = field(default_factory=ReadingCache)
+
+    def __post_init__(self) -> None:
+        if self.segment not in SEGMENTATIONS:
+            raise RecordingError(unknown_name("segmentation", self.segment, SEGMENTATIONS))
+        if self.state_field is not None and self.topic is None:
+            raise RecordingError(
+                f"the field '{self.state_field}' needs the topic whose messages have it"
+            )
+
+
+@dataclass(frozen=True, slots=True)
+class LoadTask:
+    """A recording to load; its motions, if they were cut by hand; the set's least extent."""
+
+    path: bags.Recording
+    name: str
+    segments: tuple[SegmentRow, ...] | None
+    options: LoadOptions
+    least_extent: float = 0.0
+
+
+def load_one(task: LoadTask, progress: Callable[[float], None] | None = None) -> RecordingSet:
+    """Load one recording, in this process or another one."""
+    try:
+        if task.segments == ():
+            raise RecordingError("the table of segments names no motion in it")
+        began = time.perf_counter()
+        with bags.local_copy(task.path) as path:
+            found = _loaded(task, path, progress)
+        seconds = time.perf_counter() - began
+        return replace(found, reports=tuple(replace(x, seconds=seconds) for x in found.reports))
+    except RecordingError as error:
+        findings = error.findings if isinstance(error, UnusableRecordingError) else {}
+        joints = findings.get("listed_joints", ())
+        return RecordingSet(refused=(Refusal(task.name, str(error), joints),))
+
+
+def _loaded(task: LoadTask, path: Path, progress: Callable[[float], None] | None) -> RecordingSet:
+    """Load the file or folder of a recording; one that can't be used raises a RecordingError."""
+    options = task.options
+    clean, residuals = _clean(path, options, progress)
+    smoothed = cutting.SmoothRecording.of(clean, options.smoothing, options.segmentation)
+    cuts, clean = _cut(task, smoothed)
+    checksum = options.cache.checksum(path)
+    motions = [cut.demonstration(clean.joint_names, task.name, checksum) for cut in cuts]
+    segments = [Segment(m.start_time, m.end_time, m.label, extent(m.positions)) for m in motions]
+    report = RecordingReport(
+        name=task.name,
+        path=str(task.path),
+        format=bags.recording_format(path),
+        topic=clean.topic,
+        n_messages=clean.n_messages,
+        rate=clean.rate,
+        duration=clean.duration,
+        joint_names=clean.joint_names,
+        checksum=checksum,
+        repairs=clean.repairs,
+        motions=tuple(segments),
+        thresholds=smoothed.thresholds,
+        notes=clean.notes,
+        overview=cutting.overview(smoothed.pieces) if options.overviews else None,
+        marker_residuals=residuals,
+    )
+    summaries = () if options.summarise is None else (options.summarise(motions),)
+    n = options.most_samples
+    kept = motions if n is None else [motion.thinned(n) for motion in motions if n > 0]
+    return RecordingSet(tuple(kept), (report,), summaries=summaries)
+
+
+def _cut(
+    task: LoadTask, recording: cutting.SmoothRecording
+) -> tuple[list[cutting.Cut], CleanRecording]:
+    """Motions of a recording, and the recording with further repairs and notes."""
+    options, clean = task.options.segmentation, recording.clean
+    if task.segments is not None:
+        cuts = [cutting.cut_row(recording.pieces, row) for row in task.segments]
+    else:
+        is_whole = clean.pieces_are_motions or task.options.segment == "none"
+        found, clean = cutting.cut_motions(recording, options, task.least_extent, is_whole=is_whole)
+        # Where all motions are cut off, they were recorded so.
+        cuts = [cut for cut in found if is_whole or not cut.is_cut_off(options)] or found
+        clean = cutting.counted(clean, "cut_off", len(found) - len(cuts))
+    if not cuts:
+        raise RecordingError("no motion was found in it")
+    ranges = np.max([cut.ranges for cut in cuts], axis=0)
+    if ranges.max() > options.absurd_extent:
+        who = f"joint '{clean.joint_names[ranges.argmax()]}' moves"
+        note = cutting.far_moving(who, ranges.max(), options.absurd_extent)
+        clean = replace(clean, notes=(*clean.notes, note))
+    return cuts, clean
+
+
+def _clean(
+    path: Path, options: LoadOptions, progress: Callable[[float], None] | None
+) -> tuple[CleanRecording, dict[str, MarkerResidual]]:
+    """Repaired joint states, and the residuals of the markers that they come from."""
+    if options.markers is not None:
+        raw, residuals = options.markers.joint_states(path, salvage=options.salvage)
+        return repair(raw, None, options.repair), residuals
+    chosen = (options.topic, options.joints, options.state_field, options.salvage, options.repair)
+
+    def read() -> CleanRecording:
+        with bags.open_bag(path, salvage=options.salvage) as bag:
+            return read_clean(bag, *chosen[:3], options=options.repair, progress=progress)
+
+    return options.cache.clean(path, repr(chosen), read), {}
