@@ -34,6 +34,25 @@ class MeasuredSamples:
     times: FloatArray
     positions: FloatArray
 
+    def contradiction(self, joint_names: Sequence[str], options: FollowingOptions) -> str:
+        """Which positions change as those of no robot do; empty if all are plausible."""
+        if len(self.times) < 2:
+            return ""
+        steps, since = np.diff(self.positions, axis=0), np.diff(self.times)[:, None]
+        excess = np.abs(steps) - options.max_step - options.max_speed * np.abs(since)
+        there, back, longest = steps[:-1], steps[1:], np.maximum(since[:-1], since[1:])
+        reversal = np.where(there * back < 0.0, np.minimum(np.abs(there), np.abs(back)), 0.0)
+        reversal -= options.max_reversal + options.max_acceleration * longest**2
+        excess[1:] = np.maximum(excess[1:], reversal)
+        k, j = map(int, np.unravel_index(int(excess.argmax()), excess.shape))
+        if not excess[k, j] > 0.0:
+            return ""
+        one, other = self.positions[k : k + 2, j]
+        return (
+            f"joint_states contradict each other, joint '{joint_names[j]}' is at {one:.4g} and "
+            f"{other:.4g} rad (or m) within {abs(since[k, 0]):.2g} s"
+        )
+
 
 @dataclass(eq=False)
 class _Message:
@@ -187,29 +206,13 @@ class MeasuredStates:
         except GoalError:
             self.n_unusable += 1
             raise
-        self._check_agreement()
-        return state
-
-    def _check_agreement(self) -> None:
-        """Raise a `GoalError` if positions change as those of no robot do."""
-        samples, options = self.history(), self.options
-        if len(samples.times) < 2:
-            return
-        steps, since = np.diff(samples.positions, axis=0), np.diff(samples.times)[:, None]
-        excess = np.abs(steps) - options.max_step - options.max_speed * np.abs(since)
-        there, back, longest = steps[:-1], steps[1:], np.maximum(since[:-1], since[1:])
-        reversal = np.where(there * back < 0.0, np.minimum(np.abs(there), np.abs(back)), 0.0)
-        reversal -= options.max_reversal + options.max_acceleration * longest**2
-        excess[1:] = np.maximum(excess[1:], reversal)
-        k, j = np.unravel_index(int(excess.argmax()), excess.shape)
-        if excess[k, j] > 0.0:
-            one, other = samples.positions[k : k + 2, j]
+        contradiction = self.history().contradiction(self.joint_names, self.options)
+        if contradiction:
             raise GoalError(
-                "the present state is not known: joint_states contradict each other, joint "
-                f"'{self.joint_names[j]}' is at {one:.4g} and {other:.4g} rad (or m) within "
-                f"{abs(since[k, 0]):.2g} s; check that only one node publishes them, then send the "
-                "goal again"
+                f"the present state is not known: {contradiction}; check that only one node "
+                "publishes them, then send the goal again"
             )
+        return state
 
     def history(self) -> MeasuredSamples:
         """The usable states of the last moments."""
