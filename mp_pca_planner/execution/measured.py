@@ -114,6 +114,8 @@ class MeasuredStates:
 
     def expect(self, joint_names: Sequence[str]) -> None:
         """Set the joints whose state is needed, and discard the states of others."""
+        if self.joint_names:
+            self._fetch()  # messages that still wait are discarded, too
         self.joint_names = tuple(joint_names)
         self._newest = None
         self._kept.clear()

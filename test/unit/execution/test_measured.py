@@ -152,6 +152,21 @@ def test_state_of_former_joints_is_forgotten(world):
     assert world.states.history().positions.shape == (0, 1)
 
 
+def test_states_that_still_wait_are_forgotten_with_the_others():
+    waiting = []
+
+    def fetch():
+        while waiting:
+            receive(states, **waiting.pop())
+
+    states = MeasuredStates(lambda: 0.0, lambda: 0.0, fetch)
+    states.expect(JOINTS)
+    waiting.append({"a": 1.0, "b": 1.0})
+    states.expect(("a",))
+    with pytest.raises(GoalError, match="no joint_states message"):
+        states.newest(0.5)
+
+
 def test_message_is_as_old_as_it_was_when_it_was_handed_over(world):
     world.receive(0.25, a=0.0, b=0.0)
     assert world.states.age == pytest.approx(0.25)
