@@ -152,6 +152,7 @@ def test_report_counts_repairs_and_rejections(tmp_path: Path) -> None:
         (lambda reach, robot, ends: mp.load_demonstrations(None), "paths of recordings must be"),
         (lambda reach, robot, ends: mp.load_demonstrations("x", robot=3), "robot must be a Robot"),
         (lambda reach, robot, ends: mp.show(reach), "planner must be a Planner"),
+        (lambda reach, robot, ends: robot.limits({"elbo": {}}), "did you mean 'elbow'"),
     ],
 )
 def test_wrong_value_is_refused_in_one_sentence(wrong, said) -> None:
