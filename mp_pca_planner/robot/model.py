@@ -123,9 +123,7 @@ class Robot(Dynamics, Kinematics):
         return tuple(name for name in self.movable_joints if name in self.joint_names)
 
     def limits(self, *overrides: Overrides | str | Path) -> JointLimits:
-        """Limits of the joints: those of the URDF, replaced by the overrides in turn.
-
-        Overrides are mappings or files like MoveIt's joint_limits.yaml, of any movable joints.
+        """Limits of the joints: those of the URDF, replaced by mappings or limits files in turn.
 
         Raises
         ------
