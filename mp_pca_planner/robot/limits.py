@@ -54,7 +54,7 @@ class JointLimits:
     Raises
     ------
     LimitsError
-        If a range is empty, or a magnitude is not positive or NaN.
+        If a range is empty, a magnitude is not positive or NaN, or a kind of limit is unknown.
     """
 
     joint_names: tuple[str, ...]
@@ -70,10 +70,10 @@ class JointLimits:
     ) -> None:
         names = unique_names(joint_names, source, LimitsError)
         object.__setattr__(self, "joint_names", names)
+        check_type(limits, source, LimitsError, Mapping)
+        entries = [_read_entry(name, limits.get(name, {}), source) for name in names]
         for field, key in _KEYS.items():
-            values = np.array([limits.get(name, {}).get(key, _absent(key)) for name in names])
-            for name, value in zip(names, values, strict=True):
-                _check_limit(name, key, value, source)
+            values = np.array([entry.get(key, _absent(key)) for entry in entries])
             object.__setattr__(self, field, values)
             values.setflags(write=False)
         for name, low, high in zip(names, self.lower, self.upper, strict=True):
