@@ -116,11 +116,15 @@ def wait_until_served(client: GoalClient, state: JointState, goal: JointState) -
 
 
 def time_of_readiness(log: IO[str]) -> float:
-    """Time at which the node reported that it is ready [s]."""
-    log.seek(0)
-    found = re.search(r"\[INFO\] \[([\d.]+)\].*ready for goals", log.read())
-    assert found is not None
-    return float(found[1])
+    """Time at which the node reported that it is ready [s]; it may serve a goal before."""
+    deadline = time.monotonic() + 30.0
+    while time.monotonic() < deadline:
+        log.seek(0)
+        found = re.search(r"\[INFO\] \[([\d.]+)\].*ready for goals", log.read())
+        if found is not None:
+            return float(found[1])
+        time.sleep(0.01)
+    raise TimeoutError("the node did not report that it is ready")
 
 
 def ends_cleanly(node: subprocess.Popen[str], signals: list[int], log: IO[str]) -> bool:

@@ -28,7 +28,8 @@ from mp_pca_planner.motion.goal import JointGoal, JointState
 KINDS = ("on its motion", "new obstacle", "slowed", "held", "silent")
 MARGIN = 0.01
 FREE = 0.05  # distance of obstacles from the ends of motions [m]
-AHEAD = (0.1, 0.4)  # time within which the hand would meet a new obstacle [s]
+AHEAD = (0.25, 0.6)  # time after which the hand would be near a new obstacle [s]
+ASIDE = 0.04  # standard deviation of its distance from the hand's path along each axis [m]
 
 
 def main() -> None:
@@ -88,7 +89,8 @@ class Course:
         if kind == "new obstacle":
             ahead = motion.state(node.now - motion.began + random.uniform(*AHEAD)).positions
             hand = self._robot.frame_positions(ahead[None], [self._model.end_effector])[0, 0]
-            world = world.with_obstacles(mp.Obstacle("new", mp.Sphere(0.03, hand)))
+            place = hand + random.normal(0.0, ASIDE, 3)
+            world = world.with_obstacles(mp.Obstacle("new", mp.Sphere(0.03, place)))
             if PlainCheck(self._scene, world).collides(node.robot.record.q[-1:], MARGIN):
                 return None
             surroundings.replace(world, self._model, node.server.served)

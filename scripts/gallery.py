@@ -67,7 +67,7 @@ def write_figures(folder: Path) -> None:
         primitive_figure(figure, primitive, shown, "Demonstrations, mean shape and components")
     plan = found.plan()
     with picture(folder / "motion.png", force=True) as figure:
-        plan_figure(figure, plan, [primitive], robot.limits())
+        plan_figure(figure, plan)
     plans = {
         "like the demonstrations, ρ = 1": plan,
         "components, least effort, ρ = 0": found.plan(naturalness=0.0),

@@ -151,7 +151,7 @@ def limits_of(robot: Robot, file: Path | None) -> JointLimits:
 
 
 def check_frame(frame: str, robot: Robot | None) -> None:
-    """Reject the name of a link that the robot lacks; an empty name stands for the last link.
+    """Reject the name of a link that the robot lacks; an empty name stands for the end effector.
 
     Raises
     ------

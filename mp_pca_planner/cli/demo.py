@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 import yaml
+from scipy.ndimage import find_objects, label
 from sensor_msgs.msg import JointState as JointStateMessage
 
 from ..arrays import FloatArray
@@ -31,7 +32,6 @@ from ..plotting.arm import arm_figure
 from ..plotting.motion import motion_figure
 from ..plotting.page import picture, require_matplotlib
 from ..plotting.primitive import primitive_figure
-from ..plotting.recording import runs
 from ..plotting.text import cells, table
 from ..primitives.differences import PHASES
 from ..primitives.file import load_primitive
@@ -320,7 +320,5 @@ def _measured_motions(file: Path) -> list[FloatArray]:
     """Measured positions in each interval in which the robot was commanded to move."""
     with np.load(file) as record:
         times, measured, is_moving = record["times"], record["measured"], record["v"].any(axis=1)
-    return [
-        at_frames(times[first : last + 1], measured[first : last + 1])
-        for first, last in runs(is_moving)
-    ]
+    intervals, _ = label(is_moving)
+    return [at_frames(times[span], measured[span]) for (span,) in find_objects(intervals)]

@@ -167,7 +167,7 @@ def asked_texts(arguments: argparse.Namespace, robot: Robot) -> list[str]:
 
 
 def _frame(arguments: argparse.Namespace, robot: Robot) -> str:
-    return str(arguments.frame or robot.frame_names[-1])
+    return str(arguments.frame or robot.end_effector)
 
 
 def _state(arguments: argparse.Namespace, end: str, names: Sequence[str]) -> JointState:

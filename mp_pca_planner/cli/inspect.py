@@ -63,7 +63,7 @@ def _recording_text(facts: RecordingInspection, max_joints: int = 100) -> list[s
     lines = [f"{facts.path} ({facts.format})"]
     lines += [f"  topic     {t.name}  {t.type}  {t.count} messages" for t in facts.topics]
     if facts.topic is not None:
-        lines.append(f"  looked at {facts.topic}: {facts.n_messages} messages")
+        lines.append(f"  read      {facts.topic}: {facts.n_messages} messages")
     if facts.joint_names:
         lines.append(f"  joints    {listed(facts.joint_names, max_joints)}")
     if facts.rate is not None and facts.duration is not None:

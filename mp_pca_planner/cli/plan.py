@@ -33,7 +33,8 @@ def run(arguments: argparse.Namespace) -> int:
     if plan.is_executable:
         write_motion(output, plan.trajectory, facts, force=force)
     if plot is not None:
-        _draw(arguments, request)
+        with picture(plot, force=force) as figure:
+            plan_figure(figure, plan)
     not_written = [] if plan.is_executable or output is None else [output]
     written = written_lines(file for file in (output, plot) if file not in not_written)
     files = [*(f"not written  {file}" for file in not_written), *written]
@@ -48,13 +49,6 @@ def _facts(request: PlannedRequest) -> dict[str, Any]:
         own = {"durations": [motion.duration for motion in plan.motions]}
     columns = plan.trajectory.columns()
     return plan.summary() | request.facts(plan.trajectory) | own | columns
-
-
-def _draw(arguments: argparse.Namespace, request: PlannedRequest) -> None:
-    planner = request.planner
-    with picture(arguments.plot, force=arguments.force) as figure:
-        prismatic = planner.robot.prismatic_joints
-        plan_figure(figure, request.plan, planner.primitives, planner.limits, prismatic)
 
 
 def _text(request: PlannedRequest, facts: Mapping[str, Any]) -> list[str]:

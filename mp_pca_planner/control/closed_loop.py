@@ -35,7 +35,7 @@ class ErrorModel:
     payload : float
         Largest unknown mass at the end effector [kg].
     frame : str or None
-        Link of the end effector; None means the last one.
+        Link of the end effector; None means the link that most joints move.
     position : float
         Largest error of each joint at the start [rad or m].
     velocity : float

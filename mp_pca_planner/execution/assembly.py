@@ -94,7 +94,7 @@ def assemble_model(urdf: str, primitives: Sequence[MovementPrimitive], settings:
     limits = robot.limits(overrides, settings.limits)
     collision = collision_model(planning_robot, settings) if settings.collision else None
     cancellation = Cancellation()
-    frame = settings.end_effector_frame or robot.frame_names[-1]
+    frame = settings.end_effector_frame or robot.end_effector
     if frame not in robot.frame_names:
         reason = unknown_name("link of the robot description", frame, robot.frame_names)
         raise ParameterError(f"parameter 'end_effector_frame': {reason}")

@@ -45,7 +45,7 @@ def avoid_obstacle(
     served, threat = server.served, server.surroundings.threat
     if served is None or threat is None:
         return "", None
-    last, reason = threat.time - options.avoidance_reserve, threat.reason
+    last, reason = threat.last_time(options), threat.reason
 
     def is_over() -> bool:
         return is_cancelled() or states.motion_time > last

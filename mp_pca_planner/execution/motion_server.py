@@ -197,19 +197,23 @@ class MotionServer:
                 latency = 2.0 * max(self.states.motion_time - began, latency)
 
     def watch(self, model: Model) -> None:
-        """Check how the robot follows its motion; call this at 10 Hz or more."""
+        """Check how the robot follows its motion; call this at 10 Hz or more.
+
+        The robot is stopped if it would hit an obstacle soon, whatever is being planned.
+        """
         with self.states.lock:
             try:
                 following = self.states.follow(model.settings)
             except GoalError:
                 following = None
-            execution = self.states.execution
-            if execution is None:
-                return
-            if self.states.commanded is None:
+            execution, now = self.states.execution, self.states.motion_time
+            if execution is not None and self.states.commanded is None:
                 self._end(execution.given_up("time was set back"))
-            else:
-                self._end(execution.update(following, self.states.motion_time, self.options))
+            elif execution is not None:
+                self._end(execution.update(following, now, self.options))
+            threat = self.surroundings.threat
+            if threat is not None and now > threat.last_time(self.options):
+                self.stop(model, threat.reason)
 
     def expect(self, joint_names: tuple[str, ...]) -> None:
         """Use the states of these joints; the execution of a motion of others ends."""
@@ -240,7 +244,7 @@ class MotionServer:
         """
         with self.states.lock:
             found = self._stops.find(model)
-            why = "; ".join(filter(None, [reason, found.collision]))
+            why = found.after(reason)
             self._commit(found.joined, Execution.of_stop(self.states.execution, found.joined, why))
         return found.message
 
@@ -273,6 +277,7 @@ class MotionServer:
             # The trajectory that is published a moment later is a part of this one.
             joined = self.states.join(plan.trajectory, start, settings)
             check = check_limits(joined.trajectory, model.planning_robot, model.limits)
+        may_end_moving = settings.allow_nonzero_end_velocity
         with self.states.lock:
             if request.is_cancelled():
                 raise CancelledError
@@ -280,10 +285,7 @@ class MotionServer:
             if start.is_in_motion:
                 first = JointState(first.joint_names, joined.trajectory.positions[0])
             check_executable(
-                joined.trajectory,
-                check,
-                first,
-                allow_nonzero_end_velocity=settings.allow_nonzero_end_velocity,
+                joined.trajectory, check, first, allow_nonzero_end_velocity=may_end_moving
             )
             served = Served(goal, plan, model, joined.motion, name, trial)
             self._commit(joined, Execution(name, joined.motion, joined.time, served))

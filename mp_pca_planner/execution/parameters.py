@@ -7,6 +7,7 @@ The node, ``config/planner.yaml`` and the documentation are made from this table
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import MISSING, dataclass, field, fields
 from importlib.util import find_spec
@@ -108,8 +109,8 @@ class Settings:
     )
     end_effector_frame: str = _declared(
         "",
-        """Link of the robot for pose goals and for the path in the preview; empty: the last link of
-        the robot description.""",
+        """Link of the robot for pose goals and for the path in the preview; empty: the last link
+        that most joints move.""",
     )
     limits_file: str = _declared(
         "",
@@ -232,6 +233,14 @@ class Settings:
             objective_weights(self.objective, "parameter 'objective'")
         except GoalError as error:
             raise ParameterError(str(error)) from None
+        # Checked without `collision`, too, which may be set later.
+        if self.srdf and not os.path.isfile(self.srdf):
+            raise ParameterError(f"parameter 'srdf': there is no file '{self.srdf:.200}'")
+        for folder in filter(None, self.package_dirs):
+            if not os.path.isdir(folder):
+                raise ParameterError(
+                    f"parameter 'package_dirs': there is no folder '{folder:.200}'"
+                )
         if self.learn_trials and not self.save_folder:
             raise ParameterError(
                 "parameter 'learn_trials' is true, but trials can't be kept: set the parameter "

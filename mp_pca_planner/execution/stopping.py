@@ -15,12 +15,13 @@ from __future__ import annotations
 from bisect import bisect_left
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
+from copy import copy
 from dataclasses import dataclass, replace
 from itertools import chain, islice
 
 import numpy as np
 
-from ..arrays import FloatArray
+from ..arrays import FloatArray, set_frozen
 from ..exceptions import GoalError
 from ..motion.collision import Collision
 from ..motion.goal import JointState
@@ -62,7 +63,11 @@ class FoundStop:
     @property
     def message(self) -> str:
         """All of it, one sentence."""
-        return "; ".join(filter(None, [self.description, self.collision]))
+        return self.after(self.description)
+
+    def after(self, text: str) -> str:
+        """A text that the collision is added to."""
+        return "; ".join(filter(None, [text, self.collision]))
 
 
 class StopPlanner:
@@ -231,20 +236,10 @@ class StopPlanner:
 
     def _reduced(self, limits: JointLimits) -> JointLimits:
         """Limits with a margin for errors of an estimated state."""
-        columns = {
-            "min_position": limits.lower,
-            "max_position": limits.upper,
-            "max_velocity": limits.velocity,
-            "max_acceleration": self._options.acceleration_share * limits.acceleration,
-            "max_jerk": self._options.jerk_share * limits.jerk,
-            "max_effort": limits.effort,
-        }
-        names = limits.joint_names
-        by_joint = {
-            name: {key: values[j] for key, values in columns.items()}
-            for j, name in enumerate(names)
-        }
-        return JointLimits(names, by_joint)
+        reduced, options = copy(limits), self._options
+        acceleration = options.acceleration_share * limits.acceleration
+        set_frozen(reduced, acceleration=acceleration, jerk=options.jerk_share * limits.jerk)
+        return reduced
 
 
 def stop_on_path(

@@ -15,6 +15,7 @@ from ..motion.trajectory import Trajectory
 from ..robot.model import Robot
 from ..robot.world import World
 from .assembly import Model, collision_model
+from .options import ServingOptions
 from .start_state import StartStates, TooLateError
 
 # Longest wait of a stop for the check of a running motion in another thread [s].
@@ -33,6 +34,10 @@ class Threat:
         """Why the running motion has to be replaced."""
         link, obstacle = self.collision.links
         return f"a new obstacle is on the path ('{link}' would hit '{obstacle}')"
+
+    def last_time(self, options: ServingOptions) -> float:
+        """Time at which the search for another motion ends, and the robot is stopped [s]."""
+        return self.time - options.avoidance_reserve
 
 
 class Surroundings:

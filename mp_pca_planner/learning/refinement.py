@@ -193,7 +193,7 @@ def refine(
         found = _minimise(cost, [kept, apart], segments, start, options)
         iterations += int(found.nit)
         motion = RefinedMotion(segments, found.x)
-        check, collisions = judge.check(motion), judge.collisions(motion)
+        _, check, collisions = judge.examine(motion)
         if not (check.violations or collisions):
             break
         kept.add_phases(motion, check)
@@ -239,13 +239,13 @@ class ExecutableMotions:
     options: RefinementOptions
     collision: CollisionModel | None = None
 
-    def check(self, motion: RefinedMotion) -> LimitCheck:
-        """Compare a motion with the limits."""
-        return self._sampled(motion)[1]
-
-    def collisions(self, motion: RefinedMotion) -> tuple[Collision, ...]:
-        """Collisions of a motion, if they are checked."""
-        return self.collision.collisions(self._sampled(motion)[0]) if self.collision else ()
+    def examine(
+        self, motion: RefinedMotion
+    ) -> tuple[Trajectory, LimitCheck, tuple[Collision, ...]]:
+        """The points of a motion, their comparison with the limits, and collisions if checked."""
+        trajectory = motion.sample(self.robot, self.options.sample_period)
+        collisions = self.collision.collisions(trajectory) if self.collision else ()
+        return trajectory, check_limits(trajectory, self.robot, self.limits), collisions
 
     def accept(self, motion: RefinedMotion) -> AcceptedMotion:
         """Sample a motion; refuse one that must not be executed.
@@ -255,19 +255,14 @@ class ExecutableMotions:
         TrajectoryError
             If it violates a limit or a rule of the controller, or bodies collide.
         """
-        trajectory, check = self._sampled(motion)
+        trajectory, check, collisions = self.examine(motion)
         allowed = self.options.allow_nonzero_end_velocity
         check_executable(
             trajectory, check, self.segments[0].start, allow_nonzero_end_velocity=allowed
         )
-        collisions = self.collision.collisions(trajectory) if self.collision else ()
         if collisions:
             raise TrajectoryError(str(collisions[0]))
         return AcceptedMotion(motion, trajectory, check)
-
-    def _sampled(self, motion: RefinedMotion) -> tuple[Trajectory, LimitCheck]:
-        trajectory = motion.sample(self.robot, self.options.sample_period)
-        return trajectory, check_limits(trajectory, self.robot, self.limits)
 
 
 def _minimise(

@@ -106,7 +106,7 @@ class CollisionModel(CollisionGeometry):
         if not self.pairs:
             return ()
         dense = interpolate(trajectory)
-        speeds = np.abs(dense.v[:, self.model_order])
+        speeds = np.abs(dense.v)
         displacements = np.maximum(speeds[1:], speeds[:-1]) * np.diff(dense.times)[:, None]
         # Distance that each joint has travelled up to each moment.
         travelled = np.concatenate(
@@ -129,7 +129,7 @@ class CollisionModel(CollisionGeometry):
             max(0.0, -distance),
             float(times.min()),
             float(times.max()),
-            tuple(self.nearest_point(_between(dense.q, numbers)[0], pair).tolist()),
+            tuple(self.body_pairs.nearest_point(_between(dense.q, numbers)[0], pair).tolist()),
             float(self.margins[pair]),
         )
 
@@ -149,7 +149,7 @@ class _CollisionSearch:
     """
 
     def __init__(self, model: CollisionModel, q: FloatArray, travelled: FloatArray) -> None:
-        self._model, self._q, self._travelled = model, q, travelled
+        self._pairs, self._q, self._travelled = model.body_pairs, q, travelled
         self._deepest = np.full(len(model.pairs), np.inf)
         self._found: dict[int, list[tuple[float, int]]] = {}
 
@@ -191,9 +191,9 @@ class _CollisionSearch:
         # Every 32 ms are checked first.
         n = len(self._q)
         grid = np.unique(np.linspace(0, n - 1, max(2, -(-n // 32))).astype(np.intp))
-        closed = np.diff(self._travelled[grid], axis=0) @ self._model.levers.T
+        closed = np.diff(self._travelled[grid], axis=0) @ self._pairs.levers.T
         pad = np.zeros((1, closed.shape[1]))
-        bounds = self._model.bounds(
+        bounds = self._pairs.bounds(
             self._q[grid], np.maximum(np.vstack([closed, pad]), np.vstack([pad, closed]))
         )
         interval, pairs = np.nonzero(~(bounds[:-1] + bounds[1:] - closed > 2.0 * CONTACT))
@@ -202,12 +202,12 @@ class _CollisionSearch:
     def _closed(self, pairs: Indices, first: Indices, last: Indices) -> FloatArray:
         """Largest distances that pairs can have closed between moments [m]."""
         travelled = _between(self._travelled, last) - _between(self._travelled, first)
-        return np.asarray(np.einsum("ej,ej->e", travelled, self._model.levers[pairs]))
+        return np.asarray(np.einsum("ej,ej->e", travelled, self._pairs.levers[pairs]))
 
     def _distances(self, moments: Indices, pairs: Indices) -> FloatArray:
         """Distances of pairs at moments; collisions are noted."""
         every, places = np.unique(moments, return_inverse=True)
-        distances = self._model.distances(_between(self._q, every), places, pairs)
+        distances = self._pairs.distances(_between(self._q, every), places, pairs)
         for e in np.flatnonzero(~(distances >= CONTACT)):  # a NaN is a collision
             noted = self._found.setdefault(int(pairs[e]), [])
             noted.append((float(distances[e]), int(moments[e])))

@@ -131,7 +131,7 @@ class DetourPlanner:
         duration = request.usual_duration
         motion = Motion(request.start, request.goal, duration, basis.basis, basis.expected)
         positions = motion.evaluate(duration * basis.tables.phases)[0]
-        return any(map(collision.collides, positions))
+        return collision.collide_anywhere(positions)
 
     def attempts(self, request: Request, budget: Budget, paths: Paths) -> Iterator[Attempt]:
         """The best motion along a detour, if there is a path; the search starts when it is needed.

@@ -174,7 +174,7 @@ def objective_by_name(name: str, robot: Robot, frame: str | None = None) -> Obje
     robot : Robot
         The model.
     frame : str, optional
-        The frame whose path is to be straight; the last link unless given.
+        The frame whose path is to be straight; that of the end effector unless given.
 
     Raises
     ------
@@ -184,7 +184,7 @@ def objective_by_name(name: str, robot: Robot, frame: str | None = None) -> Obje
         If there is no such frame.
     """
     if name == "straightness":
-        frame = robot.frame_names[-1] if frame is None else frame
+        frame = robot.end_effector if frame is None else frame
         robot.frame_positions(np.zeros((0, robot.n_joints)), [frame])
         return Straightness(frame)
     simple: dict[str, Callable[[], Objective]] = {

@@ -100,9 +100,11 @@ class PathFinder:
         collision, limits = self._setup.collision, self._setup.limits
         assert collision is not None
         bounds = np.minimum(limits.lower, ends[0]), np.maximum(limits.upper, ends[0])
+        least = least_distances(np.array(ends), collision)
+        if np.any(least < 0.0):  # an end is in collision
+            return
         if _is_free(collision.collides, *ends, _OPTIONS.step):
             yield np.array(ends)
-        least = least_distances(np.array(ends), collision)
         checks = (collision.check(least, hulls=hulls) for hulls in (True, False))
         collides = next((one for one in checks if not any(map(one, ends))), None)
         if collides is None:  # OMPL would wait for other ends

@@ -258,11 +258,11 @@ class Plan:
         cells = "".join(f"<tr><th>{name}</th><td>{escape(f'{v}')}</td></tr>" for name, v in rows)
         return f"<table>{cells}</table>"
 
-    def plot(self, axes: Any = None, **options: Any) -> Any:
+    def plot(self, axes: Any = None) -> Any:
         """Plot the trajectory, see :func:`.figures.plot_plan`; returns the Axes."""
         from ..plotting.figures import plot_plan
 
-        return plot_plan(self, axes, **options)
+        return plot_plan(self, axes)
 
     def show(self, *, port: int = 8080) -> Any:
         """Show the robot, its primitives and this motion in the browser; returns the page.

@@ -274,7 +274,7 @@ class SingleProblem(PlanningProblem):
         """Whether the first motion is in collision at a quadrature node."""
         collision, start = self.setup.collision, self.starts[0].unknowns
         positions = self._program.states(start)[0]
-        return collision is not None and any(map(collision.collides, positions))
+        return collision is not None and collision.collide_anywhere(positions)
 
     def program(self) -> Program:
         """The one segment."""

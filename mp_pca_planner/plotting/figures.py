@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,7 +16,6 @@ from ..planning.remarks import UNUSUAL_IN_SPAN_SCORE
 from ..primitives.differences import PHASES
 from ..primitives.prediction import nearest_demonstrations
 from ..primitives.primitive import MovementPrimitive
-from ..robot.limits import JointLimits
 from .motion import QUANTITIES, Curve, MotionContext, motion_figure, plot_motion
 from .primitive import plot_components, primitive_figure
 from .style import FIGURES, styled_figure
@@ -26,14 +25,11 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-def plan_figure(
-    figure: Figure,
-    plan: Plan,
-    primitives: Sequence[MovementPrimitive] = (),
-    limits: JointLimits | None = None,
-    prismatic: Collection[str] = (),
-) -> list[list[Axes]]:
+def plan_figure(figure: Figure, plan: Plan) -> list[list[Axes]]:
     """Plot a plan, at most twelve panels.
+
+    The limits that the motion is near are drawn, and behind each segment the demonstrations whose
+    ends are nearest to its own, re-timed to its duration.
 
     Parameters
     ----------
@@ -41,13 +37,6 @@ def plan_figure(
         An empty figure, see :func:`.styled_figure`.
     plan : Plan
         The plan.
-    primitives : sequence of MovementPrimitive
-        Primitives of the planner. The demonstrations of those in use whose ends are nearest to
-        those of each segment are drawn behind it, re-timed to its duration.
-    limits : JointLimits, optional
-        Limits of the joints, drawn where the motion is near them.
-    prismatic : collection of str
-        Joints that are measured in metres; the others are shown in degrees.
 
     Returns
     -------
@@ -56,18 +45,23 @@ def plan_figure(
     """
     drawn = f"{len(plan.motions)} segments" if plan.mode else f"'{plan.primitive}'"
     title = f"{drawn}: {plan.message}"
-    context = plan_context(plan, primitives)
-    return motion_figure(figure, {"planned": plan.trajectory}, title, limits, prismatic, context)
+    limits = None if plan.planner is None else plan.planner.limits
+    motions, context = {"planned": plan.trajectory}, plan_context(plan)
+    return motion_figure(figure, motions, title, limits, _prismatic(plan), context)
 
 
-def plan_context(plan: Plan, primitives: Sequence[MovementPrimitive]) -> MotionContext:
+def _prismatic(plan: Plan) -> tuple[str, ...]:
+    return () if plan.planner is None else plan.planner.robot.prismatic_joints
+
+
+def plan_context(plan: Plan) -> MotionContext:
     """What the figure of a plan shows beside its trajectory."""
-    known = {primitive.name: primitive for primitive in primitives}
     joints = list(plan.trajectory.joint_names)
     behind: list[Curve] = []
     begin = 0.0
     for motion, name in zip(plan.motions, plan.primitives, strict=True):
-        if (primitive := known.get(name)) is not None:
+        if plan.planner is not None:
+            primitive = plan.planner.primitives.named(name)
             order = [primitive.joint_names.index(joint) for joint in joints]
             states = [by_name(x.joint_names, x.positions) for x in (motion.start, motion.goal)]
             ends = np.array([[state[joint] for joint in primitive.joint_names] for state in states])
@@ -82,14 +76,7 @@ def plan_context(plan: Plan, primitives: Sequence[MovementPrimitive]) -> MotionC
     return MotionContext(behind, plan.duration * np.array(plan.via_phases), warnings)
 
 
-def plot_plan(
-    plan: Plan,
-    axes: Axes | Sequence[Axes] | None = None,
-    *,
-    primitives: Sequence[MovementPrimitive] = (),
-    limits: JointLimits | None = None,
-    prismatic: Collection[str] = (),
-) -> NDArray[np.object_]:
+def plot_plan(plan: Plan, axes: Axes | Sequence[Axes] | None = None) -> NDArray[np.object_]:
     """Plot the trajectory of a plan.
 
     Parameters
@@ -98,13 +85,7 @@ def plot_plan(
         The plan.
     axes : Axes or sequence of Axes, optional
         Where to plot positions, velocities and efforts, as many as there are Axes, each of all
-        joints. By default a new pyplot figure of at most twelve panels, with vias and warnings.
-    primitives : sequence of MovementPrimitive
-        Primitives whose nearest demonstrations are shown in a new figure.
-    limits : JointLimits, optional
-        Limits to show in a new figure if the motion is near them.
-    prismatic : collection of str
-        Joints that are measured in metres; the others are shown in degrees.
+        joints. By default a new pyplot figure, see :func:`plan_figure`.
 
     Returns
     -------
@@ -114,10 +95,10 @@ def plot_plan(
     trajectory = plan.trajectory
     if axes is None:
         with styled_figure(interactive=True) as figure:
-            return np.array(plan_figure(figure, plan, primitives, limits, prismatic))
+            return np.array(plan_figure(figure, plan))
     given = np.atleast_1d(np.asarray(axes, dtype=object)).ravel()
     for one, quantity in zip(given, QUANTITIES, strict=False):
-        plot_motion(one, trajectory, quantity, prismatic=prismatic)
+        plot_motion(one, trajectory, quantity, prismatic=_prismatic(plan))
     return given
 
 

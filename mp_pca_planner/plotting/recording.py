@@ -8,11 +8,10 @@ from collections.abc import Collection
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..exceptions import PlannerError
 from ..recordings.load import RecordingReport
-from .style import BLACK, COLOURS, GREY, LINES, add_header, palette_line
+from .style import BLACK, COLOURS, GREY, LINES, Line, add_header, palette_line
 from .units import unit_of
 
 if TYPE_CHECKING:
@@ -50,10 +49,12 @@ def recording_figure(
     below.plot(overview.times, unit.factor * overview.speed, color=BLACK, linewidth=1.4)
     for threshold in (report.thresholds.rest, report.thresholds.moving):
         below.axhline(unit.factor * threshold, color=GREY, linestyle="--", linewidth=1.0)
-    rests = runs(overview.speed <= report.thresholds.rest)
+    at_rest = overview.speed <= report.thresholds.rest
     for axes in (above, below):
-        for first, last in rests:
-            axes.axvspan(*overview.times[[first, last]], color=LINES["rest"]["color"], linewidth=0)
+        whole: Line = {"transform": axes.get_xaxis_transform(), "linewidth": 0}
+        axes.fill_between(
+            overview.times, 0.0, 1.0, where=at_rest, color=LINES["rest"]["color"], **whole
+        )
         for motion in report.motions:
             span = motion.start, motion.end
             axes.axvspan(*span, color=LINES["motion"]["color"], alpha=0.6, linewidth=0)
@@ -63,9 +64,3 @@ def recording_figure(
     above.set_xlim(np.nanmin(overview.times), np.nanmax(overview.times))
     below.set(xlabel="time [s]", ylabel=f"speed [{unit.speed}]")
     below.set_ylim(bottom=0.0)
-
-
-def runs(mask: NDArray[np.bool_]) -> list[tuple[int, int]]:
-    """First and last index of each run of true values."""
-    edges = np.flatnonzero(np.diff(np.concatenate(([False], mask, [False]))))
-    return [(int(first), int(end) - 1) for first, end in edges.reshape(-1, 2)]

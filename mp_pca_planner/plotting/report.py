@@ -31,11 +31,11 @@ from ..recordings.repair import REPAIRS
 from ..robot.model import Robot
 from .arm import arm_figure
 from .page import figure_address, render
-from .primitive import primitive_figure, reproductions
+from .primitive import plot_demonstrations, primitive_figure, reproductions
 from .recording import recording_figure
 from .style import GREY, LINES, Line, add_header, joint_panels, palette_line
 from .text import is_arm_of_paper, variance_table
-from .units import primitive_unit, prismatic_joints, unit_of
+from .units import primitive_unit, prismatic_joints
 from .verdict import PrimitiveVerdict, goals_in_span, verdict_on
 
 if TYPE_CHECKING:
@@ -158,7 +158,7 @@ def _shapes_address(
 
 def _goals_address(primitive: MovementPrimitive, robot: Robot, verdict: PrimitiveVerdict) -> str:
     """The figure of the robot among the goals of its demonstrations."""
-    tip = robot.frame_names[-1]
+    tip = robot.end_effector
     ends = primitive.boundary_states[:, [0, 3]]
     typical, *_ = nearest_demonstrations(primitive, ends.mean(axis=0))
     times = np.linspace(0.0, primitive.durations[typical], PHASES.size)
@@ -285,8 +285,7 @@ def paths_figure(figure: Figure, primitive: MovementPrimitive) -> None:
     moved = np.argsort(-np.ptp(paths, axis=1).mean(axis=0), kind="stable")
     joints = np.sort(moved[: REPORT.max_joints])
     names = [primitive.joint_names[j] for j in joints]
-    panels = joint_panels(figure, names, 1, primitive.name, [LINES["demonstration"]])
+    lines = [LINES["demonstration"], LINES["mean"]]
+    panels = joint_panels(figure, names, 1, primitive.name, lines)
     for joint, (axes,) in zip(joints, panels, strict=True):
-        unit = unit_of([primitive.joint_names[joint]], prismatic_joints(primitive))
-        axes.plot(PHASES, unit.factor * paths[:, :, joint].T, **LINES["demonstration"])
-        axes.set(xlabel="phase", ylabel=f"position [{unit.name}]", xlim=(0.0, 1.0))
+        plot_demonstrations(axes, primitive, int(joint), paths)

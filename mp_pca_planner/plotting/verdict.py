@@ -140,14 +140,14 @@ def goals_in_span(primitive: MovementPrimitive) -> FloatArray:
 
 
 def _features(primitive: MovementPrimitive, robot: Robot | None) -> dict[str, Feature]:
-    """The joints at the goals of the demonstrations, and the place of the robot's last link."""
+    """The joints at the goals of the demonstrations, and the place of the robot's end effector."""
     goals, prismatic = primitive.boundary_states[:, 3], prismatic_joints(primitive)
     features = {
         name: (values, unit_of([name], prismatic))
         for name, values in zip(primitive.joint_names, goals.T, strict=True)
     }
     if robot is not None:
-        tip = robot.frame_names[-1]
+        tip = robot.end_effector
         place = robot.frame_positions(goals, [tip])[:, 0]
         features |= {f"{tip} {axis}": (x, METRES) for axis, x in zip("xyz", place.T, strict=True)}
     return features

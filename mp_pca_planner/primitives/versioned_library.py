@@ -167,6 +167,7 @@ class VersionedLibrary:
         with locked(self.folder, self._versions):
             version = version_to_restore(self.history(), name, version)
             primitive = load_primitive(self._file(name, version))
+            self._check_joints([primitive], [])
             change = change_now(ROLLBACK, name, version, provenance_of(primitive), note)
             return self._make([change], {self._file(name): self._content(name, version)})[0]
 
@@ -181,7 +182,7 @@ class VersionedLibrary:
         for primitive in primitives:
             check_name(primitive.name)
         history, used = self.history(), self.in_use()
-        _check_joints(primitives, [self._file(*x) for x in used.items() if x[0] not in retired])
+        self._check_joints(primitives, retired)
         replaced = [*(primitive.name for primitive in primitives), *retired]
         copied = [name for name in replaced if name not in used and self._file(name).exists()]
         additions = [
@@ -201,6 +202,23 @@ class VersionedLibrary:
             changes.append(change_now(RETIRE, name, None, {}, note))
             files[self._file(name)] = None
         return self._make(changes, files | {self.kept(name): x for name, x in kept.items()})
+
+    def _check_joints(
+        self, primitives: Sequence[MovementPrimitive], retired: Collection[str]
+    ) -> None:
+        """Reject primitives of other joints than those that stay in use, or than each other."""
+        replaced = {*retired, *(primitive.name for primitive in primitives)}
+        stays = [item for item in self.in_use().items() if item[0] not in replaced]
+        # All that stay move the same joints: the first one is enough.
+        known = [load_primitive(self._file(*item)) for item in stays[:1]] if primitives else []
+        every = [*known, *primitives]
+        for other in every[1:]:
+            if other.joint_names != every[0].joint_names:
+                raise PrimitiveError(
+                    f"'{other.name}' moves {quote_names(other.joint_names)}, but "
+                    f"'{every[0].name}' of the library moves {quote_names(every[0].joint_names)}: "
+                    "use another library"
+                )
 
     def _make(
         self, changes: Sequence[Change], files: Mapping[Path, Content | None]
@@ -251,15 +269,3 @@ def _new_folders(folders: Iterable[Path]) -> Iterator[None]:
             with suppress(OSError):
                 folder.rmdir()
         raise
-
-
-def _check_joints(primitives: Sequence[MovementPrimitive], others: Sequence[Path]) -> None:
-    """Reject primitives of other joints than those that stay in use, given by their files."""
-    for other in map(load_primitive, others if primitives else ()):
-        for primitive in primitives:
-            if other.joint_names != primitive.joint_names:
-                raise PrimitiveError(
-                    f"'{primitive.name}' moves {quote_names(primitive.joint_names)}, but "
-                    f"'{other.name}' of the library moves {quote_names(other.joint_names)}: use "
-                    "another library"
-                )

@@ -8,10 +8,9 @@ convex hulls, and on the meshes themselves where the hulls are near each other.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -19,12 +18,13 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from ..arrays import FloatArray
-from .bodies import Bodies
+from .bodies import Bodies, coal
 from .joint_poses import JointPoses, JointTree
 
 CONTACT = 1e-6
 """Distance below which bodies are in contact [m]: the precision of touching surfaces."""
 
+_Transform = getattr(coal, "Transform3s", None) or coal.Transform3f  # before release 3
 # Precision of distances [m], at which relative errors of derivatives are usually below 1 %.
 _PRECISION = 1e-8
 # Hulls nearer than this beside their margin [m] are replaced by the meshes themselves.
@@ -60,12 +60,12 @@ class NearPairs:
 
 
 class BodyPairs:
-    """Pairs of bodies and their distances; configurations are in the order of the model's joints.
+    """Pairs of bodies and their distances.
 
     Parameters
     ----------
     tree : JointTree
-        The joints of the model.
+        The joints of the model, in the order of configurations.
     bodies : Bodies
         The bodies.
     indices : array of int, shape (n_pairs, 2)
@@ -76,27 +76,29 @@ class BodyPairs:
     Attributes
     ----------
     levers : array, shape (n_pairs, n_joints)
-        See `CollisionGeometry`.
+        Bound of the speed at which each joint closes the distance of each pair [m or 1].
     """
 
     def __init__(
         self, tree: JointTree, bodies: Bodies, indices: Indices, margins: FloatArray
     ) -> None:
         self._bodies, self._indices, self.margins = bodies, indices, margins
-        self._model, self._data = bodies.model, bodies.model.createData()
         self._tree = tree
+        self._transforms: list[Any] = []
+        self._of_hulls = ShapeDistances(bodies.hulls, indices)
+        self._of_shapes = ShapeDistances(bodies.shapes, indices)
         first, second = indices.T
         self._are_convex = bodies.are_convex[first] & bodies.are_convex[second]
-        meshes = ~self._are_convex
-        # Number of each pair with a mesh among these pairs.
-        self._meshes = np.cumsum(meshes) - 1
-        self._shape_data = _working_memory(bodies.shapes, indices[meshes], margins[meshes])
-        self._hull_data = _working_memory(bodies.hulls, indices, margins)
         # Of the joints that move one of both, 1 for the second body, −1 for the first.
-        self._moved = bodies.moved[second] - bodies.moved[first]
+        moves = tree.moves[bodies.joints]
+        self._moved = moves[second] - moves[first]
+        reaches = bodies.radii + np.linalg.norm(bodies.centres, axis=1)
+        levers = np.zeros(moves.shape)
+        for body in np.flatnonzero(bodies.joints).tolist():
+            levers[body] = tree.levers(int(bodies.joints[body]), float(reaches[body]))
         # A joint that moves both does not count.
-        both = np.where(self._moved > 0.0, bodies.levers[second], bodies.levers[first])
-        self.levers = both * np.abs(self._moved)
+        self.levers = np.where(self._moved > 0.0, levers[second], levers[first])
+        self.levers *= np.abs(self._moved)
 
     @cached_property
     def collide(self) -> CollisionCheck:
@@ -111,7 +113,7 @@ class BodyPairs:
         are_meshes = ~self._bodies.are_convex
         if hulls:
             are_meshes = are_meshes & (self._bodies.joints == 0)
-        return CollisionCheck(self._bodies, self._indices, distances, are_meshes)
+        return CollisionCheck(self._tree, self._bodies, self._indices, distances, are_meshes)
 
     def bounds(self, q: FloatArray, enough: FloatArray | float) -> FloatArray:
         """Lower bounds of all distances in some configurations.
@@ -164,18 +166,14 @@ class BodyPairs:
         distances : array, shape (n,)
             The distances [m].
         """
-        found, margins = np.empty(pairs.size), self.margins[pairs]
-        for entries in self._placed(q, configurations, self._bodies.hulls, self._hull_data):
-            distances = map(self._hull_distance, pairs[entries].tolist())
-            found[entries] = [one.min_distance for one in distances]
+        places = self._places(self._tree.poses(q), configurations, pairs)
+        numbers, margins = pairs.tolist(), self.margins[pairs]
+        results = map(self._of_hulls, numbers, *places)
+        found = np.array([one.min_distance for one in results])
         found -= margins
-        near = np.flatnonzero(~(found >= CONTACT) & ~self._are_convex[pairs])
-        shapes, data = self._bodies.shapes, self._shape_data
-        for entries in self._placed(q, configurations[near], shapes, data):
-            for e in near[entries]:
-                number = int(self._meshes[pairs[e]])
-                exact = pin.computeDistance(shapes, data, number).min_distance
-                found[e] = exact - margins[e]
+        for e in np.flatnonzero(~(found >= CONTACT) & ~self._are_convex[pairs]).tolist():
+            exact = self._of_shapes(numbers[e], places[0][e], places[1][e])
+            found[e] = exact.min_distance - margins[e]
         return found
 
     def near(self, q: FloatArray, reach: float) -> NearPairs:
@@ -191,7 +189,7 @@ class BodyPairs:
         poses = self._tree.poses(q)
         bounds = self._bounds(poses, reach)
         configurations, pairs = np.nonzero(~(bounds > reach))
-        distances, points = self._nearest_points(q, configurations, pairs)
+        distances, points = self._nearest_points(poses, configurations, pairs)
         bounds[configurations, pairs] = distances - self.margins[pairs]
         is_near = ~(bounds[configurations, pairs] > reach)
         configurations, pairs = configurations[is_near], pairs[is_near]
@@ -201,44 +199,47 @@ class BodyPairs:
     def nearest_point(self, q: FloatArray, pair: int) -> FloatArray:
         """Point of the second body of a pair that is nearest to the first one, shape (3,) [m]."""
         one = np.zeros(1, dtype=np.intp)
-        return np.array(self._nearest_points(q[None], one, one + pair)[1][0, 1])
+        _, points = self._nearest_points(self._tree.poses(q[None]), one, one + pair)
+        return np.array(points[0, 1])
 
     def _nearest_points(
-        self, q: FloatArray, configurations: Indices, pairs: Indices
+        self, poses: JointPoses, configurations: Indices, pairs: Indices
     ) -> tuple[FloatArray, FloatArray]:
         """Distances of entries, and the nearest points of both bodies, shape (n, 2, 3)."""
         distances, points = np.empty(pairs.size), np.empty((pairs.size, 2, 3))
         near, are_convex = (self.margins + _NEAR).tolist(), self._are_convex.tolist()
-        for entries in self._placed(q, configurations, self._bodies.hulls, self._hull_data):
-            for e, pair in zip(entries.tolist(), pairs[entries].tolist(), strict=True):
-                found = self._hull_distance(pair)
-                if not are_convex[pair] and not found.min_distance > near[pair]:
-                    found = self._mesh_distance(pair)
-                distances[e] = found.min_distance
-                points[e, 0], points[e, 1] = found.getNearestPoint1(), found.getNearestPoint2()
+        places = self._places(poses, configurations, pairs)
+        for e, (pair, *where) in enumerate(zip(pairs.tolist(), *places, strict=True)):
+            found = self._of_hulls(pair, *where)
+            if not are_convex[pair] and not found.min_distance > near[pair]:
+                exact = self._of_shapes(pair, *where)
+                # It is undefined for meshes in contact.
+                found = exact if exact.min_distance > CONTACT else found
+            distances[e] = found.min_distance
+            points[e, 0], points[e, 1] = found.getNearestPoint1(), found.getNearestPoint2()
         return distances, points
 
-    def _hull_distance(self, pair: int) -> Any:
-        return pin.computeDistance(self._bodies.hulls, self._hull_data, pair)
-
-    def _mesh_distance(self, pair: int) -> Any:
-        """The result for the meshes themselves, or for their hulls if the meshes are in contact."""
-        shapes, data = self._bodies.shapes, self._shape_data
-        pin.updateGeometryPlacements(self._model, self._data, shapes, data)
-        exact = pin.computeDistance(shapes, data, int(self._meshes[pair]))
-        # It is undefined for meshes in contact.
-        return exact if exact.min_distance > CONTACT else self._hull_distance(pair)
-
-    def _placed(
-        self, q: FloatArray, configurations: Indices, geometry: Any, data: Any
-    ) -> Iterator[Indices]:
-        """Place the geometry for one configuration after the other; yield its entries."""
-        order = np.argsort(configurations, kind="stable")
-        every, starts = np.unique(configurations[order], return_index=True)
-        edges = [*starts.tolist(), order.size]
-        for one, (first, last) in zip(every.tolist(), pairwise(edges), strict=True):
-            pin.updateGeometryPlacements(self._model, self._data, geometry, data, q[one])
-            yield order[first:last]
+    def _places(
+        self, poses: JointPoses, configurations: Indices, pairs: Indices
+    ) -> tuple[list[Any], list[Any]]:
+        """Poses of the first and the second bodies of entries, valid until the next call."""
+        bodies, n_bodies = self._bodies, len(self._bodies.names)
+        every = self._indices[pairs]
+        # Bodies on the base are placed once.
+        moments = np.where(bodies.joints[every] > 0, configurations[:, None], 0)
+        numbers = moments * n_bodies + every
+        every, found = np.unique(numbers, return_inverse=True)
+        k, body = np.divmod(every, n_bodies)
+        turned = poses.rotations[k, bodies.joints[body]]
+        origins = (turned @ bodies.origins[body][:, :, None])[..., 0]
+        origins += poses.positions[k, bodies.joints[body]]
+        placed = self._transforms
+        # To set one takes a quarter of the time to make one.
+        placed += [_Transform() for _ in range(len(every) - len(placed))]
+        for one, *where in zip(placed, turned @ bodies.rotations[body], origins, strict=False):
+            one.setTransform(*where)
+        first, second = found.reshape(-1, 2).T.tolist()
+        return [placed[i] for i in first], [placed[i] for i in second]
 
     def _rows(
         self,
@@ -257,18 +258,37 @@ class BodyPairs:
         arms = place[:, None] - poses.positions[k, 1:]
         motions = np.where(tree.turns[1:, None], np.cross(axes, arms), axes)
         rows = np.einsum("eji,ei->ej", motions, away)
-        return np.asarray(rows[:, tree.order] * self._moved[pairs])
+        return np.asarray(rows[:, tree.joints] * self._moved[pairs])
 
 
-def _working_memory(geometry: Any, indices: Indices, margins: FloatArray) -> Any:
-    """Pinocchio's data of a geometry with these pairs."""
-    set_pairs(geometry, indices.tolist())
-    data = geometry.createData()
-    for request in data.distanceRequests:
-        request.gjk_tolerance = _PRECISION
-    for request, margin in zip(data.collisionRequests, margins.tolist(), strict=True):
-        request.security_margin = margin
-    return data
+class ShapeDistances:
+    """Distances of pairs of placed shapes by Coal.
+
+    Parameters
+    ----------
+    shapes : sequence of coal.CollisionGeometry
+        The shapes.
+    indices : array of int, shape (n_pairs, 2)
+        The two shapes of each pair.
+    """
+
+    def __init__(self, shapes: Sequence[Any], indices: Indices) -> None:
+        self._shapes, self._indices = shapes, indices
+        # Coal's functions of the pairs that were near each other.
+        self._functions: dict[int, Any] = {}
+        self._request, self._result = coal.DistanceRequest(), coal.DistanceResult()
+        self._request.gjk_tolerance = _PRECISION
+
+    def __call__(self, pair: int, first: Any, second: Any) -> Any:
+        """Coal's result for a pair in two poses; the next call overwrites it."""
+        function = self._functions.get(pair)
+        if function is None:
+            one, other = self._indices[pair].tolist()
+            function = coal.ComputeDistance(self._shapes[one], self._shapes[other])
+            self._functions[pair] = function
+        self._result.clear()
+        function(first, second, self._request, self._result)
+        return self._result
 
 
 class CollisionCheck:
@@ -276,7 +296,7 @@ class CollisionCheck:
 
     Parameters
     ----------
-    bodies, indices, margins
+    tree, bodies, indices, margins
         See `BodyPairs`.
     are_meshes : array of bool, shape (n_bodies,)
         Bodies that are meshes; the others are convex hulls.
@@ -284,15 +304,27 @@ class CollisionCheck:
 
     def __init__(
         self,
+        tree: JointTree,
         bodies: Bodies,
         indices: Indices,
         margins: FloatArray,
         are_meshes: NDArray[np.bool_],
     ) -> None:
-        geometry = bodies.hulls.copy()
-        for i in np.flatnonzero(are_meshes).tolist():
-            geometry.geometryObjects[i].geometry = bodies.shapes.geometryObjects[i].geometry
-        data, geometry_data = bodies.model.createData(), _working_memory(geometry, indices, margins)
+        self._order, geometry = tree.order, pin.GeometryModel()
+        for i, (joint, is_mesh) in enumerate(zip(bodies.joints, are_meshes, strict=True)):
+            part = pin.GeometryObject(
+                str(i),
+                parent_joint=int(joint),
+                placement=pin.SE3(bodies.rotations[i], bodies.origins[i]),
+                collision_geometry=(bodies.shapes if is_mesh else bodies.hulls)[i],
+            )
+            geometry.addGeometryObject(part)
+        for first, second in indices.tolist():
+            geometry.addCollisionPair(pin.CollisionPair(first, second))
+        data, geometry_data = bodies.model.createData(), geometry.createData()
+        requests = geometry_data.collisionRequests
+        for request, margin in zip(requests, margins.tolist(), strict=True):
+            request.security_margin = margin
         # Pinocchio's broad phase keeps no references to these.
         self._kept = bodies.model, data, geometry, geometry_data
         # The fastest broad phases of Coal: each pair of boxes, or sweep and prune of many.
@@ -306,7 +338,7 @@ class CollisionCheck:
 
     def __call__(self, q: FloatArray) -> bool:
         """The answer for a configuration, shape (n_joints,)."""
-        return bool(pin.computeCollisions(*self._arguments, q, True))
+        return bool(pin.computeCollisions(*self._arguments, q[self._order], True))
 
 
 def _centres(bodies: Bodies, poses: JointPoses, k: Indices, body: Indices) -> FloatArray:
@@ -330,17 +362,3 @@ def _directions(
     away[~(np.linalg.norm(away, axis=1) > CONTACT)] = 1.0
     place = np.where(met[:, None], centres[:, 1], points[:, 1])
     return away / np.linalg.norm(away, axis=1)[:, None], place
-
-
-def index_pairs(geometry: Any) -> list[tuple[int, int]]:
-    """Numbers of the geometry objects of each pair."""
-    return [(pair.first, pair.second) for pair in geometry.collisionPairs]
-
-
-def set_pairs(geometry: Any, pairs: list[Any]) -> None:
-    """Replace the pairs of a geometry."""
-    # What Python gets of Pinocchio's pairs are references to places in a vector, so the vector
-    # is made again: removing one pair would put others into the places behind it.
-    geometry.removeAllCollisionPairs()
-    for first, second in pairs:
-        geometry.addCollisionPair(pin.CollisionPair(first, second))

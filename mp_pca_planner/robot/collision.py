@@ -7,7 +7,6 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterator, Sequence
 from copy import copy
-from dataclasses import replace
 from pathlib import Path
 from typing import Any, Self
 
@@ -19,7 +18,7 @@ from ..exceptions import RobotError, WorldError
 from ..files import read_text, reading
 from ..input_limits import INPUT_LIMITS
 from .bodies import Bodies
-from .body_pairs import CONTACT, BodyPairs, Indices, NearPairs, index_pairs, set_pairs
+from .body_pairs import CONTACT, BodyPairs, Indices, NearPairs
 from .joint_poses import JointTree
 from .model import Robot
 from .urdf import parse_xml
@@ -49,11 +48,8 @@ class CollisionGeometry:
 
     Attributes
     ----------
-    levers : array, shape (n_pairs, n_joints)
-        Bound of the speed at which each joint closes the distance of each pair [m or 1], joints in
-        the order of `model_order`.
-    model_order : array of int, shape (n_joints,)
-        Index of the robot's joint for each joint of the geometry.
+    body_pairs : BodyPairs
+        The distances of the pairs.
     pairs : tuple of tuple of str
         The pairs of bodies that are checked, those of links first; empty without collision
         geometry.
@@ -83,19 +79,16 @@ class CollisionGeometry:
         margin: float = 0.0,
         self_collision: bool = True,
     ) -> None:
-        model, geometry, self.model_order = robot.collision_geometry(package_dirs)
-        self._in_order = bool(np.all(np.diff(self.model_order) == 1))
-        if not self_collision:
-            geometry.removeAllCollisionPairs()
-        elif srdf is None:
-            _remove_touching_at_neutral(model, geometry)
-        else:
+        model, geometry, order = robot.collision_geometry(package_dirs)
+        if srdf is not None:
             geometry.addAllCollisionPairs()
             _remove_disabled(model, geometry, Path(srdf))
+        pairs = _pairs_of_links(model, geometry, touching=srdf is not None)
         self._links = Bodies.of_links(model, geometry)
-        self._tree, joints = JointTree(model), self._links.joints
+        self._tree, joints = JointTree(model, order), self._links.joints
         # A pair without relative motion is not checked.
-        self._pairs_of_links = [(a, b) for a, b in index_pairs(geometry) if joints[a] != joints[b]]
+        moving = [(a, b) for a, b in pairs if joints[a] != joints[b]]
+        self._pairs_of_links = moving if self_collision else []
         self.margin = _checked_margin(margin)
         self.set_world(World() if world is None else world)
 
@@ -122,10 +115,9 @@ class CollisionGeometry:
             pairs = [(a, b) for a, b in pairs if not world.allows(names[a], names[b])]
         indices = np.array(pairs, dtype=np.intp).reshape(-1, 2)
         margins = np.where(indices[:, 1] >= n_links, margin, 0.0)
-        self._distances = BodyPairs(self._tree, bodies, indices, margins)
+        self.body_pairs = BodyPairs(self._tree, bodies, indices, margins)
         self.world, self.margin, self.margins = world, margin, margins
         self.pairs = tuple((names[a], names[b]) for a, b in pairs)
-        self.levers = self._distances.levers
 
     def with_world(self, world: World) -> Self:
         """The same among other obstacles, for use in another thread.
@@ -152,10 +144,23 @@ class CollisionGeometry:
         q : array, shape (n_joints,)
             Positions of the robot's joints in its order.
         """
-        return self._distances.collide(self._in_model_order(q))
+        return self.body_pairs.collide(q)
+
+    def collide_anywhere(self, q: FloatArray) -> bool:
+        """Whether any pair is in collision in any of some configurations.
+
+        In a new world this is faster than the first call of `collides`, which makes data of all
+        pairs.
+
+        Parameters
+        ----------
+        q : array, shape (n_configurations, n_joints)
+            Positions of the robot's joints in its order.
+        """
+        return bool(np.any(self.near(q, 0.0).bounds < CONTACT))
 
     def check(self, distances: FloatArray, *, hulls: bool = False) -> Callable[[FloatArray], bool]:
-        """A check whether any pair is nearer than some distance beside its margin.
+        """A function like `collides`: whether any pair is nearer than its margin and a distance.
 
         Parameters
         ----------
@@ -163,22 +168,8 @@ class CollisionGeometry:
             The distances [m].
         hulls : bool
             Whether convex hulls take the place of meshes that move: faster, on the safe side.
-
-        Returns
-        -------
-        is_near : callable
-            A function like `collides`.
         """
-        is_near = self._distances.check(self.margins + distances, hulls=hulls)
-        return lambda q: is_near(self._in_model_order(q))
-
-    def bounds(self, q: FloatArray, enough: FloatArray | float) -> FloatArray:
-        """Lower bounds of all distances less their margins, see :meth:`.BodyPairs.bounds`."""
-        return self._distances.bounds(self._in_model_order(q), enough)
-
-    def distances(self, q: FloatArray, configurations: Indices, pairs: Indices) -> FloatArray:
-        """Distances of pairs less their margins, see :meth:`.BodyPairs.distances`."""
-        return self._distances.distances(self._in_model_order(q), configurations, pairs)
+        return self.body_pairs.check(self.margins + distances, hulls=hulls)
 
     def near(self, q: FloatArray, reach: float) -> NearPairs:
         """The pairs nearer than some distance beside their margins.
@@ -190,17 +181,7 @@ class CollisionGeometry:
         reach : float
             The distance [m].
         """
-        found = self._distances.near(self._in_model_order(q), reach)
-        rows = np.empty_like(found.rows)
-        rows[:, self.model_order] = found.rows
-        return replace(found, rows=rows)
-
-    def nearest_point(self, q: FloatArray, pair: int) -> FloatArray:
-        """Point of the second body of a pair that is nearest to the first one, shape (3,) [m]."""
-        return self._distances.nearest_point(self._in_model_order(q), pair)
-
-    def _in_model_order(self, q: FloatArray) -> FloatArray:
-        return np.ascontiguousarray(q if self._in_order else q[..., self.model_order])
+        return self.body_pairs.near(q, reach)
 
 
 def _checked_margin(margin: float) -> float:
@@ -223,13 +204,16 @@ def _pairs_with_world(bodies: Bodies, n_links: int, world: World) -> Iterator[tu
                 yield a, b
 
 
-def _remove_touching_at_neutral(model: Any, geometry: Any) -> None:
+def _pairs_of_links(model: Any, geometry: Any, *, touching: bool) -> list[tuple[int, int]]:
+    """The pairs of a geometry, without those that touch in the neutral configuration if asked."""
     neutral = np.clip(pin.neutral(model), model.lowerPositionLimit, model.upperPositionLimit)
     data = geometry.createData()
     pin.updateGeometryPlacements(model, model.createData(), geometry, data, neutral)
-    pairs = index_pairs(geometry)
-    distances = [pin.computeDistance(geometry, data, k).min_distance for k in range(len(pairs))]
-    set_pairs(geometry, [pair for pair, d in zip(pairs, distances, strict=True) if d >= CONTACT])
+    return [
+        (pair.first, pair.second)
+        for k, pair in enumerate(geometry.collisionPairs)
+        if touching or pin.computeDistance(geometry, data, k).min_distance >= CONTACT
+    ]
 
 
 def _remove_disabled(model: Any, geometry: Any, srdf: Path) -> None:

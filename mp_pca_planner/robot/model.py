@@ -53,8 +53,8 @@ class Robot(Dynamics, Kinematics):
         The joints of `joint_names` that are measured in metres.
     movable_joints : tuple of str
         All movable joints of the description, in the order of the kinematic tree.
-    frame_names : tuple of str
-        The links.
+    frame_names, end_effector : tuple of str, str
+        The links, and the last one of those that most joints move.
     path : Path or None
         The file that the description was read from.
 
@@ -166,14 +166,14 @@ class Robot(Dynamics, Kinematics):
         return self._model.copy(), self._order.to_pin
 
     def with_payload(self, mass: float, frame: str | None = None) -> Robot:
-        """The same robot with a point mass [kg] at the origin of a link, by default the last one.
+        """The same robot with a point mass [kg] at a link, by default the end effector.
 
         Raises
         ------
         RobotError
             If there is no such link.
         """
-        (frame_id,) = self._frame_ids([self.frame_names[-1] if frame is None else frame])
+        (frame_id,) = self._frame_ids([self.end_effector if frame is None else frame])
         model = self._model.copy()
         carrier = model.frames[frame_id]
         joint = joint_of(carrier)

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Sequence
+from functools import partial
 from typing import Any, Self
 
 import numpy as np
@@ -13,6 +14,7 @@ import pinocchio as pin
 
 from ..arrays import FloatArray
 from ..exceptions import RobotError, unknown_name
+from .inertias import joint_of
 
 
 class JointOrder:
@@ -46,6 +48,14 @@ class JointOrder:
         return x if self.is_same else x[..., self.to_pin, :][..., self.to_pin]
 
 
+def _depth(model: Any, link: Any) -> int:
+    """Number of joints that move a link."""
+    joint, depth = joint_of(link), 0
+    while joint > 0:
+        joint, depth = int(model.parents[joint]), depth + 1
+    return depth
+
+
 class PinocchioModel:
     """A model, its working memory, and the order of its joints.
 
@@ -64,13 +74,17 @@ class PinocchioModel:
         The joints, n_joints of them.
     frame_names : tuple of str
         The links.
+    end_effector : str
+        The link that most joints move, the last one of several.
     """
 
     def __init__(self, model: Any, joint_names: Sequence[str], source: str) -> None:
         self.joint_names = tuple(joint_names)
         self._source = source
         self._order = JointOrder(model, joint_names)
-        self.frame_names = tuple(f.name for f in model.frames if f.type == pin.FrameType.BODY)
+        links = [frame for frame in model.frames if frame.type == pin.FrameType.BODY]
+        self.frame_names = tuple(link.name for link in links)
+        self.end_effector = max(reversed(links), key=partial(_depth, model)).name
         self._use(model)
 
     def _use(self, model: Any) -> None:

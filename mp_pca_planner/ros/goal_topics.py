@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""The topics of goals, and the report of each goal."""
+"""The topics of goals, the report of each goal, and the service that stops the robot."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PoseStamped
 from sensor_msgs.msg import JointState as JointStateMessage
+from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory
 
 from ..exceptions import GoalError, unknown_name
@@ -143,7 +144,8 @@ class GoalTopics:
             node.create_subscription(
                 message_type, topic, self._receive, GOALS, callback_group=group
             )
-        # A separate thread, so that goals don't wait for services of the node.
+        node.create_service(Trigger, "~/stop", self._on_stop, callback_group=group)
+        # A separate thread, so that neither waits for new parameters or primitives.
         self._executor = GroupExecutor(node, group)
 
     def avoid(self) -> None:
@@ -158,6 +160,16 @@ class GoalTopics:
         """End the threads, before the node is destroyed."""
         self._executor.shutdown()
         self._worker.close()
+
+    def _on_stop(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        self._worker.cancel()
+        try:
+            response.message = self._server.stop(self._setup.ready())
+        except Exception as error:
+            response.message = f"nothing was published: {self._node.explain(error)}"
+        else:
+            response.success = True
+        return response
 
     def _receive(self, message: Any) -> None:
         try:
@@ -193,13 +205,20 @@ class GoalTopics:
     def _serve_goal(self, request: _Request, is_cancelled: IsCancelled) -> None:
         """Plan, publish and report, in the thread of the worker."""
         stamp: Time = request.name
+
+        def is_over() -> bool:
+            return is_cancelled() or self._setup.context is not request.model
+
         try:
-            served = self._server.serve(request, is_cancelled)
+            served = self._server.serve(request, is_over)
             self._report(served, request)
         except UnexecutablePlanError as error:
             self._reject(messages.to_refusal(str(error), stamp, error.plan))
         except CancelledError:
-            raise
+            if is_cancelled():
+                raise
+            changed = "the parameters, the primitives or the robot description changed during "
+            self._reject(messages.to_refusal(f"{changed}planning; send the goal again", stamp))
         except Exception as error:
             self._reject(messages.to_refusal(self._node.explain(error), stamp))
 

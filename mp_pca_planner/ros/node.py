@@ -121,7 +121,6 @@ class PlannerNode(GuardedNode):
         self.create_subscription(Float64, "~/trial_cost", self._on_trial_cost, NEWEST)
         self.create_subscription(String, "robot_description", self._on_description, LATCHED)
         self.create_service(Trigger, "~/reload_primitives", self._on_reload)
-        self.create_service(Trigger, "~/stop", self._on_stop)
         self.create_service(Trigger, "~/save_motion", self._on_save)
         # A steady clock, because diagnostics are needed even if simulated time stands still.
         steady = Clock(clock_type=ClockType.STEADY_TIME)
@@ -134,16 +133,6 @@ class PlannerNode(GuardedNode):
         except Exception as error:
             text = f"nothing was learned from a trial: {self.explain(error)}"
             self.get_logger().warning(text, throttle_duration_sec=LOG_PERIOD)
-
-    def _on_stop(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        self._goals.cancel()
-        try:
-            response.message = self._server.stop(self._setup.ready())
-        except Exception as error:
-            response.message = f"nothing was published: {self.explain(error)}"
-        else:
-            response.success = True
-        return response
 
     def _on_save(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         file = self._last_motion.keep(self._setup.settings.save_folder, NODE_NAME)

@@ -284,8 +284,9 @@ class PlanningSetup:
         if primitives is not self._primitives:
             self.problem = ""
         self.settings, self._primitives = settings, primitives
-        self.context, self._context_problem = context, problem
+        # Before the context, so that no motion of other joints is running in it.
         self._expect(joint_names)
+        self.context, self._context_problem = context, problem
         self._parameters.forget_limits_except(joint_names)
 
 

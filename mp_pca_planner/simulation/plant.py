@@ -97,7 +97,7 @@ class Plant:
         self._load(robot)
 
     def set_payload(self, mass: float) -> None:
-        """Attach a mass [kg] to the last link, which gravity compensation does not include."""
+        """Attach a mass [kg] to the end effector, which gravity compensation does not include."""
         self._load(self._robot.with_payload(mass))
 
     def step(self, command: FloatArray) -> None:

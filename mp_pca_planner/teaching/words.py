@@ -26,12 +26,12 @@ class SessionWords:
     robot : Robot or None
         The robot.
     frame : str
-        Its end effector; the last link by default.
+        Its end effector; by default the link that most joints move.
     """
 
     def __init__(self, robot: Robot | None = None, frame: str = "") -> None:
         self._robot = robot
-        self._frame = frame or (robot.frame_names[-1] if robot else "")
+        self._frame = frame or (robot.end_effector if robot else "")
 
     def update_lines(
         self, update: SessionUpdate, motions: Sequence[Demonstration]

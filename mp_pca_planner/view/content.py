@@ -47,7 +47,7 @@ class PageContent:
     collision : CollisionModel or None
         Collision model of the robot; None: self-collisions are not checked.
     frame : str
-        The link that the handle moves; empty: the last one.
+        The link that the handle moves; empty: the end effector.
     recordings : RecordingSet or None
         Demonstrations; those that the primitives reproduce unless given.
     world : World

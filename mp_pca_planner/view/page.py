@@ -72,7 +72,7 @@ class ViewPage:
         # Planning and drawing happen in different threads, each with a robot of its own.
         robot = Robot(content.urdf, content.robot.joint_names)
         shapes = RobotShapes(robot, content.urdf, content.folders)
-        frame = content.frame or robot.frame_names[-1]
+        frame = content.frame or robot.end_effector
         self.server = PageServer(host, port)
         self.stage = Stage(self.server, robot, content.limits, shapes, frame)
         every = Robot(content.urdf).limits()

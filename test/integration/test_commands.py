@@ -256,7 +256,7 @@ def test_inspect_of_a_damaged_bag_says_what_may_help(recording, tmp_path):
     (whole,) = recording[0].glob("*.mcap")
     damaged = tmp_path / "damaged.mcap"
     damaged.write_bytes(whole.read_bytes()[: whole.stat().st_size // 2])
-    assert "(--recover) takes" in run("inspect", damaged, ok=False).stdout
+    assert "(--recover; salvage=True in Python) takes" in run("inspect", damaged, ok=False).stdout
     assert "only the" in run("inspect", damaged, "--salvage", ok=True).stdout
 
 

@@ -969,6 +969,34 @@ def test_node_that_is_told_to_end_while_it_starts_ends_cleanly(tmp_path: Path, n
     assert "Traceback" not in log.read_text()
 
 
+WITH_A_THREAD_IN_ROS = """
+import os, signal, sys, threading, rclpy
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.signals import SignalHandlerOptions
+from mp_pca_planner.__main__ import main
+
+def wait_in_ros():
+    context = rclpy.Context()
+    rclpy.init(context=context, signal_handler_options=SignalHandlerOptions.NO)
+    executor = SingleThreadedExecutor(context=context)
+    executor.add_node(rclpy.create_node("waiting", context=context))
+    while True:
+        executor.spin_once(0.01)
+        if rclpy.ok():  # the node's own handlers are set
+            os.kill(os.getpid(), signal.SIGINT)
+
+threading.Thread(target=wait_in_ros, daemon=True).start()
+sys.argv[1:] = ["planner_node"]
+sys.exit(main())
+"""
+
+
+@pytest.mark.usefixtures("own_domain")
+def test_node_ends_cleanly_whatever_its_threads_do() -> None:
+    done = subprocess.run([sys.executable, "-c", WITH_A_THREAD_IN_ROS], timeout=HANG, check=False)
+    assert done.returncode == 0
+
+
 @pytest.mark.parametrize(
     ("arguments", "status", "words"),
     [

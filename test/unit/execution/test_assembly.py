@@ -79,8 +79,8 @@ def test_objective_and_timing_of_the_parameters_are_those_of_the_plans() -> None
         (re.sub("<inertial>.*?</inertial>", "", URDF, flags=re.DOTALL), Settings(), RobotError),
         (URDF, Settings(limits_file="/nowhere.yaml"), LimitsError),
         (URDF, Settings(limits={"elbow": {"max_velocity": -1.0}}), LimitsError),
-        (URDF, Settings(collision=True, srdf="/nowhere.srdf"), RobotError),
-        (MESHED, Settings(collision=True, package_dirs=("/nowhere",)), RobotError),
+        (URDF, Settings(collision=True, srdf=__file__), RobotError),
+        (MESHED, Settings(collision=True, package_dirs=("/",)), RobotError),
     ],
 )
 def test_what_does_not_fit_together_is_refused(

@@ -7,7 +7,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from arm import JOINTS, arm_robot
-from test_motion_server import GOAL, START, Node, model
+from test_motion_server import GOAL, HALF, START, Node, model
 from worlds import plain_distances
 
 from mp_pca_planner.exceptions import RobotError, WorldError
@@ -93,6 +93,20 @@ def test_robot_stops_at_once_where_there_is_no_time_to_plan(node):
     node.run(5.0)
     node.assert_smooth()
     assert node.outcomes == ["stopped"]
+
+
+def test_robot_stops_before_an_obstacle_while_a_sequence_is_planned(node):
+    node.ask(GOAL, duration=4.0)
+    node.run(0.5)
+    world, came = ball_at(place_on_motion(node, 0.6)), node.now
+    node.at(0.1, lambda: use(node, world))
+    node._planning_time = 3.0, 3.0
+    node.ask_sequence(HALF, START)
+    node.run(6.0)
+    node.assert_smooth()
+    assert clearance(node, world, came) > 0.0
+    assert node.outcomes[0] == "stopped"
+    assert "'lower_arm' would hit 'ball'" in node.execution_reports[0][1].message
 
 
 def test_obstacles_beside_or_behind_the_motion_change_nothing(node):

@@ -112,3 +112,12 @@ def test_limits_of_the_joints_are_declared_one_by_one() -> None:
     names = [declaration.name for declaration in limit_declarations(["a", "b"])]
     check_limit_names(names, ["a", "b"])
     assert len(set(names)) == 8
+
+
+@pytest.mark.parametrize(
+    "values", [{"srdf": "/nowhere.srdf"}, {"srdf": "/"}, {"package_dirs": ("", "/nowhere")}]
+)
+@pytest.mark.parametrize("collision", [False, True])
+def test_missing_files_of_collisions_are_refused_whether_they_are_used_or_not(values, collision):
+    with pytest.raises(ParameterError, match="there is no (file|folder) '/"):
+        Settings(collision=collision, **values)

@@ -10,6 +10,7 @@ import pytest
 from arm import JOINTS, arm_primitive, arm_robot
 from dense import assert_keeps, spline
 from obstacle_scenes import write_scene
+from worlds import TRAY
 
 import mp_pca_planner as mp
 from mp_pca_planner.evaluation.check import RigidArm
@@ -143,6 +144,21 @@ def test_refusal_names_bodies_place_and_the_missing_extra(tmp_path, monkeypatch)
     assert plan.status == "infeasible"
     assert "'lower_arm' and 'wall' collide from" in plan.message
     assert "needs the Python module 'ompl'" in plan.message
+
+
+@pytest.mark.parametrize("end", [0, 3])
+def test_end_inside_a_mesh_has_no_path_and_is_named(end):
+    robot, primitive = arm_robot(), arm_primitive()
+    ends = primitive.boundary_states[0][[0, 3]]
+    hand = robot.frame_positions(ends, [robot.frame_names[-1]])[int(end > 0), 0]
+    tray = mp.Mesh(0.1 * TRAY.vertices, TRAY.triangles, hand)
+    collision = CollisionModel(robot, world=mp.World([mp.Obstacle("tray", tray)]))
+    setup = Setup(robot, robot.limits(), PlannerOptions(), collision)
+    assert not list(PathFinder(setup).paths(tuple(ends), Budget(math.inf)))
+    plan = Planner(robot, [primitive], None, PlannerOptions(naturalness=0.01), collision)
+    message = plan.plan(ends[1], ends[0]).message
+    assert "'tray' collide" in message
+    assert f"the {'goal' if end else 'start'} is in collision" in message
 
 
 def test_first_path_stays_near_its_ends(post):

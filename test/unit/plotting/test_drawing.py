@@ -36,7 +36,9 @@ from mp_pca_planner.recordings.demonstration import (
     Segment,
 )
 from mp_pca_planner.recordings.segmentation import SpeedThresholds
+from mp_pca_planner.resources import config_file
 from mp_pca_planner.robot.limits import JointLimits
+from mp_pca_planner.robot.model import Robot
 
 image = pytest.importorskip("matplotlib.image", reason="matplotlib is not installed")
 
@@ -427,13 +429,14 @@ def test_plan_shows_its_vias_where_it_passes_them() -> None:
         expected = np.interp(0.4 * motion.duration, motion.times, motion.positions[:, joint])
         np.testing.assert_allclose(via.get_xdata(), 0.4 * motion.duration)
         np.testing.assert_allclose(via.get_ydata(), np.rad2deg(expected))
-    assert [x.get_text() for x in figure.legends[0].get_texts()] == ["planned", "via"]
+    shown = [x.get_text() for x in figure.legends[0].get_texts()]
+    assert shown == ["planned", "nearest demonstrations, re-timed", "via"]
 
 
 def test_plan_has_the_demonstrations_behind_it_that_are_nearest_to_it() -> None:
     found, primitive = plan_between(3, 3), arm_primitive()
     with styled_figure() as figure:
-        panels = plan_figure(figure, found, [primitive])
+        panels = plan_figure(figure, found)
     ends = primitive.boundary_states[:, [0, 3]]
     away = np.linalg.norm((ends - ends[3]) / (ends.std(axis=0) + 1e-3), axis=(1, 2))
     nearest = np.argsort(away)[: FIGURES.max_behind]
@@ -452,7 +455,7 @@ def test_plan_far_from_the_demonstrations_carries_the_warning() -> None:
     assert far.in_span_score > 3.0
     for found, n_warnings in ((far, 1), (plan_between(0, 0), 0)):
         with styled_figure() as figure:
-            plan_figure(figure, found, [arm_primitive()])
+            plan_figure(figure, found)
             assert all_legends_inside(figure)
         texts = [x.get_text().replace("\n", " ") for x in figure.legends[0].get_texts()]
         assert sum("unlike the demonstrations" in text for text in texts) == n_warnings
@@ -483,6 +486,18 @@ def test_plan_is_plotted_in_a_new_figure(pyplot: Any, plan: Plan) -> None:
     np.testing.assert_allclose(
         panels[2, 0].lines[0].get_ydata(), np.rad2deg(plan.trajectory.positions[:, 2])
     )
+
+
+def test_plan_of_a_sliding_joint_is_plotted_in_metres(pyplot: Any) -> None:
+    urdf = config_file("human_arm.urdf").read_text(encoding="utf-8")
+    assert 'name="elbow" type="revolute"' in urdf
+    robot = Robot(urdf.replace('name="elbow" type="revolute"', 'name="elbow" type="prismatic"'))
+    shown = arm_primitive()
+    start, goal = shown.boundary_states[0, [0, 3]]
+    plan = Planner(robot, shown).plan(goal, start)
+    labels = [column[0].get_ylabel() for column in plan.plot()]
+    assert labels[-1] == "position [m]" and "position [deg]" in labels
+    assert plot_plan(plan, pyplot.figure().subplots()).item().get_ylabel() == "position [rad or m]"
 
 
 def test_plan_is_plotted_on_axes_that_are_given(pyplot: Any, plan: Plan) -> None:

@@ -8,6 +8,7 @@ import resource
 import signal
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -190,6 +191,21 @@ def test_refusals_name_what_is_wrong(tmp_path: Path) -> None:
     (tmp_path / ".versions/journal.jsonl").write_text("{}\n")
     with pytest.raises(PrimitiveError, match="line 1 of .* is damaged"):
         VersionedLibrary(tmp_path)
+
+
+def test_all_primitives_in_use_move_the_same_joints(tmp_path: Path) -> None:
+    mine, library = primitive(), VersionedLibrary(tmp_path)
+    others = tuple(f"other_{name}" for name in mine.joint_names)
+    foreign = replace(mine, joint_names=others, name="foreign")
+    with pytest.raises(PrimitiveError, match="'foreign' moves 'other_.*use another library"):
+        library.change([mine, foreign], [], {}, n_before=0)
+    library.add(replace(mine, joint_names=others))
+    library.add(mine)  # in its place
+    library.add(replace(mine, name="second"))
+    for change in (lambda: library.add(foreign), lambda: library.roll_back("reach", 1)):
+        with pytest.raises(PrimitiveError, match="of the library moves 'shoulder1'"):
+            change()
+    assert library.in_use() == {"reach": 2, "second": 1}
 
 
 WRITER = """

@@ -79,6 +79,21 @@ def test_open_mesh_is_a_surface_and_a_closed_convex_one_is_solid():
     assert distances(model(mp.Obstacle("solid", solid)), [0.0, 0.0])["slider", "solid"] < -1.0
 
 
+def test_order_of_the_joints_changes_the_order_of_columns_alone():
+    world = mp.World([mp.Obstacle("ball", mp.Sphere(0.2, (0.3, 0.9, 1.0)))])
+    usual, other = (
+        CollisionModel(mp.Robot(URDF, names), world=world)
+        for names in (["slide", "turn"], ["turn", "slide"])
+    )
+    assert usual.pairs == other.pairs
+    for q in np.random.default_rng(0).uniform(-2.0, 2.0, (20, 2)):
+        one, two = usual.near(q[None], np.inf), other.near(q[None, ::-1], np.inf)
+        np.testing.assert_allclose(one.distances, two.distances)
+        np.testing.assert_allclose(one.rows, two.rows[:, ::-1], atol=1e-9)
+        assert usual.collides(q) == other.collides(q[::-1])
+    np.testing.assert_array_equal(usual.body_pairs.levers, other.body_pairs.levers[:, ::-1])
+
+
 # Pairs
 
 
@@ -174,7 +189,7 @@ def test_distances_are_those_of_plain_calls_and_bounds_lie_below():
         assert np.all(own[clear] <= plain[clear] + 1e-5)
         assert np.all(own[plain <= -1e-3] < 1e-3)
         for enough in (0.0, 0.1, np.inf):
-            bounds = found.bounds(q, enough)
+            bounds = found.body_pairs.bounds(q, enough)
             below = bounds[near.configurations, near.pairs]
             assert np.all(below <= np.maximum(near.distances, 0.0) + 1e-9)
         met = np.array([found.collides(one) for one in q])
@@ -183,7 +198,9 @@ def test_distances_are_those_of_plain_calls_and_bounds_lie_below():
         assert np.all(met[hit & clearly])
         assert not np.any(met[(plain > 1e-3).all(axis=1)])
         pairs = np.arange(len(found.pairs))
-        least = np.array([found.distances(one[None], 0 * pairs, pairs).min() for one in q])
+        least = np.array(
+            [found.body_pairs.distances(one[None], 0 * pairs, pairs).min() for one in q]
+        )
         clearly = np.abs(least) > 1e-4
         np.testing.assert_array_equal(met[clearly], least[clearly] < 0.0)
     assert n_clear > 100
@@ -214,7 +231,7 @@ def test_poses_of_all_joints_at_once_are_those_of_pinocchio(kind):
     robot = mp.Robot(URDF) if kind == "balls" else arm_robot()
     model, _ = robot.pinocchio_model()
     data, q = model.createData(), np.random.default_rng(3).uniform(-2, 2, (5, robot.n_joints))
-    poses = JointTree(model).poses(q)
+    poses = JointTree(model, np.arange(model.nv)).poses(q)
     for k, one in enumerate(q):
         pin.forwardKinematics(model, data, one)
         for j in range(model.njoints):

@@ -267,3 +267,13 @@ def test_a_description_can_neither_fill_the_memory_nor_read_files(tmp_path):
     thief = f'<!DOCTYPE robot [<!ENTITY e SYSTEM "{secret.as_uri()}">]>'
     with pytest.raises(RobotError, match="undefined entity"):
         Robot(thief + CART.replace("</robot>", "&e;</robot>"))
+
+
+def test_end_effector_is_the_last_link_that_most_joints_move():
+    assert arm_robot().end_effector == "wrist"
+    urdf = config_file("human_arm.urdf").read_text(encoding="utf-8")
+    wheel = """<link name="wheel"/><joint name="z" type="fixed"><parent link="chest"/>
+        <child link="wheel"/></joint></robot>"""
+    robot = Robot(urdf.replace("</robot>", wheel))
+    assert (robot.frame_names[-1], robot.end_effector) == ("wheel", "wrist")
+    assert Robot(urdf, ["shoulder1"]).end_effector == "wrist"
