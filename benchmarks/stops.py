@@ -78,7 +78,7 @@ class Course:
         world = self._world(np.array([start, goal]), random)
         node = VirtualNode(self._model, start, seed=int(random.integers(1_000_000)))
         surroundings, faults = node.server.surroundings, node.robot.faults
-        surroundings.replace(world, self._model, None)
+        surroundings.replace(world, self._model)
         node.run(0.2)
         node.goal(JointGoal(JointState(self._robot.joint_names, goal)), "goal")
         node.run(0.01)
@@ -93,7 +93,7 @@ class Course:
             world = world.with_obstacles(mp.Obstacle("new", mp.Sphere(0.03, place)))
             if PlainCheck(self._scene, world).collides(node.robot.record.q[-1:], MARGIN):
                 return None
-            surroundings.replace(world, self._model, node.server.served)
+            surroundings.replace(world, self._model)
         elif kind == "slowed":
             faults.speed_scaling = random.uniform(0.2, 0.8)
             node.run(random.uniform(0.0, 0.3))

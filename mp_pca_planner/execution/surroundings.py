@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 
-from ..exceptions import GoalError, PlannerError, RobotError
+from ..exceptions import GoalError, RobotError
 from ..motion.collision import Collision, CollisionModel
 from ..motion.trajectory import Trajectory
 from ..robot.model import Robot
@@ -179,7 +179,7 @@ class Surroundings:
         """
         if not (len(self._world) or model.settings.collision):
             return None
-        with suppress(PlannerError):
+        with suppress(Exception):  # whatever the reason, the stop must come
             checker = self._checker_in(self._world, model)
             if self._lock.acquire(timeout=_LONGEST_WAIT):
                 try:

@@ -19,7 +19,7 @@ from ..recordings.bags import JOINT_STATE, NS_PER_S, Bag, Stored, choose_topic, 
 
 
 @dataclass(frozen=True)
-class Execution:
+class MeasuredExecution:
     """One execution of a trajectory.
 
     Attributes
@@ -39,7 +39,7 @@ class Execution:
 
 def measure_execution(
     path: Path, trajectory: Trajectory, topic: str | None = None, step: float = 0.005
-) -> Execution:
+) -> MeasuredExecution:
     """Find a trajectory's execution in a recording, and measure it.
 
     It starts where the recorded positions follow the desired ones best.
@@ -76,7 +76,9 @@ def measure_execution(
     grid = np.union1d(desired.times + starts[best], times)
     grid = grid[(grid >= starts[best]) & (grid <= starts[best] + duration)]
     squares = np.sum(_at(grid, times, tau) ** 2, axis=1)
-    return Execution(0.5 * float(trapezoid(squares, grid)), errors[best], float(starts[best]))
+    return MeasuredExecution(
+        0.5 * float(trapezoid(squares, grid)), errors[best], float(starts[best])
+    )
 
 
 def _distance(times: FloatArray, q: FloatArray, when: FloatArray, desired: FloatArray) -> float:

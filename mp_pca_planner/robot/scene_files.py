@@ -114,26 +114,20 @@ class _TextScene:
         return found[1]
 
     def _numbers(self, n: int) -> FloatArray:
-        words = [self._word() for _ in range(n)]
-        try:
-            return np.array([float(word) for word in words])
-        except ValueError:
-            wrong = next(word for word in words if not _is_number(word))
-            raise WorldError(f"expected a number, got '{printable(wrong):.40}'") from None
+        numbers = np.empty(n)
+        for i in range(n):
+            word = self._word()
+            try:
+                numbers[i] = float(word)
+            except ValueError:
+                raise WorldError(f"expected a number, got '{printable(word):.40}'") from None
+        return numbers
 
     def _count(self, most: int, what: str) -> int:
         (number,) = self._numbers(1)
         if not (0 <= number <= most and number == int(number)):
             raise WorldError(f"number of {what} must be from 0 to {most}, got {number:g}")
         return int(number)
-
-
-def _is_number(word: str) -> bool:
-    try:
-        float(word)
-    except ValueError:
-        return False
-    return True
 
 
 def _yaml_world(content: Any) -> World:

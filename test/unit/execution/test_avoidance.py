@@ -13,6 +13,7 @@ from worlds import plain_distances
 from mp_pca_planner.exceptions import RobotError, WorldError
 from mp_pca_planner.execution.avoidance import avoid_obstacle
 from mp_pca_planner.execution.preemptive_worker import CancelledError
+from mp_pca_planner.motion.collision import CollisionModel
 from mp_pca_planner.motion.validation import interpolate
 from mp_pca_planner.robot.world import Obstacle, Sphere, World
 
@@ -228,6 +229,20 @@ def test_stop_is_not_delayed_by_the_check_of_a_motion_in_another_thread(node):
     use(node, ball_at(place_on_motion(node, 0.9)))
     with node.server.surroundings._lock:
         assert "comes to rest on its path" in node.stop()
+
+
+def test_stop_comes_whatever_prevents_its_check(node, monkeypatch):
+    node.ask(GOAL, duration=1.2)
+    node.run(0.55)
+    use(node, ball_at(place_on_motion(node, 0.9)))
+
+    def fail(*_):
+        raise RuntimeError("an error of the library")
+
+    monkeypatch.setattr(CollisionModel, "collisions", fail)
+    assert "comes to rest on its path" in node.stop()
+    node.run(5.0)
+    assert node.outcomes == ["stopped"]
 
 
 def test_obstacles_that_do_not_fit_the_robot_are_refused(node):
