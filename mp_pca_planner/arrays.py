@@ -105,7 +105,8 @@ def check_type(value: object, what: str, error: type[PlannerError], *kinds: Any)
         names = " or ".join(kind.__name__.replace("NoneType", "None") for kind in kinds)
         made = [kind.__name__ for kind in kinds if hasattr(kind, "from_file")]
         hint = f" ({made[0]}.from_file reads one)" if made else ""
-        raise error(f"{what} must be a {names}{hint}, got {value!r:.80}")
+        article = "an" if names[0] in "AEIO" else "a"
+        raise error(f"{what} must be {article} {names}{hint}, got {value!r:.80}")
 
 
 def unique_names(names: Sequence[str], what: str, error: type[PlannerError]) -> tuple[str, ...]:

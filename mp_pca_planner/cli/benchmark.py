@@ -45,7 +45,7 @@ from ..primitives.primitive import MovementPrimitive
 from ..primitives.primitive_library import load_primitives
 from ..resources import config_file
 from ..robot.model import Robot
-from .common import check_output, limits_of, named_peers, progress_bar, report
+from .common import check_output, named_peers, progress_bar, report
 from .terminal import DONE, written_lines
 
 _COLUMNS = {
@@ -212,7 +212,7 @@ def _scene(
         primitive = _only_primitive(arguments.primitives)
     joints = primitive.joint_names if primitive else arguments.joints or usual_joints
     robot = Robot.from_file(urdf, joints)
-    limits = limits_of(robot, limits_file)
+    limits = robot.limits(limits_file or {})
     motions = demonstrations_in(primitive) if primitive else demonstrations_of(name, robot, limits)
     return Scene(name, urdf, robot, limits, tuple(motions), primitive)
 

@@ -287,7 +287,6 @@ def _text(recordings: RecordingSet, primitive: MovementPrimitive, output: Path) 
         f"recordings  {len(recordings.reports)} used, {len(recordings.refused)} refused",
         f"repairs     {', '.join(repaired) or 'none'}",
         *_note_lines(recordings),
-        *_marker_lines(recordings),
         f"motions     {len(durations)} of {primitive.n_joints} joints, "
         f"{durations.min():.2f} to {durations.max():.2f} s",
         f"components  {primitive.n_components}, coupling '{primitive.coupling}', which "
@@ -320,22 +319,3 @@ def _note_lines(recordings: RecordingSet, most: int = 5) -> list[str]:
         line + (f"; so {listed(names[1:], most)}" if names[1:] else "")
         for line, names in zip(first.values(), alike.values(), strict=True)
     ]
-
-
-def _marker_lines(recordings: RecordingSet) -> list[str]:
-    """The largest marker residuals of all recordings."""
-    if not any(report.marker_residuals for report in recordings.reports):
-        return []
-    lines = []
-    for key, how in (("median", "the median"), ("percentile_95", "95 % of its frames")):
-        residual, marker, name = max(
-            (getattr(found, key), marker, report.name)
-            for report in recordings.reports
-            for marker, found in report.marker_residuals.items()
-            if found.n_frames
-        )
-        lines.append(
-            f"markers     the worst, '{marker}' of '{name}', is met to {1000 * residual:.2f} mm in "
-            f"{how}"
-        )
-    return lines

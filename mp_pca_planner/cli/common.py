@@ -18,7 +18,6 @@ from ..arrays import short
 from ..exceptions import PlannerError, RobotError, unknown_name
 from ..files import check_writable, write_whole
 from ..motion.trajectory import check_format
-from ..robot.limits import JointLimits, read_limits_file
 from .terminal import say
 
 # Only for type checking: these imports take a second, and some commands need neither.
@@ -143,11 +142,6 @@ def make_folder(path: Path) -> None:
         path.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise PlannerError(f"'{path}' can't be a folder: {error.strerror}") from None
-
-
-def limits_of(robot: Robot, file: Path | None) -> JointLimits:
-    """The limits of a robot; those in a file (of any of its joints) replace its own."""
-    return robot.limits(read_limits_file(file, robot.movable_joints) if file else {})
 
 
 def check_frame(frame: str, robot: Robot | None) -> None:

@@ -26,7 +26,6 @@ from ..primitives.primitive import MovementPrimitive
 from ..primitives.primitive_library import load_primitives
 from ..robot.model import Robot
 from ..robot.world import World
-from .common import limits_of
 from .goal_arguments import (
     asked_texts,
     sequence_goal,
@@ -117,7 +116,7 @@ def plan_request(arguments: argparse.Namespace) -> PlannedRequest:
     """
     primitives = load_primitives(arguments.primitives)
     robot = Robot.from_file(arguments.robot, primitives[0].joint_names)
-    limits, collision = limits_of(robot, arguments.limits), _collision_model(arguments, robot)
+    limits, collision = robot.limits(arguments.limits or {}), _collision_model(arguments, robot)
     start = start_state(arguments, robot)
     if arguments.command == "sequence" or (arguments.command == "refine" and arguments.via):
         options = PlannerOptions(

@@ -16,7 +16,7 @@ from ..robot.world import World
 from ..view.content import PageContent, read_content
 from ..view.live import LiveLink
 from ..view.page import ViewPage
-from .common import check_frame, limits_of
+from .common import check_frame
 from .terminal import DONE, flush, say
 
 
@@ -27,7 +27,7 @@ def run(arguments: argparse.Namespace) -> int:
             raise PlannerError(f"--{option.replace('_', '-')} is for --{needed}: give that, too")
     primitives = load_primitives(arguments.primitives)
     content = read_content(arguments.robot, primitives, arguments.package_dirs)
-    limits = limits_of(content.robot, arguments.limits)
+    limits = content.robot.limits(arguments.limits or {})
     recordings = None
     if arguments.demonstrations:
         recordings = load_demonstrations(

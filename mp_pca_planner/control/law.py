@@ -19,7 +19,15 @@ from typing import Any
 import numpy as np
 import yaml
 
-from ..arrays import FloatArray, by_name, frozen_array, name_values, set_frozen, unique_names
+from ..arrays import (
+    FloatArray,
+    by_name,
+    check_number,
+    frozen_array,
+    name_values,
+    set_frozen,
+    unique_names,
+)
 from ..exceptions import ControlError, PrimitiveFileError, quote_names, unknown_name
 from ..motion.trajectory import Trajectory
 from ..primitives.primitive import MovementPrimitive
@@ -100,15 +108,12 @@ class ControlLaw:
         Raises
         ------
         ControlError
-            If the frequency or the damping isn't positive.
+            If the frequency or the damping is no positive number.
         RobotError
             If gains are torques, and a moving link has no valid inertia.
         """
-        if not natural_frequency > 0.0 or not damping_ratio > 0.0:
-            raise ControlError(
-                "the natural frequency and the damping ratio must be positive, got "
-                f"{natural_frequency:g} rad/s and {damping_ratio:g}"
-            )
+        check_number(natural_frequency, "the natural frequency [rad/s]", ControlError, 1e-6)
+        check_number(damping_ratio, "the damping ratio", ControlError, 1e-6)
         inertia = np.ones(robot.n_joints)
         if kind == FEEDFORWARD_PD:
             robot.require_inertias("gains for a natural frequency")

@@ -13,7 +13,7 @@ from ..planning.objectives import objective_weights, weighted_objectives
 from ..planning.planner import Planner
 from ..planning.solver import SolverOptions
 from ..primitives.primitive import MovementPrimitive
-from ..robot.limits import JointLimits, read_limits_file
+from ..robot.limits import JointLimits
 from ..robot.model import Robot
 from .parameters import ParameterError, Settings
 from .preemptive_worker import IsCancelled
@@ -88,10 +88,7 @@ def assemble_model(urdf: str, primitives: Sequence[MovementPrimitive], settings:
     """
     planning_robot = Robot(urdf, primitives[0].joint_names)
     robot = Robot(urdf, primitives[0].joint_names)
-    file = settings.limits_file
-    # The file describes the whole robot; the primitives may move a part of it.
-    overrides = read_limits_file(file, robot.movable_joints) if file else {}
-    limits = robot.limits(overrides, settings.limits)
+    limits = robot.limits(settings.limits_file or {}, settings.limits)
     collision = collision_model(planning_robot, settings) if settings.collision else None
     cancellation = Cancellation()
     frame = settings.end_effector_frame or robot.end_effector

@@ -34,6 +34,25 @@ class MeasuredSamples:
     times: FloatArray
     positions: FloatArray
 
+    def contradiction(self, joint_names: Sequence[str], options: FollowingOptions) -> str:
+        """Which positions change as those of no robot do; empty if all are plausible."""
+        if len(self.times) < 2:
+            return ""
+        steps, since = np.diff(self.positions, axis=0), np.diff(self.times)[:, None]
+        excess = np.abs(steps) - options.max_step - options.max_speed * np.abs(since)
+        there, back, longest = steps[:-1], steps[1:], np.maximum(since[:-1], since[1:])
+        reversal = np.where(there * back < 0.0, np.minimum(np.abs(there), np.abs(back)), 0.0)
+        reversal -= options.max_reversal + options.max_acceleration * longest**2
+        excess[1:] = np.maximum(excess[1:], reversal)
+        k, j = map(int, np.unravel_index(int(excess.argmax()), excess.shape))
+        if not excess[k, j] > 0.0:
+            return ""
+        one, other = self.positions[k : k + 2, j]
+        return (
+            f"joint_states contradict each other, joint '{joint_names[j]}' is at {one:.4g} and "
+            f"{other:.4g} rad (or m) within {abs(since[k, 0]):.2g} s"
+        )
+
 
 @dataclass(eq=False)
 class _Message:
@@ -166,7 +185,7 @@ class MeasuredStates:
         Raises
         ------
         GoalError
-            If there is none, or it is too old or unusable.
+            If there is none, it is too old or unusable, or the last ones contradict each other.
         """
         self._fetch()
         newest = self._newest
@@ -183,10 +202,17 @@ class MeasuredStates:
                 f"old, at most {timeout:g} s (parameter state_timeout) is accepted"
             )
         try:
-            return newest.state
+            state = newest.state
         except GoalError:
             self.n_unusable += 1
             raise
+        contradiction = self.history().contradiction(self.joint_names, self.options)
+        if contradiction:
+            raise GoalError(
+                f"the present state is not known: {contradiction}; check that only one node "
+                "publishes them, then send the goal again"
+            )
+        return state
 
     def history(self) -> MeasuredSamples:
         """The usable states of the last moments."""
@@ -212,9 +238,11 @@ class MeasuredStates:
         """
         options, samples = self.options, self.history()
         times, positions = samples.times, samples.positions
-        v = np.array(state.velocities)
-        if len(times) < 3 or times[-1] - times[0] < options.min_span:
-            return np.where(np.abs(v) <= options.rest_velocity, 0.0, v)
+        v, spread = np.array(state.velocities), np.ptp([*positions, state.positions], axis=0)
+        span = float(np.ptp(times)) if len(times) else 0.0
+        rough = np.where(spread > options.rest_spread, spread / max(span, options.spacing), 0.0)
+        if len(times) < 3 or span < options.min_span:
+            return np.where(np.abs(v) <= options.rest_velocity, rough, v)
         since = times - times.mean()
         slope = since @ positions / (since @ since)
         moving = np.abs(slope) > options.rest_slope
@@ -223,4 +251,4 @@ class MeasuredStates:
             newest = times >= times[-1] - options.min_span
             now = np.linalg.pinv(np.vander(times[newest] - times[-1], 3))[1] @ positions[newest]
             slope = np.where(moving, now, 0.0)
-        return np.where(np.abs(v) > options.clear_velocity, v, np.where(moving, slope, 0.0))
+        return np.where(np.abs(v) > options.clear_velocity, v, np.where(moving, slope, rough))

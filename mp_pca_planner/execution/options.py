@@ -28,6 +28,15 @@ class FollowingOptions:
         Shortest time between the states that are kept, and how long they are kept [s].
     min_span : float
         Time that positions must span to give a velocity [s].
+    rest_spread : float
+        Change of a position over the window up to which a joint may be at rest: two publishers
+        that disagree may change it without a slope.
+    max_step, max_speed : float
+        States contradict each other if a position changes by more than this step and this speed
+        [rad/s or m/s] explain.
+    max_reversal, max_acceleration : float
+        They also do if it changes back and forth by more than this distance and this acceleration
+        [rad/s² or m/s²] explain.
     max_stamp_delay, max_stamp_lead : float
         A stamp that lies further behind its receipt, or further ahead of it, shows that the
         clocks of the robot and of this computer differ [s].
@@ -108,6 +117,11 @@ class FollowingOptions:
     spacing: float = 0.008
     window: float = 0.3
     min_span: float = 0.08
+    rest_spread: float = 0.005
+    max_step: float = 0.05
+    max_speed: float = 10.0
+    max_reversal: float = 0.004
+    max_acceleration: float = 50.0
     max_stamp_delay: float = 0.1
     max_stamp_lead: float = 0.005
     position_noise: float = 0.002

@@ -187,14 +187,23 @@ def _with_joints_of_set(
                     index,
                     task.name,
                     f"its joints, {quote_names(report.joint_names)}, are not those of most "
-                    f"recordings, {quote_names(common)}",
+                    f"recordings, {quote_names(common)}: choose joints that all have, or use it "
+                    "apart",
                 )
             elif joints != report.joint_names:
-                again[index] = replace(task, options=replace(task.options, joints=joints))
+                again[index] = _with_joints(task, joints, report.joint_names)
         for one in refused:
             if is_one_set and not task.options.joints and set(one.joint_names).issuperset(common):
-                again[index] = replace(task, options=replace(task.options, joints=common))
+                again[index] = _with_joints(task, common, one.joint_names)
     return again
+
+
+def _with_joints(task: LoadTask, joints: tuple[str, ...], found: Sequence[str]) -> LoadTask:
+    """A recording with some of its joints."""
+    others = quote_names(name for name in found if name not in joints)
+    note = f"joints left out, as most recordings lack them: {others}"
+    notes = (note,) if set(found) > set(joints) else ()
+    return replace(task, options=replace(task.options, joints=joints), notes=notes)
 
 
 def _with_extent_of_set(

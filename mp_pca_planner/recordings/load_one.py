@@ -108,13 +108,14 @@ class LoadOptions:
 
 @dataclass(frozen=True, slots=True)
 class LoadTask:
-    """A recording to load; its motions, if they were cut by hand; the set's least extent."""
+    """A recording to load; its motions, if cut by hand; the set's least extent; notes on it."""
 
     path: bags.Recording
     name: str
     segments: tuple[SegmentRow, ...] | None
     options: LoadOptions
     least_extent: float = 0.0
+    notes: tuple[str, ...] = ()
 
 
 def load_one(task: LoadTask, progress: Callable[[float], None] | None = None) -> RecordingSet:
@@ -155,7 +156,7 @@ def _loaded(task: LoadTask, path: Path, progress: Callable[[float], None] | None
         repairs=clean.repairs,
         motions=tuple(segments),
         thresholds=smoothed.thresholds,
-        notes=clean.notes,
+        notes=(*clean.notes, *task.notes),
         overview=cutting.overview(smoothed.pieces) if options.overviews else None,
         marker_residuals=residuals,
     )

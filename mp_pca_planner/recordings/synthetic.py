@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline, PchipInterpolator
 from scipy.special import betainc
 
-from ..arrays import FloatArray
+from ..arrays import FloatArray, check_number
 from ..exceptions import RecordingError
 from .demonstration import Demonstration
 
@@ -171,10 +171,10 @@ def generate_motions(n_motions: int, seed: int, *, rate: float = 200.0) -> list[
     Raises
     ------
     RecordingError
-        If the number is too small.
+        If the number or the seed is out of its range.
     """
-    if n_motions < 1:
-        raise RecordingError(f"the number of motions must be at least 1, got {n_motions}")
+    check_number(n_motions, "the number of motions", RecordingError, 1, is_whole=True)
+    check_number(seed, "the seed", RecordingError, 0, is_whole=True)
     generators = (np.random.default_rng([seed, i]) for i in range(n_motions))
     return [_raise_arm(generator, rate) for generator in generators]
 

@@ -11,6 +11,7 @@ import numpy as np
 import pinocchio as pin
 
 from ..arrays import FloatArray
+from ..exceptions import RobotError
 from .inertias import joint_of
 from .pinocchio_model import JointOrder, PinocchioModel
 
@@ -36,9 +37,13 @@ class Kinematics(PinocchioModel):
         Raises
         ------
         RobotError
-            If there is no such frame.
+            If there is no such frame, or the positions have another shape.
         """
         ids = self._frame_ids(frames)
+        if np.ndim(q) != 2 or np.shape(q)[1] != self.n_joints:
+            raise RobotError(
+                f"positions must have the shape (n_steps, {self.n_joints}), got {np.shape(q)}"
+            )
         points = np.empty((len(q), len(ids), 3))
         for k, configuration in enumerate(self._order.sorted(q)):
             pin.framesForwardKinematics(self._model, self._data, configuration)

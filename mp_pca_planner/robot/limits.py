@@ -6,12 +6,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from numbers import Real
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ..arrays import FloatArray, unique_names
+from ..arrays import FloatArray, check_type, unique_names
 from ..exceptions import LimitsError, unknown_name
 from ..files import load_yaml, read_text, reading
 
@@ -53,7 +54,7 @@ class JointLimits:
     Raises
     ------
     LimitsError
-        If a range is empty, or a magnitude is not positive or NaN.
+        If a range is empty, a magnitude is not positive or NaN, or a kind of limit is unknown.
     """
 
     joint_names: tuple[str, ...]
@@ -69,10 +70,10 @@ class JointLimits:
     ) -> None:
         names = unique_names(joint_names, source, LimitsError)
         object.__setattr__(self, "joint_names", names)
+        check_type(limits, source, LimitsError, Mapping)
+        entries = [_read_entry(name, limits.get(name, {}), source) for name in names]
         for field, key in _KEYS.items():
-            values = np.array([limits.get(name, {}).get(key, _absent(key)) for name in names])
-            for name, value in zip(names, values, strict=True):
-                _check_limit(name, key, value, source)
+            values = np.array([entry.get(key, _absent(key)) for entry in entries])
             object.__setattr__(self, field, values)
             values.setflags(write=False)
         for name, low, high in zip(names, self.lower, self.upper, strict=True):
@@ -136,26 +137,42 @@ def read_limits_file(path: str | Path, joint_names: Sequence[str]) -> dict[str, 
             raise LimitsError(
                 f"{where} must hold a mapping 'joint_limits' from joint names to limits"
             )
-        return {
-            _known_joint(name, joint_names, where): _read_entry(name, entry, where)
-            for name, entry in joints.items()
-        }
+        return _checked(joints, joint_names, where)
 
 
-def _known_joint(name: Any, joint_names: Sequence[str], where: str) -> str:
-    if name not in joint_names:
-        raise LimitsError(f"{where}: {unknown_name('joint', str(name), joint_names)}")
-    return str(name)
+def given_limits(
+    given: Overrides | str | Path, joint_names: Sequence[str]
+) -> dict[str, dict[str, float]]:
+    """Limits of a mapping or of a file, see :func:`read_limits_file`.
+
+    Raises
+    ------
+    LimitsError
+        If it is neither, or a joint, a key or a value can't be used.
+    """
+    if isinstance(given, str | Path):
+        return read_limits_file(given, joint_names)
+    check_type(given, "limits", LimitsError, Mapping)
+    return _checked(given, joint_names, "limits")
+
+
+def _checked(
+    limits: Overrides, joint_names: Sequence[str], where: str
+) -> dict[str, dict[str, float]]:
+    for name in limits:
+        if name not in joint_names:
+            raise LimitsError(f"{where}: {unknown_name('joint', str(name), joint_names)}")
+    return {name: _read_entry(name, entry, where) for name, entry in limits.items()}
 
 
 def _read_entry(name: str, entry: Any, where: str) -> dict[str, float]:
-    if not isinstance(entry, dict):
+    if not isinstance(entry, Mapping):
         raise LimitsError(f"{where}: joint '{name}' must be a mapping of limits, got {entry!r:.40}")
     values: dict[str, float] = {}
     for key, value in entry.items():
         what = f"{where}: {key} of joint '{name}'"
         if key in LIMIT_KEYS:
-            if isinstance(value, bool) or not isinstance(value, int | float):
+            if isinstance(value, bool) or not isinstance(value, Real):
                 raise LimitsError(f"{what} is {value!r:.40}, not a number")
             values[key] = float(value)
             _check_limit(name, key, values[key], where)

@@ -20,7 +20,7 @@ from .dynamics import Dynamics
 from .inertias import inertia_flaws, joint_of, listed_flaws
 from .kinematics import AttachedPoints as AttachedPoints
 from .kinematics import Kinematics
-from .limits import JointLimits, Overrides, merge_limits
+from .limits import JointLimits, Overrides, given_limits, merge_limits
 from .link_inertias import LinkInertias
 from .locked_model import LockedModel
 from .urdf import read_description
@@ -122,17 +122,18 @@ class Robot(Dynamics, Kinematics):
         """The joints that move, in the order of the robot description."""
         return tuple(name for name in self.movable_joints if name in self.joint_names)
 
-    def limits(self, *overrides: Overrides) -> JointLimits:
-        """Limits of the joints: those of the URDF, replaced by the overrides in turn.
+    def limits(self, *overrides: Overrides | str | Path) -> JointLimits:
+        """Limits of the joints: those of the URDF, replaced by mappings or limits files in turn.
 
         Raises
         ------
         LimitsError
-            If a resulting limit is invalid, for example a velocity limit of 0.
+            If an override can't be used, or a limit is invalid, such as a velocity limit of 0.
         """
+        layers = (given_limits(one, self.movable_joints) for one in overrides)
         return JointLimits(
             self.joint_names,
-            merge_limits(self._description.limits, *overrides),
+            merge_limits(self._description.limits, *layers),
             source=f"limits of the {self._source}",
         )
 

@@ -103,6 +103,8 @@ class PinocchioModel:
         return len(self.joint_names)
 
     def _frame_ids(self, frames: Sequence[str]) -> list[int]:
+        if isinstance(frames, str):
+            raise RobotError(f"frames must be a list of names of links, got '{frames:.80}'")
         for name in frames:
             if name not in self.frame_names:
                 raise RobotError(f"{self._source}: {unknown_name('link', name, self.frame_names)}")

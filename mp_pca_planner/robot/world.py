@@ -13,7 +13,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike, NDArray
 
-from ..arrays import FloatArray, frozen_array, set_frozen, unique_names
+from ..arrays import FloatArray, check_type, frozen_array, set_frozen, unique_names
 from ..exceptions import WorldError, quote_names, unknown_name
 from ..input_limits import INPUT_LIMITS
 
@@ -261,14 +261,13 @@ class Obstacle:
     ) -> None:
         if not isinstance(name, str) or not name.strip() or name == ANY:
             raise WorldError(f"an obstacle must have a name, got {name!r:.80}")
-        parts = (shapes,) if isinstance(shapes, Shape) else tuple(shapes)
+        parts = tuple(shapes) if isinstance(shapes, Iterable) else (shapes,)
         if not parts or not all(isinstance(part, Shape) for part in parts):
             raise WorldError(
                 f"obstacle '{name}' must have one or several shapes (Box, Sphere, Cylinder, "
                 f"Capsule, Mesh), got {parts!r:.80}"
             )
-        if not isinstance(frame, str):
-            raise WorldError(f"frame of obstacle '{name}' must be a name, got {frame!r:.80}")
+        check_type(frame, f"frame of obstacle '{name}'", WorldError, str)
         set_frozen(self, name=name, shapes=parts, frame=frame, touch_links=tuple(touch_links))
 
     def __repr__(self) -> str:
@@ -300,7 +299,10 @@ class World:
     def __init__(
         self, obstacles: Iterable[Obstacle] = (), allowed: Iterable[tuple[str, str]] = ()
     ) -> None:
+        check_type(obstacles, "the obstacles of a world", WorldError, Iterable)
         bodies = tuple(obstacles)
+        for one in bodies:
+            check_type(one, "each obstacle of a world", WorldError, Obstacle)
         if bodies:
             unique_names([one.name for one in bodies], "obstacles", WorldError)
         shapes = [shape for one in bodies for shape in one.shapes]

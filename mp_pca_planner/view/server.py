@@ -16,6 +16,7 @@ import rich
 import viser
 import websockets.asyncio.server
 
+from ..arrays import check_number
 from ..exceptions import PlannerError
 
 LOCAL_HOSTS = ("127.0.0.1", "localhost", "::1")
@@ -42,6 +43,7 @@ class PageServer(viser.ViserServer):
     """
 
     def __init__(self, host: str, port: int) -> None:
+        check_number(port, "the port", PlannerError, 0, 65535, is_whole=True)
         try:
             with socket.create_server((host, 0), family=_family(host)):
                 pass

@@ -180,7 +180,7 @@ def test_build_primitives_uses_the_good_recordings_and_names_the_others(tmp_path
         (["--output", "p.txt"], "must end in .npz"),
         (["--output", "p.npz", "--joints", "shoulder1,hand"], "no joint is called 'hand'"),
         (["--output", "p.npz", "--topic", "/states"], "/states"),
-        (["--output", "p.npz", "--variance", "2"], "variance must be in"),
+        (["--output", "p.npz", "--variance", "2"], "variance must be a number"),
         (["--output", "p.npz", "--robot", "nowhere.urdf"], "nowhere.urdf"),
         (["--output", "p.npz", "--segments", "nowhere.csv"], "nowhere.csv"),
         (["--output", "p.npz", "--min-rest", "1e308"], "number from 1e-06 to 1e+06 s"),

@@ -76,7 +76,8 @@ def test_a_session_of_another_robot_is_not_continued(tmp_path: Path) -> None:
     ("options", "reason"),
     [
         (["--topic", "/other"], "there are no joint states on '/other'"),
-        (["--frame", "hand"], "no link is called 'hand'"),
+        (["--frame", "hand"], "--frame names a link of --robot"),
+        (["--robot", URDF, "--frame", "hand"], "no link is called 'hand'"),
         (["--robot", URDF, "--joints", "knee"], "'knee'"),
     ],
 )

@@ -654,7 +654,10 @@ def test_state_that_is_too_old_is_refused(client: NodeClient) -> None:
         (JointState(name=JOINTS, position=[*START[:3], 1.0]), ["elbow", "outside its limits"]),
     ],
 )
-def test_unusable_state_is_refused(client: NodeClient, state: JointState, words: list[str]) -> None:
+def test_unusable_state_is_refused(
+    client: NodeClient, primitives: Path, state: JointState, words: list[str]
+) -> None:
+    forget_robot(client, primitives)
     client.publish_state_message(state)
     assert_refused(client.send(goal_message()), *words)
 

@@ -152,6 +152,17 @@ def test_report_counts_repairs_and_rejections(tmp_path: Path) -> None:
         (lambda reach, robot, ends: mp.load_demonstrations(None), "paths of recordings must be"),
         (lambda reach, robot, ends: mp.load_demonstrations("x", robot=3), "robot must be a Robot"),
         (lambda reach, robot, ends: mp.show(reach), "planner must be a Planner"),
+        (lambda reach, robot, ends: robot.limits({"elbo": {}}), "did you mean 'elbow'"),
+        (lambda reach, robot, ends: mp.JointLimits(["a"], {"a": {"velocity": 1}}), "max_velocity"),
+        (lambda reach, robot, ends: mp.JointLimits(["a"], None), "must be a Mapping"),
+        (lambda reach, robot, ends: robot.frame_positions(ends[0], ["wrist"]), "n_steps, 4"),
+        (lambda reach, robot, ends: robot.frame_positions(ends, "wrist"), "a list of names"),
+        (lambda reach, robot, ends: mp.World(mp.Sphere(1.0)), "obstacles of a world must"),
+        (lambda reach, robot, ends: mp.World([mp.Sphere(1.0)]), "must be an Obstacle"),
+        (lambda reach, robot, ends: mp.Obstacle("x", None), "one or several shapes"),
+        (lambda reach, robot, ends: mp.Obstacle("x", mp.Sphere(1.0), frame=3), "must be a str"),
+        (lambda reach, robot, ends: mp.write_example_recording("x.mcap", 1.5), "whole number"),
+        (lambda reach, robot, ends: mp.write_example_recording("x.mcap", seed=-1), "the seed"),
     ],
 )
 def test_wrong_value_is_refused_in_one_sentence(wrong, said) -> None:

@@ -91,29 +91,23 @@ def take_joints(
     RecordingError
         If no message lists them all, and publishers can't be joined.
     """
-    messages: list[IntArray] = []
-    positions: list[FloatArray] = []
-    first_order: list[str] | None = None
-    for layout in raw.layouts:
-        if not set(names) <= set(layout.joint_names):
-            repairs["missing_joints"] += layout.messages.size
-            continue
-        order = [name for name in layout.joint_names if name in names]
-        first_order = first_order or order
-        if order != first_order:
-            repairs["reordered"] += layout.messages.size
-        messages.append(layout.messages)
+    whole = [layout for layout in raw.layouts if set(names) <= set(layout.joint_names)]
+    if not whole:
+        return _joined_publishers(raw, names, options, repairs)
+    orders = [[name for name in layout.joint_names if name in names] for layout in whole]
+    for layout, order in zip(whole, orders, strict=True):
+        repairs["reordered"] += layout.messages.size if order != orders[0] else 0
+    repairs["missing_joints"] += sum(x.messages.size for x in raw.layouts if x not in whole)
+    positions = []
+    for layout in whole:
         columns = [layout.joint_names.index(name) for name in names]
         own = layout.positions
         positions.append(own if columns == list(range(own.shape[1])) else own[:, columns])
-    if not messages:
-        repairs["missing_joints"] = 0
-        return _joined_publishers(raw, names, options, repairs)
-    if len(messages) == 1:
-        return messages[0], positions[0]
-    merged = np.concatenate(messages)
-    order_of_reception = np.argsort(merged)
-    return merged[order_of_reception], np.concatenate(positions)[order_of_reception]
+    if len(whole) == 1:
+        return whole[0].messages, positions[0]
+    messages = np.concatenate([layout.messages for layout in whole])
+    order_of_reception = np.argsort(messages)
+    return messages[order_of_reception], np.concatenate(positions)[order_of_reception]
 
 
 def _joined_publishers(
@@ -126,9 +120,9 @@ def _joined_publishers(
     by_size = sorted(raw.layouts, key=lambda layout: -layout.messages.size)
     sources = [next(layout for layout in by_size if name in layout.joint_names) for name in names]
     base = max(sources, key=lambda layout: layout.messages.size)
-    clocks = (raw.header_stamps, raw.receive_stamps)
-    # The times of reception are in order unless the recording was put together.
-    stamps = clocks[any(_steps_back(raw.header_stamps[x.messages]) for x in sources)]
+    stamps = raw.header_stamps
+    if any(x[0] <= 0 or (x[1:] < x[:-1]).any() for x in (stamps[y.messages] for y in sources)):
+        stamps = raw.receive_stamps
     stamps = stamps - stamps.min()  # exact as floating-point numbers
     positions = np.empty((base.messages.size, len(names)))
     known = np.ones(base.messages.size, dtype=bool)
@@ -148,11 +142,6 @@ def _joined_publishers(
     unused = sum(x.messages.size for x in raw.layouts if x not in sources)
     repairs["missing_joints"] += unused + count(~known)
     return base.messages[known], positions[known]
-
-
-def _steps_back(stamps: IntArray) -> bool:
-    """Whether stamps are not set, or not in order."""
-    return bool((stamps <= 0).any() or (np.diff(stamps) < 0).any())
 
 
 def _between(
@@ -222,13 +211,9 @@ def is_simulation_time(header: int, received: int) -> bool:
 
 def _plausible(stamps: IntArray) -> bool:
     """Whether joint states can have been recorded at these times, not in bursts."""
-    steps = np.diff(stamps)
-    steps = steps[steps > 0]
-    shortest = NS_PER_S / INPUT_LIMITS.state_rate
-    return bool(
-        stamps.size < 2
-        or (stamps.size * shortest <= np.ptp(stamps) and np.percentile(steps, 75) > shortest / 2)
-    )
+    steps, shortest = np.diff(stamps), NS_PER_S / INPUT_LIMITS.state_rate
+    is_in_bursts = 4 * count(steps > shortest / 2) <= count(steps > 0)
+    return bool(stamps.size < 2 or (stamps.size * shortest <= np.ptp(stamps) and not is_in_bursts))
 
 
 def drop_unusable(samples: Samples, options: RepairOptions, repairs: Counter[str]) -> Samples:

@@ -4,8 +4,12 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
+
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from mp_pca_planner.exceptions import GoalError
 from mp_pca_planner.execution.measured import MeasuredStates
@@ -57,8 +61,53 @@ def world():
 
 def test_newest_message_counts_in_the_order_of_the_joints(world):
     world.receive(a=1.0, b=2.0)
-    world.receive(b=4.0, a=3.0)
-    assert world.states.newest(0.5).positions.tolist() == [3.0, 4.0]
+    world.receive(b=2.02, a=1.01)
+    assert world.states.newest(0.5).positions.tolist() == [1.01, 2.02]
+
+
+@pytest.mark.parametrize("period", [0.002, 0.01, 0.05, 0.15])
+@pytest.mark.parametrize("size", [0.01, 0.1, 1.0])
+@pytest.mark.parametrize("every", [2, 3, 5])
+def test_state_of_another_publisher_is_not_that_of_a_robot_at_rest(world, period, size, every):
+    """The robot moves, or the two contradict each other."""
+    for k in range(1, round(0.6 / period)):
+        world.pass_time(period)
+        is_other = k % every == 0
+        world.receive(a=size * is_other, b=0.0)
+        if is_other:
+            with suppress(GoalError):
+                assert world.states.velocities(world.states.newest(0.5)).any()
+
+
+@pytest.mark.parametrize("period", [0.002, 0.01, 0.03])
+def test_states_of_other_publishers_contradict_those_of_the_robot_for_the_window(world, period):
+    def states(duration, q):
+        for _ in range(round(duration / period)):
+            world.pass_time(period)
+            world.receive(a=q, b=0.0)
+
+    states(0.4, 0.0)
+    world.states.newest(0.5)
+    states(period, 0.5)
+    with pytest.raises(GoalError, match=r"joint 'a' is at 0 and 0\.5 rad .* only one node"):
+        world.states.newest(0.5)
+    states(period, 0.0)
+    with pytest.raises(GoalError, match="contradict each other"):
+        world.states.newest(0.5)
+    states(FollowingOptions.window + 0.1, 0.0)
+    assert not world.states.velocities(world.states.newest(0.5)).any()
+
+
+@given(st.floats(0.1, 3.0), st.floats(0.5, 10.0), st.floats(0.0, 1e-3), st.floats(0.002, 0.03))
+def test_states_of_a_robot_never_contradict_each_other(speed, rate, noise, period):
+    """It swings at 30 rad/s² at most."""
+    world, random = World(), np.random.default_rng(0)
+    rate = min(rate, 30.0 / speed)
+    for _ in range(round(0.4 / period)):
+        world.pass_time(period)
+        q = speed / rate * np.sin(rate * world.motion)
+        world.receive(a=q + noise * random.normal(), b=0.0)
+        world.states.newest(0.5)
 
 
 def test_state_is_too_old_after_the_timeout_and_never_if_that_is_zero(world):

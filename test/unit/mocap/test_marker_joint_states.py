@@ -258,7 +258,7 @@ def test_marker_recordings_become_a_primitive(
     assert 0.0 <= residuals["right_wrist"]["median"] <= residuals["right_wrist"]["percentile_95"]
     status, out, _ = build(capsys, bag, *options, "--force")
     assert status == 0
-    assert "markers     the worst, '" in out
+    assert "distances of the markers from the model's, median and 95 % [mm]: '" in out
 
 
 def test_markers_before_the_damage_are_taken_on_request(

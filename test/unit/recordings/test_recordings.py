@@ -171,7 +171,12 @@ def test_recordings_take_the_joints_of_most(tmp_path: Path) -> None:
     assert len(loaded.reports) == 7 and len(loaded.demonstrations) == 14
     (other,) = loaded.refused
     assert other.recording == "8_other"
-    assert other.reason == ("its joints, 'c', 'b', are not those of most recordings, 'a', 'b'")
+    assert other.reason.startswith(
+        "its joints, 'c', 'b', are not those of most recordings, 'a', 'b': choose joints"
+    )
+    left_out = "joints left out, as most recordings lack them: 'grip'"
+    noted = [report.name for report in loaded.reports if left_out in report.notes]
+    assert noted == ["5_gripper", "6_gripper_apart"]
     for demonstration in loaded.demonstrations[8:]:
         goal = demonstration.positions[-1, 0]
         np.testing.assert_allclose(demonstration.positions[-1], [goal, -0.5 * goal], atol=0.01)
