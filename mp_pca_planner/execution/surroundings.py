@@ -173,7 +173,7 @@ class Surroundings:
             published.threat = Threat(first, motion.began + place + first.first_time)
 
     def collision_of(self, stop: Sequence[Trajectory], model: Model) -> Collision | None:
-        """A collision of one of the motions to a stop, with an obstacle or between links.
+        """The deepest collision of the motions to a stop, with an obstacle or between links.
 
         None if there is none, or if that is not known: a stop must not wait.
         """
@@ -183,8 +183,11 @@ class Surroundings:
             checker = self._checker_in(self._world, model)
             if self._lock.acquire(timeout=_LONGEST_WAIT):
                 try:
-                    every = map(checker.collisions, stop)
-                    return next((found[0] for found in every if found), None)
+                    # Roughly where there are many: they take a millisecond each.
+                    one = len(stop) == 1
+                    every = (checker.collisions(motion, precisely=one) for motion in stop)
+                    met = [found[0] for found in every if found]
+                    return max(met, key=lambda found: found.penetration, default=None)
                 finally:
                     self._lock.release()
         return None
