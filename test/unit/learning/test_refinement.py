@@ -28,6 +28,7 @@ from mp_pca_planner.motion.goal import JointGoal, JointState
 from mp_pca_planner.motion.validation import check_limits
 from mp_pca_planner.planning.motion import Motion
 from mp_pca_planner.planning.planner import Planner
+from mp_pca_planner.robot.bodies import coal
 
 ROBOT = arm_robot()
 LIMITS = ROBOT.limits()
@@ -155,9 +156,12 @@ def test_gradients_of_clearances_are_those_of_differences():
     terms.add(refined.motion, model.collisions(refined.trajectory))
     values, rows = terms.values_and_jacobian(plan.motions, x)
     assert values.min() < 0.0 and np.abs(rows).max() > 0.01
+    # In contact, the nearest points of Coal before release 3 coincide: derivatives are approximate.
+    exact = values > (-np.inf if coal.__name__ == "coal" else 0.0)
+    near = np.any(rows != 0.0, axis=1) & exact
+    assert np.count_nonzero(near) > 1
     for k, e in enumerate(1e-6 * np.eye(x.size)):
         ahead, behind = (terms.values_and_jacobian(plan.motions, x + s * e)[0] for s in (1, -1))
-        near = np.any(rows != 0.0, axis=1)
         slopes = (ahead - behind)[near] / 2e-6
         np.testing.assert_allclose(slopes, rows[near, k], atol=2e-3 * np.abs(rows).max())
 

@@ -345,7 +345,8 @@ def test_motion_from_slightly_outside_the_limits_leads_inwards(joint, side, outs
     assert plan.is_executable, plan.message
     np.testing.assert_array_equal(plan.trajectory.positions[0], start.positions)
     path = BPoly.from_derivatives(
-        plan.trajectory.times, np.stack([x[:, j] for x in plan.trajectory.states], axis=1)
+        np.array(plan.trajectory.times),  # SciPy before 1.12 takes no read-only arrays
+        np.stack([x[:, j] for x in plan.trajectory.states], axis=1),
     )
     within = sign * (path(np.linspace(0.0, plan.trajectory.duration, 10_000)) - limit)
     rounding = LIMIT_TOLERANCE * 2.0 * np.pi
