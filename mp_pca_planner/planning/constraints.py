@@ -192,14 +192,12 @@ class LimitedProgram:
         limited = np.isfinite(lower) | np.isfinite(upper)
         quantities, joints = np.nonzero(limited if chosen is None else limited & chosen)
         self._group_of_row = quantities * len(limits.joint_names) + joints
-        # For a start slightly outside, what is added to a motion from the limit.
-        outside = end_states[:, 0] - np.clip(end_states[:, 0], limits.lower, limits.upper)
-        added, change = np.zeros((2, *lower.shape)), hermite_functions(tables.phases, 0)[:, 0]
-        added[:, 0] = outside.min(axis=0, initial=0.0), outside.max(axis=0, initial=0.0)
         self.lower, self.upper = (
-            (bound[quantities, joints, None] + most[quantities, joints, None] * change).ravel()
-            for bound, most in zip((lower, upper), added / scale, strict=True)
+            np.repeat(x[quantities, joints], tables.n_points) for x in (lower, upper)
         )
+        outside = end_states[:, 0] - np.clip(end_states[:, 0], limits.lower, limits.upper)
+        if outside.any():
+            self._widen(outside / scale[0], joints[quantities == 0])
         n_state_rows = int(np.count_nonzero(quantities < N_RATES))
         of_states, of_efforts = slice(n_state_rows), slice(n_state_rows, None)
         units = scale[quantities, joints]
@@ -207,6 +205,22 @@ class LimitedProgram:
         if n_state_rows:
             self._states = StateMap(program.unknowns, *tables.states(rows), rows)
         self._effort_joints, self._effort_units = joints[of_efforts], units[of_efforts]
+
+    def _widen(self, outside: FloatArray, joints: NDArray[np.intp]) -> None:
+        """Add to the bounds of positions what ends outside add to motions from the limit.
+
+        Parameters
+        ----------
+        outside : array, shape (n_ends, n_joints)
+            Distances of the ends beyond the limits, as shares.
+        joints : array of int
+            The joints whose positions are bounded, in the order of the constraints.
+        """
+        course = hermite_functions(self._tables.phases, 0)[:, 0]
+        below, above = np.minimum(outside, 0.0).min(axis=0), np.maximum(outside, 0.0).max(axis=0)
+        for bound, most in ((self.lower, below), (self.upper, above)):
+            added = np.outer(most[joints], course).ravel()
+            bound[: added.size] += added
 
     @property
     def groups(self) -> NDArray[np.intp]:

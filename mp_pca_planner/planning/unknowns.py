@@ -20,7 +20,7 @@ from ..arrays import FloatArray
 from ..primitives.basis import Basis
 from ..primitives.boundary import hermite_functions
 
-DEFAULT_NODES = 24
+DEFAULT_NODES = 28
 # Positions, velocities, accelerations and jerks.
 N_RATES = 4
 # Scales of the unknowns: typical changes of boundary values by phase [rad or m], and of log T.
