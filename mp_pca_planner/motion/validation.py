@@ -255,6 +255,8 @@ def _reached_bounds(
 
     A joint outside may stay where it is or move inwards; then its bound moves with it.
     """
+    if not outside.any():
+        return limits.lower, limits.upper
     lowest = np.minimum(limits.lower, np.maximum.accumulate(q))
     highest = np.maximum(limits.upper, np.minimum.accumulate(q))
     lower = np.where(outside < 0.0, lowest, limits.lower)
