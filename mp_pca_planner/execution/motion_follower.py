@@ -47,7 +47,7 @@ class MotionFollower:
     published : Publication or None
         The motion that was published last; None if there is none.
     lock : RLock
-        Held while a motion is published, so that nobody sees half of the change.
+        Held while a motion is published, so that no thread sees half of the change.
     """
 
     def __init__(self, measured: MeasuredStates) -> None:

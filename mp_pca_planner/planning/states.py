@@ -93,7 +93,7 @@ def unwrapped(q: FloatArray, before: JointState, robot: Robot) -> FloatArray:
 
 
 def check_start(start: JointState, limits: JointLimits) -> None:
-    """Reject a start that violates a limit, but for a position that is hardly outside.
+    """Reject a start that violates a limit, except positions within `START_TOLERANCE` of it.
 
     Raises
     ------

@@ -84,9 +84,10 @@ class RecordingFiles:
             elif self._path.is_dir():
                 note = f"{METADATA} is missing: the files are read in the order of their numbers"
                 self.notes = (note,)
-            logs = quote_names(log.name for file in files for log in _logs(file))
-            if logs != "none":
-                self.notes += (f"the recorder did not end: what it left in {logs} is used, too",)
+            logs = [log.name for file in files for log in _logs(file)]
+            if logs:
+                left = quote_names(logs)
+                self.notes += (f"the recorder did not end: what it left in {left} is used, too",)
             self._files = [_READERS[part.suffix](part) for part in _plain_files(files, stack)]
             for part in self._files:
                 # Channels without messages are included.
