@@ -11,6 +11,7 @@ import threading
 import time
 from collections import defaultdict, deque
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 from typing import Any, Protocol
 
@@ -215,12 +216,30 @@ class MotionServer:
             if threat is not None and now > threat.last_time(self.options):
                 self.stop(model, threat.reason)
 
-    def expect(self, joint_names: tuple[str, ...]) -> None:
-        """Use the states of these joints; the execution of a motion of others ends."""
+    def expect(self, joint_names: tuple[str, ...], model: Model | None = None) -> bool:
+        """Use the states of these joints; returns whether they are others.
+
+        A running motion is stopped then, with the model before.
+        """
+        reason = "the joints of the primitives have changed"
+        with self.states.lock:
+            if joint_names == self.states.measured.joint_names:
+                return False
+            if model is not None:
+                with suppress(GoalError):
+                    self.release(model, reason)
+            execution = self.states.execution
+            self.states.expect(joint_names)
+            if execution is not None:
+                self._end(execution.given_up(reason))
+        return True
+
+    def release(self, model: Model, reason: str) -> None:
+        """Stop the robot if it executes the motion of a goal, like :meth:`stop`."""
         with self.states.lock:
             execution = self.states.execution
-            if self.states.expect(joint_names) and execution is not None:
-                self._end(execution.given_up("the joints of the primitives have changed"))
+            if execution is not None and not (execution.is_stop or execution.is_reported):
+                self.stop(model, reason)
 
     def stop(self, model: Model, reason: str = "") -> str:
         """Publish a trajectory that brings the robot to rest.
