@@ -8,7 +8,7 @@ convex hulls, and on the meshes themselves where the hulls are near each other.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -29,8 +29,9 @@ _Transform = getattr(coal, "Transform3s", None) or coal.Transform3f  # before re
 _PRECISION = 1e-8
 # Hulls nearer than this beside their margin [m] are replaced by the meshes themselves.
 _NEAR = 3e-3
-# Number of bodies up to which the boxes of each pair are compared.
-_FEW = 50
+# Numbers of bodies: up to which the boxes of each pair are compared, and from which on the data of
+# all pairs take longer to make than a search for a path takes.
+_FEW, _MANY = 50, 300
 
 Indices = NDArray[np.intp]
 
@@ -89,6 +90,9 @@ class BodyPairs:
         self._of_shapes = ShapeDistances(bodies.shapes, indices)
         first, second = indices.T
         self._are_convex = bodies.are_convex[first] & bodies.are_convex[second]
+        # The first bodies are few: their distances from all others are a matrix.
+        self._firsts, rows = np.unique(first, return_inverse=True)
+        self._entries = rows.ravel() * len(bodies.names) + second
         # Of the joints that move one of both, 1 for the second body, −1 for the first.
         moves = tree.moves[bodies.joints]
         self._moved = moves[second] - moves[first]
@@ -101,19 +105,24 @@ class BodyPairs:
         self.levers *= np.abs(self._moved)
 
     @cached_property
-    def collide(self) -> CollisionCheck:
+    def collide(self) -> Callable[[FloatArray], bool]:
         """Whether any pair is in collision in a configuration."""
-        return self.check(self.margins)
+        return self.check(np.zeros(len(self.margins)))
 
-    def check(self, distances: FloatArray, *, hulls: bool = False) -> CollisionCheck:
+    def check(self, distances: FloatArray, *, hulls: bool = False) -> Callable[[FloatArray], bool]:
         """The check of configurations for pairs nearer than some distances, shape (n_pairs,).
 
-        With `hulls`, bodies that move are replaced by their convex hulls.
+        The distances are beside the margins. With `hulls`, bodies that move may be replaced by
+        their convex hulls.
         """
+        if len(self._bodies.names) > _MANY:
+            reach = float(distances.max(initial=0.0))
+            return lambda q: bool(np.any(~(self.near(q[None], reach).bounds > distances)))
         are_meshes = ~self._bodies.are_convex
         if hulls:
             are_meshes = are_meshes & (self._bodies.joints == 0)
-        return CollisionCheck(self._tree, self._bodies, self._indices, distances, are_meshes)
+        nearest = self.margins + distances
+        return CollisionCheck(self._tree, self._bodies, self._indices, nearest, are_meshes)
 
     def bounds(self, q: FloatArray, enough: FloatArray | float) -> FloatArray:
         """Lower bounds of all distances in some configurations.
@@ -137,11 +146,17 @@ class BodyPairs:
         turned = poses.rotations[:, bodies.joints]
         centres: FloatArray = poses.positions[:, bodies.joints]
         centres = centres + (turned @ bodies.centres[:, :, None])[..., 0]
-        apart = centres[:, second] - centres[:, first]
-        bounds: FloatArray = np.sqrt(np.einsum("kpi,kpi->kp", apart, apart))
+        # |a − b|² = |a|² − 2 a·b + |b|²: where that is rounded noticeably, balls overlap.
+        lengths, ones = np.sum(centres**2, axis=2, keepdims=True), np.ones((*centres.shape[:2], 1))
+        own = np.concatenate([-2.0 * centres, lengths, ones], axis=2)[:, self._firsts]
+        every = np.concatenate([centres, ones, lengths], axis=2).transpose(0, 2, 1)
+        squares = (own @ every).reshape(len(centres), -1)
+        bounds: FloatArray = np.take(squares, self._entries, axis=1)
+        np.sqrt(np.maximum(bounds, 0.0, out=bounds), out=bounds)
         bounds -= bodies.radii[first] + bodies.radii[second] + self.margins
-        k, pairs = np.nonzero(~(bounds > enough))
-        away, margins = apart[k, pairs], self.margins[pairs]
+        k, pairs = np.divmod(np.flatnonzero(~(bounds > enough)), max(len(first), 1))
+        away = centres[k, second[pairs]] - centres[k, first[pairs]]
+        margins = self.margins[pairs]
         for one, other in ((first[pairs], second[pairs]), (second[pairs], first[pairs])):
             # The ball around one body and the box around the other.
             axes = turned[k, other] @ bodies.rotations[other]
