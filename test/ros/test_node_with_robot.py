@@ -80,6 +80,7 @@ class Bench:
 
     def execution(self, answer: Answer) -> dict[str, str]:
         """What became of the motion to a goal."""
+        assert answer.trajectory is not None, answer.report.message
         stamp = answer.values["goal_stamp"]
 
         def reports() -> list[dict[str, str]]:
