@@ -63,8 +63,8 @@ class LoadOptions:
     repair : RepairOptions
         Thresholds of the repairs.
     position_limits : mapping of str to tuple of float
-        Least and largest position of joints by name [rad or m], see :func:`.demonstrations.position_limits`; none
-        unless given. Motions beyond them are noted.
+        Least and largest position of joints by name [rad or m]; none unless given. Motions beyond
+        them are noted. See :func:`.demonstrations.position_limits`.
     limit_tolerance, absurd_excess : float
         Distance beyond a limit that is no reason for a note, as of soft limits and noise, and one
         for which a recording is rejected: half a turn is beyond any calibration [rad or m].
