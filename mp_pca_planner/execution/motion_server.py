@@ -166,8 +166,11 @@ class MotionServer(MotionMonitor):
                 self._sleep(options.confirmation_period)
                 self.watch(request.model)
             except TooLateError:
-                if attempt == options.max_attempts:
+                # While there is time before a collision, a stop is no better than a motion.
+                if attempt >= options.max_attempts and not lookahead:
                     raise
+                if is_cancelled():
+                    raise CancelledError from None
                 attempt += 1
                 latency = 2.0 * max(self.states.motion_time - began, latency)
 

@@ -192,9 +192,9 @@ class ServingOptions:
         Shares of the limits for stops of a robot whose velocity is estimated, 0 to 1.
     away_time : float
         Time away from the path after which a motion is not followed [s].
-    start_delay, left_start : float
+    start_delay, left_start, slowest_rate : float
         Time at rest at the start after which a motion never started [s], and the distance at
-        which a joint has left the start.
+        which a joint has left the start, if a robot at this rate had left it.
     avoidance_lookahead : float
         Least time that a motion around a new obstacle is planned ahead [s].
     avoidance_reserve : float
@@ -222,6 +222,7 @@ class ServingOptions:
     away_time: float = 0.2
     start_delay: float = 1.0
     left_start: float = 0.006
+    slowest_rate: float = 0.1
     avoidance_lookahead: float = 0.15
     avoidance_reserve: float = 0.5
     max_hold: float = 10.0
