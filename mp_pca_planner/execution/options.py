@@ -37,6 +37,9 @@ class FollowingOptions:
     max_reversal, max_acceleration : float
         They also do if it changes back and forth by more than this distance and this acceleration
         [rad/s² or m/s²] explain.
+    max_disagreement : float
+        Two publishers contradict each other if their positions of the same time differ by more
+        than this distance and this acceleration explain.
     max_stamp_delay, max_stamp_lead : float
         A stamp that lies further behind its receipt, or further ahead of it, shows that the
         clocks of the robot and of this computer differ [s].
@@ -122,6 +125,7 @@ class FollowingOptions:
     max_speed: float = 10.0
     max_reversal: float = 0.004
     max_acceleration: float = 50.0
+    max_disagreement: float = 5e-4
     max_stamp_delay: float = 0.1
     max_stamp_lead: float = 0.005
     position_noise: float = 0.002

@@ -193,7 +193,8 @@ class PlannerNode(GuardedNode):
                 age = (time.time_ns() - facts["received_timestamp"]) * 1e-9
                 # At most the time since the last poll, because the wall clock may have been set.
                 age = min(max(age, 0.0), time.monotonic() - last)
-                measured.receive(message.name, read, to_seconds(message.header.stamp), age)
+                stamp, number = message.header.stamp, facts.get("publication_sequence_number")
+                measured.receive(message.name, read, to_seconds(stamp), age, number or 0)
 
     def _send(self, trajectory: Trajectory, *, stamp: float | None, last_point_only: bool) -> None:
         # Stops have no efforts.
