@@ -73,6 +73,24 @@ class _Message:
         return self.read()
 
 
+def _disagreement(
+    latest: Sequence[_Message], joint_names: Sequence[str], options: FollowingOptions
+) -> str:
+    """How a message differs from the two of another publisher around it; empty if it does not."""
+    if len(latest) < 3 or latest[2].number != latest[0].number + 1:
+        return ""
+    before, other, after = latest
+    q, own, end = (one.state.positions for one in latest)
+    span, since = after.time - before.time, other.time - before.time
+    expected = q + (end - q) * (since / span if span > 0.0 else 0.0)
+    excess = np.abs(own - expected) - options.max_disagreement
+    excess -= options.max_acceleration * max(abs(span), abs(since)) ** 2
+    j = int(excess.argmax())
+    if not excess[j] > 0.0:
+        return ""
+    return _contradiction(joint_names[j], expected[j], own[j], since)
+
+
 class MeasuredStates:
     """Keeps the states of the last moments.
 
@@ -166,24 +184,9 @@ class MeasuredStates:
             self._kept.append(message)
         self._newest = message
         self._latest.append(message)
-        self._compare_publishers()
-
-    def _compare_publishers(self) -> None:
-        """Compare a message that came between two of another publisher with these."""
-        if len(self._latest) < 3 or self._latest[2].number != self._latest[0].number + 1:
-            return
-        before, other, after = self._latest
         with suppress(GoalError):
-            q, own, end = (x.state.positions for x in (before, other, after))
-            span, since = after.time - before.time, other.time - before.time
-            expected = q + (end - q) * (since / span if span > 0.0 else 0.0)
-            excess = np.abs(own - expected) - self.options.max_disagreement
-            excess -= self.options.max_acceleration * max(abs(span), abs(since)) ** 2
-            j = int(excess.argmax())
-            if excess[j] > 0.0:
-                name = self.joint_names[j]
-                self._conflict = _contradiction(name, expected[j], own[j], since)
-                self._conflict_time = other.received
+            if found := _disagreement(self._latest, self.joint_names, self.options):
+                self._conflict, self._conflict_time = found, received
 
     @property
     def age(self) -> float | None:

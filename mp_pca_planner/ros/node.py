@@ -110,8 +110,11 @@ class PlannerNode(GuardedNode):
         """Cancel goals, reject further ones, with this reason, and stop a running motion."""
         self._setup.hold = hold
         self._goals.cancel()
-        if self._setup.last_context is not None:
-            self._server.release(self._setup.last_context, hold)
+        try:
+            if self._setup.last_context is not None:
+                self._server.release(self._setup.last_context, hold)
+        except Exception as error:  # the transition must not fail
+            self.get_logger().error(f"the robot was not stopped: {self.explain(error)}")
 
     def _connect(self) -> None:
         self._trajectories = self.create_publisher(JointTrajectory, "~/joint_trajectory", EVERY)
