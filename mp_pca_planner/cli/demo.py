@@ -60,7 +60,7 @@ _COLUMNS = {
     "solve [ms]": ("solve_time_s", ".2f", "ms"),
     "end error [rad]": ("goal_error", ".1g", ""),
     "goal to trajectory [ms]": ("latency", ".2f", "ms"),
-    "arrival error [mrad]": ("arrival_error", ".2g", "mrad"),
+    "arrival error [mrad]": ("arrival_error", ".3f", "mrad"),
 }
 
 
@@ -159,7 +159,7 @@ def run(arguments: argparse.Namespace) -> int:
     folder, urdf = arguments.output, config_file("human_arm.urdf")
     make_folder(folder)
     bag, file = folder / "recording", folder / "arm_raising.npz"
-    say(f"1. Recording {_OPTIONS.n_demonstrations} arm-raising motions into {bag}")
+    say(f"1. Recording {_OPTIONS.n_demonstrations} arm-raising motions, and returns between them, into {bag}")
     write_example_recording(bag, _OPTIONS.n_demonstrations, seed=_OPTIONS.seed)
     say("2. Building primitives from the bag", f"   $ build_primitives {bag}")
     options = ["--robot", str(urdf), "--joints", ",".join(JOINT_NAMES), "--force"]

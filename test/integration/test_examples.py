@@ -40,6 +40,7 @@ def test_learning_loop_plans_executes_records_learns_and_plans_again(tmp_path):
 
 def test_notebook_goes_from_a_recording_to_a_motion(tmp_path):
     pytest.importorskip("matplotlib", reason="matplotlib (extra 'plot') is not installed")
+    (tmp_path / "motion.csv").touch()  # of an earlier run
     done = subprocess.run(
         [sys.executable, EXAMPLES / "notebook.py"],
         capture_output=True,
