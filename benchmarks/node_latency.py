@@ -19,7 +19,8 @@ from node_setup import URDF, joint_states, print_latencies, processor_time, runn
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
-from mp_pca_planner.recordings.synthetic import JOINT_NAMES, SyntheticMotion, generate_motions
+from mp_pca_planner.recordings.demonstration import Demonstration
+from mp_pca_planner.recordings.synthetic import JOINT_NAMES, generate_motions
 from mp_pca_planner.ros.client import Answer, GoalClient, this_machine_only
 
 RATES = (20.0, 1000.0)
@@ -63,7 +64,7 @@ def idle_share(node: Popen[str], duration: float) -> float:
     return (processor_time(node) - before) / (time.monotonic() - began)
 
 
-def plan(client: GoalClient, motion: SyntheticMotion) -> Answer:
+def plan(client: GoalClient, motion: Demonstration) -> Answer:
     """A goal at the end of a motion, some time after the last one."""
     time.sleep(_PAUSE)
     return client.send(JointState(name=JOINT_NAMES, position=motion.positions[-1]))

@@ -37,7 +37,7 @@ def primitive_file() -> Iterator[Path]:
     """A primitive of the human-like arm."""
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "raise_arm.npz"
-        demonstrations = [motion.as_demonstration() for motion in generate_motions(20, seed=1)]
+        demonstrations = generate_motions(20, seed=1)
         save_primitive(build_primitive(demonstrations, "raise_arm"), file)
         yield file
 

@@ -66,9 +66,7 @@ def main() -> None:
     model = Robot(urdf, JOINT_NAMES)
     request = generate_motions(1, 5)[0].positions
     start, goal = JointState(JOINT_NAMES, request[0]), JointState(JOINT_NAMES, request[-1])
-    primitive = build_primitive(
-        [motion.as_demonstration() for motion in generate_motions(30, 1)], "shown"
-    )
+    primitive = build_primitive(generate_motions(30, 1), "shown")
     planner = Planner(model, [primitive], model.limits())
     plan = planner.plan(JointGoal(goal), start)
     law = ControlLaw.from_frequency(FEEDFORWARD_PD, model, plan.trajectory, NATURAL_FREQUENCY)
