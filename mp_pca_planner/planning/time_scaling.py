@@ -53,7 +53,7 @@ def least_stretch(robot: Robot, limits: JointLimits, states: FloatArray) -> floa
     if not np.isfinite(limits.effort).any():
         return kinematic
     tau = robot.inverse_dynamics(*states[:3])
-    if np.all(np.abs(tau) <= limits.effort):
+    if kinematic >= 1.0 and np.all(np.abs(tau) <= limits.effort):
         return kinematic
     gravity = _gravity(robot, states[0])
     if not np.all(np.abs(gravity) < limits.effort):
