@@ -21,10 +21,7 @@ FloatArray = NDArray[np.float64]
 
 
 def frozen_array(
-    values: ArrayLike,
-    shape: tuple[int | None, ...],
-    what: str,
-    error: type[PlannerError],
+    values: ArrayLike, shape: tuple[int | None, ...], what: str, error: type[PlannerError]
 ) -> FloatArray:
     """Copy values into a read-only, finite float array of a given shape.
 

@@ -288,11 +288,7 @@ def _verdict(robot: Robot, limits: JointLimits, goal: _Served) -> str:
 
 
 def _draw(
-    folder: Path,
-    bag: Path,
-    primitive: MovementPrimitive,
-    robot: Robot,
-    served: Sequence[_Served],
+    folder: Path, bag: Path, primitive: MovementPrimitive, robot: Robot, served: Sequence[_Served]
 ) -> list[Path]:
     names = ("primitive.png", "motion.png", "arm.png", "animation.gif")
     pictures = [folder / name for name in names]

@@ -154,12 +154,7 @@ class RigidArm:
         return np.array(tau)[:, self.velocity_index]
 
 
-def judge(
-    trajectory: Trajectory,
-    problem: Problem,
-    arm: RigidArm,
-    limits: JointLimits,
-) -> Verdict:
+def judge(trajectory: Trajectory, problem: Problem, arm: RigidArm, limits: JointLimits) -> Verdict:
     """Evaluate a motion as a controller executes it: quintic polynomials between its points."""
     curve = executed(trajectory)
     n_steps = int(np.ceil(trajectory.duration / REFEREE.period))
@@ -193,9 +188,7 @@ def executed(trajectory: Trajectory) -> BPoly:
 
 
 def _against_limits(
-    times: FloatArray,
-    states: tuple[FloatArray, ...],
-    limits: JointLimits,
+    times: FloatArray, states: tuple[FloatArray, ...], limits: JointLimits
 ) -> tuple[float, str, bool]:
     """Largest relative excess, where that is, and whether a limit is active."""
     q, v, a, jerk, tau = states

@@ -21,13 +21,7 @@ import numpy as np
 from ..arrays import FloatArray
 from ..exceptions import RecordingError, unknown_name
 from ..robot.model import Robot
-from .inverse_kinematics import (
-    BoolArray,
-    Linearised,
-    MarkerProblem,
-    minimise,
-    solve_each,
-)
+from .inverse_kinematics import BoolArray, Linearised, MarkerProblem, minimise, solve_each
 from .marker_map import MarkerMap, MarkerPlacement, OriginFit
 
 

@@ -66,11 +66,7 @@ class Trajectory:
         if stamps[0] != 0.0 or np.any(np.diff(stamps) <= 0.0):
             raise TrajectoryError("times must start at 0 and strictly increase")
         set_frozen(self, joint_names=names, times=stamps, efforts=None)
-        columns = {
-            "positions": positions,
-            "velocities": velocities,
-            "accelerations": accelerations,
-        }
+        columns = {"positions": positions, "velocities": velocities, "accelerations": accelerations}
         if efforts is not None:
             columns["efforts"] = efforts
         for field, values in columns.items():

@@ -159,10 +159,7 @@ def _stored(folder: Path) -> FileIndex | None:
 
 
 def _index(
-    text: Mapping[str, Any],
-    stamps: NDArray[np.int64],
-    means: FloatArray,
-    precisions: FloatArray,
+    text: Mapping[str, Any], stamps: NDArray[np.int64], means: FloatArray, precisions: FloatArray
 ) -> FileIndex | None:
     """The index with this content; None if it has another form."""
     n, size = len(text["files"]), 2 * len(text["joint_names"]) + 1

@@ -154,11 +154,7 @@ def generate_motions(n_motions: int, seed: int, *, rate: float = 200.0) -> list[
 
 
 def continuous_recording(
-    motions: Sequence[Demonstration],
-    rate: float = 100.0,
-    rest: Range = (0.3, 0.8),
-    *,
-    seed: int,
+    motions: Sequence[Demonstration], rate: float = 100.0, rest: Range = (0.3, 0.8), *, seed: int
 ) -> SyntheticRecording:
     """Measure a person who does motions one after the other.
 

@@ -70,11 +70,7 @@ class DemonstrationsPanel:
     """
 
     def __init__(
-        self,
-        stage: Stage,
-        player: Player,
-        groups: Groups,
-        remarks: Sequence[str],
+        self, stage: Stage, player: Player, groups: Groups, remarks: Sequence[str]
     ) -> None:
         self._stage, self._player = stage, player
         gui = stage.server.gui

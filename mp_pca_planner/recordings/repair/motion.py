@@ -224,9 +224,7 @@ def _n_velocities(layout: JointLayout, joint_names: Sequence[str]) -> int:
 
 
 def _mean_velocities(
-    stamps: IntArray,
-    position: FloatArray,
-    velocity: NDArray[np.float32],
+    stamps: IntArray, position: FloatArray, velocity: NDArray[np.float32]
 ) -> tuple[FloatArray, FloatArray]:
     """Mean velocities of a joint over short windows: by its positions, and as recorded."""
     width = max(1, round(_OPTIONS.window * NS_PER_S / float(np.median(np.diff(stamps)))))
