@@ -83,22 +83,6 @@ class Scene:
     primitive: MovementPrimitive | None = None
 
 
-def scene_of(name: str, urdf: Path, joints: Sequence[str] | None, n_motions: int) -> Scene:
-    """A robot with the limits of its description and randomly generated motions.
-
-    Parameters
-    ----------
-    name, urdf, joints :
-        The robot, see :func:`robot_file`.
-    n_motions :
-        Number of demonstrations.
-    """
-    robot = Robot.from_file(urdf, joints)
-    limits = robot.limits()
-    motions = demonstrations_of(name, robot, limits, n_motions)
-    return Scene(name, urdf, robot, limits, tuple(motions))
-
-
 def robot_file(name: str) -> tuple[str, Path, tuple[str, ...] | None]:
     """Name, URDF file and joints of a robot, by its name here or the path of a URDF file.
 
