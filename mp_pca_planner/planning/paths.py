@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from itertools import count
 
 import numpy as np
 
@@ -32,6 +31,8 @@ class PathOptions:
         Number of random vias that are tried where there is no sampling planner.
     via_spread : float
         Standard deviation of vias from the middle of the motion [rad or m].
+    n_paths : int
+        Largest number of searches for paths, with different seeds; mostly their time ends earlier.
     reach : float
         Distance beyond the ends, joint by joint, within which the first search stays [rad or m];
         each further one reaches as much further. Most paths are near the ends.
@@ -51,6 +52,7 @@ class PathOptions:
 
     n_vias: int = 40
     via_spread: float = 0.6
+    n_paths: int = 60
     reach: float = 1.0
     n_checks: int = 5_000
     share_of_search: float = 0.75
@@ -110,7 +112,7 @@ class PathFinder:
         longest = _OPTIONS.max_detour * _length(np.array(ends))
         found: list[FloatArray] = []
         early = budget.share(_OPTIONS.share_of_comparison)
-        for seed in count(1):
+        for seed in range(1, _OPTIONS.n_paths + 1):
             search = budget.share(_OPTIONS.share_of_search)
             # Few searches take far longer than most: another seed is often faster.
             n_checks = _OPTIONS.n_checks * seed
@@ -124,8 +126,8 @@ class PathFinder:
                 return
             if path is not None:
                 found.append(path)
-            is_late = early.is_over() or search.is_over()
-            if found and (is_late or _length(found[-1]) <= longest):
+            is_last = seed == _OPTIONS.n_paths or early.is_over() or search.is_over()
+            if found and (is_last or _length(found[-1]) <= longest):
                 yield from sorted(found, key=_length)
                 found = []
             if search.is_over():

@@ -174,7 +174,7 @@ def test_first_path_stays_near_its_ends(post):
     assert not any(map(planner.collision.collides, dense(path)))
 
 
-def test_search_for_paths_ends_with_its_time_alone(post):
+def test_search_for_paths_lasts_until_its_time_is_over(post):
     pytest.importorskip("ompl", reason="the extra ompl is not installed")
     _, planner, start, goal = post
     setup = Setup(planner.robot, planner.limits, planner.options, planner.collision)
