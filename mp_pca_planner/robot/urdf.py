@@ -345,11 +345,22 @@ def stated_shape(part: ET.Element) -> StatedShape:
     usual = "1 1 1" if shape.tag == "mesh" else ""
     counts = _NUMBERS["cylinder" if shape.tag == "capsule" else shape.tag]
     sizes = [numbers_of(shape, name, count, usual) for name, count in counts.items()]
+    file = shape.get("filename", "")
+    return StatedShape(shape.tag, np.concatenate(sizes), file, stated_origin(part))
+
+
+def stated_origin(part: ET.Element) -> FloatArray:
+    """The x, y, z [m], roll, pitch and yaw [rad] of the <origin> in an element; 0 without one.
+
+    Raises
+    ------
+    RobotError
+        If the numbers are malformed.
+    """
     origin = part.find("origin")
-    place = np.zeros(6)
-    if origin is not None:
-        place[:3], place[3:] = (numbers_of(origin, name, 3, "0 0 0") for name in ("xyz", "rpy"))
-    return StatedShape(shape.tag, np.concatenate(sizes), shape.get("filename", ""), place)
+    if origin is None:
+        return np.zeros(6)
+    return np.concatenate([numbers_of(origin, name, 3, "0 0 0") for name in ("xyz", "rpy")])
 
 
 def numbers_of(element: ET.Element, attribute: str, count: int, usual: str = "") -> FloatArray:
