@@ -1,0 +1,204 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Sampling planners among obstacles, OMPL and VAMP, with time-optimal motions along their paths.
+
+TOPP-RA keeps velocities and accelerations; jerks and efforts are not kept.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from importlib import import_module
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from ..arrays import FloatArray
+from ..exceptions import PlannerError
+from ..motion.collision import CollisionModel
+from ..motion.trajectory import Trajectory
+from ..planning.sampling import SamplingOptions, sampled_path
+from ..robot.model import Robot
+from ..robot.world import Box, Capsule, Cylinder, Obstacle, Shape, Sphere, World
+from .method import Method, PeerResult
+from .problems import Problem, Scene, import_peer
+from .without_optimisation import sample_times
+
+_VAMP = "vamp_toppra"
+_SAME_PLACE = 1e-3  # Of the hand in both models of a robot [m]: VAMP computes with 32 bits.
+
+
+def ompl_method(scene: Scene, max_time: float, collision: CollisionModel) -> Method:
+    """RRT-Connect of OMPL with shortcuts and smoothing, then TOPP-RA."""
+    import_peer("ompl", "the peer 'ompl_toppra'", "ompl")
+    limits, options = scene.limits, SamplingOptions(step=0.05, smooths=True)
+
+    def search(problem: Problem) -> tuple[FloatArray | None, float]:
+        """Search a path with the planner's own distances."""
+        began = time.perf_counter()
+        path = sampled_path(
+            collision.collides,
+            (limits.lower, limits.upper),
+            (problem.start, problem.goal),
+            options,
+            lambda: time.perf_counter() - began > max_time,
+        )
+        return path, time.perf_counter() - began
+
+    about = (
+        "RRT-Connect of OMPL, shortcuts and smoothing, then TOPP-RA within the limits of "
+        "velocities and accelerations"
+    )
+    return _along_paths("ompl_toppra", about, scene, search)
+
+
+def vamp_method(scene: Scene, max_time: float, collision: CollisionModel) -> Method:
+    """RRT-Connect of VAMP with its simplification, then TOPP-RA.
+
+    Raises
+    ------
+    MissingDependencyError
+        If VAMP is not installed.
+    PlannerError
+        If it has no such robot.
+    """
+    # A library for sound has the name `vamp`, too, but not this module.
+    import_peer("vamp.constants", f"the peer '{_VAMP}'", "vamp")
+    vamp = import_module("vamp")
+    name = vamp_robot(vamp, scene.robot)
+    robot, plan, options, shortening = vamp.configure_robot_and_planner_with_kwargs(name, "rrtc")
+
+    def search(problem: Problem) -> tuple[FloatArray | None, float]:
+        """Search a path among the obstacles of the collision model."""
+        ends = problem.start.tolist(), problem.goal.tolist()
+        environment = _environment(vamp, robot, collision.world, ends)
+        began, sampler, path = time.perf_counter(), robot.halton(), None
+        found = plan(*ends, environment, options, sampler)
+        if found.solved:
+            path = robot.simplify(found.path, environment, shortening, sampler).path
+            path.interpolate_to_resolution(robot.resolution())
+            path = np.array(path.numpy(), dtype=float)
+        took = time.perf_counter() - began
+        return (path if took <= max_time else None), took
+
+    about = (
+        f"RRT-Connect and simplification of VAMP with its model of '{name}', "
+        f"{robot.n_spheres()} spheres in place of the links, then TOPP-RA as for OMPL"
+    )
+    return _along_paths(_VAMP, about, scene, search)
+
+
+def _along_paths(
+    name: str,
+    about: str,
+    scene: Scene,
+    search: Callable[[Problem], tuple[FloatArray | None, float]],
+) -> Method:
+    """A search that returns a path and the time it took, then TOPP-RA."""
+    toppra = import_peer("toppra", f"the peer '{name}'")
+    limits, both, bounds = scene.limits, np.array([-1.0, 1.0]), toppra.constraint
+    constraints = [bounds.JointVelocityConstraint(np.outer(limits.velocity, both))]
+    if np.isfinite(limits.acceleration).all():
+        bound = np.outer(limits.acceleration, both)
+        constraints.append(bounds.JointAccelerationConstraint(bound))
+
+    def timed(path: FloatArray) -> Any:
+        """The time-optimal motion along a path; None if there is none."""
+        lengths = np.linalg.norm(np.diff(path, axis=0), axis=1)
+        path, lengths = path[np.append(True, lengths > 1e-6)], lengths[lengths > 1e-6]
+        spline = toppra.SplineInterpolator(np.append(0.0, np.cumsum(lengths)), path)
+        return toppra.algorithm.TOPPRA(constraints, spline).compute_trajectory()
+
+    def solve(problem: Problem) -> PeerResult:
+        """Find a path, and the shortest motion along it."""
+        path, searched = search(problem)
+        began = time.perf_counter()
+        motion = None if path is None else timed(path)
+        took = searched + time.perf_counter() - began
+        if motion is None:
+            what = "no path was found" if path is None else "the path could not be parametrised"
+            return PeerResult(None, took, status=what, path_time=searched)
+        times = sample_times(float(motion.duration))
+        states = [motion(times, order) for order in range(3)]
+        trajectory = Trajectory(limits.joint_names, times, *states)
+        return PeerResult(trajectory, took, path_time=searched)
+
+    return Method(name, about, solve)
+
+
+def vamp_robot(vamp: Any, robot: Robot) -> str:
+    """The name that VAMP has for a robot.
+
+    Raises
+    ------
+    PlannerError
+        If it has none with these joints in this order and the hand in the same place.
+    """
+    models = {name: getattr(vamp, name) for name in vamp.robots}
+    joints = {name: tuple(model.joint_names()) for name, model in models.items()}
+    for name, model in models.items():
+        if joints[name] == robot.joint_names:
+            q, hand = np.full((1, robot.n_joints), 0.3), model.end_effector()
+            place = robot.frame_positions(q, [hand])[0, 0]
+            if np.abs(place - model.eefk(q[0].tolist())[:3, 3]).max() > _SAME_PLACE:
+                raise PlannerError(f"VAMP's model of '{name}' has '{hand}' in another place")
+            return str(name)
+    known = "; ".join(f"'{name}': {', '.join(order)}" for name, order in joints.items())
+    raise PlannerError(f"VAMP has no robot with these joints in this order, but {known}")
+
+
+def _environment(vamp: Any, robot: Any, world: World, ends: tuple[list[float], ...]) -> Any:
+    """Obstacles for VAMP; cylinders are boxes where capsules would contain a part of the robot.
+
+    Raises
+    ------
+    PlannerError
+        If the start or the goal is in collision.
+    """
+    add = {"Sphere": "add_sphere", "Cuboid": "add_cuboid", "Cylinder": "add_capsule"}
+    for boxes in (False, True):
+        environment = vamp.Environment()
+        for kind, sizes in vamp_shapes(world, boxes=boxes):
+            getattr(environment, add[kind])(getattr(vamp, kind)(*sizes))
+        if all(robot.validate(end, environment) for end in ends):
+            return environment
+    raise PlannerError("the start or the goal is in collision for VAMP's spheres of the robot")
+
+
+def vamp_shapes(world: World, *, boxes: bool) -> list[tuple[str, tuple[Any, ...]]]:
+    """VAMP's classes for the shapes of a world, and their arguments.
+
+    Its cylinders are capsules. As in VAMP's own scripts for MotionBenchMaker, capsules or boxes
+    that contain them stand for cylinders.
+
+    Parameters
+    ----------
+    world : World
+        Spheres, boxes, capsules and cylinders.
+    boxes : bool
+        Whether cylinders become boxes.
+
+    Raises
+    ------
+    PlannerError
+        If there is another shape, or an obstacle that moves with a link.
+    """
+    return [_vamp_shape(one, shape, boxes) for one in world for shape in one.shapes]
+
+
+def _vamp_shape(obstacle: Obstacle, shape: Shape, boxes: bool) -> tuple[str, tuple[Any, ...]]:
+    if obstacle.frame:
+        raise PlannerError(f"VAMP gets no obstacles on links, as '{obstacle.name}'")
+    angles = pin.rpy.matrixToRpy(pin.Quaternion(np.array(shape.orientation)).matrix())
+    place, pose = shape.position.tolist(), (shape.position.tolist(), angles.tolist())
+    if isinstance(shape, Sphere):
+        return "Sphere", (place, shape.radius)
+    if isinstance(shape, Box):
+        return "Cuboid", (*pose, (0.5 * shape.size).tolist())
+    if isinstance(shape, Cylinder) and boxes and not isinstance(shape, Capsule):
+        return "Cuboid", (*pose, [shape.radius, shape.radius, 0.5 * shape.height])
+    if isinstance(shape, Cylinder):
+        return "Cylinder", (*pose, shape.radius, shape.height)
+    raise PlannerError(f"VAMP has no meshes, as of obstacle '{obstacle.name}'")
