@@ -27,7 +27,7 @@ from .problems import Problem, Scene, import_peer
 from .without_optimisation import sample_times
 
 _VAMP = "vamp_toppra"
-_SAME_PLACE = 1e-3  # Of the hand in both models of a robot [m]: VAMP computes with 32 bits.
+_SAME_PLACE = 1e-3  # Of the hand in both models of a robot [m]; VAMP computes with 32 bits.
 
 
 def ompl_method(scene: Scene, max_time: float, collision: CollisionModel) -> Method:
@@ -77,9 +77,8 @@ def vamp_method(scene: Scene, max_time: float, collision: CollisionModel) -> Met
         began, sampler, path = time.perf_counter(), robot.halton(), None
         found = plan(*ends, environment, options, sampler)
         if found.solved:
-            path = robot.simplify(found.path, environment, shortening, sampler).path
-            path.interpolate_to_resolution(robot.resolution())
-            path = np.array(path.numpy(), dtype=float)
+            shorter = robot.simplify(found.path, environment, shortening, sampler).path
+            path = np.array(shorter.numpy(), dtype=float)
         took = time.perf_counter() - began
         return (path if took <= max_time else None), took
 
