@@ -26,8 +26,7 @@ from .method import Method, PeerResult
 from .problems import Problem, Scene, import_peer
 from .without_optimisation import sample_times
 
-_VAMP = "vamp_toppra"
-_SAME_PLACE = 1e-3  # Of the hand in both models of a robot [m]; VAMP computes with 32 bits.
+_SAME_PLACE = 1e-3  # Distance of the hand in two models of a robot [m]; VAMP has 32 bits.
 
 
 def ompl_method(scene: Scene, max_time: float, collision: CollisionModel) -> Method:
@@ -65,7 +64,7 @@ def vamp_method(scene: Scene, max_time: float, collision: CollisionModel) -> Met
         If it has no such robot.
     """
     # A library for sound has the name `vamp`, too, but not this module.
-    import_peer("vamp.constants", f"the peer '{_VAMP}'", "vamp")
+    import_peer("vamp.constants", "the peer 'vamp_toppra'", "vamp")
     vamp = import_module("vamp")
     name = vamp_robot(vamp, scene.robot)
     robot, plan, options, shortening = vamp.configure_robot_and_planner_with_kwargs(name, "rrtc")
@@ -86,7 +85,7 @@ def vamp_method(scene: Scene, max_time: float, collision: CollisionModel) -> Met
         f"RRT-Connect and simplification of VAMP with its model of '{name}', "
         f"{robot.n_spheres()} spheres in place of the links, then TOPP-RA as for OMPL"
     )
-    return _along_paths(_VAMP, about, scene, search)
+    return _along_paths("vamp_toppra", about, scene, search)
 
 
 def _along_paths(
@@ -135,17 +134,24 @@ def vamp_robot(vamp: Any, robot: Robot) -> str:
     PlannerError
         If it has none with these joints in this order and the hand in the same place.
     """
-    models = {name: getattr(vamp, name) for name in vamp.robots}
-    joints = {name: tuple(model.joint_names()) for name, model in models.items()}
-    for name, model in models.items():
-        if joints[name] == robot.joint_names:
-            q, hand = np.full((1, robot.n_joints), 0.3), model.end_effector()
-            place = robot.frame_positions(q, [hand])[0, 0]
-            if np.abs(place - model.eefk(q[0].tolist())[:3, 3]).max() > _SAME_PLACE:
-                raise PlannerError(f"VAMP's model of '{name}' has '{hand}' in another place")
-            return str(name)
-    known = "; ".join(f"'{name}': {', '.join(order)}" for name, order in joints.items())
-    raise PlannerError(f"VAMP has no robot with these joints in this order, but {known}")
+    known = {tuple(getattr(vamp, name).joint_names()): str(name) for name in vamp.robots}
+    if robot.joint_names not in known:
+        robots = "; ".join(f"{name}: {', '.join(joints)}" for joints, name in known.items())
+        raise PlannerError(
+            f"VAMP has no robot with the joints {', '.join(robot.joint_names)} in this order; it "
+            f"has {robots}"
+        )
+    name = known[robot.joint_names]
+    model, q = getattr(vamp, name), np.full(robot.n_joints, 0.3)
+    hand = model.end_effector()
+    place = robot.frame_positions(q[None], [hand])[0, 0]
+    distance = np.linalg.norm(place - model.eefk(q.tolist())[:3, 3])
+    if distance > _SAME_PLACE:
+        raise PlannerError(
+            f"VAMP's model of '{name}' has '{hand}' {distance:.3g} m from here: expected the URDF "
+            "of MotionBenchMaker"
+        )
+    return name
 
 
 def _environment(vamp: Any, robot: Any, world: World, ends: tuple[list[float], ...]) -> Any:
