@@ -103,7 +103,7 @@ def beyond(plan: Plan) -> list[float]:
     """Largest overshoot of a joint beyond its positions at the ends of a segment [rad]."""
     found = []
     for motion in plan.motions:
-        q, _, _ = motion.evaluate(motion.sample_times(0.01))
+        q, _, _ = motion.sample(0.01)[1]
         low, high = np.minimum(q[0], q[-1]), np.maximum(q[0], q[-1])
         found.append(float(np.maximum(low - q, q - high).max()))
     return found
