@@ -35,7 +35,7 @@ def main() -> None:
     arguments = parser.parse_args()
     n_sequences = arguments.sequences
     robot = Robot.from_file(config_file("human_arm.urdf"), JOINT_NAMES)
-    motions = [motion.as_demonstration() for motion in generate_motions(40, 1)]
+    motions = generate_motions(40, 1)
     primitive = build_primitive(motions, "sequences", PrimitiveOptions(n_components=6))
     planner = Planner(robot, [primitive], options=PlannerOptions(max_solve_time=float("inf")))
     stopping = Planner(robot, [primitive], robot.limits())

@@ -26,13 +26,7 @@ from ..primitives.primitive import MovementPrimitive
 from ..primitives.primitive_library import load_primitives
 from ..robot.model import Robot
 from ..robot.world import World
-from .goal_arguments import (
-    asked_texts,
-    sequence_goal,
-    single_goal,
-    start_state,
-    target,
-)
+from .goal_arguments import asked_texts, sequence_goal, single_goal, start_state, target
 
 
 @dataclass(frozen=True, eq=False)

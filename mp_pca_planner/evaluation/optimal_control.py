@@ -17,10 +17,11 @@ from typing import Any
 import numpy as np
 
 from ..arrays import FloatArray
+from ..exceptions import require
 from ..motion.trajectory import Trajectory
 from .check import RigidArm
 from .method import Method, PeerResult
-from .problems import Problem, Scene, import_peer
+from .problems import Problem, Scene
 from .without_optimisation import minimum_jerk
 
 
@@ -119,7 +120,7 @@ class _Shooting:
     """Problems of one scene as Crocoddyl's shooting problems."""
 
     def __init__(self, scene: Scene, box: bool) -> None:
-        self.crocoddyl = import_peer("crocoddyl", "the peers 'fddp' and 'box_fddp'")
+        self.crocoddyl = require("crocoddyl", "peers", "the peers 'fddp' and 'box_fddp'")
         self._box, self._limits = box, scene.limits
         self._joints = scene.robot.joint_names
         self._arm = RigidArm(scene.urdf, self._joints)

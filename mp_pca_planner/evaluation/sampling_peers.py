@@ -16,14 +16,14 @@ import numpy as np
 import pinocchio as pin
 
 from ..arrays import FloatArray
-from ..exceptions import PlannerError
+from ..exceptions import PlannerError, require
 from ..motion.collision import CollisionModel
 from ..motion.trajectory import Trajectory
 from ..planning.sampling import SamplingOptions, sampled_path
 from ..robot.model import Robot
 from ..robot.world import Box, Capsule, Cylinder, Obstacle, Shape, Sphere, World
 from .method import Method, PeerResult
-from .problems import Problem, Scene, import_peer
+from .problems import Problem, Scene
 from .without_optimisation import sample_times
 
 _SAME_PLACE = 1e-3  # Distance of the hand in two models of a robot [m]; VAMP has 32 bits.
@@ -31,7 +31,7 @@ _SAME_PLACE = 1e-3  # Distance of the hand in two models of a robot [m]; VAMP ha
 
 def ompl_method(scene: Scene, max_time: float, collision: CollisionModel) -> Method:
     """RRT-Connect of OMPL with shortcuts and smoothing, then TOPP-RA."""
-    import_peer("ompl", "the peer 'ompl_toppra'", "ompl")
+    require("ompl", "ompl", "the peer 'ompl_toppra'")
     limits, options = scene.limits, SamplingOptions(step=0.05, smooths=True)
 
     def search(problem: Problem) -> tuple[FloatArray | None, float]:
@@ -64,7 +64,7 @@ def vamp_method(scene: Scene, max_time: float, collision: CollisionModel) -> Met
         If it has no such robot.
     """
     # A library for sound has the name `vamp`, too, but not this module.
-    import_peer("vamp.constants", "the peer 'vamp_toppra'", "vamp")
+    require("vamp.constants", "vamp", "the peer 'vamp_toppra'")
     vamp = import_module("vamp")
     name = vamp_robot(vamp, scene.robot)
     robot, plan, options, shortening = vamp.configure_robot_and_planner_with_kwargs(name, "rrtc")
@@ -95,7 +95,7 @@ def _along_paths(
     search: Callable[[Problem], tuple[FloatArray | None, float]],
 ) -> Method:
     """A search that returns a path and the time it took, then TOPP-RA."""
-    toppra = import_peer("toppra", f"the peer '{name}'")
+    toppra = require("toppra", "peers", f"the peer '{name}'")
     limits, both, bounds = scene.limits, np.array([-1.0, 1.0]), toppra.constraint
     constraints = [bounds.JointVelocityConstraint(np.outer(limits.velocity, both))]
     if np.isfinite(limits.acceleration).all():

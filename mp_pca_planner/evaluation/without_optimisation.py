@@ -14,12 +14,13 @@ import numpy as np
 from scipy.interpolate import make_interp_spline
 
 from ..arrays import FloatArray
+from ..exceptions import require
 from ..motion.trajectory import Trajectory
 from ..primitives.boundary import hermite_functions
 from ..primitives.differences import PHASES
 from ..recordings.demonstration import Demonstration
 from .method import Method, PeerResult
-from .problems import Problem, Scene, import_peer
+from .problems import Problem, Scene
 
 
 def minimum_jerk_method(scene: Scene) -> Method:
@@ -38,7 +39,7 @@ def minimum_jerk_method(scene: Scene) -> Method:
 
 def promp_method(scene: Scene, _: float) -> Method:
     """ProMP of the package movement_primitives, conditioned on start and goal."""
-    module = import_peer("movement_primitives.promp", "the peer 'promp'")
+    module = require("movement_primitives.promp", "peers", "the peer 'promp'")
     joints = scene.robot.joint_names
     shown = np.array([motion.time_normalised(PHASES.size) for motion in scene.demonstrations])
     model = module.ProMP(n_dims=len(joints), n_weights_per_dim=10)
@@ -60,7 +61,7 @@ def promp_method(scene: Scene, _: float) -> Method:
 
 def dmp_method(scene: Scene, _: float) -> Method:
     """DMP of the package movement_primitives, of the demonstration with the nearest ends."""
-    module = import_peer("movement_primitives.dmp", "the peer 'dmp'")
+    module = require("movement_primitives.dmp", "peers", "the peer 'dmp'")
     joints = scene.robot.joint_names
 
     def model_of(duration: float, n_steps: int) -> Any:
@@ -100,7 +101,7 @@ def ruckig_method(scene: Scene, _: float) -> Method:
     A reference for durations, not for efforts. Where an acceleration or a jerk has no limit, full
     speed or full acceleration is reached in 0.1 s.
     """
-    ruckig = import_peer("ruckig", "the peer 'ruckig'")
+    ruckig = require("ruckig", "peers", "the peer 'ruckig'")
     joints, limits = scene.robot.joint_names, scene.limits
     velocity = np.where(np.isfinite(limits.velocity), limits.velocity, 10.0)
     acceleration = np.minimum(limits.acceleration, velocity / 0.1)

@@ -103,12 +103,7 @@ def component_basis(
         yield from known.nearest(ends)
 
     return MotionBasis(
-        tables,
-        limit_tables,
-        expected.weights,
-        expected.precision,
-        primitive.n_components,
-        starts,
+        tables, limit_tables, expected.weights, expected.precision, primitive.n_components, starts
     )
 
 

@@ -10,14 +10,7 @@ from importlib import import_module
 from types import NoneType
 
 from ..arrays import check_type
-from ..exceptions import (
-    GoalError,
-    LimitsError,
-    PrimitiveError,
-    RobotError,
-    WorldError,
-    quote_names,
-)
+from ..exceptions import GoalError, LimitsError, PrimitiveError, RobotError, WorldError, quote_names
 from ..motion.collision import CollisionModel, package_folders
 from ..motion.goal import (
     GoalLike,
