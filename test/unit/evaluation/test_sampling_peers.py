@@ -128,6 +128,6 @@ def test_missing_library_is_named(monkeypatch):
     robot = arm_robot()
     scene = SimpleNamespace(robot=robot)
     with pytest.raises(
-        MissingDependencyError, match=r"'vamp_toppra' needs .* 'vamp.constants'.*\[vamp\]"
+        MissingDependencyError, match=r"'vamp_toppra' needs .* 'vamp'.*\[vamp\]"
     ):
         vamp_method(scene, 1.0, CollisionModel(robot))
