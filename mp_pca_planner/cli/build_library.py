@@ -59,7 +59,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.bags:
         joints = arguments.joints if robot is None else robot.joint_names
         motions = [x.statistics for x in known if x.statistics is not None]
-        recordings = load(arguments, options, joints, 0, motions)
+        recordings = load(arguments, options, joints, 0, motions, robot)
         recordings.require_motion()
     repairs = {name: x for one in known for name, x in one.metadata.get("repairs", {}).items()}
     prismatic = {name for x in known for name in x.metadata.get("prismatic_joints", [])}

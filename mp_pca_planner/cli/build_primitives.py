@@ -28,6 +28,7 @@ from ..primitives.motion_statistics import MotionStatistics
 from ..primitives.options import PrimitiveOptions
 from ..primitives.primitive import MovementPrimitive
 from ..recordings.cache import ReadingCache, default_folder
+from ..recordings.demonstrations import position_limits
 from ..recordings.load import RecordingSet, load_recordings
 from ..recordings.repair import RepairOptions
 from ..recordings.segmentation import SegmentationOptions
@@ -56,7 +57,7 @@ def run(arguments: argparse.Namespace) -> int:
         joints = arguments.joints if like is None else like.joint_names
         known = [old.statistics] if old and old.statistics else []
         samples = REPORT.n_samples if arguments.report else 0
-        recordings = load(arguments, options, joints, samples, known, same_joints=True)
+        recordings = load(arguments, options, joints, samples, known, robot, same_joints=True)
         recordings.require_motion()
     statistics = _statistics(recordings, old, arguments.remove)
     name = arguments.name or (old.name if old else output.stem)
@@ -170,6 +171,7 @@ def load(
     joints: Sequence[str] | None,
     samples: int,
     known: Sequence[MotionStatistics] = (),
+    robot: Robot | None = None,
     *,
     same_joints: bool = False,
 ) -> RecordingSet:
@@ -196,6 +198,7 @@ def load(
             markers=markers,
             state_field=arguments.field,
             repair=RepairOptions(max_gap=arguments.max_gap),
+            position_limits=position_limits(robot),
             salvage=arguments.recover,
             cache=ReadingCache(None if arguments.no_cache else default_folder()),
             progress=progress,

@@ -1,8 +1,8 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Methods without optimisation of efforts: minimum jerk, ProMP, DMP, Ruckig, OMPL with TOPP-RA.
+"""Methods without optimisation of efforts: minimum jerk, ProMP, DMP, Ruckig.
 
-They may break limits, except the last two, which keep velocities and accelerations.
+They may break limits, except the last.
 """
 
 from __future__ import annotations
@@ -15,9 +15,7 @@ from scipy.interpolate import make_interp_spline
 
 from ..arrays import FloatArray
 from ..exceptions import require
-from ..motion.collision import CollisionModel
 from ..motion.trajectory import Trajectory
-from ..planning.sampling import SamplingOptions, sampled_path
 from ..primitives.boundary import hermite_functions
 from ..primitives.differences import PHASES
 from ..recordings.demonstration import Demonstration
@@ -130,53 +128,6 @@ def ruckig_method(scene: Scene, _: float) -> Method:
         "reach full speed and full acceleration in 0.1 s; no efforts"
     )
     return Method("ruckig", about, solve)
-
-
-def sampling_method(scene: Scene, max_time: float, collision: CollisionModel) -> Method:
-    """RRT-Connect of OMPL with shortcuts, then the time-optimal motion along its path by TOPP-RA.
-
-    Velocities and accelerations are kept, jerks and efforts are not.
-    """
-    require("ompl", "ompl", "the peer 'ompl_toppra'")
-    toppra = require("toppra", "peers", "the peer 'ompl_toppra'")
-    limits, options = scene.limits, SamplingOptions(step=0.05, smooths=True)
-
-    def timed(path: FloatArray) -> Any:
-        """The time-optimal motion along a path; None if there is none."""
-        lengths = np.linalg.norm(np.diff(path, axis=0), axis=1)
-        path, lengths = path[np.append(True, lengths > 1e-6)], lengths[lengths > 1e-6]
-        spline = toppra.SplineInterpolator(np.append(0.0, np.cumsum(lengths)), path)
-        both, bounds = np.array([-1.0, 1.0]), toppra.constraint
-        constraints = [bounds.JointVelocityConstraint(np.outer(limits.velocity, both))]
-        if np.isfinite(limits.acceleration).all():
-            bound = np.outer(limits.acceleration, both)
-            constraints.append(bounds.JointAccelerationConstraint(bound))
-        return toppra.algorithm.TOPPRA(constraints, spline).compute_trajectory()
-
-    def solve(problem: Problem) -> PeerResult:
-        """Find a path, and the shortest motion along it."""
-        began = time.perf_counter()
-        path = sampled_path(
-            collision.collides,
-            (limits.lower, limits.upper),
-            (problem.start, problem.goal),
-            options,
-            lambda: time.perf_counter() - began > max_time,
-        )
-        motion = None if path is None else timed(path)
-        took = time.perf_counter() - began
-        if motion is None:
-            what = "no path was found" if path is None else "the path could not be parametrised"
-            return PeerResult(None, took, status=what)
-        times = sample_times(float(motion.duration))
-        states = [motion(times, order) for order in range(3)]
-        return PeerResult(Trajectory(limits.joint_names, times, *states), took)
-
-    about = (
-        "RRT-Connect of OMPL, shortcuts and smoothing, then TOPP-RA within the limits of "
-        "velocities and accelerations"
-    )
-    return Method("ompl_toppra", about, solve)
 
 
 def minimum_jerk(problem: Problem, phases: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:

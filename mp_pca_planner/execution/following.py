@@ -18,6 +18,7 @@ from .options import FollowingOptions
 from .published_motion import Joined, Progress, PublishedMotion, TrackedMotion, hold
 
 if TYPE_CHECKING:
+    from ..robot.world import World
     from .execution_monitor import Execution
     from .surroundings import Threat
 
@@ -205,6 +206,8 @@ class Publication:
         Its goal and its report.
     threat : Threat or None
         The next collision of its rest with an obstacle that was not there when it was planned.
+    checked : tuple of (PublishedMotion, World) or None
+        The motion that was checked for such a collision last, and the obstacles.
     """
 
     joined: Joined
@@ -215,6 +218,7 @@ class Publication:
     is_arrived: bool = False
     execution: Execution | None = None
     threat: Threat | None = None
+    checked: tuple[PublishedMotion, World] | None = None
 
     @classmethod
     def after(

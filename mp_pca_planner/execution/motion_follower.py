@@ -64,14 +64,11 @@ class MotionFollower:
         # Noise of positions at rest [rad or m].
         self._noise = 0.0
 
-    def expect(self, joint_names: tuple[str, ...]) -> bool:
-        """Set the joints whose state is needed; others are forgotten. Returns if they differ."""
+    def expect(self, joint_names: tuple[str, ...]) -> None:
+        """Set the joints whose state is needed; states and motions of others are forgotten."""
         with self.lock:
-            if self.measured.joint_names == tuple(joint_names):
-                return False
             self.measured.expect(joint_names)
             self._forget()
-            return True
 
     def command(self, joined: Joined, execution: Execution | None = None) -> None:
         """Record that a motion was published."""

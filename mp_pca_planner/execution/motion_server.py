@@ -12,26 +12,21 @@ import time
 from collections import defaultdict, deque
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
-from ..exceptions import GoalError
 from ..motion.goal import Goal, JointGoal, JointState
-from ..motion.trajectory import Trajectory
 from ..motion.validation import check_executable, check_limits
-from .assembly import Model
 from .execution_monitor import Execution, ExecutionReport
 from .following import UnconfirmedError
 from .goal_planner import GoalPlanner, GoalRequest, Planned, PlanRequest
 from .measured import Clock
+from .motion_monitor import MotionMonitor, Publish
 from .options import ServingOptions
 from .preemptive_worker import CancelledError, IsCancelled
-from .published_motion import Joined
 from .served_goal import Served
 from .start_state import StartStates, TooLateError
-from .stopping import StopPlanner
-from .surroundings import Surroundings
 
 
 class GoalStatistics:
@@ -93,17 +88,8 @@ class GoalStatistics:
         return {f"solve_time_p{rank}_s": float(np.percentile(times, rank)) for rank in (50, 90, 99)}
 
 
-class Publish(Protocol):
-    """Sends a trajectory to the controller."""
-
-    def __call__(
-        self, trajectory: Trajectory, *, stamp: float | None, last_point_only: bool
-    ) -> None:
-        """Send it; it starts at the stamp [s], or when it is received if there is none."""
-
-
-class MotionServer:
-    """Plans motions, publishes them, and stops them.
+class MotionServer(MotionMonitor):
+    """Plans motions for goals and publishes them.
 
     Parameters
     ----------
@@ -121,13 +107,6 @@ class MotionServer:
         Waits for a time [s].
     options :
         Parameters.
-
-    Attributes
-    ----------
-    states, options
-        As given.
-    surroundings : Surroundings
-        The obstacles around the robot.
     """
 
     def __init__(
@@ -140,13 +119,9 @@ class MotionServer:
         sleep: Callable[[float], None] = time.sleep,
         options: ServingOptions | None = None,
     ) -> None:
-        self.options = options or ServingOptions()
-        self.states = states
-        self._statistics, self._send, self._report = statistics, publish, report
-        self._clock, self._sleep = clock, sleep
+        super().__init__(states, publish, clock, report, options)
+        self._statistics, self._clock, self._sleep = statistics, clock, sleep
         self._planner = GoalPlanner(states, clock, self.options)
-        self.surroundings = Surroundings(states)
-        self._stops = StopPlanner(states, self.surroundings, clock, self.options)
 
     @property
     def served(self) -> Served | None:
@@ -196,58 +171,6 @@ class MotionServer:
                 attempt += 1
                 latency = 2.0 * max(self.states.motion_time - began, latency)
 
-    def watch(self, model: Model) -> None:
-        """Check how the robot follows its motion; call this at 10 Hz or more.
-
-        The robot is stopped if it would hit an obstacle soon, whatever is being planned.
-        """
-        with self.states.lock:
-            try:
-                following = self.states.follow(model.settings)
-            except GoalError:
-                following = None
-            execution, now = self.states.execution, self.states.motion_time
-            if execution is not None and self.states.commanded is None:
-                self._end(execution.given_up("time was set back"))
-            elif execution is not None:
-                self._end(execution.update(following, now, self.options))
-            threat = self.surroundings.threat
-            if threat is not None and now > threat.last_time(self.options):
-                self.stop(model, threat.reason)
-
-    def expect(self, joint_names: tuple[str, ...]) -> None:
-        """Use the states of these joints; the execution of a motion of others ends."""
-        with self.states.lock:
-            execution = self.states.execution
-            if self.states.expect(joint_names) and execution is not None:
-                self._end(execution.given_up("the joints of the primitives have changed"))
-
-    def stop(self, model: Model, reason: str = "") -> str:
-        """Publish a trajectory that brings the robot to rest.
-
-        Parameters
-        ----------
-        model :
-            The planner and its settings.
-        reason :
-            Why, for the report of the execution.
-
-        Returns
-        -------
-        :
-            Description of the stop, one sentence.
-
-        Raises
-        ------
-        PlannerError
-            If the robot's state is unknown; nothing was published then.
-        """
-        with self.states.lock:
-            found = self._stops.find(model)
-            why = found.after(reason)
-            self._commit(found.joined, Execution.of_stop(self.states.execution, found.joined, why))
-        return found.message
-
     def _serve_once(
         self, request: GoalRequest, is_cancelled: IsCancelled, latency: float
     ) -> Served:
@@ -264,8 +187,7 @@ class MotionServer:
         world = self.surroundings.check_again(planned[0].trajectory, world, model)
         served = self._publish(goal, planned, context, request.name)
         self._statistics.served(type(request.goal), served.plan.solve_time, self._clock() - began)
-        if self.surroundings.world is not world:
-            self.surroundings.look_ahead(model)
+        self.surroundings.look_ahead(model, (served.motion, world))
         return served
 
     def _publish(self, goal: Goal, planned: Planned, request: PlanRequest, name: Any) -> Served:
@@ -290,15 +212,3 @@ class MotionServer:
             served = Served(goal, plan, model, joined.motion, name, trial)
             self._commit(joined, Execution(name, joined.motion, joined.time, served))
         return served
-
-    def _commit(self, joined: Joined, execution: Execution) -> None:
-        """Publish a motion, the only place where that is done; it replaces the one before."""
-        old = self.states.published
-        self._send(joined.trajectory, stamp=joined.stamp, last_point_only=joined.last_point_only)
-        self.states.command(joined, execution)
-        if old is not None and old.execution is not None and not execution.is_stop:
-            self._end(old.execution.replaced(old.threat.reason if old.threat else ""))
-
-    def _end(self, report: ExecutionReport | None) -> None:
-        if report is not None:
-            self._report(report)

@@ -15,7 +15,9 @@ from ..motion.trajectory import Trajectory
 from ..robot.model import Robot
 from ..robot.world import World
 from .assembly import Model, collision_model
+from .following import HELD, OFF, Following, Publication
 from .options import ServingOptions
+from .published_motion import PublishedMotion
 from .start_state import StartStates, TooLateError
 
 # Longest wait of a stop for the check of a running motion in another thread [s].
@@ -142,8 +144,13 @@ class Surroundings:
             )
         return world
 
-    def look_ahead(self, model: Model) -> None:
-        """Check the rest of the running motion of a goal, and set its `threat`.
+    def look_ahead(
+        self, model: Model, checked: tuple[PublishedMotion, World] | None = None
+    ) -> None:
+        """Check the rest of the running motion, unless it was checked, and set its `threat`.
+
+        Call this again and again: the place of a robot without states is unknown, one that is held
+        may move on, and the controller may have rejected the newest motion.
 
         Raises
         ------
@@ -151,26 +158,42 @@ class Surroundings:
             If the motion can't be checked.
         """
         published = self._states.published
-        if published is None or published.execution is None or published.execution.is_stop:
+        if published is None:
+            return
+        published.checked = checked or published.checked
+        if published.checked == (published.current.motion, self._world):
             return
         try:
             following = self._states.follow(model.settings)
         except GoalError:  # the robot may be anywhere on its motion
             return
-        published.threat = None
-        if following is None or following.motion is not published.joined.motion:
+        if following is not None and following.how == OFF:  # it may come back to its path
             return
-        motion, place, world = following.motion, following.progress.place, self._world
-        if not (following.is_running and len(world) and place < motion.duration):
-            return
-        checker = self._checker_in(world, model)
         with self._lock:
-            found = checker.collisions(motion.rest(place))
+            motion, world, threat = published.current.motion, self._world, None
+            if following is not None and following.motion is motion and len(world):
+                threat = self._threat(following, published, world, model)
+            published.threat, published.checked = threat, (motion, world)
+
+    def _threat(
+        self, following: Following, published: Publication, world: World, model: Model
+    ) -> Threat | None:
+        """The next collision of the rest of a motion with an obstacle."""
+        motion, place, execution = following.motion, following.progress.place, published.execution
+        is_stopping = execution is None or execution.is_stop
+        if is_stopping and motion is published.joined.motion:
+            return None
+        is_held = following.how == HELD
+        if place >= motion.duration or not (following.is_running or is_held):
+            return None
+        found = self._checker_in(world, model).collisions(motion.rest(place))
         # Planning and stopping care for collisions of links.
-        of_obstacles = [one for one in found if one.links[1] in world.names]
-        if of_obstacles:
-            first = min(of_obstacles, key=lambda one: one.first_time)
-            published.threat = Threat(first, motion.began + place + first.first_time)
+        times = [(one.first_time, one) for one in found if one.links[1] in world.names]
+        if not times:
+            return None
+        since, first = min(times, key=lambda one: one[0])
+        # When a held robot moves on is unknown.
+        return Threat(first, self._states.motion_time + (0.0 if is_held else since))
 
     def collision_of(self, stop: Sequence[Trajectory], model: Model) -> Collision | None:
         """The deepest collision of the motions to a stop, with an obstacle or between links.

@@ -124,8 +124,8 @@ def _check(
         return
     k, j = np.argwhere(~((low <= values) & (values <= high)))[0].tolist()
     raise GoalError(
-        f"the {what} {_QUANTITIES[k]} of joint '{names[j]}' is {values[k, j]:.6g}, "
-        f"outside its limits [{low[k, j]:.6g}, {high[k, j]:.6g}]"
+        f"the {what} {_QUANTITIES[k]} of joint '{names[j]}' is {values[k, j]:.9g}, "
+        f"outside its limits [{low[k, j]:.9g}, {high[k, j]:.9g}]"
     )
 
 

@@ -108,9 +108,10 @@ class Judge:
         if attempt.collisions:
             kind = f"without {self._collision_kind}"
             # The search for a motion knows only roughly when bodies meet.
-            precise = self._setup.collisions(attempt.trajectory, precisely=True)
-            met = _met(replace(attempt, collisions=precise))
-            return INFEASIBLE, self._refusal(outcome, kind, met)
+            if not outcome.ran_out:
+                precise = self._setup.collisions(attempt.trajectory, precisely=True)
+                attempt = replace(attempt, collisions=precise)
+            return INFEASIBLE, self._refusal(outcome, kind, _met(attempt))
         if met := self._met_beyond(attempt.trajectory):
             return INFEASIBLE, self._refusal(outcome, f"without {self._collision_kind}", met)
         if missed > POSE_TOLERANCE:

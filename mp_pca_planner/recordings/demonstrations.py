@@ -53,9 +53,19 @@ def load_demonstrations(
     if isinstance(robot, (str, Path)):
         robot = Robot.from_file(robot, joints)
     joints = robot.joint_names if robot else joints
+    options.setdefault("position_limits", position_limits(robot))
     recordings = load_recordings(paths, joints=joints, same_joints=True, **options)
     recordings.require_motion()
     return recordings
+
+
+def position_limits(robot: Robot | None) -> dict[str, tuple[float, float]]:
+    """Least and largest position of a robot's joints by name [rad or m]; none without a robot."""
+    if robot is None:
+        return {}
+    limits = robot.limits()
+    pairs = zip(limits.lower.tolist(), limits.upper.tolist(), strict=True)
+    return dict(zip(robot.joint_names, pairs, strict=True))
 
 
 def write_example_recording(path: str | Path, n_motions: int = 40, *, seed: int = 1) -> Path:

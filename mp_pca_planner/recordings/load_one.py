@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
@@ -62,6 +62,12 @@ class LoadOptions:
         field; needs `topic`. By default the messages themselves are.
     repair : RepairOptions
         Thresholds of the repairs.
+    position_limits : mapping of str to tuple of float
+        Least and largest position of joints by name [rad or m]; none unless given. Motions beyond
+        them are noted. See :func:`.demonstrations.position_limits`.
+    limit_tolerance, absurd_excess : float
+        Distance beyond a limit that is no reason for a note, as of soft limits and noise, and one
+        for which a recording is rejected: half a turn is beyond any calibration [rad or m].
     salvage : bool
         Takes the messages before the damage of a damaged recording.
     overviews : bool
@@ -91,6 +97,9 @@ class LoadOptions:
     markers: Any = None
     state_field: str | None = None
     repair: RepairOptions = field(default_factory=RepairOptions)
+    position_limits: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    limit_tolerance: float = 0.0175
+    absurd_excess: float = 3.14
     salvage: bool = False
     overviews: bool = False
     summarise: Callable[[Sequence[Demonstration]], Any] | None = None
@@ -142,6 +151,7 @@ def _loaded(task: LoadTask, path: Path, progress: Callable[[float], None] | None
     cuts, clean = _cut(task, smoothed)
     checksum = options.cache.checksum(path)
     motions = [cut.demonstration(clean.joint_names, task.name, checksum) for cut in cuts]
+    beyond = _beyond_limits(motions, options)
     segments = [Segment(m.start_time, m.end_time, m.label, extent(m.positions)) for m in motions]
     report = RecordingReport(
         name=task.name,
@@ -156,7 +166,7 @@ def _loaded(task: LoadTask, path: Path, progress: Callable[[float], None] | None
         repairs=clean.repairs,
         motions=tuple(segments),
         thresholds=smoothed.thresholds,
-        notes=(*clean.notes, *task.notes),
+        notes=(*clean.notes, *task.notes, *beyond),
         overview=cutting.overview(smoothed.pieces) if options.overviews else None,
         marker_residuals=residuals,
     )
@@ -164,6 +174,34 @@ def _loaded(task: LoadTask, path: Path, progress: Callable[[float], None] | None
     n = options.most_samples
     kept = motions if n is None else [motion.thinned(n) for motion in motions if n > 0]
     return RecordingSet(tuple(kept), (report,), summaries=summaries)
+
+
+def _beyond_limits(motions: Sequence[Demonstration], options: LoadOptions) -> tuple[str, ...]:
+    """A note if motions are beyond the limits of the robot.
+
+    Raises
+    ------
+    RecordingError
+        If they are absurdly far beyond.
+    """
+    found: list[tuple[float, float, str]] = []
+    for motion in motions:
+        for name, q in zip(motion.joint_names, motion.positions.T.tolist(), strict=True):
+            low, high = options.position_limits.get(name, (-np.inf, np.inf))
+            found += [(low - min(q), min(q), name), (max(q) - high, max(q), name)]
+    excess, position, name = max(found, default=(0.0, 0.0, ""))
+    if excess <= options.limit_tolerance:
+        return ()
+    text = (
+        f"joint '{name}' is at {position:.3g} rad (or m), {excess:.3g} beyond its limit in the "
+        "robot description"
+    )
+    if excess > options.absurd_excess:
+        raise RecordingError(
+            f"{text}: positions must be in radians (or m), not in degrees (or mm), and of this "
+            "robot"
+        )
+    return (f"{text}: check that it is of this robot, and its zero position",)
 
 
 def _cut(

@@ -8,7 +8,7 @@ convex hulls, and on the meshes themselves where the hulls are near each other.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -29,8 +29,9 @@ _Transform = getattr(coal, "Transform3s", None) or coal.Transform3f  # before re
 _PRECISION = 1e-8
 # Hulls nearer than this beside their margin [m] are replaced by the meshes themselves.
 _NEAR = 3e-3
-# Number of bodies up to which the boxes of each pair are compared.
-_FEW = 50
+# Numbers of bodies: up to which the boxes of each pair are compared, and from which on the data of
+# all pairs take longer to make than a search for a path takes.
+_FEW, _MANY = 50, 300
 
 Indices = NDArray[np.intp]
 
@@ -83,37 +84,36 @@ class BodyPairs:
         self, tree: JointTree, bodies: Bodies, indices: Indices, margins: FloatArray
     ) -> None:
         self._bodies, self._indices, self.margins = bodies, indices, margins
-        self._tree = tree
-        self._transforms: list[Any] = []
+        self._tree, self._transforms = tree, list[Any]()
         self._of_hulls = ShapeDistances(bodies.hulls, indices)
         self._of_shapes = ShapeDistances(bodies.shapes, indices)
         first, second = indices.T
         self._are_convex = bodies.are_convex[first] & bodies.are_convex[second]
+        # The first bodies are few: their distances from all others are a matrix.
+        self._firsts, rows = np.unique(first, return_inverse=True)
+        self._entries = rows.ravel() * len(bodies.names) + second
         # Of the joints that move one of both, 1 for the second body, −1 for the first.
         moves = tree.moves[bodies.joints]
         self._moved = moves[second] - moves[first]
-        reaches = bodies.radii + np.linalg.norm(bodies.centres, axis=1)
-        levers = np.zeros(moves.shape)
-        for body in np.flatnonzero(bodies.joints).tolist():
-            levers[body] = tree.levers(int(bodies.joints[body]), float(reaches[body]))
+        levers = _levers(tree, bodies)
         # A joint that moves both does not count.
-        self.levers = np.where(self._moved > 0.0, levers[second], levers[first])
-        self.levers *= np.abs(self._moved)
+        self.levers = np.abs(self._moved) * np.where(self._moved > 0.0, *levers[[second, first]])
 
     @cached_property
-    def collide(self) -> CollisionCheck:
+    def collide(self) -> Callable[[FloatArray], bool]:
         """Whether any pair is in collision in a configuration."""
-        return self.check(self.margins)
+        return self.check(np.zeros(len(self.margins)))
 
-    def check(self, distances: FloatArray, *, hulls: bool = False) -> CollisionCheck:
-        """The check of configurations for pairs nearer than some distances, shape (n_pairs,).
+    def check(self, distances: FloatArray, *, hulls: bool = False) -> Callable[[FloatArray], bool]:
+        """The check for pairs nearer than margins and distances of shape (n_pairs,).
 
-        With `hulls`, bodies that move are replaced by their convex hulls.
+        With `hulls`, bodies that move may be replaced by their convex hulls.
         """
-        are_meshes = ~self._bodies.are_convex
-        if hulls:
-            are_meshes = are_meshes & (self._bodies.joints == 0)
-        return CollisionCheck(self._tree, self._bodies, self._indices, distances, are_meshes)
+        if len(self._bodies.names) > _MANY:
+            reach = float(distances.max(initial=0.0))
+            return lambda q: bool(np.any(~(self.near(q[None], reach).bounds > distances)))
+        parts = self._tree, self._bodies, self._indices, self.margins + distances
+        return CollisionCheck(*parts, hulls=hulls)
 
     def bounds(self, q: FloatArray, enough: FloatArray | float) -> FloatArray:
         """Lower bounds of all distances in some configurations.
@@ -137,12 +137,13 @@ class BodyPairs:
         turned = poses.rotations[:, bodies.joints]
         centres: FloatArray = poses.positions[:, bodies.joints]
         centres = centres + (turned @ bodies.centres[:, :, None])[..., 0]
-        apart = centres[:, second] - centres[:, first]
-        bounds: FloatArray = np.sqrt(np.einsum("kpi,kpi->kp", apart, apart))
+        apart = _distances(centres[:, self._firsts], centres).reshape(len(centres), -1)
+        bounds: FloatArray = np.take(apart, self._entries, axis=1)
         bounds -= bodies.radii[first] + bodies.radii[second] + self.margins
-        k, pairs = np.nonzero(~(bounds > enough))
-        away, margins = apart[k, pairs], self.margins[pairs]
-        for one, other in ((first[pairs], second[pairs]), (second[pairs], first[pairs])):
+        k, pairs = np.divmod(np.flatnonzero(~(bounds > enough)), max(first.size, 1))
+        first, second, margins = first[pairs], second[pairs], self.margins[pairs]
+        away = centres[k, second] - centres[k, first]
+        for one, other in ((first, second), (second, first)):
             # The ball around one body and the box around the other.
             axes = turned[k, other] @ bodies.rotations[other]
             local = np.abs(np.einsum("eij,ei->ej", axes, away))
@@ -298,8 +299,8 @@ class CollisionCheck:
     ----------
     tree, bodies, indices, margins
         See `BodyPairs`.
-    are_meshes : array of bool, shape (n_bodies,)
-        Bodies that are meshes; the others are convex hulls.
+    hulls : bool
+        Whether meshes that move are replaced by their convex hulls.
     """
 
     def __init__(
@@ -308,8 +309,10 @@ class CollisionCheck:
         bodies: Bodies,
         indices: Indices,
         margins: FloatArray,
-        are_meshes: NDArray[np.bool_],
+        *,
+        hulls: bool,
     ) -> None:
+        are_meshes = ~(bodies.are_convex | (hulls & (bodies.joints > 0)))
         self._order, geometry = tree.order, pin.GeometryModel()
         for i, (joint, is_mesh) in enumerate(zip(bodies.joints, are_meshes, strict=True)):
             part = pin.GeometryObject(
@@ -339,6 +342,25 @@ class CollisionCheck:
     def __call__(self, q: FloatArray) -> bool:
         """The answer for a configuration, shape (n_joints,)."""
         return bool(pin.computeCollisions(*self._arguments, q[self._order], True))
+
+
+def _levers(tree: JointTree, bodies: Bodies) -> FloatArray:
+    """Largest speeds of the bodies by the joints, shape (n_bodies, n_joints)."""
+    reaches = bodies.radii + np.linalg.norm(bodies.centres, axis=1)
+    levers = np.zeros((len(bodies.names), len(tree.joints)))
+    for body in np.flatnonzero(bodies.joints).tolist():
+        levers[body] = tree.levers(int(bodies.joints[body]), float(reaches[body]))
+    return levers
+
+
+def _distances(one: FloatArray, other: FloatArray) -> FloatArray:
+    """Distances of all points of shape (…, n, 3) from all others of shape (…, m, 3)."""
+    # |a − b|² = |a|² − 2 a·b + |b|²: where that is rounded noticeably, balls overlap.
+    own, others = (np.sum(x**2, axis=2, keepdims=True) for x in (one, other))
+    left = np.concatenate([-2.0 * one, own, np.ones_like(own)], axis=2)
+    right = np.concatenate([other, np.ones_like(others), others], axis=2)
+    squares = left @ right.transpose(0, 2, 1)
+    return np.asarray(np.sqrt(np.maximum(squares, 0.0, out=squares), out=squares))
 
 
 def _centres(bodies: Bodies, poses: JointPoses, k: Indices, body: Indices) -> FloatArray:

@@ -167,9 +167,9 @@ class CollisionGeometry:
         distances : array, shape (n_pairs,)
             The distances [m].
         hulls : bool
-            Whether convex hulls take the place of meshes that move: faster, on the safe side.
+            Whether convex hulls may take the place of meshes that move: faster, on the safe side.
         """
-        return self.body_pairs.check(self.margins + distances, hulls=hulls)
+        return self.body_pairs.check(distances, hulls=hulls)
 
     def near(self, q: FloatArray, reach: float) -> NearPairs:
         """The pairs nearer than some distance beside their margins.

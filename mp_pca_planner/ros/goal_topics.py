@@ -164,7 +164,9 @@ class GoalTopics:
     def _on_stop(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self._worker.cancel()
         try:
-            response.message = self._server.stop(self._setup.ready())
+            # Whatever prevents goals, the robot that was given one can be stopped.
+            context = self._setup.last_context or self._setup.ready()
+            response.message = self._server.stop(context)
         except Exception as error:
             response.message = f"nothing was published: {self._node.explain(error)}"
         else:
@@ -207,7 +209,8 @@ class GoalTopics:
         stamp: Time = request.name
 
         def is_over() -> bool:
-            return is_cancelled() or self._setup.context is not request.model
+            is_held = bool(self._setup.hold) or self._setup.context is not request.model
+            return is_cancelled() or is_held
 
         try:
             served = self._server.serve(request, is_over)
@@ -218,7 +221,8 @@ class GoalTopics:
             if is_cancelled():
                 raise
             changed = "the parameters, the primitives or the robot description changed during "
-            self._reject(messages.to_refusal(f"{changed}planning; send the goal again", stamp))
+            reason = self._setup.hold or f"{changed}planning; send the goal again"
+            self._reject(messages.to_refusal(reason, stamp))
         except Exception as error:
             self._reject(messages.to_refusal(self._node.explain(error), stamp))
 

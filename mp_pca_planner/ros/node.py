@@ -107,9 +107,11 @@ class PlannerNode(GuardedNode):
         self._log_readiness()
 
     def reject_goals(self, hold: str) -> None:
-        """Cancel goals and reject further ones, with this reason."""
+        """Cancel goals, reject further ones, with this reason, and stop a running motion."""
         self._setup.hold = hold
         self._goals.cancel()
+        if self._setup.last_context is not None:
+            self._server.release(self._setup.last_context, hold)
 
     def _connect(self) -> None:
         self._trajectories = self.create_publisher(JointTrajectory, "~/joint_trajectory", EVERY)
@@ -167,8 +169,8 @@ class PlannerNode(GuardedNode):
     def _watch(self) -> None:
         """Poll the waiting states, and check how the robot follows its motion."""
         self._poll_states()
-        if self._setup.context is not None:
-            self._server.watch(self._setup.context)
+        if self._setup.last_context is not None:
+            self._server.watch(self._setup.last_context)
         if self._server.surroundings.threat is not None:
             self._goals.avoid()
         measured = self._states.measured
@@ -260,7 +262,7 @@ class LifecyclePlannerNode(LifecycleNodeMixin, PlannerNode):
     """A `PlannerNode` that loads primitives when configured and publishes motions when active.
 
     Its topics exist in every state: goals that arrive while it is not active are rejected in
-    ``~/plan_report``.
+    ``~/plan_report``. It stops the robot at any time.
     """
 
     def __init__(self) -> None:
@@ -277,7 +279,7 @@ class LifecyclePlannerNode(LifecycleNodeMixin, PlannerNode):
         return super().on_activate(state)
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Cancel goals and reject further ones; a running motion continues."""
+        """Cancel goals, reject further ones, and stop a running motion."""
         self.reject_goals(_INACTIVE)
         return super().on_deactivate(state)
 

@@ -130,7 +130,8 @@ class PlanningSetup:
     explain : callable
         Describes an error in one sentence.
     expect : callable
-        Called with the joints of new primitives.
+        Called with the joints of the primitives and the context before; returns whether the joints
+        have changed.
     topic : str
         The topic of the robot description, for messages.
 
@@ -140,6 +141,8 @@ class PlanningSetup:
         The values of the parameters.
     context : Model or None
         The planning context; None while a part is missing.
+    last_context : Model or None
+        The newest one of these joints, to stop and monitor the motion of a goal at any time.
     problem : str
         Reason why the primitive files can't be used; empty if they can.
     hold : str
@@ -155,13 +158,14 @@ class PlanningSetup:
         self,
         parameters: NodeParameters,
         explain: Callable[[Exception], str],
-        expect: Callable[[tuple[str, ...]], None],
+        expect: Callable[[tuple[str, ...], Model | None], bool],
         topic: str,
     ) -> None:
         self._parameters, self._explain = parameters, explain
         self._expect, self._topic = expect, topic
         self.settings: Settings = parameters.settings()
         self.context: Model | None = None
+        self.last_context: Model | None = None
         self.problem, self.hold = "", ""
         self._primitives: PrimitiveLibrary | None = None
         self._description = ""
@@ -285,7 +289,8 @@ class PlanningSetup:
             self.problem = ""
         self.settings, self._primitives = settings, primitives
         # Before the context, so that no motion of other joints is running in it.
-        self._expect(joint_names)
+        if self._expect(joint_names, self.last_context) or context is not None:
+            self.last_context = context
         self.context, self._context_problem = context, problem
         self._parameters.forget_limits_except(joint_names)
 

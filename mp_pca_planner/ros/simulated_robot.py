@@ -22,6 +22,9 @@ from .subscriptions import LATCHED
 
 NODE_NAME = "simulated_robot"
 
+# Longest time that the robot makes up for [ns]; before that, it is held.
+_LONGEST_BACKLOG_NS = NS_PER_S // 10
+
 
 def to_controller_message(message: JointTrajectory) -> TrajectoryMessage:
     """Read a message as a controller receives it, well-formed or not."""
@@ -82,6 +85,9 @@ class SimulatedRobotNode(Node):
     def advance(self) -> float:
         """Bring the robot up to the present time; returns the time until its next state [s]."""
         robot, now = self._robot, self.get_clock().now().nanoseconds
+        # On a computer that is too busy, making up for all cycles would take ever longer.
+        if not -_LONGEST_BACKLOG_NS <= now - robot.time_ns <= _LONGEST_BACKLOG_NS:
+            robot.set_time(min(now, max(robot.time_ns, now - _LONGEST_BACKLOG_NS)))
         while robot.time_ns + CYCLE_NS <= now:
             robot.step()
             if robot.state_time_ns != self._published:

@@ -283,6 +283,13 @@ class SimulatedRobot:
         if math.isfinite(positions.sum()):
             self._plant.step(positions)
 
+    def set_time(self, time_ns: int) -> None:
+        """Set the clock [ns]; neither the arm nor its controller moves meanwhile."""
+        since = time_ns - self.time_ns
+        self.time_ns += since
+        self.state_time_ns = min(self.state_time_ns, time_ns)
+        self._under_way = deque((due + since, message) for due, message in self._under_way)
+
     def newest_state(self) -> tuple[float, FloatArray, FloatArray]:
         """The newest joint state that was published: its stamp [s], positions, velocities."""
         return self.state_time_ns / NS_PER_S, *self._state

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import signal
 import subprocess
@@ -17,12 +18,14 @@ import pytest
 pytest.importorskip("rclpy", reason="ROS 2 (extra 'ros') is not installed")
 
 from arm import JOINTS
+from builtin_interfaces.msg import Time
 from nodes import URDF, ros_node, set_domain
 from rcl_interfaces.msg import Log
 from rcl_interfaces.srv import SetParameters
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile
+from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
@@ -111,6 +114,22 @@ def simulated(*options, topic="mp_pca_planner/joint_trajectory", number=signal.S
     printed |= json.loads(output)
 
 
+def test_clock_that_jumps_neither_stops_the_robot_nor_has_it_make_up_for_years():
+    with simulated() as (user, _), ros_node("clock") as node:
+        publisher = node.create_publisher(Clock, "/clock", 1)
+        assert user.set("use_sim_time", True) == ""
+        user.wait(publisher.get_subscription_count)
+        for seconds in (100, 10**9, 50):
+            ticks = itertools.count(10**7, 10**7)
+
+            def is_there(seconds=seconds, ticks=ticks):
+                publisher.publish(Clock(clock=Time(sec=seconds, nanosec=next(ticks))))
+                return user.states[-1].header.stamp.sec == seconds
+
+            user.wait(is_there)
+            assert user.set("payload", 0.1) == ""
+
+
 def test_robot_executes_what_it_is_sent_and_records_every_command(tmp_path):
     path, goal = tmp_path / "commands.npz", np.array([0.4, 0.1, 0.2, 1.2])
     with simulated("--record", str(path)) as (user, printed):
@@ -126,7 +145,7 @@ def test_robot_executes_what_it_is_sent_and_records_every_command(tmp_path):
     np.testing.assert_array_equal(record["q"][-1], goal)
     # Commands come every millisecond, whenever the process was running.
     np.testing.assert_allclose(np.diff(record["clock"]), 1e-3, atol=1e-12)
-    assert set(np.diff(user.stamps())) == {2_000_000}
+    assert np.diff(user.stamps()).min() == 2_000_000
 
 
 def test_controller_that_is_not_active_rejects_and_says_why():

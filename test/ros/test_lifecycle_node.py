@@ -7,6 +7,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 pytest.importorskip("rclpy", reason="ROS 2 (rclpy) is not installed")
@@ -15,6 +16,7 @@ from arm import JOINTS, arm_primitive
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState, GetState
 from nodes import (
+    GOAL,
     PATIENTLY,
     START,
     URDF,
@@ -26,6 +28,7 @@ from nodes import (
     set_domain,
 )
 from rclpy.node import Node
+from test_node_with_robot import benched
 
 from mp_pca_planner.primitives.file import save_primitive
 
@@ -57,6 +60,24 @@ def change(manager: Node, transition: int) -> bool:
 def state(manager: Node) -> str:
     request = GetState.Request()
     return call(manager, GetState, "mp_pca_planner/get_state", request).current_state.label
+
+
+def test_deactivated_node_stops_its_robot_and_still_answers_stop(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def start(user: Node) -> None:
+        assert change(user, CONFIGURE) and change(user, ACTIVATE)
+
+    set_domain(monkeypatch, 42)
+    with benched(tmp_path, prepare=start) as bench, ros_node("operator") as operator:
+        moving = bench.begin_slowly(GOAL)
+        assert change(operator, DEACTIVATE)
+        report = bench.execution(moving)
+        assert report["outcome"] == "stopped"
+        assert np.abs(bench.position - GOAL).max() > 0.1
+        answer, hold = bench.client.stop()
+        assert answer.success, answer.message
+        assert hold is not None
 
 
 def test_managed_node_plans_when_it_is_active_only(manager: Node, tmp_path: Path) -> None:

@@ -80,6 +80,7 @@ class Bench:
 
     def execution(self, answer: Answer) -> dict[str, str]:
         """What became of the motion to a goal."""
+        assert answer.trajectory is not None, answer.report.message
         stamp = answer.values["goal_stamp"]
 
         def reports() -> list[dict[str, str]]:
@@ -128,8 +129,10 @@ class Bench:
 
 
 @contextmanager
-def benched(folder: Path, *options: str) -> Iterator[Bench]:
-    """The node and the robot, which both have to end cleanly."""
+def benched(
+    folder: Path, *options: str, prepare: Callable[[Node], None] | None = None
+) -> Iterator[Bench]:
+    """The node and the robot, which both have to end cleanly; a managed node is prepared."""
     save_primitive(arm_primitive(), folder / "arm.npz")
     command = [sys.executable, "-m", "mp_pca_planner", "simulate"]
     command += ["--robot", str(config_file("human_arm.urdf")), "--joints", ",".join(JOINTS)]
@@ -139,13 +142,15 @@ def benched(folder: Path, *options: str) -> Iterator[Bench]:
     arguments += [f"limits.{j}.max_{k}:={v}" for j in JOINTS for k, v in LIMITS.items()]
     words = [word for argument in arguments for word in ("-p", argument)]
     with (
-        running_node(folder / "log.txt", *words),
+        running_node(folder / "log.txt", *words, options=["--managed"] if prepare else []),
         (folder / "robot.txt").open("w") as log,
         subprocess.Popen(command, stdout=log, stderr=log) as robot,
     ):
         try:
             with NodeClient() as client, ros_node("user") as user:
                 client.wait_for_node(HANG)
+                if prepare:
+                    prepare(user)
                 client.wait_for_model()
                 bench = Bench(client, user)
                 bench.wait(lambda: bool(bench.measured))

@@ -149,6 +149,8 @@ def test_running_motion_leads_around_a_new_obstacle(bench: Bench, user: MarkerUs
     moving = bench.begin_slowly(GOAL)
     centre = middle(moving.trajectory)
     user.send(marker(1, centre))
+    bench.wait(lambda: len(bench.client.executions) >= n + 1)
+    assert "replaced" in bench.client.executions[n].message, str(bench.client.executions[n])
     bench.wait(lambda: len(bench.client.executions) >= n + 2)
     replaced, arrived = bench.client.executions[n : n + 2]
     assert "a new obstacle is on the path ('lower_arm' would hit 'test/1')" in replaced.message

@@ -110,6 +110,30 @@ def test_robot_stops_before_an_obstacle_while_a_sequence_is_planned(node):
     assert "'lower_arm' would hit 'ball'" in node.execution_reports[0][1].message
 
 
+@pytest.mark.parametrize("fault", ["silent", "held", "refused"])
+def test_obstacle_is_avoided_that_came_while_the_robot_was_not_seen_to_move(node, fault):
+    node.ask(GOAL, duration=4.0)
+    node.run(0.8)
+    world, came = ball_at(place_on_motion(node, 0.6)), node.now
+    if fault == "refused":
+        node.robot.faults.drop = 1.0  # of the next motion alone
+        node.ask(HALF, duration=4.0)
+        node.run(0.02)
+    else:
+        setattr(node.robot.faults, fault, True)
+        node.run(0.7)
+    use(node, world)
+    node.run(0.1)
+    node.robot.faults.drop = 0.0
+    if fault != "refused":
+        setattr(node.robot.faults, fault, False)
+    node.run(8.0)
+    assert clearance(node, world, came) > 0.0
+    assert not node.robot.record.v[-1].any()
+    expected = ["replaced", "never_started"] if fault == "refused" else ["stopped"]
+    assert node.outcomes == expected
+
+
 def test_obstacles_beside_or_behind_the_motion_change_nothing(node):
     node.ask(GOAL, duration=4.0)
     node.run(2.5)

@@ -357,6 +357,32 @@ def test_refused_goal_leaves_the_running_motion_alone(node):
     assert node.outcomes == ["arrived"]
 
 
+@pytest.mark.parametrize("event", ["other joints", "release"])
+def test_motion_that_is_no_longer_monitored_is_stopped(node, event):
+    node.ask(GOAL)
+    node.run(0.3)
+    if event == "release":
+        node.server.release(node.model, "it is deactivated")
+    else:
+        assert node.server.expect(JOINTS[:2], node.model)
+    n_sent = len(node.sent)
+    assert n_sent == 2
+    for _ in range(1500):
+        node.robot.step()
+    node.assert_smooth()
+    assert not node.robot.record.v[-1].any()
+    assert np.abs(node.commanded - GOAL).max() > 0.1
+    node.server.release(node.model, "it is stopped already")
+    assert len(node.sent) == n_sent
+
+
+def test_robot_that_arrived_is_not_stopped_again(node):
+    node.ask(GOAL)
+    node.run(5.0)
+    node.server.release(node.model, "it is deactivated")
+    assert len(node.sent) == 1
+
+
 @pytest.mark.parametrize(("change", "reason"), [("joints", "joints"), ("clock", "set back")])
 def test_motion_that_can_no_longer_be_followed_is_reported(node, monkeypatch, change, reason):
     node.ask(GOAL)

@@ -394,7 +394,5 @@ def test_motion_counts_no_longer_when_time_was_set_back(moving):
 
 
 def test_what_is_known_of_former_joints_is_forgotten(moving):
-    moving.states.expect(JOINTS)
-    assert moving.states.commanded is not None
     moving.states.expect(("a",))
     assert moving.states.commanded is None

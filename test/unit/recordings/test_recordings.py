@@ -75,6 +75,26 @@ def test_report_says_what_was_found(tmp_path: Path, bag_format: str) -> None:
     assert report.notes == (f"velocities are empty or NaN in all {report.n_messages} messages",)
 
 
+@pytest.mark.parametrize(
+    ("upper", "note", "refusal"),
+    [
+        (1.09, None, None),  # soft limits and noise
+        (0.9, "joint 'a' is at 1.1 rad (or m), 0.2 beyond its limit in the robot descr", None),
+        (-2.5, None, "joint 'a' is at 1.1 rad (or m), 3.6 beyond its limit in the robot descr"),
+    ],
+)
+def test_motions_beyond_the_limits_of_the_robot_are_noted_or_refused(
+    tmp_path: Path, upper: float, note: str | None, refusal: str | None
+) -> None:
+    limits = {"a": (-3.0, upper), "other": (5.0, 6.0)}
+    loaded = load_recordings([reaches(tmp_path / "x")], position_limits=limits)
+    found = [one for report in loaded.reports for one in report.notes if "beyond" in one]
+    assert len(found) == (note is not None) and all(one.startswith(note) for one in found)
+    reasons = [one.reason for one in loaded.refused]
+    assert len(reasons) == (refusal is not None)
+    assert all(one.startswith(refusal) for one in reasons)
+
+
 def test_bad_recording_is_refused_by_name_and_the_rest_is_used(tmp_path: Path) -> None:
     for name in FORMATS:
         reaches(tmp_path / name, name)

@@ -55,7 +55,7 @@ def test_distance_of_a_sphere_from_a_box_is_that_of_its_centre_from_the_box():
     assert found["turner", "box"] == pytest.approx(np.hypot(0.4, 0.3) - RADIUS, abs=1e-6)
 
 
-@pytest.mark.parametrize("n_others", [0, 60])
+@pytest.mark.parametrize("n_others", [0, 60, 400])
 def test_configurations_are_checked_with_the_margin_among_few_and_many_bodies(n_others):
     ball = mp.Obstacle("ball", mp.Sphere(0.2, (0.0, 0.8, 1.0)))
     others = [mp.Obstacle(f"o{k}", mp.Sphere(0.1, (3.0 + k, 0.0, 1.0))) for k in range(n_others)]
@@ -204,6 +204,23 @@ def test_distances_are_those_of_plain_calls_and_bounds_lie_below():
         clearly = np.abs(least) > 1e-4
         np.testing.assert_array_equal(met[clearly], least[clearly] < 0.0)
     assert n_clear > 100
+
+
+def test_check_among_very_many_bodies_is_that_among_each_part_of_them():
+    rng, limits = np.random.default_rng(3), arm_robot().limits()
+    places = rng.uniform(-0.9, 0.9, (400, 3))
+    balls = [mp.Obstacle(f"o{k}", mp.Sphere(0.02, place)) for k, place in enumerate(places)]
+    every, *parts = (
+        CollisionModel(arm_robot(), world=mp.World(some), margin=0.01, self_collision=False)
+        for some in (balls, *(balls[k : k + 100] for k in range(0, 400, 100)))
+    )
+    checks = [one.check(np.full(len(one.pairs), 0.02)) for one in (every, *parts)]
+    met = {False: 0, True: 0}
+    for q in rng.uniform(limits.lower, limits.upper, (200, 4)):
+        assert every.collides(q) == any(part.collides(q) for part in parts)
+        assert checks[0](q) == any(check(q) for check in checks[1:])
+        met[checks[0](q)] += 1
+    assert min(met.values()) > 10
 
 
 def test_derivatives_are_those_of_differences():

@@ -280,3 +280,19 @@ def test_fault_that_can_not_be_is_refused_and_changes_nothing(name, value, reaso
 def test_robot_that_can_not_be_is_refused(options, reason):
     with pytest.raises(SimulationError, match=reason):
         robot(**options)
+
+
+def test_robot_is_held_while_its_clock_is_set():
+    moved, jumped = robot(), robot()
+    for one in (moved, jumped):
+        one.faults.delay = 0.01
+        one.send(motion())
+        steps(one, 5)  # the message is on its way
+    for offset in (10**12, -(10**11), 0):
+        jumped.set_time(moved.time_ns + offset)
+        n, published = len(jumped.record), jumped.state_time_ns
+        assert published <= jumped.time_ns
+        for one in (moved, jumped):
+            steps(one, 300)
+        np.testing.assert_array_equal(jumped.record.q[n:], moved.record.q[n:])
+        assert jumped.state_time_ns > published

@@ -1,0 +1,152 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Publishing, monitoring and stopping motions."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import suppress
+from typing import Protocol
+
+from ..exceptions import GoalError, PlannerError
+from ..motion.trajectory import Trajectory
+from .assembly import Model
+from .execution_monitor import Execution, ExecutionReport
+from .measured import Clock
+from .options import ServingOptions
+from .published_motion import Joined
+from .start_state import StartStates
+from .stopping import StopPlanner
+from .surroundings import Surroundings
+
+
+class Publish(Protocol):
+    """Sends a trajectory to the controller."""
+
+    def __call__(
+        self, trajectory: Trajectory, *, stamp: float | None, last_point_only: bool
+    ) -> None:
+        """Send it; it starts at the stamp [s], or when it is received if there is none."""
+
+
+class MotionMonitor:
+    """Publishes motions, monitors how the robot follows them, and stops it.
+
+    Parameters
+    ----------
+    states :
+        Source of the start states of motions.
+    publish :
+        Sends a trajectory to the controller.
+    clock :
+        The clock of planning times [s]: never set back.
+    report :
+        Called with the outcome of each published motion.
+    options :
+        Parameters.
+
+    Attributes
+    ----------
+    states, options
+        As given.
+    surroundings : Surroundings
+        The obstacles around the robot.
+    """
+
+    def __init__(
+        self,
+        states: StartStates,
+        publish: Publish,
+        clock: Clock,
+        report: Callable[[ExecutionReport], None],
+        options: ServingOptions | None = None,
+    ) -> None:
+        self.options = options or ServingOptions()
+        self.states = states
+        self._send, self._report = publish, report
+        self.surroundings = Surroundings(states)
+        self._stops = StopPlanner(states, self.surroundings, clock, self.options)
+
+    def watch(self, model: Model) -> None:
+        """Check how the robot follows its motion; call this at 10 Hz or more.
+
+        The robot is stopped if it would hit an obstacle soon, whatever is being planned.
+        """
+        with suppress(PlannerError):  # obstacles that can't be avoided are reported elsewhere
+            self.surroundings.look_ahead(model)
+        with self.states.lock:
+            try:
+                following = self.states.follow(model.settings)
+            except GoalError:
+                following = None
+            execution, now = self.states.execution, self.states.motion_time
+            if execution is not None and self.states.commanded is None:
+                self._end(execution.given_up("time was set back"))
+            elif execution is not None:
+                self._end(execution.update(following, now, self.options))
+            threat = self.surroundings.threat
+            if threat is not None and now > threat.last_time(self.options):
+                self.stop(model, threat.reason)
+
+    def expect(self, joint_names: tuple[str, ...], model: Model | None = None) -> bool:
+        """Use the states of these joints; returns whether they are others.
+
+        A running motion is stopped then, with the model before.
+        """
+        reason = "the joints of the primitives have changed"
+        with self.states.lock:
+            if joint_names == self.states.measured.joint_names:
+                return False
+            if model is not None:
+                with suppress(GoalError):
+                    self.release(model, reason)
+            execution = self.states.execution
+            self.states.expect(joint_names)
+            if execution is not None:
+                self._end(execution.given_up(reason))
+        return True
+
+    def release(self, model: Model, reason: str) -> None:
+        """Stop the robot if it executes the motion of a goal, like :meth:`stop`."""
+        with self.states.lock:
+            execution = self.states.execution
+            if execution is not None and not (execution.is_stop or execution.is_reported):
+                self.stop(model, reason)
+
+    def stop(self, model: Model, reason: str = "") -> str:
+        """Publish a trajectory that brings the robot to rest.
+
+        Parameters
+        ----------
+        model :
+            The planner and its settings.
+        reason :
+            Why, for the report of the execution.
+
+        Returns
+        -------
+        :
+            Description of the stop, one sentence.
+
+        Raises
+        ------
+        PlannerError
+            If the robot's state is unknown; nothing was published then.
+        """
+        with self.states.lock:
+            found = self._stops.find(model)
+            why = found.after(reason)
+            self._commit(found.joined, Execution.of_stop(self.states.execution, found.joined, why))
+        return found.message
+
+    def _commit(self, joined: Joined, execution: Execution) -> None:
+        """Publish a motion, the only place where that is done; it replaces the one before."""
+        old = self.states.published
+        self._send(joined.trajectory, stamp=joined.stamp, last_point_only=joined.last_point_only)
+        self.states.command(joined, execution)
+        if old is not None and old.execution is not None and not execution.is_stop:
+            self._end(old.execution.replaced(old.threat.reason if old.threat else ""))
+
+    def _end(self, report: ExecutionReport | None) -> None:
+        if report is not None:
+            self._report(report)
