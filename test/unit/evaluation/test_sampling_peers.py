@@ -127,7 +127,5 @@ def test_missing_library_is_named(monkeypatch):
     monkeypatch.setitem(sys.modules, "vamp.constants", None)
     robot = arm_robot()
     scene = SimpleNamespace(robot=robot)
-    with pytest.raises(
-        MissingDependencyError, match=r"'vamp_toppra' needs .* 'vamp'.*\[vamp\]"
-    ):
+    with pytest.raises(MissingDependencyError, match=r"'vamp_toppra' needs .* 'vamp'.*\[vamp\]"):
         vamp_method(scene, 1.0, CollisionModel(robot))
