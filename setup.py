@@ -83,6 +83,8 @@ setup(
         "ompl": ["ompl>=2.0; python_version < '3.14'"],
         # Has no wheels for many platforms: apart, so that it doesn't hold up the other peers.
         "drake": ["drake>=1.30"],
+        # Has no wheels: pip builds it with a compiler, CMake, Eigen and Git.
+        "vamp": ["vamp-planner>=0.6.1"],
         # Another physics engine for the simulated robot.
         "sim": ["mujoco>=3.3"],
         # Completion of commands and options in the shell.

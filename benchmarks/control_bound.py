@@ -32,7 +32,7 @@ def main() -> None:
     parser.add_argument("--natural-frequency", type=float, default=30.0)
     arguments = parser.parse_args()
     robot = Robot.from_file(config_file("human_arm.urdf"), JOINT_NAMES)
-    motions = [motion.as_demonstration() for motion in generate_motions(40, 1)]
+    motions = generate_motions(40, 1)
     primitive = build_primitive(motions, "bound", PrimitiveOptions(n_components=6))
     planner = Planner(robot, [primitive], robot.limits())
     errors, limits = ErrorModel(), robot.limits().effort

@@ -22,6 +22,7 @@ from collections import Counter
 from dataclasses import dataclass
 
 import numpy as np
+from scenes import scene_of
 from tables import benchmark_parser, show
 
 from mp_pca_planner.evaluation.problems import (
@@ -30,7 +31,6 @@ from mp_pca_planner.evaluation.problems import (
     held_out_problems,
     random_problems,
     robot_file,
-    scene_of,
 )
 from mp_pca_planner.motion.goal import JointGoal, JointState
 from mp_pca_planner.planning.plan import Plan, PlannerOptions

@@ -17,6 +17,7 @@ from pathlib import Path
 
 import numpy as np
 from example_robot_data.robots_loader import getModelPath
+from scenes import scene_of
 from tables import benchmark_parser, show
 
 from mp_pca_planner.evaluation.problems import (
@@ -24,7 +25,6 @@ from mp_pca_planner.evaluation.problems import (
     Scene,
     held_out_problems,
     robot_file,
-    scene_of,
 )
 from mp_pca_planner.motion.goal import JointGoal, JointState
 from mp_pca_planner.planning.plan import PlannerOptions

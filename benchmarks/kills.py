@@ -158,18 +158,18 @@ def kill(victim: Victim, seeds: Path, work: Path, n: int, random: np.random.Gene
 def kill_node(n: int, work: Path, random: np.random.Generator) -> list[str]:
     """Kill the node this many times while it saves a motion; return the failures."""
     from node_exits import wait_until_served, write_parameters
-    from node_setup import primitive_file
+    from node_setup import RobotClient, primitive_file, start_node
     from sensor_msgs.msg import JointState
 
     from mp_pca_planner.recordings.synthetic import JOINT_NAMES, generate_motions
-    from mp_pca_planner.ros.client import GoalClient, NoAnswerError, start_node, this_machine_only
+    from mp_pca_planner.ros.client import NoAnswerError, this_machine_only
 
     os.environ.update(this_machine_only())
     motion = generate_motions(1, seed=2)[0]
     state, goal = (JointState(name=JOINT_NAMES, position=motion.positions[k]) for k in (0, -1))
     problems, takes, folder = [], 0.0, work / "kept"
     folder.mkdir(parents=True)
-    with primitive_file() as file, GoalClient(plays_robot=True) as client:
+    with primitive_file() as file, RobotClient() as client:
         options = ("--params-file", str(write_parameters(file)), "-p", f"save_folder:={folder}")
         for k in range(n + 1):
             before = contents(folder)

@@ -44,7 +44,7 @@ def main() -> None:
     parser.add_argument("--trials", type=int, default=60)
     arguments = parser.parse_args()
     robot = Robot.from_file(config_file("human_arm.urdf"), JOINT_NAMES)
-    motions = [motion.as_demonstration() for motion in generate_motions(40, 1)]
+    motions = generate_motions(40, 1)
     primitive = build_primitive(motions, "one_shot", PrimitiveOptions(n_components=6))
     planner = Planner(robot, [primitive], robot.limits())
     plans = [

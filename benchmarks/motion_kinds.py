@@ -5,13 +5,15 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
-from mp_pca_planner.recordings.synthetic import SyntheticMotion, bell, progress
+from mp_pca_planner.recordings.demonstration import Demonstration
+from mp_pca_planner.recordings.synthetic import JOINT_NAMES, bell, progress
 
 
 def generate_kinds(
     n_motions: int, n_kinds: int, seed: int, *, first: int = 0
-) -> list[SyntheticMotion]:
+) -> list[Demonstration]:
     """Generate motions of different kinds of the same arm, one of each kind in turn.
 
     The ends, the detour and the duration of a kind are drawn at random, and vary a little from
@@ -31,7 +33,7 @@ def generate_kinds(
     return [_motion_of_kind(i, i % n_kinds, seed) for i in range(first, first + n_motions)]
 
 
-def _motion_of_kind(index: int, kind: int, seed: int) -> SyntheticMotion:
+def _motion_of_kind(index: int, kind: int, seed: int) -> Demonstration:
     rng = np.random.default_rng([seed, 0, kind])
     ends = rng.uniform([-2.0, -1.0, -0.5, -2.2], [0.2, 1.2, 1.5, -0.2], (2, 4))
     detour, detour_peak = rng.normal(0.0, 0.35, 4), rng.uniform(0.4, 0.6)
@@ -45,4 +47,6 @@ def _motion_of_kind(index: int, kind: int, seed: int) -> SyntheticMotion:
     positions = (
         start + (goal - start) * progress(phases, peaks) + detour * bell(phases, detour_peak)
     )
-    return SyntheticMotion(phases[:, 0] * duration, positions)
+    times = phases[:, 0] * duration
+    curve = CubicSpline(times, positions)
+    return Demonstration.of_curve(JOINT_NAMES, curve, times, "made up")

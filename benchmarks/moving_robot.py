@@ -282,6 +282,8 @@ def messages_apart(run: Run) -> dict[str, set[int]]:
     restarts = np.searchsorted(record.times, run.node.restarts)
     # After these, the held position is known to the controller only.
     unknown = {-1, *record.cuts, *restarts}
+    # After a lost message, too, once the robot rests: under a new load it is not where it was sent.
+    lost = np.searchsorted(record.times, [time for time, _ in robot.rejections])
     found: dict[str, set[int]] = {kind: set() for kind in APART}
     last = 0
     for tick, n_points in robot.taken:
@@ -293,7 +295,9 @@ def messages_apart(run: Run) -> dict[str, set[int]]:
             found["hasty"].add(tick)
         elif was_slowed:
             found["slowed"].add(tick)
-        elif any(last <= cut <= tick for cut in unknown):
+        elif any(last <= cut <= tick for cut in unknown) or (
+            not record.v[tick - 1].any() and any(last <= cut <= tick for cut in lost)
+        ):
             # The effect of a message at rest may appear one tick later.
             found["unknown"] |= {tick, tick + 1}
         last = tick

@@ -26,15 +26,13 @@ from typing import IO
 
 import numpy as np
 import yaml
-from node_setup import URDF, primitive_file
+from node_setup import URDF, RobotClient, primitive_file, start_node
 from sensor_msgs.msg import JointState
 
 from mp_pca_planner.recordings.synthetic import JOINT_NAMES, generate_motions
 from mp_pca_planner.ros.client import (
-    GoalClient,
     NoAnswerError,
     is_served,
-    start_node,
     this_machine_only,
 )
 
@@ -60,7 +58,7 @@ def main() -> int:
     state = JointState(name=JOINT_NAMES, position=motion.positions[0])
     with (
         primitive_file() as file,
-        GoalClient(plays_robot=True) as client,
+        RobotClient() as client,
         tempfile.TemporaryFile("w+") as log,
     ):
         parameters = write_parameters(file)
@@ -100,7 +98,7 @@ def told(times: list[float]) -> str:
     return f"{median:.2f} s (99th percentile {high:.2f} s)"
 
 
-def wait_until_served(client: GoalClient, state: JointState, goal: JointState) -> None:
+def wait_until_served(client: RobotClient, state: JointState, goal: JointState) -> None:
     """Send the goal repeatedly, as a client that waits for the node."""
     patience = 0.05
     while True:

@@ -23,7 +23,7 @@ from subprocess import Popen
 from typing import Any
 
 from geometry_msgs.msg import PoseStamped, Vector3
-from node_setup import URDF, primitive_file, silent_node
+from node_setup import URDF, RobotClient, primitive_file, silent_node, start_node
 from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.msg import ParameterType, ParameterValue
 from rcl_interfaces.srv import (
@@ -46,7 +46,7 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from visualization_msgs.msg import Marker, MarkerArray
 
 from mp_pca_planner.recordings.synthetic import JOINT_NAMES, generate_motions
-from mp_pca_planner.ros.client import GoalClient, is_served, start_node, this_machine_only
+from mp_pca_planner.ros.client import is_served, this_machine_only
 
 _PATIENCE = 120.0
 _PERIOD = 2e-3
@@ -109,7 +109,7 @@ def main() -> int:
         own = ("-p", f"primitives:=['{file}']", "-p", f"save_folder:='{folder}'")
         node = start_node(*own, "-p", "state_timeout:=3600.0", output=log)
         try:
-            with GoalClient(plays_robot=True) as client, silent_node("fuzzer") as caller:
+            with RobotClient() as client, silent_node("fuzzer") as caller:
                 fuzzer = Fuzzer(node, client, caller)
                 fuzzer.send_garbage(arguments.messages)
                 fuzzer.send_too_much()
@@ -140,7 +140,7 @@ class Fuzzer:
         Seed of the random input.
     """
 
-    def __init__(self, node: Popen[str], client: GoalClient, caller: Node, seed: int = 1) -> None:
+    def __init__(self, node: Popen[str], client: RobotClient, caller: Node, seed: int = 1) -> None:
         self.n_steps = self.n_served = 0
         self._node, self._client, self._caller = node, client, caller
         self._executor = SingleThreadedExecutor(context=caller.context)

@@ -15,12 +15,20 @@ from subprocess import Popen
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
-from node_setup import URDF, joint_states, print_latencies, processor_time, running_node
+from node_setup import (
+    URDF,
+    RobotClient,
+    joint_states,
+    print_latencies,
+    processor_time,
+    running_node,
+)
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
-from mp_pca_planner.recordings.synthetic import JOINT_NAMES, SyntheticMotion, generate_motions
-from mp_pca_planner.ros.client import Answer, GoalClient, this_machine_only
+from mp_pca_planner.recordings.demonstration import Demonstration
+from mp_pca_planner.recordings.synthetic import JOINT_NAMES, generate_motions
+from mp_pca_planner.ros.client import Answer, this_machine_only
 
 RATES = (20.0, 1000.0)
 _N_ROUNDS = 4
@@ -38,7 +46,7 @@ def main() -> None:
     motions = generate_motions(arguments.goals // _N_ROUNDS, seed=2)
     answers: dict[float, list[Answer]] = {rate: [] for rate in RATES}
     shares: dict[float, list[float]] = {rate: [] for rate in RATES}
-    with running_node() as node, GoalClient(plays_robot=True) as client:
+    with running_node() as node, RobotClient() as client:
         client.publish("robot_description", String(data=URDF.read_text(encoding="utf-8")))
         client.wait_for_node()
         client.wait_for_model()
@@ -63,7 +71,7 @@ def idle_share(node: Popen[str], duration: float) -> float:
     return (processor_time(node) - before) / (time.monotonic() - began)
 
 
-def plan(client: GoalClient, motion: SyntheticMotion) -> Answer:
+def plan(client: RobotClient, motion: Demonstration) -> Answer:
     """A goal at the end of a motion, some time after the last one."""
     time.sleep(_PAUSE)
     return client.send(JointState(name=JOINT_NAMES, position=motion.positions[-1]))

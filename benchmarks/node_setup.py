@@ -1,18 +1,21 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Common parts of the node benchmarks: a node, joint states, and CPU and memory usage."""
+"""Common parts of benchmarks and tests of the node: it, a client, joint states, CPU and memory."""
 
 from __future__ import annotations
 
 import multiprocessing
 import os
+import subprocess
+import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from multiprocessing.synchronize import Event
 from pathlib import Path
 from subprocess import Popen
+from typing import IO, Any
 
 import numpy as np
 import rclpy
@@ -20,16 +23,58 @@ from rclpy.node import Node
 from rclpy.serialization import serialize_message
 from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64, String
 
 from mp_pca_planner.primitives.build import build_primitive
 from mp_pca_planner.primitives.file import save_primitive
 from mp_pca_planner.recordings.synthetic import JOINT_NAMES, generate_motions
 from mp_pca_planner.resources import config_file
-from mp_pca_planner.ros.client import start_node
+from mp_pca_planner.ros.client import GoalClient
+from mp_pca_planner.ros.subscriptions import LATCHED
 
 URDF = config_file("human_arm.urdf")
 # Fresh processes: ROS does not survive a fork.
 PROCESSES = multiprocessing.get_context("spawn")
+
+
+class RobotClient(GoalClient):
+    """A client that plays the robot, too."""
+
+    def __init__(self, *arguments: str, **names: str) -> None:
+        super().__init__(*arguments, **names)
+        node = self.node
+        self._publishers |= {
+            "trial_cost": node.create_publisher(Float64, f"{self.planner}/trial_cost", 1),
+            "joint_states": node.create_publisher(JointState, "joint_states", 1),
+            "robot_description": node.create_publisher(String, "robot_description", LATCHED),
+        }
+
+    def publish(self, topic: str, message: Any) -> None:
+        """Publish on a goal topic, ``joint_states``, ``robot_description`` or ``trial_cost``."""
+        self._publishers[topic].publish(message)
+
+    def wait_for_model(self) -> None:
+        """Wait until the node has primitives and a robot model."""
+        self.wait_for_diagnostics(lambda values: values["model"] != "none")
+
+
+def start_node(
+    *ros_arguments: str, options: Sequence[str] = (), output: IO[str] | None = None
+) -> Popen[str]:
+    """Start the node in a process of its own.
+
+    Parameters
+    ----------
+    ros_arguments :
+        The arguments after ``--ros-args``.
+    options :
+        The arguments before.
+    output :
+        File for its output; that of this process by default.
+    """
+    command = [sys.executable, "-m", "mp_pca_planner", "planner_node", *options]
+    command += ["--ros-args", *ros_arguments]
+    return subprocess.Popen(command, stdout=output, stderr=output, text=True)
 
 
 @contextmanager
@@ -37,7 +82,7 @@ def primitive_file() -> Iterator[Path]:
     """A primitive of the human-like arm."""
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "raise_arm.npz"
-        demonstrations = [motion.as_demonstration() for motion in generate_motions(20, seed=1)]
+        demonstrations = generate_motions(20, seed=1)
         save_primitive(build_primitive(demonstrations, "raise_arm"), file)
         yield file
 

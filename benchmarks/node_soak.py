@@ -32,6 +32,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from node_setup import (
     PROCESSES,
     URDF,
+    RobotClient,
     joint_states,
     print_latencies,
     processor_time,
@@ -49,7 +50,7 @@ from std_msgs.msg import String
 from trajectory_msgs.msg import JointTrajectory
 
 from mp_pca_planner.recordings.synthetic import JOINT_NAMES, generate_motions
-from mp_pca_planner.ros.client import GoalClient, is_served, report_values, this_machine_only
+from mp_pca_planner.ros.client import is_served, report_values, this_machine_only
 from mp_pca_planner.ros.messages import to_stamp_text
 
 T = TypeVar("T")
@@ -84,7 +85,7 @@ def main() -> int:
     n_goals = arguments.goals // len(_KINDS)
     outcomes: Queue[Outcome] = PROCESSES.Queue()
     with running_node("--log-level", "fatal") as node, joint_states(500.0, start):
-        with GoalClient("monitor", plays_robot=True) as monitor:
+        with RobotClient("monitor") as monitor:
             monitor.publish("robot_description", String(data=URDF.read_text(encoding="utf-8")))
             monitor.wait_for_model()
         clients = [
@@ -112,7 +113,7 @@ def flood(n_goals: int, rate: float, start: list[float]) -> int:
     with (
         running_node("--log-level", "fatal"),
         joint_states(500.0, start),
-        GoalClient("monitor", plays_robot=True) as monitor,
+        RobotClient("monitor") as monitor,
         silent_node("sender") as sender,
         silent_node("keeping") as keeper,
         silent_node("lagging") as laggard,
@@ -136,7 +137,7 @@ def flood(n_goals: int, rate: float, start: list[float]) -> int:
     return int(not taken == len(reported) == reported.total())
 
 
-def n_taken(monitor: GoalClient) -> int:
+def n_taken(monitor: RobotClient) -> int:
     """Final number of goals that the node received, by its own statistics."""
     counts = [-1]
     while len(counts) < 3 or counts[-1] != counts[-3]:

@@ -64,7 +64,7 @@ def user_among(n_obstacles: int, start: np.ndarray, *words: str) -> Iterator[Use
     given = [word for one in ("collision:=true", *limits) for word in ("-p", one)]
     with running_node(*given, *words), simulated_robot(start), GoalClient() as client:
         client.wait_for_node()
-        client.wait_for_model()
+        client.wait_for_diagnostics(lambda values: values["model"] != "none")
         user = User(client)
         user.surround(n_obstacles)
         yield user

@@ -18,6 +18,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
+from scenes import scene_of
 from tables import benchmark_parser, show
 from virtual_node import MAX_ACCELERATION
 
@@ -27,7 +28,6 @@ from mp_pca_planner.evaluation.problems import (
     Scene,
     held_out_problems,
     robot_file,
-    scene_of,
 )
 from mp_pca_planner.motion.goal import JointGoal, JointState, Pose, PoseGoal
 from mp_pca_planner.planning.plan import FREE, SHORTEST, PlannerOptions

@@ -16,6 +16,7 @@ import time
 
 import numpy as np
 import pinocchio as pin
+from scenes import scene_of
 from tables import benchmark_parser, show
 
 from mp_pca_planner.evaluation.check import RigidArm
@@ -24,7 +25,6 @@ from mp_pca_planner.evaluation.problems import (
     Scene,
     held_out_problems,
     robot_file,
-    scene_of,
 )
 from mp_pca_planner.motion.goal import JointGoal, JointState
 from mp_pca_planner.planning.compiler import MotionProgram

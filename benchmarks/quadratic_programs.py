@@ -17,8 +17,9 @@ import time
 from collections.abc import Callable
 
 import numpy as np
+from scenes import scene_of
 
-from mp_pca_planner.evaluation.problems import held_out_problems, robot_file, scene_of
+from mp_pca_planner.evaluation.problems import held_out_problems, robot_file
 from mp_pca_planner.motion.goal import JointGoal, JointState
 from mp_pca_planner.planning import subproblem
 from mp_pca_planner.planning.matrices import Factor, cholesky

@@ -135,7 +135,7 @@ def in_order_of_tree(tree: cKDTree, scale: np.ndarray, *ends: np.ndarray) -> obj
 @lru_cache(1)
 def base() -> list[MovementPrimitive]:
     """Primitives of similar motions."""
-    motions = [motion.as_demonstration() for motion in generate_motions(1000, 1)]
+    motions = generate_motions(1000, 1)
     ends = np.array([motion.positions[[0, -1]].ravel() for motion in motions])
     options = PrimitiveOptions(n_components=4)
     found = []
@@ -226,7 +226,7 @@ def memory() -> float:
 
 def quality(robot: Robot, n_goals: int) -> dict[str, Table]:
     """Print how near the plans are to the cheapest ones."""
-    motions = [motion.as_demonstration() for motion in generate_motions(200, 1)]
+    motions = generate_motions(200, 1)
     rng = np.random.default_rng(0)
     options = PrimitiveOptions(n_components=4)
     primitives = []

@@ -35,7 +35,7 @@ def main() -> None:
     arguments = parser.parse_args()
     n_sequences = arguments.sequences
     robot = Robot.from_file(config_file("human_arm.urdf"), JOINT_NAMES)
-    motions = [motion.as_demonstration() for motion in generate_motions(40, 1)]
+    motions = generate_motions(40, 1)
     primitive = build_primitive(motions, "sequences", PrimitiveOptions(n_components=6))
     planner = Planner(robot, [primitive], options=PlannerOptions(max_solve_time=float("inf")))
     stopping = Planner(robot, [primitive], robot.limits())
@@ -103,7 +103,7 @@ def beyond(plan: Plan) -> list[float]:
     """Largest overshoot of a joint beyond its positions at the ends of a segment [rad]."""
     found = []
     for motion in plan.motions:
-        q, _, _ = motion.evaluate(motion.sample_times(0.01))
+        q, _, _ = motion.sample(0.01)[1]
         low, high = np.minimum(q[0], q[-1]), np.maximum(q[0], q[-1])
         found.append(float(np.maximum(low - q, q - high).max()))
     return found

@@ -16,11 +16,12 @@ from collections.abc import Iterator
 
 import numpy as np
 import pinocchio as pin
+from scenes import scene_of
 from tables import benchmark_parser, show
 
 import mp_pca_planner as mp
 from mp_pca_planner.evaluation.check import RigidArm, judge
-from mp_pca_planner.evaluation.problems import Problem, held_out_problems, robot_file, scene_of
+from mp_pca_planner.evaluation.problems import Problem, held_out_problems, robot_file
 from mp_pca_planner.motion.collision import CollisionModel, package_folders
 from mp_pca_planner.motion.goal import JointGoal, JointState
 from mp_pca_planner.motion.trajectory import Trajectory

@@ -14,6 +14,7 @@ effort.
 from __future__ import annotations
 
 import numpy as np
+from scenes import scene_of
 from tables import benchmark_parser, show
 
 from mp_pca_planner.evaluation.problems import (
@@ -22,7 +23,6 @@ from mp_pca_planner.evaluation.problems import (
     held_out_problems,
     random_problems,
     robot_file,
-    scene_of,
 )
 from mp_pca_planner.motion.goal import JointGoal, JointState
 from mp_pca_planner.planning.plan import SOLVED, PlannerOptions

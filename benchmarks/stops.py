@@ -5,7 +5,9 @@
 A simulated robot moves among 20 obstacles in virtual time and is stopped at a random moment. Of the
 kinds of stops, one is of a robot that follows its motion; before another one, a sphere appears
 ahead of the hand; the others are of a slowed robot, of one that is held, and of one that sends no
-states. Plain calls of Pinocchio check the commands after the stop every millisecond.
+states. Plain calls of Pinocchio check the commands after the stop every millisecond. In virtual
+time the search for a clear stop is not cut off, as it is in the node
+(`ServingOptions.clearance_time`).
 
     python benchmarks/stops.py [--stops 200] [--obstacles 20] [--robots panda,ur5] [--seed 0]
 """

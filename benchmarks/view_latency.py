@@ -81,7 +81,7 @@ def content_of(name: str) -> PageContent:
     _, urdf, joints = robot_file(name)
     robot = Robot.from_file(urdf, joints)
     if name == "human_arm":
-        demonstrations = [m.as_demonstration("generated") for m in generate_motions(30, 1)]
+        demonstrations = generate_motions(30, 1)
     else:
         demonstrations = random_reaches(robot, robot.limits(), 30, 1)
     return read_content(urdf, [MovementPrimitive.fit(demonstrations, name=name)])

@@ -15,8 +15,9 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+from scenes import scene_of
 
-from mp_pca_planner.evaluation.problems import Scene, robot_file, scene_of
+from mp_pca_planner.evaluation.problems import Scene, robot_file
 from mp_pca_planner.exceptions import PlannerError
 from mp_pca_planner.execution.assembly import Model, assemble_model
 from mp_pca_planner.execution.execution_monitor import ExecutionReport

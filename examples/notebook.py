@@ -10,7 +10,7 @@ demonstrations = mp.load_demonstrations(bag, robot=urdf)
 print(demonstrations.report)
 
 raise_arm = mp.MovementPrimitive.fit(demonstrations, name="raise_arm")
-raise_arm.save("raise_arm.npz")
+raise_arm.save("raise_arm.npz", overwrite=True)
 robot = mp.Robot.from_file(urdf, raise_arm.joint_names)
 planner = mp.Planner(robot, [raise_arm])
 plan = planner.plan(
@@ -18,4 +18,4 @@ plan = planner.plan(
 )
 print(plan)
 plan.plot().flat[0].figure.savefig("motion.png")
-plan.trajectory.save("motion.csv")
+plan.trajectory.save("motion.csv", overwrite=True)

@@ -44,33 +44,21 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 
 # Imported at first use, so that `import mp_pca_planner` is fast and loads only what is used.
-_HOMES = {
-    "Box": "robot.world",
-    "Capsule": "robot.world",
-    "Cylinder": "robot.world",
-    "Demonstration": "recordings.demonstration",
-    "JointGoal": "motion.goal",
-    "JointLimits": "robot.limits",
-    "JointState": "motion.goal",
-    "Mesh": "robot.world",
-    "MovementPrimitive": "primitives.primitive",
-    "Obstacle": "robot.world",
-    "Plan": "planning.plan",
-    "Planner": "planning.planner",
-    "PlannerOptions": "planning.plan",
-    "Pose": "motion.goal",
-    "PoseGoal": "motion.goal",
-    "Robot": "robot.model",
-    "SequenceGoal": "motion.goal",
-    "Sphere": "robot.world",
-    "Trajectory": "motion.trajectory",
-    "Via": "motion.goal",
-    "World": "robot.world",
-    "config_file": "resources",
-    "load_demonstrations": "recordings.demonstrations",
-    "show": "view.content",
-    "write_example_recording": "recordings.demonstrations",
+_NAMES = {
+    "motion.goal": ("JointGoal", "JointState", "Pose", "PoseGoal", "SequenceGoal", "Via"),
+    "motion.trajectory": ("Trajectory",),
+    "planning.plan": ("Plan", "PlannerOptions"),
+    "planning.planner": ("Planner",),
+    "primitives.primitive": ("MovementPrimitive",),
+    "recordings.demonstration": ("Demonstration",),
+    "recordings.demonstrations": ("load_demonstrations", "write_example_recording"),
+    "resources": ("config_file",),
+    "robot.limits": ("JointLimits",),
+    "robot.model": ("Robot",),
+    "robot.world": ("Box", "Capsule", "Cylinder", "Mesh", "Obstacle", "Sphere", "World"),
+    "view.content": ("show",),
 }
+_HOMES = {name: module for module, names in _NAMES.items() for name in names}
 __all__ = sorted(_HOMES)
 
 

@@ -21,10 +21,7 @@ FloatArray = NDArray[np.float64]
 
 
 def frozen_array(
-    values: ArrayLike,
-    shape: tuple[int | None, ...],
-    what: str,
-    error: type[PlannerError],
+    values: ArrayLike, shape: tuple[int | None, ...], what: str, error: type[PlannerError]
 ) -> FloatArray:
     """Copy values into a read-only, finite float array of a given shape.
 
@@ -118,10 +115,14 @@ def unique_names(names: Sequence[str], what: str, error: type[PlannerError]) -> 
         raise error(f"{what}: at least one is needed, none was given")
     if any(not isinstance(name, str) or not name for name in result):
         raise error(f"{what}: names must be non-empty strings, got {result!r:.80}")
-    repeated = _repeated(result)
-    if repeated:
+    if repeated := repeated_names(result):
         raise error(f"{what}: {quote_names(repeated)} given more than once")
     return result
+
+
+def repeated_names(names: Iterable[str]) -> list[str]:
+    """Those that occur more than once, sorted."""
+    return sorted(name for name, count in Counter(names).items() if count > 1)
 
 
 def set_frozen(value: object, **attributes: object) -> None:
@@ -147,7 +148,3 @@ def short(value: str) -> str:
         return value if value.lstrip("-").isdigit() else f"{float(value):.4g}"
     except ValueError:
         return value
-
-
-def _repeated(names: tuple[str, ...]) -> list[str]:
-    return sorted(name for name, count in Counter(names).items() if count > 1)

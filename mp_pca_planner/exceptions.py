@@ -15,6 +15,7 @@ import sys
 import sysconfig
 from collections.abc import Iterable, Mapping, Sequence
 from difflib import get_close_matches
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -98,6 +99,20 @@ class MissingDependencyError(PlannerError):
         )
         self.module = module
         self.extra = extra
+
+
+def require(module: str, extra: str, purpose: str) -> Any:
+    """Import a module of an optional dependency.
+
+    Raises
+    ------
+    MissingDependencyError
+        If it can't be imported.
+    """
+    try:
+        return import_module(module)
+    except ImportError:
+        raise MissingDependencyError(module.partition(".")[0], extra, purpose) from None
 
 
 def _how_to_install(extra: str) -> str:

@@ -3,6 +3,7 @@
 """The arm that most tests plan for: its model, demonstrations and a primitive."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import cache
 from typing import Any
 
@@ -38,7 +39,7 @@ def arm_robot() -> Robot:
 def arm_demonstrations(n: int = 20, seed: int = 5) -> tuple[Demonstration, ...]:
     """Motions of it, without the detour through a bag."""
     motions = generate_motions(n, seed)
-    return tuple(motion.as_demonstration(f"motion_{i}") for i, motion in enumerate(motions))
+    return tuple(replace(motion, recording=f"motion_{i}") for i, motion in enumerate(motions))
 
 
 @cache

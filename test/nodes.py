@@ -17,6 +17,7 @@ import pytest
 import rclpy
 from arm import JOINTS, arm_primitive
 from diagnostic_msgs.msg import DiagnosticStatus
+from node_setup import RobotClient, start_node
 from patience import HANG, NODE_EVER
 from rcl_interfaces.msg import Parameter, SetParametersResult
 from rcl_interfaces.srv import SetParameters
@@ -30,7 +31,7 @@ from trajectory_msgs.msg import JointTrajectory
 from visualization_msgs.msg import MarkerArray
 
 from mp_pca_planner.resources import config_file
-from mp_pca_planner.ros.client import DEPTH, GoalClient, start_node, this_machine_only
+from mp_pca_planner.ros.client import DEPTH, this_machine_only
 from mp_pca_planner.ros.subscriptions import LATCHED
 
 MOTION = arm_primitive().boundary_states[0]
@@ -43,7 +44,7 @@ PATIENCE = {"state_timeout": NODE_EVER, "max_solve_time": NODE_EVER}
 PATIENTLY = tuple(word for name, time in PATIENCE.items() for word in ("-p", f"{name}:={time}"))
 
 
-class NodeClient(GoalClient):
+class NodeClient(RobotClient):
     """A client that plays the robot and the operator, too.
 
     Attributes
@@ -55,7 +56,7 @@ class NodeClient(GoalClient):
     """
 
     def __init__(self, *arguments: str, **names: str) -> None:
-        super().__init__(*arguments, **names, plays_robot=True)
+        super().__init__(*arguments, **names)
         self.executions: list[DiagnosticStatus] = []
         self.previews: list[MarkerArray] = []
         parameters = f"{self.planner}/set_parameters"

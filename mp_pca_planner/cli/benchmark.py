@@ -67,6 +67,7 @@ _SCENE_COLUMNS = {
     "limits kept [%]": ("limits_kept_share", ".0f", "%"),
     "all [ms]": ("time_of_all_s", ".0f", "ms"),
     "time [ms]": ("solve_time_s", ".0f", "ms"),
+    "path only [ms]": ("path_time_s", ".1f", "ms"),
     "T [s]": ("duration", ".2f", ""),
     "J": ("effort_cost", ".4g", ""),
     "path [rad]": ("path_length", ".2f", ""),

@@ -162,9 +162,7 @@ def _places(
 
 
 def _print(
-    arguments: argparse.Namespace,
-    recordings: RecordingSet,
-    places: Mapping[Path, LibraryContent],
+    arguments: argparse.Namespace, recordings: RecordingSet, places: Mapping[Path, LibraryContent]
 ) -> None:
     facts: dict[str, Any] = {
         "n_recordings": len(recordings.reports),
@@ -227,10 +225,7 @@ def _text(facts: dict[str, Any], content: LibraryContent) -> list[str]:
         f"{len(rows)} {'kind' if len(rows) == 1 else 'kinds'}",
         *table(rows, header=header).splitlines(),
         *_listed("outliers", [_place(d) for d in facts["outliers"]]),
-        *_listed(
-            "several",
-            [f"{_place(d)} ({', '.join(d['kinds'])})" for d in facts["ambiguous"]],
-        ),
+        *_listed("several", [f"{_place(d)} ({', '.join(d['kinds'])})" for d in facts["ambiguous"]]),
         *([] if agreement is None else [f"labels      adjusted Rand index {agreement:.2f}"]),
         f"written to  {facts['output']}",
     ]

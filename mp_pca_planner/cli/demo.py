@@ -60,7 +60,7 @@ _COLUMNS = {
     "solve [ms]": ("solve_time_s", ".2f", "ms"),
     "end error [rad]": ("goal_error", ".1g", ""),
     "goal to trajectory [ms]": ("latency", ".2f", "ms"),
-    "arrival error [mrad]": ("arrival_error", ".2g", "mrad"),
+    "arrival error [mrad]": ("arrival_error", ".3f", "mrad"),
 }
 
 
@@ -159,8 +159,9 @@ def run(arguments: argparse.Namespace) -> int:
     folder, urdf = arguments.output, config_file("human_arm.urdf")
     make_folder(folder)
     bag, file = folder / "recording", folder / "arm_raising.npz"
-    say(f"1. Recording {_OPTIONS.n_demonstrations} arm-raising motions into {bag}")
-    write_example_recording(bag, _OPTIONS.n_demonstrations, seed=_OPTIONS.seed)
+    n = _OPTIONS.n_demonstrations
+    say(f"1. Recording {n} arm-raising motions, and returns between them, into {bag}")
+    write_example_recording(bag, n, seed=_OPTIONS.seed)
     say("2. Building primitives from the bag", f"   $ build_primitives {bag}")
     options = ["--robot", str(urdf), "--joints", ",".join(JOINT_NAMES), "--force"]
     build = parse("build_primitives", [str(bag), "--output", str(file), *options])
@@ -287,11 +288,7 @@ def _verdict(robot: Robot, limits: JointLimits, goal: _Served) -> str:
 
 
 def _draw(
-    folder: Path,
-    bag: Path,
-    primitive: MovementPrimitive,
-    robot: Robot,
-    served: Sequence[_Served],
+    folder: Path, bag: Path, primitive: MovementPrimitive, robot: Robot, served: Sequence[_Served]
 ) -> list[Path]:
     names = ("primitive.png", "motion.png", "arm.png", "animation.gif")
     pictures = [folder / name for name in names]

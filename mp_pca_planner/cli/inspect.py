@@ -49,10 +49,7 @@ def _contents(name: str, arguments: argparse.Namespace) -> list[tuple[dict[str, 
         return [(_primitive_facts(name, primitive), _primitive_text(name, primitive))]
     found = [
         inspect_recording(
-            path,
-            arguments.topic,
-            state_field=arguments.field,
-            salvage=arguments.recover,
+            path, arguments.topic, state_field=arguments.field, salvage=arguments.recover
         )
         for path in find_recordings([name])
     ]

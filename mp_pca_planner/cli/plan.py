@@ -12,13 +12,7 @@ from ..planning.plan import Plan
 from ..plotting.figures import plan_figure
 from ..plotting.page import picture
 from .common import check_motion_file, check_output, report, write_motion
-from .requests import (
-    PlannedRequest,
-    collision_lines,
-    effort_words,
-    plan_request,
-    status_line,
-)
+from .requests import PlannedRequest, collision_lines, effort_words, plan_request, status_line
 from .terminal import DONE, FAILED, written_lines
 
 

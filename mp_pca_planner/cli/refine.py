@@ -19,12 +19,7 @@ from ..motion.collision import NOT_CHECKED
 from ..primitives.file import save_primitive
 from .common import check_motion_file, check_output, report, write_motion
 from .options import parse
-from .requests import (
-    PlannedRequest,
-    collision_lines,
-    plan_request,
-    status_line,
-)
+from .requests import PlannedRequest, collision_lines, plan_request, status_line
 from .terminal import DONE, FAILED, complain, flush, written_lines
 
 # Options of `plan` that sequences don't have.
@@ -40,9 +35,7 @@ def run(arguments: argparse.Namespace) -> int:
     request = _request(arguments)
     planner = request.planner
     options = RefinementOptions(
-        time_price=arguments.time_price,
-        sample_period=arguments.sample_period,
-        seed=arguments.seed,
+        time_price=arguments.time_price, sample_period=arguments.sample_period, seed=arguments.seed
     )
     problem = request.plan.motions, planner.robot, planner.limits, options
     found = refine(*problem, planner.collision)

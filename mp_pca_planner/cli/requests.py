@@ -26,13 +26,7 @@ from ..primitives.primitive import MovementPrimitive
 from ..primitives.primitive_library import load_primitives
 from ..robot.model import Robot
 from ..robot.world import World
-from .goal_arguments import (
-    asked_texts,
-    sequence_goal,
-    single_goal,
-    start_state,
-    target,
-)
+from .goal_arguments import asked_texts, sequence_goal, single_goal, start_state, target
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,21 +62,17 @@ class PlannedRequest:
         vias = [JointState(motion.start.joint_names, q) for q in at_vias]
         return [motion.start, *vias, motion.goal]
 
-    def collision_facts(self, trajectory: Trajectory) -> dict[str, str]:
-        """Result of the collision check of a motion, if it was requested."""
-        collision = self.planner.collision
-        return {} if collision is None else {"collision": _collision_words(collision, trajectory)}
-
     def facts(self, trajectory: Trajectory) -> dict[str, Any]:
         """Values of the JSON report on the request and on a motion planned for it."""
         start, *vias, goal = [by_name(s.joint_names, s.positions) for s in self.passed]
+        check = self.planner.collision
         return {
             "start": start,
             "goal": goal,
             **({"vias": vias} if vias else {}),
             "remarks": remarks(self.plan),
             "joint_names": list(trajectory.joint_names),
-            **self.collision_facts(trajectory),
+            **({} if check is None else {"collision": _collision_words(check, trajectory)}),
         }
 
     def lines(self) -> list[str]:

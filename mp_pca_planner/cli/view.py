@@ -50,11 +50,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def serve(
-    content: PageContent,
-    host: str,
-    port: int,
-    duration: float | None,
-    link: LiveLink | None = None,
+    content: PageContent, host: str, port: int, duration: float | None, link: LiveLink | None = None
 ) -> None:
     """Serve a page for a time [s], or until Ctrl-C."""
     with ViewPage(content, host, port, link) as page:

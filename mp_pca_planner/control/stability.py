@@ -348,11 +348,7 @@ class _Remainder:
     """Bound on the nonlinear remainder, for a box of errors in each interval."""
 
     def __init__(
-        self,
-        loop: NominalLoop,
-        control: ControlLoop,
-        errors: ErrorModel,
-        options: AnalysisOptions,
+        self, loop: NominalLoop, control: ControlLoop, errors: ErrorModel, options: AnalysisOptions
     ) -> None:
         rows = np.minimum(loop.edges + len(loop.times) // len(loop.edges) // 2, len(loop.times) - 1)
         rng = np.random.default_rng(0)

@@ -14,14 +14,7 @@ from ..exceptions import PrimitiveError
 from ..primitives.pca import PrincipalComponents
 from ..recordings.demonstration import Demonstration
 from ..robot.model import Robot
-from .naturalness import (
-    BSPLINES,
-    DEFAULT_RHO,
-    Comparison,
-    Prediction,
-    compare,
-    planned,
-)
+from .naturalness import BSPLINES, DEFAULT_RHO, Comparison, Prediction, compare, planned
 from .paper import PAPER_OPTIONS, angle_components, free_bsplines, paper_method
 
 PAPER = "components as in the paper"

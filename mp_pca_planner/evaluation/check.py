@@ -154,20 +154,14 @@ class RigidArm:
         return np.array(tau)[:, self.velocity_index]
 
 
-def judge(
-    trajectory: Trajectory,
-    problem: Problem,
-    arm: RigidArm,
-    limits: JointLimits,
-    options: RefereeOptions = REFEREE,
-) -> Verdict:
+def judge(trajectory: Trajectory, problem: Problem, arm: RigidArm, limits: JointLimits) -> Verdict:
     """Evaluate a motion as a controller executes it: quintic polynomials between its points."""
     curve = executed(trajectory)
-    n_steps = int(np.ceil(trajectory.duration / options.period))
+    n_steps = int(np.ceil(trajectory.duration / REFEREE.period))
     times = np.linspace(0.0, trajectory.duration, n_steps + 1)
     q, v, a, jerk = (curve(times) if k == 0 else curve.derivative(k)(times) for k in range(4))
     tau = arm.efforts(q, v, a)
-    excess, worst, active = _against_limits(times, (q, v, a, jerk, tau), limits, options)
+    excess, worst, active = _against_limits(times, (q, v, a, jerk, tau), limits)
     end_error = float(np.abs(q[[0, -1]] - [problem.start, problem.goal]).max())
     end_velocity = float(np.abs(v[[0, -1]]).max())
     return Verdict(
@@ -179,9 +173,9 @@ def judge(
         end_error=end_error,
         end_velocity=end_velocity,
         demo_distance_deg=_distance(curve, trajectory.duration, problem),
-        feasible=excess <= options.limit_tolerance
-        and end_error <= options.position_tolerance
-        and end_velocity <= options.velocity_tolerance,
+        feasible=excess <= REFEREE.limit_tolerance
+        and end_error <= REFEREE.position_tolerance
+        and end_velocity <= REFEREE.velocity_tolerance,
     )
 
 
@@ -194,10 +188,7 @@ def executed(trajectory: Trajectory) -> BPoly:
 
 
 def _against_limits(
-    times: FloatArray,
-    states: tuple[FloatArray, ...],
-    limits: JointLimits,
-    options: RefereeOptions,
+    times: FloatArray, states: tuple[FloatArray, ...], limits: JointLimits
 ) -> tuple[float, str, bool]:
     """Largest relative excess, where that is, and whether a limit is active."""
     q, v, a, jerk, tau = states
@@ -210,8 +201,8 @@ def _against_limits(
         "jerk": np.abs(jerk) / limits.jerk - 1.0,
         "effort": np.abs(tau) / limits.effort - 1.0,
     }
-    inside = np.abs(times / times[-1] - 0.5) < 0.5 - options.end_share
-    active = any(excess[inside].max() > options.active_share - 1.0 for excess in excesses.values())
+    inside = np.abs(times / times[-1] - 0.5) < 0.5 - REFEREE.end_share
+    active = any(excess[inside].max() > REFEREE.active_share - 1.0 for excess in excesses.values())
     quantity = max(excesses, key=lambda name: float(excesses[name].max()))
     step, joint = np.unravel_index(excesses[quantity].argmax(), q.shape)
     worst = float(excesses[quantity][step, joint])

@@ -46,6 +46,8 @@ class PeerResult:
         The referee's verdict on the motion, once there is one.
     among_obstacles : SceneVerdict or None
         The verdict on its collisions, if there are obstacles.
+    path_time : float
+        The part of the time in which a path was searched [s]; NaN without such a part.
     """
 
     trajectory: Trajectory | None
@@ -54,6 +56,7 @@ class PeerResult:
     status: str = SOLVED
     verdict: Verdict | None = None
     among_obstacles: SceneVerdict | None = None
+    path_time: float = float("nan")
 
     @property
     def feasible(self) -> bool:
@@ -87,6 +90,7 @@ class PeerResult:
             "status": self.status,
             **({} if self.verdict is None else asdict(self.verdict)),
             **({} if obstacles is None else {**asdict(obstacles), "solved": self.avoids_obstacles}),
+            "path_time_s": self.path_time,
         }
 
 

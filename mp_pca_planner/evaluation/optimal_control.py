@@ -17,10 +17,11 @@ from typing import Any
 import numpy as np
 
 from ..arrays import FloatArray
+from ..exceptions import require
 from ..motion.trajectory import Trajectory
 from .check import RigidArm
 from .method import Method, PeerResult
-from .problems import Problem, Scene, import_peer
+from .problems import Problem, Scene
 from .without_optimisation import minimum_jerk
 
 
@@ -56,9 +57,7 @@ class ShootingOptions:
 _OPTIONS = ShootingOptions()
 
 
-def crocoddyl_method(
-    scene: Scene, max_time: float, *, box: bool, options: ShootingOptions = _OPTIONS
-) -> Method:
+def crocoddyl_method(scene: Scene, max_time: float, *, box: bool) -> Method:
     """One of Crocoddyl's solvers, run until it is within 1 % of its own converged cost.
 
     A run to convergence without a clock finds the number of iterations after which the cost stays
@@ -66,7 +65,7 @@ def crocoddyl_method(
     Therefore the faster of two runs counts: one with the solver's default number of threads, and
     one with a single thread.
     """
-    shooting = _Shooting(scene, box, options)
+    shooting = _Shooting(scene, box)
     iterations: dict[Problem, int] = {}
 
     def solve(problem: Problem) -> PeerResult:
@@ -88,8 +87,8 @@ def crocoddyl_method(
 
     kind = "BoxFDDP, efforts limited" if box else "FDDP, efforts by a barrier"
     about = (
-        f"Crocoddyl's {kind}, steps of {1e3 * options.step:g} ms, until within "
-        f"{options.convergence:.0%} of its own converged cost"
+        f"Crocoddyl's {kind}, steps of {1e3 * _OPTIONS.step:g} ms, until within "
+        f"{_OPTIONS.convergence:.0%} of its own converged cost"
     )
     return Method("box_fddp" if box else "fddp", about, solve, slow=True)
 
@@ -108,23 +107,20 @@ def _iterations_needed(shooting: _Shooting, problem: Problem, max_time: float) -
 
     solver.setCallbacks([Recorder()])
     try:
-        solver.solve(states, controls, shooting.options.max_iterations, False)
+        solver.solve(states, controls, _OPTIONS.max_iterations, False)
     except TimeoutError:
         return 0
     if not costs or not np.isfinite(costs[-1]):
         return 0
-    outside = np.flatnonzero(
-        np.abs(np.array(costs) / costs[-1] - 1.0) > shooting.options.convergence
-    )
+    outside = np.flatnonzero(np.abs(np.array(costs) / costs[-1] - 1.0) > _OPTIONS.convergence)
     return int(outside[-1]) + 2 if outside.size else 1
 
 
 class _Shooting:
     """Problems of one scene as Crocoddyl's shooting problems."""
 
-    def __init__(self, scene: Scene, box: bool, options: ShootingOptions) -> None:
-        self.crocoddyl = import_peer("crocoddyl", "the peers 'fddp' and 'box_fddp'")
-        self.options = options
+    def __init__(self, scene: Scene, box: bool) -> None:
+        self.crocoddyl = require("crocoddyl", "peers", "the peers 'fddp' and 'box_fddp'")
         self._box, self._limits = box, scene.limits
         self._joints = scene.robot.joint_names
         self._arm = RigidArm(scene.urdf, self._joints)
@@ -134,7 +130,7 @@ class _Shooting:
     def set_up(self, problem: Problem) -> tuple[Any, list[FloatArray], list[FloatArray]]:
         """The solver, and the minimum-jerk motion with its controls as a start."""
         crocoddyl, arm = self.crocoddyl, self._arm
-        n_steps = int(np.ceil(problem.duration / self.options.step))
+        n_steps = int(np.ceil(problem.duration / _OPTIONS.step))
         q, v, a = minimum_jerk(problem, np.linspace(0.0, 1.0, n_steps + 1))
         guess = [np.r_[arm.configuration(x), arm.velocity(y)] for x, y in zip(q, v, strict=True)]
         tau = [arm.velocity(x) for x in arm.efforts(q, v, a)[:-1]]
@@ -145,7 +141,7 @@ class _Shooting:
         target = np.r_[arm.configuration(problem.goal), v[-1]]
         residual = crocoddyl.ResidualModelState(self._state, target)
         goal = crocoddyl.CostModelResidual(self._state, residual)
-        ending.addCost("goal", goal, self.options.goal_weight * unit)
+        ending.addCost("goal", goal, _OPTIONS.goal_weight * unit)
         final = self._action(ending, 0.0)
         shooting = crocoddyl.ShootingProblem(guess[0], [running] * n_steps, final)
         kind = crocoddyl.SolverBoxFDDP if self._box else crocoddyl.SolverFDDP
@@ -168,7 +164,7 @@ class _Shooting:
         lower = np.r_[arm.velocity(limits.lower), -arm.velocity(limits.velocity)]
         upper = np.r_[arm.velocity(limits.upper), arm.velocity(limits.velocity)]
         of_states = crocoddyl.ResidualModelState(state, state.zero())
-        weight = self.options.barrier_weight
+        weight = _OPTIONS.barrier_weight
         costs.addCost("states", self._barrier(of_states, lower, upper), weight * unit)
         if not self._box:
             bound = arm.velocity(limits.effort)

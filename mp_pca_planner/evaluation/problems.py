@@ -7,7 +7,6 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +14,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from ..arrays import FloatArray
-from ..exceptions import MissingDependencyError, PlannerError, RobotError, quote_names
+from ..exceptions import PlannerError, RobotError, quote_names, require
 from ..files import load_yaml, read_text, reading
 from ..primitives.primitive import MovementPrimitive
 from ..recordings.demonstration import Demonstration
@@ -84,36 +83,6 @@ class Scene:
     primitive: MovementPrimitive | None = None
 
 
-def import_peer(module: str, purpose: str, extra: str = "peers") -> Any:
-    """Import an optional module.
-
-    Raises
-    ------
-    MissingDependencyError
-        If it can't be imported.
-    """
-    try:
-        return import_module(module)
-    except ImportError:
-        raise MissingDependencyError(module, extra, purpose) from None
-
-
-def scene_of(name: str, urdf: Path, joints: Sequence[str] | None, n_motions: int) -> Scene:
-    """A robot with the limits of its description and randomly generated motions.
-
-    Parameters
-    ----------
-    name, urdf, joints :
-        The robot, see :func:`robot_file`.
-    n_motions :
-        Number of demonstrations.
-    """
-    robot = Robot.from_file(urdf, joints)
-    limits = robot.limits()
-    motions = demonstrations_of(name, robot, limits, n_motions)
-    return Scene(name, urdf, robot, limits, tuple(motions))
-
-
 def robot_file(name: str) -> tuple[str, Path, tuple[str, ...] | None]:
     """Name, URDF file and joints of a robot, by its name here or the path of a URDF file.
 
@@ -126,7 +95,7 @@ def robot_file(name: str) -> tuple[str, Path, tuple[str, ...] | None]:
         return name, config_file("human_arm.urdf"), JOINT_NAMES
     if name in EXAMPLE_ROBOTS:
         file, joints = EXAMPLE_ROBOTS[name]
-        loader = import_peer("example_robot_data.robots_loader", f"the robot '{name}'")
+        loader = require("example_robot_data.robots_loader", "peers", f"the robot '{name}'")
         path = Path(loader.getModelPath(file)) / file
         every = Robot.from_file(path).joint_names
         return name, path, tuple(joint for joint in every if re.fullmatch(joints, joint))
@@ -170,7 +139,7 @@ def demonstrations_of(
 ) -> list[Demonstration]:
     """Generated motions of a robot: human-like ones for the human-like arm, else reaches."""
     if name == HUMAN_ARM:
-        return [motion.as_demonstration() for motion in generate_motions(n_motions, seed)]
+        return generate_motions(n_motions, seed)
     return random_reaches(robot, limits, n_motions, seed)
 
 

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from ..exceptions import MissingDependencyError, PlannerError
+from ..exceptions import PlannerError
 from ..motion.collision import CollisionModel
 from ..planning.plan import FREE, PlannerOptions
 from ..primitives.build import PrimitiveOptions, build_primitive
@@ -21,15 +21,10 @@ from .check import RigidArm, judge
 from .method import BSPLINE, Method, PeerResult, planner_method, planner_methods
 from .optimal_control import crocoddyl_method
 from .problems import Problem, Scene, SceneProblem
+from .sampling_peers import ompl_method, vamp_method
 from .scene_referee import SceneReferee
 from .spline_peers import drake_method, slsqp_method
-from .without_optimisation import (
-    dmp_method,
-    minimum_jerk_method,
-    promp_method,
-    ruckig_method,
-    sampling_method,
-)
+from .without_optimisation import dmp_method, minimum_jerk_method, promp_method, ruckig_method
 
 PEERS: dict[str, Callable[[Scene, float], Method]] = {
     "promp": promp_method,
@@ -43,12 +38,21 @@ PEERS: dict[str, Callable[[Scene, float], Method]] = {
 }
 """Methods to compare the planner with: set up with the scene and a time limit [s]."""
 SCENE_PEERS: dict[str, Callable[[Scene, float, CollisionModel], Method]] = {
-    "ompl_toppra": sampling_method
+    "ompl_toppra": ompl_method,
+    "vamp_toppra": vamp_method,
 }
 """Those among obstacles: set up with the collision model, too."""
 OWN = "pca"
 """Name of the planner of this package among obstacles."""
-_FACTS = ("solve_time_s", "duration", "effort_cost", "path_length", "rms_jerk", "clearance")
+_FACTS = (
+    "solve_time_s",
+    "path_time_s",
+    "duration",
+    "effort_cost",
+    "path_length",
+    "rms_jerk",
+    "clearance",
+)
 
 
 @dataclass(frozen=True)
@@ -84,9 +88,9 @@ def set_up(
     Returns
     -------
     methods : list of Method
-        The planner's, the minimum-jerk motion, and the peers that are installed.
+        The planner's, the minimum-jerk motion, and the peers that can be set up.
     absent : dict
-        Reasons why the other peers are missing, by name.
+        Reasons why the other peers can't, by name.
     """
     own = [*planner_methods(scene, max_time), minimum_jerk_method(scene)]
     return _with_peers(own, {name: partial(PEERS[name], scene, max_time) for name in peers})
@@ -118,12 +122,12 @@ def set_up_in_scenes(
 def _with_peers(
     methods: list[Method], peers: Mapping[str, Callable[[], Method]]
 ) -> tuple[list[Method], dict[str, str]]:
-    """Add the peers that are installed; reasons why the others are missing, by name."""
+    """Add the peers that can be set up; reasons why the others can't, by name."""
     absent = {}
     for name, make in peers.items():
         try:
             methods.append(make())
-        except MissingDependencyError as error:
+        except PlannerError as error:
             absent[name] = str(error)
     return methods, absent
 

@@ -17,10 +17,11 @@ import numpy as np
 from scipy.optimize import minimize
 
 from ..arrays import FloatArray
+from ..exceptions import require
 from ..motion.trajectory import Trajectory
 from ..primitives.basis import BSplineBasis
 from .method import SOLVED, Method, PeerResult
-from .problems import Problem, Scene, import_peer
+from .problems import Problem, Scene
 from .without_optimisation import minimum_jerk, sample_times
 
 
@@ -88,8 +89,8 @@ def slsqp_method(scene: Scene, max_time: float, *, differences: bool) -> Method:
 
 def drake_method(scene: Scene, _: float) -> Method:
     """B-splines of the least path energy within kinematic limits; it has no cost of efforts."""
-    planning = import_peer("pydrake.planning", "the peer 'drake'", "drake")
-    solvers = import_peer("pydrake.solvers", "the peer 'drake'", "drake")
+    planning = require("pydrake.planning", "drake", "the peer 'drake'")
+    solvers = require("pydrake.solvers", "drake", "the peer 'drake'")
     joints, limits = scene.robot.joint_names, scene.limits
     zero = np.zeros(len(joints))
 

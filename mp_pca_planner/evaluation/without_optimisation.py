@@ -1,8 +1,8 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Methods without optimisation of efforts: minimum jerk, ProMP, DMP, Ruckig, OMPL with TOPP-RA.
+"""Methods without optimisation of efforts: minimum jerk, ProMP, DMP, Ruckig.
 
-They may break limits, except the last two, which keep velocities and accelerations.
+They may break limits, except the last.
 """
 
 from __future__ import annotations
@@ -14,14 +14,13 @@ import numpy as np
 from scipy.interpolate import make_interp_spline
 
 from ..arrays import FloatArray
-from ..motion.collision import CollisionModel
+from ..exceptions import require
 from ..motion.trajectory import Trajectory
-from ..planning.sampling import SamplingOptions, sampled_path
 from ..primitives.boundary import hermite_functions
 from ..primitives.differences import PHASES
 from ..recordings.demonstration import Demonstration
 from .method import Method, PeerResult
-from .problems import Problem, Scene, import_peer
+from .problems import Problem, Scene
 
 
 def minimum_jerk_method(scene: Scene) -> Method:
@@ -40,7 +39,7 @@ def minimum_jerk_method(scene: Scene) -> Method:
 
 def promp_method(scene: Scene, _: float) -> Method:
     """ProMP of the package movement_primitives, conditioned on start and goal."""
-    module = import_peer("movement_primitives.promp", "the peer 'promp'")
+    module = require("movement_primitives.promp", "peers", "the peer 'promp'")
     joints = scene.robot.joint_names
     shown = np.array([motion.time_normalised(PHASES.size) for motion in scene.demonstrations])
     model = module.ProMP(n_dims=len(joints), n_weights_per_dim=10)
@@ -62,7 +61,7 @@ def promp_method(scene: Scene, _: float) -> Method:
 
 def dmp_method(scene: Scene, _: float) -> Method:
     """DMP of the package movement_primitives, of the demonstration with the nearest ends."""
-    module = import_peer("movement_primitives.dmp", "the peer 'dmp'")
+    module = require("movement_primitives.dmp", "peers", "the peer 'dmp'")
     joints = scene.robot.joint_names
 
     def model_of(duration: float, n_steps: int) -> Any:
@@ -102,7 +101,7 @@ def ruckig_method(scene: Scene, _: float) -> Method:
     A reference for durations, not for efforts. Where an acceleration or a jerk has no limit, full
     speed or full acceleration is reached in 0.1 s.
     """
-    ruckig = import_peer("ruckig", "the peer 'ruckig'")
+    ruckig = require("ruckig", "peers", "the peer 'ruckig'")
     joints, limits = scene.robot.joint_names, scene.limits
     velocity = np.where(np.isfinite(limits.velocity), limits.velocity, 10.0)
     acceleration = np.minimum(limits.acceleration, velocity / 0.1)
@@ -129,53 +128,6 @@ def ruckig_method(scene: Scene, _: float) -> Method:
         "reach full speed and full acceleration in 0.1 s; no efforts"
     )
     return Method("ruckig", about, solve)
-
-
-def sampling_method(scene: Scene, max_time: float, collision: CollisionModel) -> Method:
-    """RRT-Connect of OMPL with shortcuts, then the time-optimal motion along its path by TOPP-RA.
-
-    Velocities and accelerations are kept, jerks and efforts are not.
-    """
-    import_peer("ompl", "the peer 'ompl_toppra'", "ompl")
-    toppra = import_peer("toppra", "the peer 'ompl_toppra'")
-    limits, options = scene.limits, SamplingOptions(step=0.05, smooths=True)
-
-    def timed(path: FloatArray) -> Any:
-        """The time-optimal motion along a path; None if there is none."""
-        lengths = np.linalg.norm(np.diff(path, axis=0), axis=1)
-        path, lengths = path[np.append(True, lengths > 1e-6)], lengths[lengths > 1e-6]
-        spline = toppra.SplineInterpolator(np.append(0.0, np.cumsum(lengths)), path)
-        both, bounds = np.array([-1.0, 1.0]), toppra.constraint
-        constraints = [bounds.JointVelocityConstraint(np.outer(limits.velocity, both))]
-        if np.isfinite(limits.acceleration).all():
-            bound = np.outer(limits.acceleration, both)
-            constraints.append(bounds.JointAccelerationConstraint(bound))
-        return toppra.algorithm.TOPPRA(constraints, spline).compute_trajectory()
-
-    def solve(problem: Problem) -> PeerResult:
-        """Find a path, and the shortest motion along it."""
-        began = time.perf_counter()
-        path = sampled_path(
-            collision.collides,
-            (limits.lower, limits.upper),
-            (problem.start, problem.goal),
-            options,
-            lambda: time.perf_counter() - began > max_time,
-        )
-        motion = None if path is None else timed(path)
-        took = time.perf_counter() - began
-        if motion is None:
-            what = "no path was found" if path is None else "the path could not be parametrised"
-            return PeerResult(None, took, status=what)
-        times = sample_times(float(motion.duration))
-        states = [motion(times, order) for order in range(3)]
-        return PeerResult(Trajectory(limits.joint_names, times, *states), took)
-
-    about = (
-        "RRT-Connect of OMPL, shortcuts and smoothing, then TOPP-RA within the limits of "
-        "velocities and accelerations"
-    )
-    return Method("ompl_toppra", about, solve)
 
 
 def minimum_jerk(problem: Problem, phases: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -218,14 +218,14 @@ class Surroundings:
     def _checker_in(self, world: World, model: Model) -> CollisionModel:
         """The collision model of running motions in a world."""
         robot, checker = self._checker or (None, None)
+        if checker is not None and robot is model.robot and checker.world is world:
+            return checker
         if checker is None or robot is not model.robot:
             checker = model.planner.collision or collision_model(model.robot, model.settings)
         if len(world) and not checker.has_geometry:
             raise _without_geometry()
-        if self._checker != (model.robot, checker) or checker.world is not world:
-            checker = checker.with_world(world)
-            self._checker = model.robot, checker
-        return checker
+        self._checker = model.robot, checker.with_world(world)
+        return self._checker[1]
 
 
 def _without_geometry() -> RobotError:

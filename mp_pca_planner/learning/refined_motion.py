@@ -264,10 +264,7 @@ def segment_states(segment: Motion, parameters: FloatArray, phases: FloatArray) 
 
 
 def primitive_around(
-    primitive: MovementPrimitive,
-    motion: RefinedMotion,
-    name: str,
-    provenance: Mapping[str, Any],
+    primitive: MovementPrimitive, motion: RefinedMotion, name: str, provenance: Mapping[str, Any]
 ) -> MovementPrimitive:
     """Make a primitive of a refined motion.
 

@@ -16,13 +16,7 @@ from ..planning.clearance import ClearanceOptions, Clearances, least_distances
 from ..planning.motion import Motion
 from ..robot.limits import JointLimits
 from ..robot.model import Robot
-from .refined_motion import (
-    LOG_DURATION,
-    N_PARAMETERS,
-    RefinedMotion,
-    SegmentStates,
-    segment_states,
-)
+from .refined_motion import LOG_DURATION, N_PARAMETERS, RefinedMotion, SegmentStates, segment_states
 
 
 class RefinementCost:
@@ -96,12 +90,7 @@ class LimitConstraints:
     """
 
     def __init__(
-        self,
-        n_segments: int,
-        robot: Robot,
-        limits: JointLimits,
-        margin: float,
-        n_phases: int = 25,
+        self, n_segments: int, robot: Robot, limits: JointLimits, margin: float, n_phases: int = 25
     ) -> None:
         self._robot, self._margin = robot, margin
         self._phases = [np.linspace(0.02, 0.98, n_phases)] * n_segments

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from ..arrays import FloatArray, frozen_array
-from ..exceptions import LearningError, MissingDependencyError, TrajectoryError
+from ..exceptions import LearningError, TrajectoryError, require
 from ..files import read_text, reading, write_whole
 from ..json_content import check_form, load_json
 from ..motion.collision import CollisionModel
@@ -225,13 +225,9 @@ class TrialLearner:
 
 
 def _search(centre: FloatArray, bounds: FloatArray, options: RefinementOptions) -> Any:
-    try:
-        from cmaes import CMA
-    except ImportError:
-        raise MissingDependencyError("cmaes", "learn", "learning by trials") from None
     box = np.column_stack([-bounds, bounds])
     # A refinement that ends at a bound may lie beyond it by a rounding error.
-    return CMA(
+    return require("cmaes", "learn", "learning by trials").CMA(
         mean=np.clip(centre, -bounds, bounds),
         sigma=options.first_step,
         bounds=box,

@@ -243,12 +243,6 @@ def _has_position(poses: FloatArray) -> NDArray[np.bool_]:
     return np.asarray((np.abs(poses[:, :3]) < INPUT_LIMITS.position).all(axis=1))
 
 
-def _has_rotation(poses: FloatArray) -> NDArray[np.bool_]:
-    """Whether each pose, shape (n_poses, 7), is finite and has an orientation."""
-    turned = np.abs(poses[:, 3:]).sum(axis=1) > 0.0
-    return np.asarray(np.isfinite(poses).all(axis=1) & turned)
-
-
 def _chosen(samples: Mapping[str, BodySamples], marker: MarkerPlacement, path: Path) -> BodySamples:
     if marker.body not in samples:
         raise RecordingError(unknown_name("recorded marker", marker.body, sorted(samples)))
@@ -320,7 +314,7 @@ def _point(poses: FloatArray, marker: MarkerPlacement) -> FloatArray:
     points: FloatArray = poses[:, :3].copy()
     points[~_has_position(poses)] = np.nan
     if marker.offset.any():
-        turned = _has_rotation(poses)
+        turned = np.isfinite(poses).all(axis=1) & poses[:, 3:].any(axis=1)
         points[~turned] = np.nan
         points[turned] += Rotation.from_quat(poses[turned, 3:]).apply(marker.offset.copy())
     return points

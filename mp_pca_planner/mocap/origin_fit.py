@@ -14,7 +14,6 @@ from __future__ import annotations
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -22,13 +21,7 @@ import numpy as np
 from ..arrays import FloatArray
 from ..exceptions import RecordingError, unknown_name
 from ..robot.model import Robot
-from .inverse_kinematics import (
-    BoolArray,
-    Linearised,
-    MarkerProblem,
-    minimise,
-    solve_each,
-)
+from .inverse_kinematics import BoolArray, Linearised, MarkerProblem, minimise, solve_each
 from .marker_map import MarkerMap, MarkerPlacement, OriginFit
 
 
@@ -54,7 +47,7 @@ class OriginFitOptions:
     min_effect: float = 1e-4
 
 
-OPTIONS = OriginFitOptions()
+_OPTIONS = OriginFitOptions()
 
 
 class _Joint(NamedTuple):
@@ -92,7 +85,6 @@ def fit_origins(
     markers: Sequence[MarkerPlacement],
     fits: Mapping[str, OriginFit],
     targets: FloatArray,
-    options: OriginFitOptions = OPTIONS,
 ) -> tuple[str, tuple[str, ...]]:
     """Fit the origins of some joints.
 
@@ -108,8 +100,6 @@ def fit_origins(
         The fitted part of each origin, see :class:`.marker_map.MarkerMap`.
     targets : array, shape (n_frames, n_markers, 3)
         Measured positions in the base frame [m]; NaN where missing. The frames must fix all joints.
-    options :
-        Frames and tolerances.
 
     Returns
     -------
@@ -125,7 +115,7 @@ def fit_origins(
         for direction in _directions(joints[name], fit)
     ]
     in_parents = [(joints[name].parent, direction) for name, direction in columns]
-    chosen = np.unique(np.linspace(0, len(targets) - 1, options.n_frames).round().astype(int))
+    chosen = np.unique(np.linspace(0, len(targets) - 1, _OPTIONS.n_frames).round().astype(int))
     beyond = _beyond(joints, [name for name, _ in columns], markers)
     q: FloatArray | None = None
 
@@ -141,18 +131,16 @@ def fit_origins(
         problem = MarkerProblem(robot, markers, targets[chosen])
         q = solve_each(problem, q)
         effects = np.einsum("mc,kci->kmic", beyond, _turned(robot, q, in_parents))
-        return _reduced(problem, q, effects, options.min_effect)
+        return _reduced(problem, q, effects)
 
     bounds = np.array(-np.inf), np.array(np.inf)
     start = np.zeros(len(columns))
-    step = partial(_strong_step, options.min_effect)
-    change, _ = minimise(start, linearise, step, bounds, options.last_step, options.max_iterations)
+    limits = _OPTIONS.last_step, _OPTIONS.max_iterations
+    change, _ = minimise(start, linearise, _strong_step, bounds, *limits)
     return _with_origins(urdf, fitted(change)), _notes(joints, fitted(change))
 
 
-def _reduced(
-    problem: MarkerProblem, q: FloatArray, effects: FloatArray, min_effect: float
-) -> Linearised:
+def _reduced(problem: MarkerProblem, q: FloatArray, effects: FloatArray) -> Linearised:
     """Least squares of the origins, from which the joint positions are eliminated.
 
     Parameters
@@ -165,7 +153,7 @@ def _reduced(
     frames = np.arange(len(q))
     errors, jacobians = problem.weighted(frames, q)
     effects = effects * problem.scale(frames)[..., None, None]
-    removed = jacobians @ np.linalg.pinv(jacobians, rcond=min_effect)
+    removed = jacobians @ np.linalg.pinv(jacobians, rcond=_OPTIONS.min_effect)
     rest = np.eye(errors.shape[1]) - removed
     matrix = (rest @ effects.reshape(*errors.shape, -1)).reshape(-1, effects.shape[-1])
     left = (rest @ errors[..., None]).reshape(-1)
@@ -173,11 +161,11 @@ def _reduced(
 
 
 def _strong_step(
-    min_effect: float, gradient: FloatArray, matrix: FloatArray, held: BoolArray, damping: float
+    gradient: FloatArray, matrix: FloatArray, held: BoolArray, damping: float
 ) -> FloatArray:
     """Step in the directions that change the errors."""
     values, vectors = np.linalg.eigh(matrix)
-    strong = values > min_effect**2 * values[-1]
+    strong = values > _OPTIONS.min_effect**2 * values[-1]
     vectors = vectors[:, strong]
     return np.asarray(-vectors @ ((vectors.T @ gradient) / (values[strong] + damping)))
 

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..arrays import FloatArray, frozen_array, set_frozen, unique_names
-from ..exceptions import MissingDependencyError, PlannerError, TrajectoryError
+from ..exceptions import PlannerError, TrajectoryError, require
 from ..files import write_whole
 
 
@@ -66,11 +66,7 @@ class Trajectory:
         if stamps[0] != 0.0 or np.any(np.diff(stamps) <= 0.0):
             raise TrajectoryError("times must start at 0 and strictly increase")
         set_frozen(self, joint_names=names, times=stamps, efforts=None)
-        columns = {
-            "positions": positions,
-            "velocities": velocities,
-            "accelerations": accelerations,
-        }
+        columns = {"positions": positions, "velocities": velocities, "accelerations": accelerations}
         if efforts is not None:
             columns["efforts"] = efforts
         for field, values in columns.items():
@@ -162,15 +158,12 @@ class Trajectory:
         TrajectoryError
             If efforts are requested and the trajectory has none.
         """
-        try:
-            from rclpy.serialization import deserialize_message
-            from trajectory_msgs.msg import JointTrajectory
-        except ImportError as error:
-            raise MissingDependencyError(str(error.name), "ros", "a message") from None
+        names = ("rclpy.serialization", "trajectory_msgs.msg")
+        serialization, messages = (require(name, "ros", "a message") for name in names)
         from ..ros.trajectory_bytes import serialize_trajectory
 
         content = serialize_trajectory(self, with_efforts=with_efforts)
-        return deserialize_message(content, JointTrajectory)
+        return serialization.deserialize_message(content, messages.JointTrajectory)
 
 
 def check_format(path: Path) -> None:

@@ -9,7 +9,9 @@ B-splines follow, whose motions may be unlike the demonstrations, then B-splines
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -40,10 +42,10 @@ class MotionBasis:
         Expected weights ŵ.
     precision : array, shape (n_weights, n_weights), or None
         Λ⁻¹; None without a prediction.
-    starts : tuple of StartPoint
-        Weights to start from, the expected ones first.
     n_components : int
         Number of principal components, the first of the weights.
+    starts : callable
+        Finds weights to start from, the expected ones first.
     is_detour : bool
         Whether the expected weights are those of a motion along a collision-free path.
     """
@@ -52,8 +54,8 @@ class MotionBasis:
     limit_tables: LimitTables
     expected: FloatArray
     precision: FloatArray | None
-    starts: tuple[StartPoint, ...]
     n_components: int
+    starts: Callable[[], Iterator[StartPoint]]
     is_detour: bool = False
 
     @property
@@ -90,17 +92,18 @@ def component_basis(
     warm_starts : WarmStarts, optional
         Starts from similar motions; the weights of the demonstrations unless given.
     """
-    if warm_starts is None:
-        own = primitive.boundary_states[:, [0, 3]].reshape(len(primitive.weights), -1)
-        warm_starts = WarmStarts(own, primitive.weights)
-    mean = np.zeros_like(expected.weights)
+
+    def starts() -> Iterator[StartPoint]:
+        yield StartPoint(expected.weights)
+        yield StartPoint(np.zeros_like(expected.weights))
+        known = warm_starts
+        if known is None:
+            own = primitive.boundary_states[:, [0, 3]].reshape(len(primitive.weights), -1)
+            known = WarmStarts(own, primitive.weights)
+        yield from known.nearest(ends)
+
     return MotionBasis(
-        tables,
-        limit_tables,
-        expected.weights,
-        expected.precision,
-        (StartPoint(expected.weights), StartPoint(mean), *warm_starts.nearest(ends)),
-        primitive.n_components,
+        tables, limit_tables, expected.weights, expected.precision, primitive.n_components, starts
     )
 
 
@@ -110,24 +113,23 @@ def corrected_basis(narrow: MotionBasis, primitive: MovementPrimitive, n_nodes: 
     splines = BSplineBasis(primitive.n_joints)
     tables = QuadratureTables(SumBasis(narrow.basis, splines, usual), n_nodes)
     correction = np.zeros(splines.n_weights)
-    starts = tuple(StartPoint(np.append(start.unknowns, correction)) for start in narrow.starts)
     assert narrow.precision is not None
     return MotionBasis(
         tables,
         LimitTables(tables),
-        starts[0].unknowns,
+        np.append(narrow.expected, correction),
         block_diag(narrow.precision, np.eye(splines.n_weights) / usual**2),
-        starts,
         narrow.n_components,
+        lambda: (StartPoint(np.append(start.unknowns, correction)) for start in narrow.starts()),
     )
 
 
 def spline_basis(tables: QuadratureTables, limit_tables: LimitTables) -> MotionBasis:
     """B-splines alone, without a prediction."""
     zero = np.zeros(tables.basis.n_weights)
-    return MotionBasis(tables, limit_tables, zero, None, (StartPoint(zero),), 0)
+    return MotionBasis(tables, limit_tables, zero, None, 0, partial(iter, [StartPoint(zero)]))
 
 
 def fixed_basis(tables: QuadratureTables) -> MotionBasis:
     """The basis of a motion without weights."""
-    return MotionBasis(tables, LimitTables(tables), tables.basis.scales, None, (), 0)
+    return MotionBasis(tables, LimitTables(tables), tables.basis.scales, None, 0, partial(iter, ()))

@@ -131,11 +131,7 @@ class ClearProgram:
     """
 
     def __init__(
-        self,
-        limited: LimitedProgram,
-        basis: Basis,
-        model: CollisionModel,
-        clearances: Clearances,
+        self, limited: LimitedProgram, basis: Basis, model: CollisionModel, clearances: Clearances
     ) -> None:
         self._limited, self._model = limited, model
         self._states = state_map(limited.program.unknowns, basis, clearances.phases, 0)

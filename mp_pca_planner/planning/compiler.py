@@ -188,15 +188,16 @@ class MotionProgram:
         slope: float,
     ) -> tuple[FloatArray, FloatArray]:
         """Residuals with their quadrature weights, and their Jacobian by the chain rule."""
-        values = residuals.values
-        jacobian = np.zeros((*values.shape, self.scales.size))
-        for quantity, partial in residuals.partials.items():
-            by_unknown = by_quantity[quantity]
-            jacobian += partial * by_unknown if np.ndim(partial) == 0 else partial @ by_unknown
+        values, n_unknowns = residuals.values, self.scales.size
+        parts = [
+            partial * by_quantity[name] if np.ndim(partial) == 0 else partial @ by_quantity[name]
+            for name, partial in residuals.partials.items()
+        ]
+        jacobian = sum(parts[1:], parts[0]) if parts else np.zeros((*values.shape, n_unknowns))
         if slope:  # the time that each node stands for grows with T
             jacobian[:, :, self.unknowns.n_linear] += 0.5 * slope * values
         jacobian *= root[:, :, None]
-        return (values * root).ravel(), jacobian.reshape(values.size, self.scales.size)
+        return (values * root).ravel(), jacobian.reshape(values.size, n_unknowns)
 
     def naturalness(self, x: FloatArray) -> float:
         """The naturalness term ½ρ(w−ŵ)ᵀΛ⁻¹(w−ŵ)."""

@@ -111,9 +111,9 @@ def _peaks(values: FloatArray, phases: FloatArray) -> FloatArray:
     """
     steps = np.diff(phases).reshape(-1, *(1,) * (values.ndim - 2))
     before, after = steps[:-1], steps[1:]
-    slopes = np.diff(values, axis=1)
+    slopes = values[:, 1:] - values[:, :-1]
     slopes /= steps
-    bend = np.diff(slopes, axis=1)
+    bend = slopes[:, 1:] - slopes[:, :-1]
     bend *= np.maximum(before, after) ** 2 / (4.0 * (before + after))
     peaks = values.copy()
     peaks[:, 1:-1] -= bend

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -179,7 +180,7 @@ class DetourPlanner:
             if found.solution.converged or budget.is_over():
                 break
             start = StartPoint(found.motions[0].weights)
-            basis = replace(detour.basis, starts=(start,))
+            basis = replace(detour.basis, starts=partial(iter, [start]))
             setting = replace(setting, basis=basis, duration=found.duration)
         assert along is not None
         return min(found, along, key=lambda one: one.violation)
@@ -259,8 +260,8 @@ class PathFollower:
             self._limit_tables,
             weights,
             precision,
-            (StartPoint(weights),),
             self._primitive.n_components,
+            partial(iter, [StartPoint(weights)]),
             is_detour=True,
         )
         return Detour(basis, self._least_duration(line.boundary, weights))

@@ -213,12 +213,7 @@ class FallbackPlanner:
         return Route(states, phases, targets)
 
     def _attempt(
-        self,
-        request: Request,
-        failed: Attempt,
-        at_least: float,
-        step: float,
-        route: Route,
+        self, request: Request, failed: Attempt, at_least: float, step: float, route: Route
     ) -> Attempt:
         resting = stop_and_go(self._setup.robot, self._setup.limits, route.states, step)
         durations = resting.slowed(

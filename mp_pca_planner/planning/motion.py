@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -57,15 +58,30 @@ class Motion:
             because a controller rejects a final velocity of 1e-17.
         """
         phases = np.clip(times / self.duration, 0.0, 1.0)
-        states = quintics(phases, self.boundary, 2)
-        states += self.basis.shapes(self.weights, phases, 2)
-        states /= self.duration ** np.arange(3.0)[:, None, None]
+        states = self._at(phases)
         for phase, state in ((0.0, self.start), (1.0, self.goal)):
             states[:, phases == phase] = np.array(state.values)[:, None]
         return states
 
-    def sample_times(self, period: float) -> FloatArray:
-        """Evenly spaced times from 0 to `duration`, at most `period` apart [s]."""
-        n_steps = max(int(np.ceil(self.duration / period - 1e-9)), 1)
-        times = np.linspace(0.0, self.duration, n_steps + 1)
-        return times
+    def sample(self, period: float) -> tuple[FloatArray, FloatArray]:
+        """Evenly spaced times from 0 to `duration`, at most `period` apart [s], and the states.
+
+        Returns
+        -------
+        times : array, shape (n_steps,)
+            [s].
+        states : array, shape (3, n_steps, n_joints)
+            See :meth:`evaluate`.
+        """
+        n_steps = max(math.ceil(self.duration / period - 1e-9), 1)
+        phases = np.linspace(0.0, 1.0, n_steps + 1)
+        states = self._at(phases)
+        states[:, 0], states[:, -1] = self.start.values, self.goal.values
+        return self.duration * phases, states
+
+    def _at(self, phases: FloatArray) -> FloatArray:
+        states = quintics(phases, self.boundary, 2)
+        states += self.basis.shapes(self.weights, phases, 2)
+        states[1] /= self.duration
+        states[2] /= self.duration**2
+        return states

@@ -4,12 +4,15 @@
 
 from __future__ import annotations
 
+from itertools import islice
+
 import numpy as np
 
 from ..arrays import FloatArray
 from ..primitives.conditional_model import ConditionalDistribution
 from .bases import MotionBasis
 from .compiler import MotionProgram
+from .matrices import cholesky
 from .search_options import SearchOptions
 from .starts import StartPoint
 from .unknowns import END_SCALES, GOAL_POSITION, LOG_DURATION_SCALE
@@ -23,14 +26,16 @@ def natural_starts(
     goals: FloatArray,
 ) -> list[StartPoint]:
     """Set the program's naturalness; return the unknowns to start from, the cheapest first."""
-    starts = basis.starts
+    n_starts = None
     if basis.precision is not None and naturalness > 0.0:
         program.precision = naturalness * goal_precision(program, basis, goals, search)
-        if naturalness >= search.near_expected:
-            starts = starts[:1]
+        n_starts = 1 if naturalness >= search.near_expected else None
     # The state of a solver for weights alone does not fit programs with other unknowns.
     fits, to_unknowns = program.scales.size == basis.expected.size, program.unknowns.from_weights
-    found = [StartPoint(to_unknowns(w), memory if fits else None) for w, memory in starts]
+    found = [
+        StartPoint(to_unknowns(weights), memory if fits else None)
+        for weights, memory in islice(basis.starts(), n_starts)
+    ]
     if len(found) > 1:
         costs = program.costs(np.array([start.unknowns for start in found]))
         found = [found[i] for i in np.argsort(costs, kind="stable")]
@@ -120,6 +125,8 @@ def unit_of_naturalness(
     """
     here = program.at_expected
     gradient = (here.residual @ here.jacobian)[: len(precision)]
-    descent = float(np.sqrt(gradient @ np.linalg.solve(precision, gradient)))
+    factor = cholesky(precision)
+    assert factor is not None
+    descent = float(np.linalg.norm(factor.solve_lower(gradient)))
     cost = 0.5 * float(here.residual @ here.residual)
     return max(cost, effort_weight * descent)

@@ -32,7 +32,7 @@ class PathOptions:
     via_spread : float
         Standard deviation of vias from the middle of the motion [rad or m].
     n_paths : int
-        Number of searches for paths, with different seeds.
+        Largest number of searches for paths, with different seeds; mostly their time ends earlier.
     reach : float
         Distance beyond the ends, joint by joint, within which the first search stays [rad or m];
         each further one reaches as much further. Most paths are near the ends.
@@ -52,7 +52,7 @@ class PathOptions:
 
     n_vias: int = 40
     via_spread: float = 0.6
-    n_paths: int = 6
+    n_paths: int = 60
     reach: float = 1.0
     n_checks: int = 5_000
     share_of_search: float = 0.75

@@ -61,7 +61,7 @@ class PlannerOptions:
     sample_period : float
         Time between the points of a trajectory [s].
     max_solve_time : float
-        Longest time for the solver [s].
+        Longest time for planning [s]; some of it is kept for the last checks.
     n_starts : int
         Number of starts of the solver, at most 5, for a small naturalness (ρ < 0.1), where there
         may be several optima. The best solution found in the available time is used. Five starts

@@ -10,14 +10,7 @@ from importlib import import_module
 from types import NoneType
 
 from ..arrays import check_type
-from ..exceptions import (
-    GoalError,
-    LimitsError,
-    PrimitiveError,
-    RobotError,
-    WorldError,
-    quote_names,
-)
+from ..exceptions import GoalError, LimitsError, PrimitiveError, RobotError, WorldError, quote_names
 from ..motion.collision import CollisionModel, package_folders
 from ..motion.goal import (
     GoalLike,
@@ -201,7 +194,9 @@ class Planner:
         goal = as_goal(goal, self.robot.joint_names, duration)
         start = as_state(start, self.robot.joint_names, "the start")
         began = time.perf_counter()
-        budget = Budget(began + self.options.max_solve_time, self.options.solver.should_stop)
+        most, kept = self.options.max_solve_time, self.options.search.time_for_checks
+        deadline = began + most - min(kept, 0.2 * most)
+        budget = Budget(deadline, self.options.solver.should_stop)
         if isinstance(goal, SequenceGoal):
             planned = self._several.serve(self._sequences.resolve(goal, start), mode, budget)
             attempts = [planned.attempt]

@@ -39,10 +39,7 @@ class QuadraticSolution:
 
 
 def solve_quadratic(
-    factor: Factor | None,
-    gradient: FloatArray,
-    rows: FloatArray,
-    bounds: FloatArray,
+    factor: Factor | None, gradient: FloatArray, rows: FloatArray, bounds: FloatArray
 ) -> QuadraticSolution | None:
     """Minimise ½pᵀHp + gᵀp subject to A p ≤ b.
 

@@ -6,13 +6,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from importlib import import_module
 from typing import Any
 
 import numpy as np
 
 from ..arrays import FloatArray
-from ..exceptions import MissingDependencyError
+from ..exceptions import require
 
 _BEYOND = np.pi  # Range beyond the ends of joints without limits [rad].
 
@@ -79,7 +78,10 @@ def sampled_path(
     MissingDependencyError
         If OMPL is not installed.
     """
-    base, geometric, util = (_ompl(name) for name in ("base", "geometric", "util"))
+    base, geometric, util = (
+        require(f"ompl.{name}", "ompl", "the search for detours")
+        for name in ("base", "geometric", "util")
+    )
     n_joints, n_checks = ends[0].size, 0
 
     def is_free(state: Any) -> bool:
@@ -145,10 +147,3 @@ def _state(setup: Any, q: FloatArray) -> Any:
     state = setup.getStateSpace().allocState()
     state[0 : q.size] = q.tolist()
     return state
-
-
-def _ompl(module: str) -> Any:
-    try:
-        return import_module(f"ompl.{module}")
-    except ImportError:
-        raise MissingDependencyError("ompl", "ompl", "the search for detours") from None

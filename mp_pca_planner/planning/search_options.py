@@ -29,6 +29,9 @@ class SearchOptions:
     share_of_fixed : float
         Share of the time for planning with a requested duration, 0 to 1. The rest is for finding a
         feasible duration.
+    time_for_checks : float
+        Time that is kept for the last checks and for a slow motion where no other was found, at
+        most a fifth of all [s].
     share_in_shortest : float
         Cost of the planner's objectives as a share of that of time, in the search for the shortest
         duration.
@@ -85,6 +88,7 @@ class SearchOptions:
     effort_weight: float = 8.0
     max_refinements: int = 8
     share_of_fixed: float = 0.6
+    time_for_checks: float = 0.02
     share_in_shortest: float = 1e-3
     scaling_margin: float = 1.02
     share_of_descent: float = 0.15

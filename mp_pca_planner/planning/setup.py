@@ -43,9 +43,10 @@ class Setup:
         """The points of a trajectory through some segments, without efforts."""
         times, states, began = [], [], 0.0
         for i, motion in enumerate(motions):
-            own = motion.sample_times(self.options.sample_period)[min(i, 1) :]
-            times.append(began + own)
-            states.append(motion.evaluate(own))
+            own, values = motion.sample(self.options.sample_period)
+            first = min(i, 1)
+            times.append(began + own[first:])
+            states.append(values[:, first:])
             began += motion.duration
         q, v, a = np.concatenate(states, axis=1)
         return Trajectory(self.robot.joint_names, np.concatenate(times), q, v, a)

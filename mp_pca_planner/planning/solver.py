@@ -170,28 +170,25 @@ class _Search:
         self.start_cost, self.pull = self.here.cost, self.here.gradient
         self.weight, self.iterations = 0.0, 1
         self.feasible = (self.x, self.here) if self.violated <= FEASIBLE else None
-        self.memory = memory or self._blank()
-
-    def _blank(self) -> SolverMemory:
-        options, curved = self._options, bool(self.here.equalities.size)
-        radius = options.first_radius_to_equalities if curved else options.first_radius
-        return SolverMemory(self.here.hessian * 0.0, radius, np.zeros(0, dtype=np.intp))
+        if memory is None:
+            curved = bool(self.here.equalities.size)
+            radius = options.first_radius_to_equalities if curved else options.first_radius
+            memory = SolverMemory(self.here.hessian * 0.0, radius, np.zeros(0, dtype=np.intp))
+        self.curvature, self.radius, self.sides = memory.curvature, memory.radius, memory.sides
 
     def run(self) -> Solution:
         """Take steps until one is negligible, or time or iterations run out."""
         options, converged = self._options, self.x.size == 0
         while not converged and self.iterations < options.max_iterations:
-            memory = self.memory
-            hessian = added(self.here.hessian, memory.curvature)
-            subproblem = Subproblem(self._program, self.here, hessian, memory.radius, memory.sides)
+            hessian = added(self.here.hessian, self.curvature)
+            subproblem = Subproblem(self._program, self.here, hessian, self.radius, self.sides)
             enough = options.tolerance * self.here.cost
             converged = self.violated <= FEASIBLE and subproblem.largest_decrease() <= enough
             if converged:
                 self.pull = subproblem.pull
                 break
             step = subproblem.solve()
-            self.pull = step.pull
-            self.memory = replace(memory, sides=step.sides)
+            self.pull, self.sides = step.pull, step.sides
             # An exact penalty needs a weight above every multiplier. It may fall again (Powell, "A
             # fast algorithm for nonlinearly constrained optimization calculations", 1978).
             least = 2.0 * step.largest_multiplier
@@ -200,7 +197,7 @@ class _Search:
             negligible = predicted <= enough
             converged = negligible and self.violated <= FEASIBLE
             restores = self.violated - step.infeasibility > FEASIBLE
-            stuck = (negligible and not restores) or memory.radius < options.min_radius
+            stuck = (negligible and not restores) or self.radius < options.min_radius
             if converged or stuck or options.should_stop():
                 break
             self._take(step, subproblem, predicted)
@@ -210,14 +207,13 @@ class _Search:
         """Evaluate a step, update the curvature, accept the step if it lowers the penalty."""
         step = self._restored(step, subproblem)
         there, violated, decrease = self._evaluated(step)
-        radius, length = self.memory.radius, float(np.linalg.norm(step.change))
+        length = math.sqrt(float(step.change @ step.change))
         if not decrease >= 0.25 * predicted:  # a NaN must shrink the radius, too
-            radius = 0.25 * length
-        elif decrease > 0.75 * predicted and (step.damping > 0.0 or length > 0.8 * radius):
-            radius = 2.0 * max(length, radius)
-        self.memory = replace(self.memory, radius=radius)
+            self.radius = 0.25 * length
+        elif decrease > 0.75 * predicted and (step.damping > 0.0 or length > 0.8 * self.radius):
+            self.radius = 2.0 * max(length, self.radius)
         if step.infeasibility <= FEASIBLE:  # otherwise, multipliers may be penalties
-            self.memory = replace(self.memory, curvature=self._learned(step, there))
+            self.curvature = self._learned(step, there)
         if decrease > 0.0:
             self.x, self.here, self.violated = self.x + step.change, there, violated
             if violated <= FEASIBLE:
@@ -255,7 +251,7 @@ class _Search:
 
     def _learned(self, step: Step, there: Point) -> Matrix:
         """The estimate of the curvature, updated along a step; block by block if it has blocks."""
-        curvature, options = self.memory.curvature, self._options
+        curvature, options = self.curvature, self._options
         if not isinstance(curvature, BlockMatrix):
             hessians = as_array(self.here.hessian) + as_array(there.hessian)
             turned = step.lagrangian_gradient(there) - step.pull
@@ -291,7 +287,7 @@ class _Search:
             iterations=self.iterations,
             kkt_residual=float(np.linalg.norm(self.pull)) / max(self.here.cost, TINY),
             start_cost=self.start_cost,
-            memory=self.memory,
+            memory=SolverMemory(self.curvature, self.radius, self.sides),
         )
 
 

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
 
 import numpy as np
 
@@ -100,9 +101,8 @@ def check_start(start: JointState, limits: JointLimits) -> None:
     GoalError
         If it violates a limit.
     """
-    names, _, v, a = start.joint_names, *start.values
-    inside = JointState(names, nearest_start(start.positions, limits), v, a)
-    check_within_limits("present", inside, limits)
+    inside = nearest_start(start.positions, limits)
+    _check("present", start.joint_names, (inside, start.velocities, start.accelerations), limits)
 
 
 def check_within_limits(what: str, state: JointState, limits: JointLimits) -> None:
@@ -113,13 +113,25 @@ def check_within_limits(what: str, state: JointState, limits: JointLimits) -> No
     GoalError
         If it violates a limit.
     """
-    values, rates = np.array(state.values), (limits.velocity, limits.acceleration)
+    _check(what, state.joint_names, state.values, limits)
+
+
+def _check(
+    what: str, names: Sequence[str], state: tuple[FloatArray, ...], limits: JointLimits
+) -> None:
+    values, (low, high) = np.array(state), _bounds(limits)
+    if np.all((low <= values) & (values <= high)):
+        return
+    k, j = np.argwhere(~((low <= values) & (values <= high)))[0].tolist()
+    raise GoalError(
+        f"the {what} {_QUANTITIES[k]} of joint '{names[j]}' is {values[k, j]:.9g}, "
+        f"outside its limits [{low[k, j]:.9g}, {high[k, j]:.9g}]"
+    )
+
+
+@lru_cache(maxsize=8)
+def _bounds(limits: JointLimits) -> tuple[FloatArray, FloatArray]:
+    """Least and largest positions, velocities and accelerations, shape (3, n_joints)."""
+    rates = limits.velocity, limits.acceleration
     low = np.maximum([limits.lower, *(-bound for bound in rates)], -_NO_ROBOT)
-    high = np.minimum([limits.upper, *rates], _NO_ROBOT)
-    outside = ~((low <= values) & (values <= high))
-    if outside.any():
-        k, j = np.argwhere(outside)[0].tolist()
-        raise GoalError(
-            f"the {what} {_QUANTITIES[k]} of joint '{state.joint_names[j]}' is {values[k, j]:.6g}, "
-            f"outside its limits [{low[k, j]:.6g}, {high[k, j]:.6g}]"
-        )
+    return low, np.minimum([limits.upper, *rates], _NO_ROBOT)

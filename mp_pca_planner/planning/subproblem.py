@@ -62,7 +62,7 @@ def _sum_of_peaks(outside: FloatArray) -> float:
     where = np.flatnonzero(outside > 0.0)
     if not where.size:
         return 0.0
-    starts = np.flatnonzero(np.diff(where, prepend=-2) > 1)
+    starts = np.append(0, np.flatnonzero(where[1:] - where[:-1] > 1) + 1)
     return float(np.maximum.reduceat(outside[where], starts).sum())
 
 

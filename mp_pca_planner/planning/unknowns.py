@@ -213,45 +213,59 @@ class Rows(NamedTuple):
     units: FloatArray
 
 
+class Timing(NamedTuple):
+    """The part of a free duration in :class:`Slopes`.
+
+    Attributes
+    ----------
+    growth : array, shape (n_linear,)
+        Factors of the columns.
+    rates : array, shape (n_states,)
+        Factors of the states.
+    by_duration : array, shape (n_states,)
+        Derivatives by the unknown of the duration.
+    decay : array, shape (n_states,)
+        Relative decrease of the states of given path with that unknown.
+    """
+
+    growth: FloatArray
+    rates: FloatArray
+    by_duration: FloatArray
+    decay: FloatArray
+
+
 class Slopes(NamedTuple):
     """Derivatives of n_states states by the unknowns at one x, as factors.
 
     Attributes
     ----------
     columns : array, shape (n_states, n_linear)
-        Derivatives of states by phase, by the unknowns on which the motion depends linearly.
-    growth : array, shape (n_linear,)
-        Factors of the columns.
-    rates : array, shape (n_states,)
-        Factors of the states.
-    by_duration : array, shape (n_states,), or None
-        Derivatives by the unknown of the duration, if that is free.
-    decay : array, shape (n_states,), or None
-        Relative decrease of the states of given path with that unknown.
+        Derivatives by the unknowns on which the motion depends linearly; of states by phase, if the
+        duration is free.
     n_unknowns : int
         Number of unknowns.
+    timing : Timing or None
+        The part of the duration, if that is free.
     """
 
     columns: FloatArray
-    growth: FloatArray
-    rates: FloatArray
-    by_duration: FloatArray | None
-    decay: FloatArray | None
     n_unknowns: int
+    timing: Timing | None = None
 
     def changes(self, step: FloatArray) -> FloatArray:
         """Changes of the states with a step of the unknowns, to first order."""
-        changes = self.columns @ (self.growth * step[: self.growth.size])
-        changes *= self.rates
-        if self.by_duration is not None:
-            changes += step[self.growth.size] * self.by_duration
-        return np.asarray(changes)
+        n_linear = self.columns.shape[1]
+        if self.timing is None:
+            return np.asarray(self.columns @ step[:n_linear])
+        growth, rates, by_duration, _ = self.timing
+        along = self.columns @ (growth * step[:n_linear])
+        return np.asarray(along * rates + step[n_linear] * by_duration)
 
     def after(self, values: FloatArray, step: FloatArray) -> FloatArray:
         """States after a step, by their values before: to first order but for powers of T."""
         after = values + self.changes(step)
-        if self.decay is not None:
-            fallen = step[self.growth.size] * self.decay
+        if self.timing is not None:
+            fallen = step[self.columns.shape[1]] * self.timing.decay
             after += fallen * values
             after *= np.exp(-fallen)
         return np.asarray(after)
@@ -266,12 +280,14 @@ class Slopes(NamedTuple):
         log T, so that a step within this bound to first order is within it altogether.
         """
         columns = self.columns[chosen]
+        n_linear = columns.shape[1]
         rows = np.zeros((len(columns), self.n_unknowns))
-        np.multiply(columns, self.growth, out=rows[:, : self.growth.size])
-        rows *= self.rates[chosen, None]
-        if self.by_duration is not None:
-            assert self.decay is not None
-            rows[:, self.growth.size] = self.by_duration[chosen] - self.decay[chosen] * room
+        rows[:, :n_linear] = columns
+        if self.timing is not None:
+            growth, rates, by_duration, decay = self.timing
+            rows[:, :n_linear] *= growth
+            rows *= rates[chosen, None]
+            rows[:, n_linear] = by_duration[chosen] - decay[chosen] * room
         return rows
 
 
@@ -309,7 +325,8 @@ class StateMap:
         if not unknowns.duration_is_free:
             rates = self._rates(unknowns.duration)
             self._fixed = (self._boundary_part(unknowns.boundary) + self._mean) * rates
-            self._constant = self._slopes(np.ones(unknowns.n_linear), rates)
+            columns = self._columns * np.repeat(rates, self._mean.shape[1], axis=0)
+            self._constant = Slopes(columns, unknowns.scales.size)
 
     def _rates(self, duration: float) -> FloatArray:
         """Factors of the derivatives by phase, shape (n_rows, 1)."""
@@ -317,16 +334,6 @@ class StateMap:
 
     def _boundary_part(self, boundary: FloatArray) -> FloatArray:
         return np.asarray((self._hermite @ boundary.T[self._joints][:, :, None])[:, :, 0])
-
-    def _slopes(
-        self,
-        growth: FloatArray,
-        rates: FloatArray,
-        by_duration: FloatArray | None = None,
-        decay: FloatArray | None = None,
-    ) -> Slopes:
-        of_states, n = np.repeat(rates[:, 0], self._mean.shape[1]), self._unknowns.scales.size
-        return Slopes(self._columns, growth, of_states, by_duration, decay, n)
 
     def values(self, x: FloatArray) -> FloatArray:
         """The states, shape (n_rows, n_phases)."""
@@ -346,8 +353,11 @@ class StateMap:
         rates, (_, growth) = self._rates(unknowns.duration_at(x)), unknowns.boundary_at(x)
         slope = unknowns.log_duration_slope(x)
         by_duration = slope * (self._boundary_part(growth) * rates - self._orders * values).ravel()
-        decay = np.asarray(slope * np.repeat(self._orders, self._mean.shape[1]))
-        return self._slopes(unknowns.growth(x), rates, by_duration, decay)
+        n_phases = self._mean.shape[1]
+        decay = np.asarray(slope * np.repeat(self._orders, n_phases))
+        of_states = np.repeat(rates[:, 0], n_phases)
+        timing = Timing(unknowns.growth(x), of_states, by_duration, decay)
+        return Slopes(self._columns, unknowns.scales.size, timing)
 
     def jacobian(self, x: FloatArray, values: FloatArray) -> FloatArray:
         """The same as an array, shape (n_rows * n_phases, n_unknowns)."""

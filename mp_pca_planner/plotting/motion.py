@@ -14,17 +14,7 @@ from ..arrays import FloatArray
 from ..exceptions import PlannerError, printable
 from ..motion.trajectory import Trajectory
 from ..robot.limits import JointLimits
-from .style import (
-    BLACK,
-    COLOURS,
-    FIGURES,
-    LINES,
-    STYLES,
-    Line,
-    add_header,
-    label_left,
-    line,
-)
+from .style import BLACK, COLOURS, FIGURES, LINES, STYLES, Line, add_header, label_left, line
 from .units import unit_of
 
 if TYPE_CHECKING:

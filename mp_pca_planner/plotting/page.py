@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from .. import __version__
-from ..exceptions import MissingDependencyError, PlannerError, printable
+from ..exceptions import PlannerError, printable, require
 from ..files import write_whole
 from .style import require_matplotlib, styled_figure
 
@@ -69,10 +69,7 @@ def require_pages() -> None:
         If matplotlib or jinja2 is not installed.
     """
     require_matplotlib()
-    try:
-        import jinja2  # noqa: F401  # the import itself is the check
-    except ImportError:
-        raise MissingDependencyError("jinja2", "plot", "making a page") from None
+    require("jinja2", "plot", "making a page")
 
 
 def render(template: str, **content: Any) -> str:

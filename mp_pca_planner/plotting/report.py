@@ -243,7 +243,9 @@ def _library(folder: Path, content: LibraryContent) -> dict[str, Any]:
                 "labels": _labels(primitive),
                 "alone": unit.number(alone),
                 "together": unit.number(together),
-                "figure": _kind_figure(primitive) if i < REPORT.max_kinds else None,
+                "figure": figure_address(partial(paths_figure, primitive=primitive))
+                if i < REPORT.max_kinds
+                else None,
             }
             for i, (primitive, alone, together) in enumerate(kinds)
         ],
@@ -273,10 +275,6 @@ def kinds_map(figure: Figure, content: LibraryContent) -> None:
 def _points(colour: str, marker: str, label: str) -> Line:
     shape = {"marker": marker, "markersize": 6.0, "alpha": 0.8}
     return {"color": colour, "linestyle": "none", "label": label, **shape}
-
-
-def _kind_figure(primitive: MovementPrimitive) -> str:
-    return figure_address(partial(paths_figure, primitive=primitive))
 
 
 def paths_figure(figure: Figure, primitive: MovementPrimitive) -> None:

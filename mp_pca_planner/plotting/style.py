@@ -16,7 +16,7 @@ from pathlib import Path
 from textwrap import fill
 from typing import TYPE_CHECKING, Any
 
-from ..exceptions import MissingDependencyError, printable
+from ..exceptions import printable, require
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -96,10 +96,7 @@ def require_matplotlib() -> None:
     MissingDependencyError
         If matplotlib is not installed.
     """
-    try:
-        import matplotlib.figure  # noqa: F401  # the import itself is the check
-    except ImportError:
-        raise MissingDependencyError("matplotlib", "plot", "drawing a picture") from None
+    require("matplotlib.figure", "plot", "drawing a picture")
 
 
 @contextmanager

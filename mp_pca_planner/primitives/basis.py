@@ -236,7 +236,7 @@ def _differentiations(degree: int, highest: int) -> FloatArray:
     return matrices
 
 
-@lru_cache(maxsize=16)
+@lru_cache(maxsize=64)
 def _table(phases: bytes, degree: int) -> FloatArray:
     """Chebyshev polynomials at phases, cached because the same phases recur.
 

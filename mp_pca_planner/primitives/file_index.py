@@ -61,53 +61,31 @@ class FileIndex:
     means: FloatArray
     precisions: FloatArray
 
-    def at(self, paths: Sequence[Path]) -> list[IndexedFile]:
-        """The files, given their paths."""
-        return [
-            IndexedFile(path, name, self.joint_names, (size, time))
-            for path, name, (size, time) in zip(
-                paths, self.names, self.stamps.tolist(), strict=True
-            )
-        ]
 
+def load_unchanged(
+    path: Path, name: str, joint_names: tuple[str, ...], stamp: Sequence[int]
+) -> MovementPrimitive:
+    """Read a file of an index.
 
-@dataclass(frozen=True)
-class IndexedFile:
-    """A file of an index.
-
-    Attributes
+    Parameters
     ----------
     path : Path
         The file.
-    name : str
-        Name of its primitive.
-    joint_names : tuple of str
-        Its joints.
-    stamp : tuple of int
-        Its size [bytes] and time of modification [ns].
+    name, joint_names, stamp
+        What the index says of it.
+
+    Raises
+    ------
+    PrimitiveFileError
+        If it can't be read, or has changed since the index was made.
     """
-
-    path: Path
-    name: str
-    joint_names: tuple[str, ...]
-    stamp: tuple[int, int]
-
-    def load(self) -> MovementPrimitive:
-        """Read the file.
-
-        Raises
-        ------
-        PrimitiveFileError
-            If it can't be read, or has changed since the index was made.
-        """
-        found = load_primitive(self.path)
-        known = IndexedFile(self.path, found.name, found.joint_names, _stamp(self.path))
-        if known != self:
-            raise PrimitiveFileError(
-                f"primitive file '{self.path}' has changed since its folder was read: read the "
-                "folder again (the node: call ~/reload_primitives)"
-            )
-        return found
+    found = load_primitive(path)
+    if (found.name, found.joint_names, _stamp(path)) != (name, joint_names, tuple(stamp)):
+        raise PrimitiveFileError(
+            f"primitive file '{path}' has changed since its folder was read: read the folder "
+            "again (the node: call ~/reload_primitives)"
+        )
+    return found
 
 
 def index_files(folder: Path, files: Sequence[str]) -> FileIndex:
@@ -181,10 +159,7 @@ def _stored(folder: Path) -> FileIndex | None:
 
 
 def _index(
-    text: Mapping[str, Any],
-    stamps: NDArray[np.int64],
-    means: FloatArray,
-    precisions: FloatArray,
+    text: Mapping[str, Any], stamps: NDArray[np.int64], means: FloatArray, precisions: FloatArray
 ) -> FileIndex | None:
     """The index with this content; None if it has another form."""
     n, size = len(text["files"]), 2 * len(text["joint_names"]) + 1

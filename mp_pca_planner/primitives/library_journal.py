@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from .. import __version__
-from ..exceptions import MissingDependencyError, PlannerError, PrimitiveError, unknown_name
+from ..exceptions import PlannerError, PrimitiveError, require, unknown_name
 from ..files import reading
 from ..json_content import check_form, load_json
 from .primitive import MovementPrimitive
@@ -158,31 +158,26 @@ def version_to_restore(history: Sequence[Change], name: str, version: int | None
     return version
 
 
-def require_locks() -> None:
-    """Check that a library can be changed.
+def require_locks() -> Any:
+    """The module of locks, without which a library can't be changed.
 
     Raises
     ------
     MissingDependencyError
         If filelock is not installed.
     """
-    try:
-        import filelock  # noqa: F401  # the import itself is the check
-    except ModuleNotFoundError:
-        raise MissingDependencyError("filelock", "library", "a versioned library") from None
+    return require("filelock", "library", "a versioned library")
 
 
 @contextmanager
 def locked(library: Path, versions: Path) -> Iterator[None]:
     """Hold the lock of the library, which ends with the process."""
-    require_locks()
-    from filelock import FileLock, Timeout
-
+    filelock = require_locks()
     try:
         versions.mkdir(parents=True, exist_ok=True)
-        with FileLock(versions / "lock", timeout=LOCK_TIMEOUT):
+        with filelock.FileLock(versions / "lock", timeout=LOCK_TIMEOUT):
             yield
-    except Timeout:
+    except filelock.Timeout:
         raise PrimitiveError(
             f"the library '{library}' has been locked by another process for "
             f"{LOCK_TIMEOUT:g} s: try again when it is done"

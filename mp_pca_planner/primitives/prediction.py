@@ -22,10 +22,7 @@ if TYPE_CHECKING:
 
 
 def expected_motion(
-    primitive: MovementPrimitive,
-    start: StateLike,
-    goal: StateLike,
-    duration: float | None = None,
+    primitive: MovementPrimitive, start: StateLike, goal: StateLike, duration: float | None = None
 ) -> Trajectory:
     """The motion that a primitive expects from rest to rest.
 

@@ -15,7 +15,7 @@ import numpy as np
 from ..arrays import FloatArray
 from ..exceptions import GoalError, PrimitiveError, quote_names, unknown_name
 from .file import load_primitive
-from .file_index import index_files
+from .file_index import index_files, load_unchanged
 from .primitive import MovementPrimitive
 from .primitive_values import require_same_joints
 
@@ -190,15 +190,16 @@ def _library_in_files(files: Sequence[Path]) -> PrimitiveLibrary:
     for file in files:
         files_in.setdefault(file.parent, []).append(file)
     indices = [index_files(folder, [x.name for x in own]) for folder, own in files_in.items()]
-    pairs = zip(indices, files_in.values(), strict=True)
-    indexed = [one for index, own in pairs for one in index.at(own)]
-    _check_together([x.path for x in indexed], [(x.name, x.joint_names) for x in indexed])
+    paths = [path for own in files_in.values() for path in own]
+    primitives = [(name, index.joint_names) for index in indices for name in index.names]
+    stamps = np.concatenate([index.stamps for index in indices]).tolist()
+    _check_together(paths, primitives)
     return PrimitiveLibrary(
-        [x.name for x in indexed],
-        indexed[0].joint_names,
+        [name for name, _ in primitives],
+        indices[0].joint_names,
         np.concatenate([index.means for index in indices]),
         np.concatenate([index.precisions for index in indices]),
-        lru_cache(_OPTIONS.max_kept)(lambda i: indexed[i].load()),
+        lru_cache(_OPTIONS.max_kept)(lambda i: load_unchanged(paths[i], *primitives[i], stamps[i])),
     )
 
 

@@ -18,11 +18,11 @@ import json
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import asdict
-from functools import partial
+from functools import cached_property, partial
 from itertools import count
 from pathlib import Path
 
-from ..exceptions import PlannerError, PrimitiveError, quote_names, unknown_name
+from ..exceptions import PlannerError, PrimitiveError, unknown_name
 from ..files import Content, read_bytes, read_text, reading, write_together
 from ..input_limits import INPUT_LIMITS
 from .file import load_primitive, primitive_bytes, write_primitive
@@ -40,6 +40,7 @@ from .library_journal import (
     version_to_restore,
 )
 from .primitive import MovementPrimitive
+from .primitive_values import require_same_joints
 
 
 class VersionedLibrary:
@@ -91,8 +92,8 @@ class VersionedLibrary:
         PrimitiveError
             If its name is no file name, or it moves other joints than those in use.
         """
-        with locked(self.folder, self._versions):
-            return self._change([primitive], [], {}, note)[-1]
+        with self._locked() as library:
+            return library.make([primitive], [], {}, note)[-1]
 
     def change(
         self,
@@ -124,17 +125,17 @@ class VersionedLibrary:
             If a name is no file name, a primitive moves other joints than those that stay, or
             another process has changed the library meanwhile.
         """
-        with locked(self.folder, self._versions):
-            if len(self.history()) != n_before:
+        with self._locked() as library:
+            if len(library.history()) != n_before:
                 raise PrimitiveError(f"the library '{self.folder}' changed meanwhile: try again")
-            used = self.in_use()
+            used = library.in_use()
             new = [
                 primitive
                 for primitive in primitives
                 if primitive.name not in used
                 or primitive_bytes(primitive) != self._content(primitive.name, used[primitive.name])
             ]
-            return self._change(new, retired, kept, note)
+            return library.make(new, retired, kept, note)
 
     def retire(self, name: str, note: str = "") -> Change:
         """Take a primitive out of use; its versions are kept.
@@ -144,10 +145,11 @@ class VersionedLibrary:
         PrimitiveError
             If none of this name is in use.
         """
-        with locked(self.folder, self._versions):
-            if name not in self.in_use() and not self._file(name).exists():
-                raise PrimitiveError(unknown_name("primitive in use", name, self.in_use()))
-            return self._change([], [name], {}, note)[-1]
+        with self._locked() as library:
+            used = library.in_use()
+            if name not in used and not self._file(name).exists():
+                raise PrimitiveError(unknown_name("primitive in use", name, used))
+            return library.make([], [name], {}, note)[-1]
 
     def roll_back(self, name: str, version: int | None = None, note: str = "") -> Change:
         """Put an earlier version of a primitive into use again.
@@ -164,14 +166,38 @@ class VersionedLibrary:
         PrimitiveError
             If there is no such version.
         """
-        with locked(self.folder, self._versions):
-            version = version_to_restore(self.history(), name, version)
-            primitive = load_primitive(self._file(name, version))
-            self._check_joints([primitive], [])
-            change = change_now(ROLLBACK, name, version, provenance_of(primitive), note)
-            return self._make([change], {self._file(name): self._content(name, version)})[0]
+        with self._locked() as library:
+            return library.make_rollback(name, version, note)
 
-    def _change(
+    @contextmanager
+    def _locked(self) -> Iterator[_LockedLibrary]:
+        """Hold the lock of the library, which changes it."""
+        with locked(self.folder, self._versions):
+            yield _LockedLibrary(self.folder)
+
+    def _file(self, name: str, version: int | None = None) -> Path:
+        """Path of a primitive in use, or of a version."""
+        in_use = self.folder / f"{name}.npz"
+        return in_use if version is None else self._versions / name / f"{version:04}.npz"
+
+    def _content(self, name: str, version: int) -> bytes:
+        """Content of a version of a primitive."""
+        with reading(f"version {version} of '{name}' of the library", PrimitiveError):
+            return read_bytes(self._file(name, version), INPUT_LIMITS.primitive_bytes)
+
+
+class _LockedLibrary(VersionedLibrary):
+    """A library under its lock; its history, which nobody else changes, is read once."""
+
+    @cached_property
+    def _known(self) -> tuple[Change, ...]:
+        return super().history()
+
+    def history(self) -> tuple[Change, ...]:
+        """Every change before, the oldest first."""
+        return self._known
+
+    def make(
         self,
         primitives: Sequence[MovementPrimitive],
         retired: Collection[str],
@@ -203,6 +229,14 @@ class VersionedLibrary:
             files[self._file(name)] = None
         return self._make(changes, files | {self.kept(name): x for name, x in kept.items()})
 
+    def make_rollback(self, name: str, version: int | None, note: str) -> Change:
+        """See :meth:`VersionedLibrary.roll_back`."""
+        version = version_to_restore(self.history(), name, version)
+        primitive = load_primitive(self._file(name, version))
+        self._check_joints([primitive], [])
+        change = change_now(ROLLBACK, name, version, provenance_of(primitive), note)
+        return self._make([change], {self._file(name): self._content(name, version)})[0]
+
     def _check_joints(
         self, primitives: Sequence[MovementPrimitive], retired: Collection[str]
     ) -> None:
@@ -211,14 +245,8 @@ class VersionedLibrary:
         stays = [item for item in self.in_use().items() if item[0] not in replaced]
         # All that stay move the same joints: the first one is enough.
         known = [load_primitive(self._file(*item)) for item in stays[:1]] if primitives else []
-        every = [*known, *primitives]
-        for other in every[1:]:
-            if other.joint_names != every[0].joint_names:
-                raise PrimitiveError(
-                    f"'{other.name}' moves {quote_names(other.joint_names)}, but "
-                    f"'{every[0].name}' of the library moves {quote_names(every[0].joint_names)}: "
-                    "use another library"
-                )
+        movers = [(f"'{x.name}' of the library", x.joint_names) for x in known]
+        require_same_joints([*movers, *((f"'{x.name}'", x.joint_names) for x in primitives)])
 
     def _make(
         self, changes: Sequence[Change], files: Mapping[Path, Content | None]
@@ -244,16 +272,6 @@ class VersionedLibrary:
             if present != expected:
                 files[file] = expected
         return files
-
-    def _file(self, name: str, version: int | None = None) -> Path:
-        """Path of a primitive in use, or of a version."""
-        in_use = self.folder / f"{name}.npz"
-        return in_use if version is None else self._versions / name / f"{version:04}.npz"
-
-    def _content(self, name: str, version: int) -> bytes:
-        """Content of a version of a primitive."""
-        with reading(f"version {version} of '{name}' of the library", PrimitiveError):
-            return read_bytes(self._file(name, version), INPUT_LIMITS.primitive_bytes)
 
 
 @contextmanager

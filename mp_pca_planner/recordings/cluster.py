@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from .. import __version__
-from ..exceptions import MissingDependencyError, RecordingError
+from ..exceptions import RecordingError, require
 from .processes import IN_FLIGHT, PATIENCE, Hired, Item, Outcome, Result, map_by
 
 
@@ -75,11 +75,7 @@ def map_on_cluster(
         If the cluster can't be reached, has no workers or is lost, or a worker does not have this
         version of this package, or does not see a path.
     """
-    try:
-        from distributed import CancelledError, Client, KilledWorker
-    except ImportError:
-        raise MissingDependencyError("distributed", "dask", "work on a Dask cluster") from None
-
+    distributed = require("distributed", "dask", "work on a Dask cluster")
     if not _ADDRESS.fullmatch(address):
         raise RecordingError(
             f"'{address}' is no address of a Dask scheduler such as tcp://192.0.2.1:8786"
@@ -90,7 +86,9 @@ def map_on_cluster(
     @contextmanager
     def hire(_: int) -> Iterator[Hired]:
         try:
-            client = Client(address, timeout=OPTIONS.connection_timeout, set_as_default=False)
+            client = distributed.Client(
+                address, timeout=OPTIONS.connection_timeout, set_as_default=False
+            )
         except OSError as error:
             raise RecordingError(f"no Dask scheduler answers at '{address}': {error}") from None
 
@@ -108,12 +106,12 @@ def map_on_cluster(
             with _quiet(), client:
                 threads = sum(client.nthreads().values())
                 yield submit, has_workers, IN_FLIGHT * max(threads, OPTIONS.min_threads)
-        except CancelledError:
+        except distributed.CancelledError:
             raise RecordingError(f"{name} was lost") from None
         except (ImportError, FileNotFoundError) as error:
             raise RecordingError(f"{name} can't be used: {error}") from None
 
-    yield from map_by(hire, [[index] for index in range(len(items))], KilledWorker)
+    yield from map_by(hire, [[index] for index in range(len(items))], distributed.KilledWorker)
 
 
 @contextmanager

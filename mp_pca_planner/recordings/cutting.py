@@ -201,10 +201,7 @@ def cut_row(pieces: Sequence[SmoothPiece], row: SegmentRow) -> Cut:
 
 
 def _without_rest(
-    cuts: Sequence[Cut],
-    pieces: Sequence[Piece],
-    least_of_set: float,
-    options: SegmentationOptions,
+    cuts: Sequence[Cut], pieces: Sequence[Piece], least_of_set: float, options: SegmentationOptions
 ) -> list[Cut]:
     """Leave out movements within the extent of noise and sway, or small beside the set's motions.
 

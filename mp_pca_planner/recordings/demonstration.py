@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline, make_interp_spline
 
-from ..arrays import FloatArray, frozen_array, unique_names
+from ..arrays import FloatArray, frozen_array, set_frozen, unique_names
 from ..exceptions import RecordingError
 
 if TYPE_CHECKING:
@@ -67,16 +67,12 @@ class Demonstration:
         steps = np.diff(times)
         if times[0] != 0.0 or steps.min() <= 0.0 or np.ptp(steps) > 1e-6 * steps.mean():
             raise RecordingError(f"the times of the {where} must start at 0 and be evenly spaced")
-        object.__setattr__(self, "joint_names", names)
-        object.__setattr__(self, "times", times)
+        set_frozen(self, joint_names=names, times=times)
+        shape = (times.size, len(names))
         for name in ("positions", "velocities", "accelerations"):
-            array = frozen_array(
-                getattr(self, name),
-                (times.size, len(names)),
-                f"{name} of the {where}",
-                RecordingError,
-            )
-            object.__setattr__(self, name, array)
+            what = f"{name} of the {where}"
+            array = frozen_array(getattr(self, name), shape, what, RecordingError)
+            set_frozen(self, **{name: array})
 
     @classmethod
     def of_curve(
@@ -155,17 +151,11 @@ class Demonstration:
         if self.times.size <= most_samples:
             return self
         times = np.linspace(0.0, self.times[-1], most_samples)
-        positions, velocities, accelerations = (
-            make_interp_spline(self.times, curve, k=3)(times)
-            for curve in (self.positions, self.velocities, self.accelerations)
-        )
-        return replace(
-            self,
-            times=times,
-            positions=positions,
-            velocities=velocities,
-            accelerations=accelerations,
-        )
+        curves = {
+            name: make_interp_spline(self.times, getattr(self, name), k=3)(times)
+            for name in ("positions", "velocities", "accelerations")
+        }
+        return replace(self, times=times, **curves)
 
 
 @dataclass(frozen=True)

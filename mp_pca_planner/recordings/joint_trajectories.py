@@ -146,9 +146,7 @@ def _row(values: ArrayLike, n_joints: int) -> FloatArray:
 
 
 def repair_trajectories(
-    raw: RawTrajectories,
-    joints: Sequence[str] | None = None,
-    options: RepairOptions | None = None,
+    raw: RawTrajectories, joints: Sequence[str] | None = None, options: RepairOptions | None = None
 ) -> CleanRecording:
     """Sample commanded motions, a piece each, and count every repair.
 

@@ -21,10 +21,7 @@ from ..exceptions import RecordingError, quote_names
 from . import bags, cutting
 from .cache import ReadingCache, key_of
 from .cluster import map_on_cluster
-from .demonstration import (
-    RecordingReport,
-    RecordingSet,
-)
+from .demonstration import RecordingReport, RecordingSet
 from .load_one import LoadOptions, LoadTask, load_one
 from .processes import Outcome, map_in_processes
 from .segmentation import SegmentationOptions, absurd_extent, least_extent_of_set
@@ -239,10 +236,7 @@ def _with_extent_of_set(
 
 
 def _outcomes(
-    tasks: Sequence[LoadTask],
-    jobs: int,
-    dask: str | None,
-    within: Callable[[int, float], None],
+    tasks: Sequence[LoadTask], jobs: int, dask: str | None, within: Callable[[int, float], None]
 ) -> Generator[Outcome, None, None]:
     if dask is not None and tasks:
         yield from map_on_cluster(load_one, tasks, dask, _local_path)

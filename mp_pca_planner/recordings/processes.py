@@ -45,11 +45,7 @@ Hire = Callable[[int], AbstractContextManager[Hired]]
 """Makes workers for a number of bundles."""
 
 
-def map_by(
-    hire: Hire,
-    bundles: Sequence[list[int]],
-    died: type[Exception],
-) -> Iterator[Outcome]:
+def map_by(hire: Hire, bundles: Sequence[list[int]], died: type[Exception]) -> Iterator[Outcome]:
     """Process every item by workers.
 
     When a worker dies, it is unknown which item killed it. All submitted items are processed again,

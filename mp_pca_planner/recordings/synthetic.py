@@ -95,32 +95,6 @@ STYLE = ArmRaisingStyle()
 
 
 @dataclass(frozen=True, eq=False)
-class SyntheticMotion:
-    """One synthetic motion from rest to rest.
-
-    Attributes
-    ----------
-    times : array, shape (n_steps,)
-        Times since the start [s], evenly spaced, first 0.
-    positions : array, shape (n_steps, 4)
-        Positions [rad] of the joints in `JOINT_NAMES`.
-    """
-
-    times: FloatArray
-    positions: FloatArray
-
-    @property
-    def duration(self) -> float:
-        """Duration [s]."""
-        return float(self.times[-1])
-
-    def as_demonstration(self, recording: str = "made up") -> Demonstration:
-        """The motion as if it had been recorded without noise, cut out and differentiated."""
-        curve = CubicSpline(self.times, self.positions)
-        return Demonstration.of_curve(JOINT_NAMES, curve, self.times, recording)
-
-
-@dataclass(frozen=True, eq=False)
 class SyntheticRecording:
     """Measurements of motions one after the other, and their true times.
 
@@ -150,7 +124,7 @@ class SyntheticRecording:
         return 1_700_000_000_000_000_000 + np.round(1e9 * self.times).astype(np.int64)
 
 
-def generate_motions(n_motions: int, seed: int, *, rate: float = 200.0) -> list[SyntheticMotion]:
+def generate_motions(n_motions: int, seed: int, *, rate: float = 200.0) -> list[Demonstration]:
     """Generate arm-raising motions: from hanging or resting to raised, in front or to the side.
 
     Parameters
@@ -165,7 +139,7 @@ def generate_motions(n_motions: int, seed: int, *, rate: float = 200.0) -> list[
 
     Returns
     -------
-    motions : list of SyntheticMotion
+    motions : list of Demonstration
         The motions, with tremor but without the noise of a sensor.
 
     Raises
@@ -180,17 +154,13 @@ def generate_motions(n_motions: int, seed: int, *, rate: float = 200.0) -> list[
 
 
 def continuous_recording(
-    motions: Sequence[SyntheticMotion],
-    rate: float = 100.0,
-    rest: Range = (0.3, 0.8),
-    *,
-    seed: int,
+    motions: Sequence[Demonstration], rate: float = 100.0, rest: Range = (0.3, 0.8), *, seed: int
 ) -> SyntheticRecording:
     """Measure a person who does motions one after the other.
 
     Parameters
     ----------
-    motions : sequence of SyntheticMotion
+    motions : sequence of Demonstration
         The motions, at least one.
     rate : float
         Samples per second [Hz], at least 20.
@@ -208,7 +178,7 @@ def continuous_recording(
     knots, path = [np.zeros(1)], [motions[0].positions[:1]]
     now, spans = rng.uniform(*rest), []
 
-    def append(motion: SyntheticMotion) -> None:
+    def append(motion: Demonstration) -> None:
         nonlocal now
         knots.append(now + motion.times)
         path.append(motion.positions)
@@ -231,7 +201,7 @@ def continuous_recording(
     return SyntheticRecording(JOINT_NAMES, times, positions, of_all[::2], of_all[1::2])
 
 
-def _raise_arm(rng: np.random.Generator, rate: float) -> SyntheticMotion:
+def _raise_arm(rng: np.random.Generator, rate: float) -> Demonstration:
     start = _posture(STYLE.hanging if rng.random() < 0.6 else STYLE.resting, rng)
     return _move(start, _posture(STYLE.raised, rng), STYLE.peak_upward, rng, rate)
 
@@ -249,7 +219,7 @@ def _posture(ranges: tuple[Range, ...], rng: np.random.Generator) -> FloatArray:
 
 def _move(
     start: FloatArray, goal: FloatArray, peak_range: Range, rng: np.random.Generator, rate: float
-) -> SyntheticMotion:
+) -> Demonstration:
     distance = goal - start
     usual = STYLE.base_duration + STYLE.duration_per_radian * np.linalg.norm(distance)
     duration = np.clip(usual * rng.uniform(*STYLE.haste), *STYLE.duration_range)
@@ -265,7 +235,8 @@ def _move(
         + detour * bell(phases, rng.uniform(*STYLE.detour_peak))
         + _tremor(times, STYLE.tremor_in_motion, rng) * bell(phases, 0.5)
     )
-    return SyntheticMotion(times, positions)
+    curve = CubicSpline(times, positions)
+    return Demonstration.of_curve(JOINT_NAMES, curve, times, "made up")
 
 
 def progress(phases: FloatArray, peaks: FloatArray) -> FloatArray:

@@ -117,11 +117,7 @@ class Kinematics(PinocchioModel):
         return poses
 
     def pose_error(
-        self,
-        frame: str,
-        q: FloatArray,
-        position: FloatArray,
-        orientation: FloatArray | None = None,
+        self, frame: str, q: FloatArray, position: FloatArray, orientation: FloatArray | None = None
     ) -> tuple[FloatArray, FloatArray]:
         """Distance of a frame from a pose, and its derivative by the joints.
 

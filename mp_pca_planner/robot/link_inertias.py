@@ -18,6 +18,7 @@ import pinocchio as pin
 
 from ..arrays import FloatArray
 from .inertias import joint_of
+from .urdf import stated_origin
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,20 +82,11 @@ def _inertia(parameters: FloatArray) -> Any:
 
 def _parts(inertial: ET.Element) -> Iterator[Any]:
     """The mass, then each principal moment, in the frame of the link."""
-    origin, mass, inertia = (inertial.find(tag) for tag in ("origin", "mass", "inertia"))
-    centre, turn = (_numbers(origin, key) for key in ("xyz", "rpy"))
+    mass, inertia = (next(inertial.iter(tag)) for tag in ("mass", "inertia"))
+    centre, turn = np.split(stated_origin(inertial), 2)
     rotation = pin.rpy.rpyToMatrix(turn)
-    yield pin.Inertia(_number(mass, "value"), centre, np.zeros((3, 3)))
+    yield pin.Inertia(float(mass.attrib["value"]), centre, np.zeros((3, 3)))
     keys = [["i" + "".join(sorted(a + b)) for b in "xyz"] for a in "xyz"]
-    moments, axes = np.linalg.eigh([[_number(inertia, key) for key in row] for row in keys])
+    moments, axes = np.linalg.eigh([[float(inertia.attrib[key]) for key in row] for row in keys])
     for moment, axis in zip(moments, (rotation @ axes).T, strict=True):
         yield pin.Inertia(0.0, centre, moment * np.outer(axis, axis))
-
-
-def _number(element: ET.Element | None, key: str) -> float:
-    return 0.0 if element is None else float(element.get(key, "0"))
-
-
-def _numbers(element: ET.Element | None, key: str) -> FloatArray:
-    text = "0 0 0" if element is None else element.get(key, "0 0 0")
-    return np.array([float(part) for part in text.split()])

@@ -91,6 +91,8 @@ class PinocchioModel:
         """Compute with another model of the same joints and frames."""
         self._model = model
         self._data = model.createData()
+        body = pin.FrameType.BODY
+        self._ids = {name: model.getFrameId(name, body) for name in self.frame_names}
 
     def _with_model(self, model: Any) -> Self:
         other = copy.copy(self)
@@ -106,6 +108,6 @@ class PinocchioModel:
         if isinstance(frames, str):
             raise RobotError(f"frames must be a list of names of links, got '{frames:.80}'")
         for name in frames:
-            if name not in self.frame_names:
+            if name not in self._ids:
                 raise RobotError(f"{self._source}: {unknown_name('link', name, self.frame_names)}")
-        return [self._model.getFrameId(name, pin.FrameType.BODY) for name in frames]
+        return [self._ids[name] for name in frames]

@@ -15,16 +15,7 @@ from ..arrays import FloatArray, frozen_array
 from ..exceptions import WorldError, printable, unknown_name
 from ..files import load_yaml, read_text, reading
 from ..input_limits import INPUT_LIMITS
-from .world import (
-    ANY,
-    Box,
-    Cylinder,
-    Mesh,
-    Obstacle,
-    Shape,
-    Sphere,
-    World,
-)
+from .world import ANY, Box, Cylinder, Mesh, Obstacle, Shape, Sphere, World
 
 _IDENTITY = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
 # Constants of shape_msgs/SolidPrimitive.
@@ -158,10 +149,7 @@ def _fixed_frames(scene: Mapping[str, Any]) -> dict[str, FloatArray]:
     poses = {}
     for one in _list(scene, "fixed_frame_transforms"):
         transform = _mapping(_mapping(one), "transform")
-        pose = {
-            "position": transform.get("translation"),
-            "orientation": transform.get("rotation"),
-        }
+        pose = {"position": transform.get("translation"), "orientation": transform.get("rotation")}
         poses[str(_mapping(one).get("child_frame_id", ""))] = _pose(pose, "fixed_frame_transforms")
     return poses
 

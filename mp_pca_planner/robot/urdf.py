@@ -12,10 +12,13 @@ from __future__ import annotations
 import math
 import re
 import xml.etree.ElementTree as ET
-from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import NamedTuple
 
+import numpy as np
+
+from ..arrays import FloatArray, repeated_names
 from ..exceptions import RobotError, quote_names, unknown_name
 from ..input_limits import INPUT_LIMITS
 
@@ -194,10 +197,10 @@ def _end(joint: ET.Element, which: str) -> str:
 
 def _check_tree(root: ET.Element, source: str) -> None:
     """Reject joints between missing links, and links that form no tree."""
-    links = Counter(link.get("name", "") for link in root.findall("link"))
+    links = [link.get("name", "") for link in root.findall("link")]
     joints = root.findall("joint")
-    for kind, names in (("link", links), ("joint", Counter(j.get("name", "") for j in joints))):
-        twice = _repeated(names)
+    for kind, names in (("link", links), ("joint", [joint.get("name", "") for joint in joints])):
+        twice = repeated_names(names)
         if twice or "" in names:
             raise RobotError(
                 f"{source}: every {kind} needs a name of its own, but "
@@ -208,18 +211,14 @@ def _check_tree(root: ET.Element, source: str) -> None:
             if _end(joint, which) not in links:
                 unknown = unknown_name("link", _end(joint, which), links)
                 raise RobotError(f"{source}: {which} of joint '{joint.get('name')}': {unknown}")
-    children = Counter(_end(joint, "child") for joint in joints)
+    children = [_end(joint, "child") for joint in joints]
     roots = [name for name in links if name not in children]
-    if len(roots) != 1 or _repeated(children):
+    if len(roots) != 1 or repeated_names(children):
         raise RobotError(
             f"{source}: the links must form one tree, each but one the child of one joint; "
             f"{quote_names(roots)} are children of none, "
-            f"{quote_names(_repeated(children))} of several"
+            f"{quote_names(repeated_names(children))} of several"
         )
-
-
-def _repeated(names: Counter[str]) -> list[str]:
-    return sorted(name for name, count in names.items() if count > 1)
 
 
 def _copy_links(root: ET.Element, clean: ET.Element) -> tuple[dict[str, str], dict[str, str]]:
@@ -306,3 +305,77 @@ def _wrong_numbers(element: ET.Element) -> str:
                 return f"'{attribute}' of <{part.tag}> is '{text}', expected {expected}"
             part.set(attribute, " ".join(map(repr, values)))
     return ""
+
+
+class StatedShape(NamedTuple):
+    """A shape of a link as a URDF states it.
+
+    Attributes
+    ----------
+    kind : str
+        Its tag: box, sphere, cylinder, capsule or mesh.
+    sizes : array, shape (n_sizes,)
+        Edges of a box, radius of a sphere, radius and length of a cylinder or a capsule [m], scale
+        of a mesh.
+    file : str
+        File of a mesh.
+    origin : array, shape (6,)
+        Its place on the link: x, y, z [m], roll, pitch, yaw [rad].
+    """
+
+    kind: str
+    sizes: FloatArray
+    file: str
+    origin: FloatArray
+
+
+def stated_shape(part: ET.Element) -> StatedShape:
+    """Read a <visual> or <collision> element.
+
+    Raises
+    ------
+    RobotError
+        If it has no shape, an unknown one, or numbers that are missing or malformed.
+    """
+    shape = part.find("geometry/*")
+    if shape is None:
+        raise RobotError(f"a <{part.tag}> lacks its <geometry>")
+    if shape.tag not in (*_SHAPES, "capsule"):
+        raise RobotError(f"no shape is called <{shape.tag}>")
+    usual = "1 1 1" if shape.tag == "mesh" else ""
+    counts = _NUMBERS["cylinder" if shape.tag == "capsule" else shape.tag]
+    sizes = [numbers_of(shape, name, count, usual) for name, count in counts.items()]
+    file = shape.get("filename", "")
+    return StatedShape(shape.tag, np.concatenate(sizes), file, stated_origin(part))
+
+
+def stated_origin(part: ET.Element) -> FloatArray:
+    """The x, y, z [m], roll, pitch and yaw [rad] of the <origin> in an element; 0 without one.
+
+    Raises
+    ------
+    RobotError
+        If the numbers are malformed.
+    """
+    origin = part.find("origin")
+    if origin is None:
+        return np.zeros(6)
+    return np.concatenate([numbers_of(origin, name, 3, "0 0 0") for name in ("xyz", "rpy")])
+
+
+def numbers_of(element: ET.Element, attribute: str, count: int, usual: str = "") -> FloatArray:
+    """The numbers in an attribute, or the usual ones without it.
+
+    Raises
+    ------
+    RobotError
+        If there are not so many, or one is not finite.
+    """
+    text = element.get(attribute, usual)
+    try:
+        values = np.array([float(word) for word in text.split()])
+    except ValueError:
+        values = np.zeros(0)
+    if values.size != count or not np.isfinite(values).all():
+        raise RobotError(f"'{attribute}' of <{element.tag}> is '{text}', expected {count} numbers")
+    return values

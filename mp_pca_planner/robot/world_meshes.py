@@ -39,7 +39,13 @@ def read_mesh(resource: str, package_dirs: Sequence[Path]) -> tuple[FloatArray, 
     WorldError
         If the file can't be found or read.
     """
-    path = _path(resource, package_dirs)
+    path = find_file(resource, package_dirs) if "://" in resource else Path(resource)
+    if path is None:
+        raise WorldError(
+            f"mesh '{printable(resource)}' was not found in the packages of "
+            f"{quote_names(map(str, package_dirs))} (package_dirs); accepted are "
+            "package://package/path and file:///path"
+        )
     with reading(f"mesh '{printable(resource)}'", WorldError):
         with open_regular(path) as file:
             if file.seek(0, 2) > INPUT_LIMITS.mesh_bytes:
@@ -54,21 +60,18 @@ def read_mesh(resource: str, package_dirs: Sequence[Path]) -> tuple[FloatArray, 
     return vertices, np.array(triangles, dtype=np.intp)
 
 
-def _path(resource: str, package_dirs: Sequence[Path]) -> Path:
-    scheme, separator, rest = resource.partition("://")
-    if not separator:
-        return Path(resource)
-    if scheme == "file":
-        return Path(rest)
-    if scheme != "package":
-        raise WorldError(
-            f"mesh '{printable(resource)}': accepted are package://package/path and file:///path"
-        )
-    for folder in package_dirs:
-        # A folder may be the package itself, as the URDF reader accepts it.
-        if (folder / rest).is_file():
-            return folder / rest
-    raise WorldError(
-        f"mesh '{printable(resource)}' was not found in the packages of "
-        f"{quote_names(map(str, package_dirs))} (package_dirs)"
-    )
+def find_file(resource: str, folders: Sequence[Path]) -> Path | None:
+    """The file of a mesh: ``package://package/path``, ``file:///path``, or a path.
+
+    Relative paths, and packages by their names, are searched in some folders; a folder may be the
+    package itself, as the URDF reader accepts it.
+    """
+    scheme, mark, rest = resource.partition("://")
+    relative = Path(rest if mark else resource)
+    if relative.is_absolute():
+        return relative if relative.is_file() else None
+    candidates = [folder / relative for folder in folders]
+    if scheme == "package":
+        package, *inner = relative.parts
+        candidates += [folder.joinpath(*inner) for folder in folders if folder.name == package]
+    return next((path for path in candidates if path.is_file()), None)

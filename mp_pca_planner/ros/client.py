@@ -5,12 +5,10 @@
 from __future__ import annotations
 
 import os
-import subprocess
-import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import IO, Any
+from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped
@@ -18,7 +16,6 @@ from rclpy.exceptions import NameValidationException
 from rclpy.serialization import deserialize_message
 from rclpy.validate_full_topic_name import validate_full_topic_name
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64, String
 from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory
 
@@ -28,7 +25,6 @@ from .messages import OVERTAKEN, UNDER_WAY, to_stamp_text
 from .node import NODE_NAME
 from .process import NoAnswerError as NoAnswerError
 from .process import NodeInOwnContext
-from .subscriptions import LATCHED
 
 # A client that is busy for a while must not lose messages.
 DEPTH = 10_000
@@ -84,25 +80,6 @@ def this_machine_only(domain: int | None = None) -> dict[str, str]:
     }
 
 
-def start_node(
-    *ros_arguments: str, options: Sequence[str] = (), output: IO[str] | None = None
-) -> subprocess.Popen[str]:
-    """Start the node in a process of its own.
-
-    Parameters
-    ----------
-    ros_arguments :
-        The arguments after ``--ros-args``.
-    options :
-        The arguments before.
-    output :
-        File for its output; that of this process by default.
-    """
-    command = [sys.executable, "-m", __package__.partition(".")[0], "planner_node", *options]
-    command += ["--ros-args", *ros_arguments]
-    return subprocess.Popen(command, stdout=output, stderr=output, text=True)
-
-
 def check_node_name(namespace: str, node: str) -> None:
     """Check that a node can have this name in this namespace.
 
@@ -147,9 +124,6 @@ class GoalClient(NodeInOwnContext):
         Namespace of both nodes.
     planner : str
         Name of the planner's node.
-    plays_robot : bool
-        Whether it can also publish ``joint_states``, ``robot_description`` and ``trial_cost``, as
-        tests and benchmarks do. Another client must not appear as the robot.
 
     Attributes
     ----------
@@ -158,12 +132,7 @@ class GoalClient(NodeInOwnContext):
     """
 
     def __init__(
-        self,
-        name: str = "goal_client",
-        namespace: str = "",
-        planner: str = NODE_NAME,
-        *,
-        plays_robot: bool = False,
+        self, name: str = "goal_client", namespace: str = "", planner: str = NODE_NAME
     ) -> None:
         super().__init__(name, namespace, planner)
         self.trajectories: list[JointTrajectory] = []
@@ -175,12 +144,6 @@ class GoalClient(NodeInOwnContext):
             topic: node.create_publisher(kind, f"{planner}/{topic}", 1)
             for kind, topic in _GOAL_TOPICS.items()
         }
-        if plays_robot:
-            self._publishers |= {
-                "trial_cost": node.create_publisher(Float64, f"{planner}/trial_cost", 1),
-                "joint_states": node.create_publisher(JointState, "joint_states", 1),
-                "robot_description": node.create_publisher(String, "robot_description", LATCHED),
-            }
         self._services = {
             name: node.create_client(Trigger, f"{planner}/{name}")
             for name in ("reload_primitives", "stop", "save_motion")
@@ -220,13 +183,9 @@ class GoalClient(NodeInOwnContext):
             "is not there",
         )
 
-    def publish(self, topic: str, message: Any) -> None:
-        """Publish on a goal topic, ``joint_states``, ``robot_description`` or ``trial_cost``."""
-        self._publishers[topic].publish(message)
-
     def publish_goal(self, goal: JointState | PoseStamped | JointTrajectory) -> None:
         """Send a goal without waiting for its report."""
-        self.publish(_GOAL_TOPICS[type(goal)], goal)
+        self._publishers[_GOAL_TOPICS[type(goal)]].publish(goal)
 
     def send(
         self,
@@ -315,10 +274,6 @@ class GoalClient(NodeInOwnContext):
             ),
         )
         return values()
-
-    def wait_for_model(self) -> None:
-        """Wait until the node has primitives and a robot model."""
-        self.wait_for_diagnostics(lambda values: values["model"] != "none")
 
     def next_trajectory(self, n_before: int, timeout: float) -> JointTrajectory | None:
         """Wait for a motion after the first `n_before`; None if their topic is remapped."""

@@ -17,12 +17,13 @@ from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
 from ..arrays import FloatArray
-from ..exceptions import GoalError
+from ..exceptions import GoalError, RobotError
 from ..execution.execution_monitor import NEVER_STARTED, REPLACED
 from ..execution.parameters import ParameterError
 from ..execution.served_goal import Served
 from ..motion.trajectory import Trajectory
 from ..robot.model import Robot
+from ..robot.urdf import StatedShape, stated_shape
 
 
 class LastMotion:
@@ -187,8 +188,9 @@ def shape_markers(
     for link in description.findall("link"):
         name = link.get("name", "")
         for visual in link.findall("visual") if name in robot.frame_names else ():
-            with suppress(ValueError):
-                drawn += [(name, _origin(visual), *shape) for shape in _shapes(visual)]
+            with suppress(RobotError):
+                shape = stated_shape(visual)
+                drawn += [(name, shape.origin, *marker) for marker in _markers_of(shape)]
     origins = np.reshape([origin for _, origin, *_ in drawn], (-1, 6))
     poses = robot.attached_poses(q, [name for name, *_ in drawn], origins)
     markers: list[Marker] = []
@@ -203,46 +205,18 @@ def shape_markers(
     return markers
 
 
-def _shapes(visual: ET.Element) -> list[tuple[int, FloatArray, str]]:
-    """Kind of marker, scale [m] and mesh of a visual element, none if a marker can't show it.
-
-    Raises
-    ------
-    ValueError
-        If it is malformed.
-    """
-    shape = visual.find("geometry/*")
-    if shape is None:
+def _markers_of(shape: StatedShape) -> list[tuple[int, FloatArray, str]]:
+    """Kind of marker, scale [m] and mesh of a shape; none if a marker can't show it."""
+    sizes, name = shape.sizes, shape.file
+    if shape.kind == "box":
+        return [(Marker.CUBE, sizes, "")]
+    if shape.kind == "sphere":
+        return [(Marker.SPHERE, np.repeat(2.0 * sizes, 3), "")]
+    if shape.kind == "cylinder":
+        return [(Marker.CYLINDER, np.array([2.0, 2.0, 1.0]) * sizes[[0, 0, 1]], "")]
+    if shape.kind != "mesh" or not name:
         return []
-    if shape.tag == "box":
-        return [(Marker.CUBE, _numbers(shape, "size", 3), "")]
-    if shape.tag in ("sphere", "cylinder"):
-        diameter = 2.0 * _numbers(shape, "radius", 1)[0]
-        if shape.tag == "sphere":
-            return [(Marker.SPHERE, np.full(3, diameter), "")]
-        length = _numbers(shape, "length", 1)[0]
-        return [(Marker.CYLINDER, np.array([diameter, diameter, length]), "")]
-    name = shape.get("filename", "")
-    if shape.tag != "mesh" or not name:
-        return []
-    address = f"file://{name}" if name.startswith("/") else name
-    return [(Marker.MESH_RESOURCE, _numbers(shape, "scale", 3, "1 1 1"), address)]
-
-
-def _origin(visual: ET.Element) -> FloatArray:
-    """Place on the link: x, y, z [m], roll, pitch, yaw [rad]; `ValueError` if malformed."""
-    origin = visual.find("origin")
-    if origin is None:
-        return np.zeros(6)
-    return np.concatenate([_numbers(origin, name, 3, "0 0 0") for name in ("xyz", "rpy")])
-
-
-def _numbers(element: ET.Element, name: str, count: int, default: str = "") -> FloatArray:
-    text = element.get(name, default)
-    values = np.array([float(word) for word in text.split()])
-    if len(values) != count or not np.isfinite(values).all():
-        raise ValueError(f"{name} is '{text}'")
-    return values
+    return [(Marker.MESH_RESOURCE, sizes, f"file://{name}" if name.startswith("/") else name)]
 
 
 def _spread(trajectory: Trajectory, n: int) -> FloatArray:

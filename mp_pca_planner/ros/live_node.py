@@ -66,8 +66,13 @@ class LiveNode(NodeInOwnContext):
             (JointState, f"{planner}/goal", self._on_goal, 10),
             (PoseStamped, f"{planner}/goal_pose", self._on_goal, 10),
             (JointTrajectory, f"{planner}/goal_sequence", self._on_goal, 10),
-            (DiagnosticStatus, f"{planner}/plan_report", self._on_report, EVERY),
-            (DiagnosticStatus, f"{planner}/execution_report", self._on_execution, EVERY),
+            (DiagnosticStatus, f"{planner}/plan_report", partial(self._on_status, "report"), EVERY),
+            (
+                DiagnosticStatus,
+                f"{planner}/execution_report",
+                partial(self._on_status, "execution"),
+                EVERY,
+            ),
             (DiagnosticArray, "/diagnostics", self._on_diagnostics, EVERY),
             (JointTrajectory, motions, self._on_motion, EVERY),
             (MarkerArray, obstacles, partial(self._on_markers, is_late=False), BURSTS),
@@ -126,11 +131,8 @@ class LiveNode(NodeInOwnContext):
             text = "  ".join(f"{name} {value:.3f}" for name, value in values)
         self._keep(goal=(text, time.monotonic()))
 
-    def _on_report(self, message: DiagnosticStatus, _: dict[str, int]) -> None:
-        self._keep(report=_status(message))
-
-    def _on_execution(self, message: DiagnosticStatus, _: dict[str, int]) -> None:
-        self._keep(execution=_status(message))
+    def _on_status(self, name: str, message: DiagnosticStatus, _: dict[str, int]) -> None:
+        self._keep(**{name: _status(message)})
 
     def _on_diagnostics(self, message: DiagnosticArray, _: dict[str, int]) -> None:
         for status in message.status:

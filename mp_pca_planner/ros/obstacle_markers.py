@@ -15,15 +15,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 from ..arrays import FloatArray, frozen_array
 from ..exceptions import WorldError, printable, unknown_name
 from ..input_limits import INPUT_LIMITS
-from ..robot.world import (
-    Box,
-    Cylinder,
-    Mesh,
-    Obstacle,
-    Shape,
-    Sphere,
-    World,
-)
+from ..robot.world import Box, Cylinder, Mesh, Obstacle, Shape, Sphere, World
 from ..robot.world_meshes import read_mesh
 
 _ACCEPTED = "CUBE, SPHERE, CYLINDER, CUBE_LIST, SPHERE_LIST, TRIANGLE_LIST and MESH_RESOURCE"

@@ -31,9 +31,7 @@ BURSTS = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
 """Receives from all publishers; bursts of messages wait."""
 
 LATCHED_BURSTS = QoSProfile(
-    depth=100,
-    reliability=ReliabilityPolicy.RELIABLE,
-    durability=DurabilityPolicy.TRANSIENT_LOCAL,
+    depth=100, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
 )
 """Receives what latching publishers sent before."""
 
@@ -80,13 +78,7 @@ class PolledSubscription:
     """
 
     def __init__(
-        self,
-        node: Node,
-        message_type: Any,
-        topic: str,
-        qos: QoSProfile | int,
-        *,
-        raw: bool = False,
+        self, node: Node, message_type: Any, topic: str, qos: QoSProfile | int, *, raw: bool = False
     ) -> None:
         self._subscription = node.create_subscription(
             message_type, topic, lambda _: None, qos, callback_group=ThreadGroup(), raw=raw

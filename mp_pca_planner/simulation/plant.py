@@ -15,7 +15,7 @@ import numpy as np
 from scipy.linalg import lapack
 
 from ..arrays import FloatArray
-from ..exceptions import MissingDependencyError, SimulationError
+from ..exceptions import SimulationError, require
 from ..robot.model import Robot
 
 PERIOD = 1e-3
@@ -212,12 +212,7 @@ class MujocoPlant(Plant):
 
 
 def _mujoco() -> Any:
-    try:
-        import mujoco
-    except ModuleNotFoundError as error:
-        purpose = "the physics engine 'mujoco'"
-        raise MissingDependencyError(str(error.name), "sim", purpose) from error
-    return mujoco
+    return require("mujoco", "sim", "the physics engine 'mujoco'")
 
 
 def _add_links(spec: Any, model: Any, mujoco: Any) -> None:

@@ -20,12 +20,7 @@ from ..exceptions import SimulationError, unknown_name
 from ..motion.trajectory import Trajectory
 from ..recordings.byte_layout import NS_PER_S
 from ..robot.model import Robot
-from .controller import (
-    ControllerOptions,
-    TrajectoryController,
-    TrajectoryMessage,
-    to_message,
-)
+from .controller import ControllerOptions, TrajectoryController, TrajectoryMessage, to_message
 from .plant import PERIOD, MujocoPlant, PinocchioPlant
 
 

@@ -69,9 +69,7 @@ class PageContent:
 
 
 def read_content(
-    urdf: Path,
-    primitives: Sequence[MovementPrimitive],
-    package_dirs: Sequence[Path] = (),
+    urdf: Path, primitives: Sequence[MovementPrimitive], package_dirs: Sequence[Path] = ()
 ) -> PageContent:
     """The content of a page for primitives and the URDF file of their robot.
 

@@ -5,7 +5,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -23,25 +22,13 @@ NAME = "Demonstrations"
 _ALL, _NONE = "All", "None"
 
 
-@dataclass(frozen=True, eq=False)
-class DemonstrationGroup:
-    """Demonstrations with one label.
-
-    Attributes
-    ----------
-    label : str
-        The label; the name of the primitive, or a remark, where there is none.
-    motions : tuple of ShownMotion
-        At least one.
-    """
-
-    label: str
-    motions: tuple[ShownMotion, ...]
+Groups = dict[str, list[ShownMotion]]
+"""Demonstrations by label; by the name of the primitive, or a remark, where there is none."""
 
 
-def reproduced(primitives: Iterable[MovementPrimitive]) -> list[DemonstrationGroup]:
+def reproduced(primitives: Iterable[MovementPrimitive]) -> Groups:
     """The demonstrations of primitives, as their weights and their own timing reproduce them."""
-    found: dict[str, list[ShownMotion]] = {}
+    found: Groups = {}
     for primitive in primitives:
         sources = primitive.metadata["demonstrations"]
         for i, (duration, source) in enumerate(zip(primitive.durations, sources, strict=True)):
@@ -49,18 +36,18 @@ def reproduced(primitives: Iterable[MovementPrimitive]) -> list[DemonstrationGro
             name = _name(i, source["recording"], source["start_time_s"])
             motion = ShownMotion(name, times, primitive.reproduction(i, times))
             found.setdefault(source["label"] or primitive.name, []).append(motion)
-    return [DemonstrationGroup(label, tuple(motions)) for label, motions in found.items()]
+    return found
 
 
-def recorded(recordings: RecordingSet) -> list[DemonstrationGroup]:
+def recorded(recordings: RecordingSet) -> Groups:
     """The demonstrations of recordings, as they were measured."""
-    found: dict[str, list[ShownMotion]] = {}
+    found: Groups = {}
     for i, one in enumerate(recordings.demonstrations):
         name = _name(i, one.recording, one.start_time)
         times = np.linspace(0.0, one.duration, PAGE.n_samples)
         motion = ShownMotion(name, times, one.time_normalised(PAGE.n_samples))
         found.setdefault(one.label or _UNLABELLED, []).append(motion)
-    return [DemonstrationGroup(label, tuple(motions)) for label, motions in found.items()]
+    return found
 
 
 def _name(index: int, recording: str, start: float) -> str:
@@ -76,18 +63,14 @@ class DemonstrationsPanel:
         The scene.
     player : Player
         Plays the chosen demonstration.
-    groups : sequence of DemonstrationGroup
+    groups : dict of str to list of ShownMotion
         The demonstrations by label; at least one.
     remarks : sequence of str
         Sentences on them: where they are from, what was repaired.
     """
 
     def __init__(
-        self,
-        stage: Stage,
-        player: Player,
-        groups: Sequence[DemonstrationGroup],
-        remarks: Sequence[str],
+        self, stage: Stage, player: Player, groups: Groups, remarks: Sequence[str]
     ) -> None:
         self._stage, self._player = stage, player
         gui = stage.server.gui
@@ -98,9 +81,9 @@ class DemonstrationsPanel:
         self._paths: list[DrawnPaths] = []
         several = len(groups) > 1
         names = [
-            f"{group.label}: {motion.name}" if several else motion.name
-            for group in groups
-            for motion in group.motions
+            f"{label}: {motion.name}" if several else motion.name
+            for label, motions in groups.items()
+            for motion in motions
         ]
         self._choice = gui.add_dropdown("Play", tuple(dict.fromkeys(names)))
         picks = gui.add_button_group("Draw", (_ALL, _NONE))
@@ -111,27 +94,27 @@ class DemonstrationsPanel:
         stage.on_click(picks, lambda: self._pick(picks.value == _ALL))
         self._player.offer(NAME, self._motions[self._choice.value], take=False)
 
-    def _add_lists(self, groups: Sequence[DemonstrationGroup], names: Any) -> None:
+    def _add_lists(self, groups: Groups, names: Any) -> None:
         """A folder of checkboxes for each label."""
         gui = self._stage.server.gui
         listed = max(1, PAGE.max_listed // len(groups))
-        for i, group in enumerate(groups):
+        for i, (label, motions) in enumerate(groups.items()):
             colour = COLOURS[i % len(COLOURS)]
             path = DrawnPaths(
                 self._stage.server.scene, f"/demonstrations/{i}", from_hex(colour), 2.0
             )
             self._paths.append(path)
             self._boxes.append([])
-            title = f"{group.label} ({len(group.motions)})"
+            title = f"{label} ({len(motions)})"
             with gui.add_folder(title, expand_by_default=False):
                 gui.add_html(f'<div style="height:4px;background:{colour}"></div>')
-                for k, motion in enumerate(group.motions):
+                for k, motion in enumerate(motions):
                     self._motions[next(names)] = motion
                     if k < listed:
                         box = gui.add_checkbox(motion.name, True)
                         self._stage.on_change(box, self._on_box)
                         self._boxes[-1].append((box, motion))
-                left = len(group.motions) - listed
+                left = len(motions) - listed
                 if left > 0:
                     gui.add_markdown(f"{left} more are in the list above.")
 

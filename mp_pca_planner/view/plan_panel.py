@@ -35,35 +35,36 @@ class PlanDrawing:
         The scene.
     goal : array, shape (n_joints,)
         The first goal.
+
+    Attributes
+    ----------
+    ghost : DrawnRobot
+        The robot at the goal.
     """
 
     def __init__(self, stage: Stage, goal: FloatArray) -> None:
         self._stage = stage
         scene = stage.server.scene
-        self._ghost = DrawnRobot(scene, "/goal", stage.shapes, PAGE.goal)
+        self.ghost = DrawnRobot(scene, "/goal", stage.shapes, PAGE.goal)
         self._path = DrawnPaths(scene, "/plan/path", PAGE.path, 5.0)
         self._splines = DrawnPaths(scene, "/plan/splines", PAGE.splines, 3.0)
         self._answer: PlanAnswer | None = None
-        self._ghost.show(goal)
-
-    def show_goal(self, goal: FloatArray) -> None:
-        """Put the ghost into a configuration, shape (n_joints,)."""
-        self._ghost.show(goal)
+        self.ghost.show(goal)
 
     def show(self, answer: PlanAnswer) -> None:
         """Draw an answer."""
         self._answer = answer
-        self._ghost.show(answer.goal)
-        self._ghost.paint(PAGE.refused if answer.problem else PAGE.goal)
+        self.ghost.show(answer.goal)
+        self.ghost.paint(PAGE.refused if answer.problem else PAGE.goal)
         self._draw_paths()
 
     def set_visible(self, is_visible: bool) -> None:
         """Show or hide the drawing."""
-        self._ghost.visible = is_visible
+        self.ghost.visible = is_visible
         self._draw_paths()
 
     def _draw_paths(self) -> None:
-        answer = self._answer if self._ghost.visible else None
+        answer = self._answer if self.ghost.visible else None
         plan = None if answer is None else answer.plan
         other = None if answer is None else answer.comparison
         colour = PAGE.refused if answer is not None and answer.problem else PAGE.path
@@ -190,7 +191,7 @@ class PlanPanel:
 
     def _on_joints(self) -> None:
         goal = np.array([slider.value for slider in self._sliders])
-        self._drawing.show_goal(goal)
+        self._drawing.ghost.show(goal)
         self._place_handle(goal)
         self.submit(goal=goal, pose=None)
 

@@ -150,20 +150,18 @@ class Player:
         self._thread = threading.Thread(target=self._run, name="player", daemon=True)
         self._thread.start()
 
-    def offer(self, source: str, motion: ShownMotion | None, *, take: bool = True) -> None:
-        """Offer a motion of a panel, or None if it has none at present.
+    def offer(self, source: str, motion: ShownMotion, *, take: bool = True) -> None:
+        """Offer a motion of a panel.
 
         Parameters
         ----------
         source : str
             Name of the panel.
-        motion : ShownMotion or None
+        motion : ShownMotion
             The motion.
         take : bool
             Whether it is shown at once, rather than only if the panel's last one was shown.
         """
-        if motion is None:
-            return
         self._offers[source] = motion
         if set(self._source.options) != set(self._offers):
             self._source.options = tuple(self._offers)

@@ -19,20 +19,19 @@ from ..arrays import FloatArray
 from ..exceptions import PlannerError, RobotError
 from ..robot.inertias import joint_of
 from ..robot.model import Robot
-from ..robot.urdf import parse_xml
+from ..robot.urdf import StatedShape, numbers_of, parse_xml, stated_shape
 from ..robot.world import Box, Capsule, Cylinder, Mesh, Shape, Sphere
+from ..robot.world_meshes import find_file
 from .options import PAGE
 
 Colour = tuple[float, float, float, float]
 """Red, green, blue and opacity, 0 to 1."""
 
 _PLAIN: Colour = (0.76, 0.79, 0.83, 1.0)
-# Shapes of a URDF by their tags: their sizes are attributes with so many numbers.
-_SHAPES: dict[str, tuple[Callable[..., Shape], tuple[tuple[str, int], ...]]] = {
-    "box": (Box, (("size", 3),)),
-    "sphere": (Sphere, (("radius", 1),)),
-    "cylinder": (Cylinder, (("radius", 1), ("length", 1))),
-    "capsule": (Capsule, (("radius", 1), ("length", 1))),
+_SHAPES: dict[str, Callable[..., Shape]] = {
+    "sphere": Sphere,
+    "cylinder": Cylinder,
+    "capsule": Capsule,
 }
 
 
@@ -175,11 +174,13 @@ class _ShapeReader:
             ]
             for part in link.findall(tag):
                 try:
-                    mesh, has_colours = self._mesh(part)
-                    place = frame.placement * pin.SE3(_origin(part))
-                except (ValueError, PlannerError) as error:
+                    shape = stated_shape(part)
+                    mesh, has_colours = self._mesh(shape)
+                except PlannerError as error:
                     self.notes.append(f"link '{link.get('name')}': {error}")
                     continue
+                turn = pin.rpy.rpyToMatrix(*shape.origin[3:])
+                place = frame.placement * pin.SE3(turn, shape.origin[:3])
                 mesh.apply_transform(place.homogeneous)
                 colour = self._colour(part)
                 if colour is None and not has_colours:
@@ -193,33 +194,26 @@ class _ShapeReader:
         own = _named_colour(material)
         return own[1] if own else self._colours.get(material.get("name", ""))
 
-    def _mesh(self, part: ET.Element) -> tuple[Any, bool]:
+    def _mesh(self, shape: StatedShape) -> tuple[Any, bool]:
         """The surface of a shape in its own frame, and whether it has colours of its own."""
-        geometry = part.find("geometry")
-        shape = next(iter(geometry), None) if geometry is not None else None
-        if shape is None:
-            raise RobotError(f"a <{part.tag}> lacks its <geometry>")
-        if shape.tag == "mesh":
+        if shape.kind == "mesh":
             return self._loaded(shape)
-        if shape.tag not in _SHAPES:
-            raise RobotError(f"no shape is called <{shape.tag}>")
-        kind, sizes = _SHAPES[shape.tag]
-        return surface(kind(*(_numbers(shape, *size).squeeze() for size in sizes))), False
+        if shape.kind == "box":
+            return surface(Box(shape.sizes)), False
+        return surface(_SHAPES[shape.kind](*shape.sizes)), False
 
-    def _loaded(self, shape: ET.Element) -> tuple[Any, bool]:
-        name = shape.get("filename", "")
-        path = _find_file(name, self._folders)
+    def _loaded(self, shape: StatedShape) -> tuple[Any, bool]:
+        path = find_file(shape.file, self._folders)
         if path is None:
             searched = ", ".join(f"'{folder}'" for folder in self._folders[:3]) or "no folder"
-            raise RobotError(f"the mesh '{name}' was not found (searched in {searched}, …)")
+            raise RobotError(f"the mesh '{shape.file}' was not found (searched in {searched}, …)")
         try:
             mesh = trimesh.load_scene(path).to_mesh()
         except Exception as error:  # any reader of the library, with its own errors
             raise RobotError(f"the mesh '{path}' can't be read: {error}") from None
         if len(mesh.faces) == 0:
             raise RobotError(f"the mesh '{path}' has no surface")
-        if shape.get("scale") is not None:
-            mesh.apply_scale(_numbers(shape, "scale", 3))
+        mesh.apply_scale(shape.sizes)
         return mesh, mesh.visual.kind in ("texture", "face", "vertex")
 
 
@@ -244,42 +238,10 @@ def _named_colour(material: ET.Element) -> tuple[str, Colour] | None:
     if element is None:
         return None
     try:
-        red, green, blue, opacity = np.clip(_numbers(element, "rgba", 4), 0.0, 1.0).tolist()
-    except ValueError:
+        red, green, blue, opacity = np.clip(numbers_of(element, "rgba", 4), 0.0, 1.0).tolist()
+    except RobotError:
         return None
     return material.get("name", ""), (red, green, blue, opacity)
-
-
-def _numbers(element: ET.Element, attribute: str, count: int) -> FloatArray:
-    text = element.get(attribute, "")
-    values = np.array([float(word) for word in text.split()])
-    if values.size != count or not np.all(np.isfinite(values)):
-        raise ValueError(f"'{attribute}' of <{element.tag}> is '{text}', expected {count} numbers")
-    return values
-
-
-def _origin(part: ET.Element) -> FloatArray:
-    """Placement of a shape in its link, shape (4, 4)."""
-    place, origin = np.eye(4), part.find("origin")
-    if origin is not None:
-        if origin.get("xyz"):
-            place[:3, 3] = _numbers(origin, "xyz", 3)
-        if origin.get("rpy"):
-            place[:3, :3] = pin.rpy.rpyToMatrix(*_numbers(origin, "rpy", 3))
-    return place
-
-
-def _find_file(name: str, folders: Sequence[Path]) -> Path | None:
-    """The file of a mesh: ``package://PACKAGE/PATH``, ``file://PATH``, or a path."""
-    scheme, mark, rest = name.partition("://")
-    relative = Path(rest if mark else name)
-    if relative.is_absolute():
-        return relative if relative.is_file() else None
-    candidates = [folder / relative for folder in folders]
-    if scheme == "package":
-        package, *inner = relative.parts
-        candidates += [folder.joinpath(*inner) for folder in folders if folder.name == package]
-    return next((path for path in candidates if path.is_file()), None)
 
 
 def _skeleton(model: Any) -> Iterator[RobotShape]:

@@ -45,7 +45,8 @@ class PageServer(viser.ViserServer):
     def __init__(self, host: str, port: int) -> None:
         check_number(port, "the port", PlannerError, 0, 65535, is_whole=True)
         try:
-            with socket.create_server((host, 0), family=_family(host)):
+            family = socket.AF_INET6 if ":" in host else socket.AF_INET
+            with socket.create_server((host, 0), family=family):
                 pass
         except OSError as error:
             raise PlannerError(
@@ -86,7 +87,3 @@ def _quiet() -> Iterator[None]:
         yield
     finally:
         console.quiet = before
-
-
-def _family(host: str) -> socket.AddressFamily:
-    return socket.AF_INET6 if ":" in host else socket.AF_INET

@@ -5,7 +5,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -23,14 +22,6 @@ _NOTHING = "none"
 _TEXT = "Plans avoid obstacles while these are moved. Click an obstacle, or choose it, to move it."
 
 
-@dataclass(frozen=True, eq=False)
-class _DrawnObstacle:
-    """The node of an obstacle and its parts."""
-
-    root: Any
-    parts: list[Any]
-
-
 class DrawnWorld:
     """The obstacles in the scene; those attached to a link move with it.
 
@@ -46,7 +37,8 @@ class DrawnWorld:
 
     def __init__(self, stage: Stage, pick: Callable[[str], None], robot: str = "/robot") -> None:
         self._stage, self._pick, self._robot = stage, pick, robot
-        self._drawn: dict[str, _DrawnObstacle] = {}
+        # The node of each obstacle, and its parts.
+        self._drawn: dict[str, tuple[Any, list[Any]]] = {}
         self._n_drawn = 0
 
     def draw(self, obstacle: Obstacle, pose: FloatArray, parts: Sequence[Shape]) -> None:
@@ -69,23 +61,23 @@ class DrawnWorld:
         nodes = [self._add_shape(f"{node}/{i}", shape) for i, shape in enumerate(parts)]
         for part in nodes:
             part.on_click(lambda _: self._pick(obstacle.name))
-        self._drawn[obstacle.name] = _DrawnObstacle(root, nodes)
+        self._drawn[obstacle.name] = root, nodes
         self.place(obstacle.name, pose)
 
     def place(self, name: str, pose: FloatArray) -> None:
         """Move an obstacle to a pose, shape (7,)."""
-        root = self._drawn[name].root
+        root, _ = self._drawn[name]
         root.position, root.wxyz = pose[:3], np.roll(pose[3:], 1)
 
     def remove(self, name: str) -> None:
         """Remove an obstacle, if it is drawn."""
         if name in self._drawn:
-            self._drawn.pop(name).root.remove()
+            self._drawn.pop(name)[0].remove()
 
     def mark(self, chosen: str) -> None:
         """Draw one obstacle in another colour than the others."""
-        for name, one in self._drawn.items():
-            for part in one.parts:
+        for name, (_, parts) in self._drawn.items():
+            for part in parts:
                 part.color = PAGE.chosen if name == chosen else PAGE.obstacle
 
     def _parent(self, frame: str) -> str:

@@ -8,7 +8,7 @@ planner node plans the first motion; trials of it, scaled and warped, are execut
 into a bag from the robot's joint_states topic, its cost measured from the bag; the best becomes a
 new primitive, which the node loads to plan the same goal again.
 
-    python3 examples/learning_loop.py --output loop_output [--trials 20]
+    PYTHONPATH=.:benchmarks python3 test/integration/learning_loop.py [--trials 20]
 
 needs ROS 2 and the extras `learn` and `plot`. Leaves the bags, the primitives, and a picture of
 the cost over the trials.
@@ -57,18 +57,17 @@ def main() -> None:
     arguments = parser.parse_args()
     folder = arguments.output
     (folder / "primitives").mkdir(parents=True, exist_ok=True)
+    from node_setup import RobotClient, start_node
     from std_msgs.msg import Float64
 
-    from mp_pca_planner.ros.client import GoalClient, start_node, this_machine_only
+    from mp_pca_planner.ros.client import this_machine_only
 
     os.environ.update(this_machine_only())
     urdf = config_file("human_arm.urdf").read_text(encoding="utf-8")
     model = Robot(urdf, JOINT_NAMES)
     request = generate_motions(1, 5)[0].positions
     start, goal = JointState(JOINT_NAMES, request[0]), JointState(JOINT_NAMES, request[-1])
-    primitive = build_primitive(
-        [motion.as_demonstration() for motion in generate_motions(30, 1)], "shown"
-    )
+    primitive = build_primitive(generate_motions(30, 1), "shown")
     planner = Planner(model, [primitive], model.limits())
     plan = planner.plan(JointGoal(goal), start)
     law = ControlLaw.from_frequency(FEEDFORWARD_PD, model, plan.trajectory, NATURAL_FREQUENCY)
@@ -85,7 +84,7 @@ def main() -> None:
     (folder / "planner.yaml").write_text(yaml.safe_dump(parameters), encoding="utf-8")
     node = start_node("--params-file", str(folder / "planner.yaml"), "--log-level", "warn")
     try:
-        with GoalClient("robot_and_user", plays_robot=True) as client:
+        with RobotClient("robot_and_user") as client:
             robot = SimulatedRobot(perturbed(urdf), model, law, client, folder)
             client.wait_for_node()
             client.wait_for_model()

@@ -62,6 +62,7 @@ def test_table_names_methods_and_missing_peers(capsys, scenes):
     assert "1 problems of 'human_arm', 4 joints, within 0.1 s" in printed
     assert "solved [%]" in printed
     assert "ompl_toppra" in printed  # in the table, or absent with a reason
+    assert "vamp_toppra is absent: " in printed  # missing, or without this robot
 
 
 def test_unknown_peer_is_refused(capsys, scenes):
@@ -83,3 +84,16 @@ def test_problems_of_motion_bench_maker_are_solved(capsys, group):
     assert facts["robot"] == "panda"
     assert facts["summary"][group]["pca"]["solved_share"] == 1.0
     assert facts["summary"][group]["pca"]["limits_kept_share"] == 1.0
+
+
+@pytest.mark.skipif(not SCENES.is_dir(), reason=f"no problems in {SCENES}")
+def test_vamp_and_time_optimal_parametrisation_reach_the_goals(capsys):
+    for module, extra in (("vamp.constants", "vamp"), ("toppra", "peers")):
+        pytest.importorskip(module, reason=f"the extra '{extra}' is not installed")
+    folder = SCENES / "problems" / "table_pick_panda"
+    facts = benchmark(capsys, "--scenes", str(folder), "--problems", "2", "--peers", "vamp_toppra")
+    for problem in facts["problems"]:
+        found = problem["vamp_toppra"]
+        assert found["status"] == "solved" and found["end_error"] < 1e-3
+        assert 0.0 < found["path_time_s"] < found["solve_time_s"]
+        assert found["worst_limit"].split()[0] in ("", "jerk", "effort")

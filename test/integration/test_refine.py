@@ -38,7 +38,7 @@ def refine(primitive, *options, ok=True):
 
 def executed(offset=0.0, efforts=True):
     """A motion, and a recording of its execution with stillness before and after."""
-    motion = generate_motions(1, 3)[0].as_demonstration()
+    motion = generate_motions(1, 3)[0]
     grid = np.linspace(0.0, motion.duration, 201)
     q = np.column_stack([np.interp(grid, motion.times, c) for c in motion.positions.T])
     v, a = np.gradient(q, grid, axis=0), np.zeros_like(q)

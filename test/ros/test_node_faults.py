@@ -19,6 +19,7 @@ pytest.importorskip("rclpy", reason="ROS 2 (rclpy) is not installed")
 
 from arm import JOINTS, arm_demonstrations, arm_primitive
 from diagnostic_msgs.msg import DiagnosticStatus
+from node_setup import start_node
 from nodes import (
     GOAL,
     PATIENTLY,
@@ -39,7 +40,7 @@ from rclpy.parameter import Parameter
 from mp_pca_planner.primitives.build import build_primitive
 from mp_pca_planner.primitives.file import load_primitive, save_primitive
 from mp_pca_planner.primitives.primitive import MovementPrimitive
-from mp_pca_planner.ros.client import Answer, start_node
+from mp_pca_planner.ros.client import Answer
 
 
 @pytest.fixture(scope="module")

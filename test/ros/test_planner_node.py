@@ -27,6 +27,7 @@ import yaml
 from arm import JOINTS, arm_demonstrations, arm_primitive, arm_robot
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PoseStamped
+from node_setup import start_node
 from nodes import (
     GOAL,
     PATIENCE,
@@ -62,7 +63,7 @@ from mp_pca_planner.motion.trajectory import Trajectory
 from mp_pca_planner.primitives.build import build_primitive
 from mp_pca_planner.primitives.file import load_primitive, save_primitive
 from mp_pca_planner.recordings.demonstration import Demonstration
-from mp_pca_planner.ros.client import Answer, start_node
+from mp_pca_planner.ros.client import Answer
 
 # Motions from rest start so long after the stamp of their message [ns].
 WAIT = 20_000_000

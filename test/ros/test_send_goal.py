@@ -46,11 +46,10 @@ def test_names_that_no_node_can_have_are_refused_in_one_line(
     assert "no node can be called" in output and option[1] in output
 
 
-@pytest.mark.parametrize("plays_robot", [False, True])
-def test_only_a_client_that_plays_the_robot_appears_as_the_robot(plays_robot: bool) -> None:
+def test_a_client_does_not_appear_as_the_robot() -> None:
     from mp_pca_planner.ros.client import GoalClient
 
-    with GoalClient(namespace="alone", plays_robot=plays_robot) as client:
+    with GoalClient(namespace="alone") as client:
         for topic in ("joint_states", "robot_description", "mp_pca_planner/trial_cost"):
-            assert client.node.count_publishers(f"/alone/{topic}") == plays_robot
+            assert client.node.count_publishers(f"/alone/{topic}") == 0
         assert client.node.count_publishers("/alone/mp_pca_planner/goal") == 1

@@ -277,10 +277,7 @@ def write_joint_states(
 
 
 def write_joint_trajectory(
-    path: str | Path,
-    trajectory: Trajectory,
-    *,
-    overwrite: bool = False,
+    path: str | Path, trajectory: Trajectory, *, overwrite: bool = False
 ) -> None:
     """Write a trajectory as a bag that holds it as one JointTrajectory message at time 0.
 

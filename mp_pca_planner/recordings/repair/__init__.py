@@ -52,9 +52,7 @@ SAMPLE_REPAIRS = (
 
 
 def repair(
-    raw: RawJointStates,
-    joints: Sequence[str] | None = None,
-    options: RepairOptions | None = None,
+    raw: RawJointStates, joints: Sequence[str] | None = None, options: RepairOptions | None = None
 ) -> CleanRecording:
     """Repair joint states, with a count of every repair.
 

@@ -177,12 +177,10 @@ class VelocityCheckOptions:
     min_correlation: float = 0.8
 
 
-OPTIONS = VelocityCheckOptions()
+_OPTIONS = VelocityCheckOptions()
 
 
-def velocity_notes(
-    raw: RawJointStates, joint_names: Sequence[str], options: VelocityCheckOptions = OPTIONS
-) -> tuple[str, ...]:
+def velocity_notes(raw: RawJointStates, joint_names: Sequence[str]) -> tuple[str, ...]:
     """Notes on missing and wrong velocities of some joints, one sentence each.
 
     The messages of the layout with most velocities are checked.
@@ -204,10 +202,10 @@ def velocity_notes(
     latest = np.maximum.accumulate(stamps)
     rows = np.flatnonzero(np.append(True, stamps[1:] > latest[:-1]) & (stamps > 0))
     verdicts: dict[str, list[str]] = {}
-    if rows.size >= options.min_compared:
+    if rows.size >= _OPTIONS.min_compared:
         for name, column in zip(joint_names, columns, strict=True):
             values = layout.positions[rows, column], layout.velocities[rows, column]
-            verdict = _verdict(*_mean_velocities(stamps[rows], *values, options), options)
+            verdict = _verdict(*_mean_velocities(stamps[rows], *values))
             verdicts.setdefault(verdict, []).append(name)
     verdicts.pop("", None)
     notes += [
@@ -226,14 +224,11 @@ def _n_velocities(layout: JointLayout, joint_names: Sequence[str]) -> int:
 
 
 def _mean_velocities(
-    stamps: IntArray,
-    position: FloatArray,
-    velocity: NDArray[np.float32],
-    options: VelocityCheckOptions,
+    stamps: IntArray, position: FloatArray, velocity: NDArray[np.float32]
 ) -> tuple[FloatArray, FloatArray]:
     """Mean velocities of a joint over short windows: by its positions, and as recorded."""
-    width = max(1, round(options.window * NS_PER_S / float(np.median(np.diff(stamps)))))
-    starts = np.arange(0, stamps.size - width, max(1, stamps.size // options.max_compared))
+    width = max(1, round(_OPTIONS.window * NS_PER_S / float(np.median(np.diff(stamps)))))
+    starts = np.arange(0, stamps.size - width, max(1, stamps.size // _OPTIONS.max_compared))
     times = (stamps[starts + width] - stamps[starts]) / NS_PER_S
     true = (position[starts + width] - position[starts]) / times
     # Weights of the trapezoidal rule, so that a window of one period is compared rightly, too.
@@ -241,24 +236,24 @@ def _mean_velocities(
     for offset in range(width + 1):
         recorded += (0.5 if offset in (0, width) else 1.0) * velocity[starts + offset]
     recorded /= width
-    usable = times < options.max_stretch * np.median(times) if times.size else times > 0.0
+    usable = times < _OPTIONS.max_stretch * np.median(times) if times.size else times > 0.0
     usable &= np.isfinite(recorded)
-    usable &= (np.abs(true) > options.min_speed) & (np.abs(true) < options.max_speed)
+    usable &= (np.abs(true) > _OPTIONS.min_speed) & (np.abs(true) < _OPTIONS.max_speed)
     return true[usable], recorded[usable]
 
 
-def _verdict(true: FloatArray, recorded: FloatArray, options: VelocityCheckOptions) -> str:
+def _verdict(true: FloatArray, recorded: FloatArray) -> str:
     """The defect of the recorded velocities of a joint; '' if there is none."""
-    if true.size < options.min_compared:
+    if true.size < _OPTIONS.min_compared:
         return ""
     if not recorded.any():
         return "are zero while the positions change"
     product, true_square, recorded_square = true @ recorded, true @ true, recorded @ recorded
     scale = product / true_square
-    if abs(product) < options.min_correlation * np.sqrt(true_square * recorded_square):
+    if abs(product) < _OPTIONS.min_correlation * np.sqrt(true_square * recorded_square):
         return "do not follow the positions"
-    if abs(scale - 1.0) <= options.max_scale_error:
+    if abs(scale - 1.0) <= _OPTIONS.max_scale_error:
         return ""
-    if abs(scale + 1.0) <= options.max_scale_error:
+    if abs(scale + 1.0) <= _OPTIONS.max_scale_error:
         return "have the opposite sign"
     return f"are {scale:.2g} times the derivative of the positions"

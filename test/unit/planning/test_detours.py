@@ -4,6 +4,7 @@
 
 import math
 import sys
+from itertools import islice
 
 import numpy as np
 import pytest
@@ -171,6 +172,19 @@ def test_first_path_stays_near_its_ends(post):
     assert np.all(path >= np.minimum(start, goal) - reach)
     assert np.all(path <= np.maximum(start, goal) + reach)
     assert not any(map(planner.collision.collides, dense(path)))
+
+
+def test_search_for_paths_lasts_until_its_time_is_over(post):
+    pytest.importorskip("ompl", reason="the extra ompl is not installed")
+    _, planner, start, goal = post
+    setup = Setup(planner.robot, planner.limits, planner.options, planner.collision)
+    paths = list(islice(PathFinder(setup).paths((start, goal), Budget(math.inf)), 20))
+    assert len(paths) == 20
+    over: list[bool] = []
+    budget = Budget(math.inf, lambda: len(over) > 1)
+    for _ in PathFinder(setup).paths((start, goal), budget):
+        over.append(True)
+    assert len(over) == 2
 
 
 def test_least_effort_begins_at_a_path_and_likeness_at_the_expected_motion():

@@ -46,9 +46,10 @@ def test_velocities_and_accelerations_are_time_derivatives(motion):
 
 @pytest.mark.parametrize("period", [0.01, 0.03, 0.83, 5.0, 0.83 / 7])
 def test_samples_cover_the_motion_evenly_and_no_wider_than_asked(motion, period):
-    times = motion.sample_times(period)
+    times, states = motion.sample(period)
     assert times[0] == 0.0 and times[-1] == motion.duration
     steps = np.diff(times)
     assert steps.max() <= period * (1.0 + 1e-9)
     np.testing.assert_allclose(steps, steps[0])
     assert len(steps) == 1 or steps[0] > 0.5 * period
+    np.testing.assert_allclose(states, motion.evaluate(times), rtol=1e-9, atol=1e-12)

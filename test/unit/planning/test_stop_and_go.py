@@ -278,8 +278,8 @@ def test_motion_whose_points_break_a_limit_is_slowed_until_they_do_not():
 
     def sampled(durations):
         motion = hasty.motion(durations)
-        times = motion.sample_times(STEP)
-        return Trajectory(JOINTS, times, *motion.evaluate(times))
+        times, states = motion.sample(STEP)
+        return Trajectory(JOINTS, times, *states)
 
     durations = hasty.slowed(arm_robot(), limits, lambda slower: tuple(slower.durations), sampled)
     assert not check_limits(sampled(durations), arm_robot(), limits).violations

@@ -29,7 +29,7 @@ N_PHASES = PrimitiveOptions().n_phases
 def statistics(n_motions: int, n_kinds: int = 6, seed: int = 0) -> MotionStatistics:
     made = generate_kinds(n_motions, n_kinds, seed)
     motions = [
-        replace(x.as_demonstration(f"r{i}"), label=f"kind {i % n_kinds}", checksum=f"{i:064x}")
+        replace(x, recording=f"r{i}", label=f"kind {i % n_kinds}", checksum=f"{i:064x}")
         for i, x in enumerate(made)
     ]
     return MotionStatistics.of(motions, PrimitiveOptions())
@@ -71,7 +71,7 @@ def test_kinds_do_not_depend_on_the_order_of_the_motions(seed):
 
 
 def test_a_motion_and_its_return_are_of_one_kind():
-    motions = [x.as_demonstration() for x in generate_kinds(60, 6, 0)]
+    motions = generate_kinds(60, 6, 0)
     motions = [reversed_motion(x) if i % 4 < 2 else x for i, x in enumerate(motions)]
     found = find_kinds(MotionStatistics.of(motions, PrimitiveOptions()), N_PHASES)
     assert adjusted_rand_index(found.assigned, true_kinds(60)) > 0.95

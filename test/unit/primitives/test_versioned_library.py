@@ -197,7 +197,7 @@ def test_all_primitives_in_use_move_the_same_joints(tmp_path: Path) -> None:
     mine, library = primitive(), VersionedLibrary(tmp_path)
     others = tuple(f"other_{name}" for name in mine.joint_names)
     foreign = replace(mine, joint_names=others, name="foreign")
-    with pytest.raises(PrimitiveError, match="'foreign' moves 'other_.*use another library"):
+    with pytest.raises(PrimitiveError, match="'foreign' moves 'other_.*can't be used together"):
         library.change([mine, foreign], [], {}, n_before=0)
     library.add(replace(mine, joint_names=others))
     library.add(mine)  # in its place

@@ -11,9 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mp_pca_planner.exceptions import RecordingError
+from mp_pca_planner.recordings.demonstration import Demonstration
 from mp_pca_planner.recordings.synthetic import (
     JOINT_NAMES,
-    SyntheticMotion,
     continuous_recording,
     generate_motions,
 )
@@ -25,7 +25,7 @@ LIMITS = ROBOT.limits()
 MANY = generate_motions(200, seed=1)
 
 
-def derivatives(motion: SyntheticMotion) -> tuple[np.ndarray, np.ndarray]:
+def derivatives(motion: Demonstration) -> tuple[np.ndarray, np.ndarray]:
     v = np.gradient(motion.positions, motion.times, axis=0, edge_order=2)
     return v, np.gradient(v, motion.times, axis=0, edge_order=2)
 
@@ -36,7 +36,7 @@ def variance_shares(samples: np.ndarray) -> np.ndarray:
     return variances / variances.sum()
 
 
-def normalised(motion: SyntheticMotion) -> np.ndarray:
+def normalised(motion: Demonstration) -> np.ndarray:
     phases = np.linspace(0, motion.duration, 101)
     return np.column_stack([np.interp(phases, motion.times, q) for q in motion.positions.T])
 

@@ -53,12 +53,10 @@ def test_shares_of_all_components_sum_to_the_explained_share():
 
 
 def test_reproduced_demonstrations_are_like_the_recorded_ones():
-    (own,), (measured,) = (
-        reproduced([arm_primitive()]),
-        recorded(RecordingSet(arm_demonstrations()[:1])),
-    )
-    assert len(own.motions) == len(arm_demonstrations())
-    first, same = own.motions[0], measured.motions[0]
+    (own,) = reproduced([arm_primitive()]).values()
+    (measured,) = recorded(RecordingSet(arm_demonstrations()[:1])).values()
+    assert len(own) == len(arm_demonstrations())
+    first, same = own[0], measured[0]
     np.testing.assert_allclose(first.times, same.times)
     assert np.sqrt(np.mean((first.positions - same.positions) ** 2)) < 0.1
 
