@@ -7,6 +7,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from .following import HELD, OFF, Following
 from .options import ServingOptions
 from .published_motion import Joined, PublishedMotion
@@ -80,8 +82,8 @@ class Execution:
         See `ExecutionReport`.
     how : str
         How the robot follows the motion.
-    since : float
-        Time since when it does so [s].
+    since, place : float
+        Time since when it does so, and the place at which that began [s].
     """
 
     name: Any
@@ -96,6 +98,7 @@ class Execution:
     deviation_time: float = 0.0
     how: str = ""
     since: float = 0.0
+    place: float = 0.0
 
     @classmethod
     def of_stop(cls, stopped: Execution | None, joined: Joined, reason: str = "") -> Execution:
@@ -153,7 +156,7 @@ class Execution:
             self.largest_deviation = following.distance
             self.deviation_time = now - self.published
         if following.how != self.how:
-            self.how, self.since = following.how, now
+            self.how, self.since, self.place = following.how, now, following.progress.place
         return self._judge(following, now, options)
 
     def _judge(
@@ -178,7 +181,10 @@ class Execution:
                 f"not followed: the deviation from the path is {away}; the largest one was "
                 f"{self.largest_deviation:.3g}, {self.deviation_time:.2f} s after publishing",
             )
-        if self.how == HELD and duration > options.max_hold:
+        # Under speed scaling, a robot may be too slow to be seen to move.
+        advanced = following.progress.place - self.place
+        is_slow = advanced > 0.5 * options.slowest_rate * duration
+        if self.how == HELD and duration > options.max_hold and not is_slow:
             return self._end(
                 NOT_FOLLOWED,
                 f"not followed: the robot has rested at {self._share:.0%} of the motion for more "
@@ -190,9 +196,13 @@ class Execution:
         """Whether the robot has rested at the start of the motion for too long."""
         if self.how != HELD or now - max(self.since, self.published) <= options.start_delay:
             return False
-        start = self.motion.state(self.published - self.motion.began).positions
-        here = self.motion.state(following.progress.place).positions
-        return bool(abs(here - start).max() <= options.left_start)
+        began = self.published - self.motion.began
+        # A slow motion, under speed scaling, may not be seen yet.
+        seen = began + options.slowest_rate * (now - self.published)
+        places = np.array([began, following.progress.place, seen])
+        start, here, due = self.motion.sample(places)[0]
+        has_left = np.abs([here - start, due - start]).max(axis=1) > options.left_start
+        return bool(not has_left[0] and has_left[1])
 
     @property
     def _share(self) -> float:

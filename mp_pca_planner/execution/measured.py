@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Collection, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -48,23 +49,46 @@ class MeasuredSamples:
         if not excess[k, j] > 0.0:
             return ""
         one, other = self.positions[k : k + 2, j]
-        return (
-            f"joint_states contradict each other, joint '{joint_names[j]}' is at {one:.4g} and "
-            f"{other:.4g} rad (or m) within {abs(since[k, 0]):.2g} s"
-        )
+        return _contradiction(joint_names[j], one, other, since[k, 0])
+
+
+def _contradiction(joint: str, one: float, other: float, since: float) -> str:
+    return (
+        f"joint_states contradict each other, joint '{joint}' is at {one:.4g} and {other:.4g} rad "
+        f"(or m) within {abs(since):.2g} s"
+    )
 
 
 @dataclass(eq=False)
 class _Message:
-    """A message, and when it was received by the receipt clock and by the clock of motions."""
+    """A message, its number, and its time by the receipt clock and by the clock of motions."""
 
     read: Callable[[], JointState]
     received: float
     time: float
+    number: int = 0
 
     @cached_property
     def state(self) -> JointState:
         return self.read()
+
+
+def _disagreement(
+    latest: Sequence[_Message], joint_names: Sequence[str], options: FollowingOptions
+) -> str:
+    """How a message differs from the two of another publisher around it; empty if it does not."""
+    if len(latest) < 3 or latest[2].number != latest[0].number + 1:
+        return ""
+    before, other, after = latest
+    q, own, end = (one.state.positions for one in latest)
+    span, since = after.time - before.time, other.time - before.time
+    expected = q + (end - q) * (since / span if span > 0.0 else 0.0)
+    excess = np.abs(own - expected) - options.max_disagreement
+    excess -= options.max_acceleration * max(abs(span), abs(since)) ** 2
+    j = int(excess.argmax())
+    if not excess[j] > 0.0:
+        return ""
+    return _contradiction(joint_names[j], expected[j], own[j], since)
 
 
 class MeasuredStates:
@@ -109,6 +133,8 @@ class MeasuredStates:
         # The planning thread reads a copy of them.
         self._kept: deque[_Message] = deque(maxlen=int(options.window / options.spacing))
         self._newest: _Message | None = None
+        self._latest: deque[_Message] = deque(maxlen=3)
+        self._conflict, self._conflict_time = "", 0.0
         # Times from the stamps to the receipts, on the clock of motions.
         self._delays: deque[float] = deque(maxlen=20)
 
@@ -117,8 +143,9 @@ class MeasuredStates:
         if self.joint_names:
             self._fetch()  # messages that still wait are discarded, too
         self.joint_names = tuple(joint_names)
-        self._newest = None
+        self._newest, self._conflict = None, ""
         self._kept.clear()
+        self._latest.clear()
 
     def receive(
         self,
@@ -126,6 +153,7 @@ class MeasuredStates:
         read: Callable[[], JointState],
         stamp: float = 0.0,
         age: float = 0.0,
+        number: int = 0,
     ) -> None:
         """Keep a message that has all joints; other publishers, such as a gripper's, send fewer.
 
@@ -139,12 +167,14 @@ class MeasuredStates:
             When the state was measured by the clock of the robot [s]; 0 if unknown.
         age : float
             Time since the message was received [s].
+        number : int
+            How many messages its publisher has sent by now; 0 if unknown.
         """
         if not set(self.joint_names).issubset(joint_names):
             self.n_incomplete += 1
             return
         received, time = self._receipt_clock() - age, self.motion_clock() - age
-        message = _Message(read, received, time)
+        message = _Message(read, received, time, number)
         is_kept = not self._kept or received - self._kept[-1].received >= self.options.spacing
         if is_kept and stamp != 0.0:
             self._delays.append(time - stamp)
@@ -153,6 +183,10 @@ class MeasuredStates:
         if is_kept:
             self._kept.append(message)
         self._newest = message
+        self._latest.append(message)
+        with suppress(GoalError):
+            if found := _disagreement(self._latest, self.joint_names, self.options):
+                self._conflict, self._conflict_time = found, received
 
     @property
     def age(self) -> float | None:
@@ -209,6 +243,8 @@ class MeasuredStates:
             self.n_unusable += 1
             raise
         contradiction = self.history().contradiction(self.joint_names, self.options)
+        if newest.received - self._conflict_time <= self.options.window:
+            contradiction = contradiction or self._conflict
         if contradiction:
             raise GoalError(
                 f"the present state is not known: {contradiction}; check that only one node "

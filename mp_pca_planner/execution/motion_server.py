@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from ..exceptions import GoalError
 from ..motion.goal import Goal, JointGoal, JointState
 from ..motion.validation import check_executable, check_limits
 from .execution_monitor import Execution, ExecutionReport
@@ -166,8 +167,11 @@ class MotionServer(MotionMonitor):
                 self._sleep(options.confirmation_period)
                 self.watch(request.model)
             except TooLateError:
-                if attempt == options.max_attempts:
+                # While there is time before a collision, a stop is no better than a motion.
+                if attempt >= options.max_attempts and not lookahead:
                     raise
+                if is_cancelled():
+                    raise CancelledError from None
                 attempt += 1
                 latency = 2.0 * max(self.states.motion_time - began, latency)
 
@@ -205,6 +209,9 @@ class MotionServer(MotionMonitor):
                 raise CancelledError
             joined = self.states.join(plan.trajectory, start, settings)
             if start.is_in_motion:
+                threat = self.surroundings.threat
+                if threat is not None and start.time >= threat.time:
+                    raise GoalError(f"{threat.reason} before another motion could begin")
                 first = JointState(first.joint_names, joined.trajectory.positions[0])
             check_executable(
                 joined.trajectory, check, first, allow_nonzero_end_velocity=may_end_moving

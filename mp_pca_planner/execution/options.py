@@ -37,6 +37,9 @@ class FollowingOptions:
     max_reversal, max_acceleration : float
         They also do if it changes back and forth by more than this distance and this acceleration
         [rad/s² or m/s²] explain.
+    max_disagreement : float
+        Two publishers contradict each other if their positions of the same time differ by more
+        than this distance and this acceleration explain.
     max_stamp_delay, max_stamp_lead : float
         A stamp that lies further behind its receipt, or further ahead of it, shows that the
         clocks of the robot and of this computer differ [s].
@@ -122,6 +125,7 @@ class FollowingOptions:
     max_speed: float = 10.0
     max_reversal: float = 0.004
     max_acceleration: float = 50.0
+    max_disagreement: float = 5e-4
     max_stamp_delay: float = 0.1
     max_stamp_lead: float = 0.005
     position_noise: float = 0.002
@@ -192,9 +196,9 @@ class ServingOptions:
         Shares of the limits for stops of a robot whose velocity is estimated, 0 to 1.
     away_time : float
         Time away from the path after which a motion is not followed [s].
-    start_delay, left_start : float
+    start_delay, left_start, slowest_rate : float
         Time at rest at the start after which a motion never started [s], and the distance at
-        which a joint has left the start.
+        which a joint has left the start, if a robot at this rate had left it.
     avoidance_lookahead : float
         Least time that a motion around a new obstacle is planned ahead [s].
     avoidance_reserve : float
@@ -222,6 +226,7 @@ class ServingOptions:
     away_time: float = 0.2
     start_delay: float = 1.0
     left_start: float = 0.006
+    slowest_rate: float = 0.1
     avoidance_lookahead: float = 0.15
     avoidance_reserve: float = 0.5
     max_hold: float = 10.0

@@ -110,8 +110,11 @@ class PlannerNode(GuardedNode):
         """Cancel goals, reject further ones, with this reason, and stop a running motion."""
         self._setup.hold = hold
         self._goals.cancel()
-        if self._setup.last_context is not None:
-            self._server.release(self._setup.last_context, hold)
+        try:
+            if self._setup.last_context is not None:
+                self._server.release(self._setup.last_context, hold)
+        except Exception as error:  # the transition must not fail
+            self.get_logger().error(f"the robot was not stopped: {self.explain(error)}")
 
     def _connect(self) -> None:
         self._trajectories = self.create_publisher(JointTrajectory, "~/joint_trajectory", EVERY)
@@ -193,7 +196,8 @@ class PlannerNode(GuardedNode):
                 age = (time.time_ns() - facts["received_timestamp"]) * 1e-9
                 # At most the time since the last poll, because the wall clock may have been set.
                 age = min(max(age, 0.0), time.monotonic() - last)
-                measured.receive(message.name, read, to_seconds(message.header.stamp), age)
+                stamp, number = message.header.stamp, facts.get("publication_sequence_number")
+                measured.receive(message.name, read, to_seconds(stamp), age, number or 0)
 
     def _send(self, trajectory: Trajectory, *, stamp: float | None, last_point_only: bool) -> None:
         # Stops have no efforts.

@@ -23,7 +23,7 @@ from .subscriptions import LATCHED
 NODE_NAME = "simulated_robot"
 
 # Longest time that the robot makes up for [ns]; before that, it is held.
-_LONGEST_BACKLOG_NS = NS_PER_S // 10
+_LONGEST_BACKLOG_NS = NS_PER_S
 
 
 def to_controller_message(message: JointTrajectory) -> TrajectoryMessage:

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from itertools import count
 from pathlib import Path
 
 import numpy as np
@@ -145,19 +146,25 @@ def test_goal_in_an_obstacle_is_refused_with_both_names(bench: Bench, user: Mark
 
 
 def test_running_motion_leads_around_a_new_obstacle(bench: Bench, user: MarkerUser) -> None:
-    n = len(bench.client.executions)
-    moving = bench.begin_slowly(GOAL)
-    centre = middle(moving.trajectory)
-    user.send(marker(1, centre))
-    bench.wait(lambda: len(bench.client.executions) >= n + 1)
-    assert "replaced" in bench.client.executions[n].message, str(bench.client.executions[n])
+    goals = (GOAL, START)
+    for k in count():
+        n, goal = len(bench.client.executions), goals[k % 2]
+        moving = bench.begin_slowly(goal)
+        centre = middle(moving.trajectory)
+        user.send(marker(1, centre))
+        outcome = bench.execution(moving)["outcome"]
+        # On a busy machine, the obstacle or the motion around it may come too late.
+        if outcome == "replaced":
+            break
+        assert outcome in ("stopped", "arrived") and k < 10
+        user.send(deletion(1))
+        user.wait(obstacles="0")
     bench.wait(lambda: len(bench.client.executions) >= n + 2)
     replaced, arrived = bench.client.executions[n : n + 2]
     assert "a new obstacle is on the path ('lower_arm' would hit 'test/1')" in replaced.message
-    assert report_values(replaced)["outcome"] == "replaced"
     assert report_values(arrived)["outcome"] == "arrived"
     assert least_clearance(bench.client.trajectories[-1], centre) >= MARGIN
-    np.testing.assert_allclose(bench.position, GOAL, atol=1e-3)
+    np.testing.assert_allclose(bench.position, goal, atol=1e-3)
 
 
 def test_robot_stops_where_no_motion_leads_around(bench: Bench, user: MarkerUser) -> None:

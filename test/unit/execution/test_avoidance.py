@@ -134,6 +134,20 @@ def test_obstacle_is_avoided_that_came_while_the_robot_was_not_seen_to_move(node
     assert node.outcomes == expected
 
 
+def test_motion_around_an_obstacle_does_not_begin_behind_it(node):
+    node.ask(GOAL, duration=4.0)
+    node.run(0.5)
+    world, came = ball_at(place_on_motion(node, 0.6)), node.now
+    assert use(node, world)
+    # The second attempt expects to take as long as the first one.
+    node._planning_time = 1.0, 1.0
+    node.at(0.9, lambda: setattr(node, "_planning_time", (0.01, 0.01)))
+    avoid_obstacle(node.server, node._model, not_cancelled)
+    node.run(8.0)
+    node.assert_smooth()
+    assert clearance(node, world, came) > 0.0
+
+
 def test_obstacles_beside_or_behind_the_motion_change_nothing(node):
     node.ask(GOAL, duration=4.0)
     node.run(2.5)

@@ -176,7 +176,7 @@ def test_robot_that_is_released_in_time_arrives(world):
 
 
 def test_motion_at_whose_start_the_robot_rests_never_started(world):
-    world.run(0.9, HELD, place=0.0)
+    world.run(1.6, HELD, place=0.0)  # at a tenth of the speed, it would not have left
     assert not world.reports
     world.run(0.3, HELD, place=0.0)
     report = world.only_report()

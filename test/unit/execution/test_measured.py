@@ -20,13 +20,13 @@ JOINTS = ("a", "b")
 REST_VELOCITY = FollowingOptions.rest_velocity
 
 
-def receive(states, stamp=0.0, age=0.0, **values):
+def receive(states, stamp=0.0, age=0.0, number=0, **values):
     def read():
         names = states.joint_names
         velocities = [values.get(f"v_{name}", 0.0) for name in names]
         return JointState(names, [float(values[name]) for name in names], velocities)
 
-    states.receive(values, read, stamp, age)
+    states.receive(values, read, stamp, age, number)
 
 
 class World:
@@ -96,6 +96,29 @@ def test_states_of_other_publishers_contradict_those_of_the_robot_for_the_window
         world.states.newest(0.5)
     states(FollowingOptions.window + 0.1, 0.0)
     assert not world.states.velocities(world.states.newest(0.5)).any()
+
+
+@pytest.mark.parametrize("period", [0.001, 0.004])
+@pytest.mark.parametrize(("offset", "is_refused"), [(0.0, False), (0.002, True), (-0.01, True)])
+def test_publishers_that_differ_slightly_are_distinguished_by_their_numbers(
+    world, period, offset, is_refused
+):
+    random = np.random.default_rng(1)
+    for k in range(1, 101):
+        world.pass_time(period)
+        world.receive(a=world.motion + 1e-4 * random.normal(), b=0.0, number=1000 + k)
+        if k % 5 == 0:
+            world.pass_time(0.3 * period)
+            world.receive(a=world.motion + offset, b=0.0, number=k // 5)
+    assert not world.states.history().contradiction(JOINTS, FollowingOptions())
+    if is_refused:
+        with pytest.raises(GoalError, match="joint 'a' .* only one node"):
+            world.states.newest(0.5)
+    # One that restarts counts from 1 again; the other one has ended.
+    for k in range(1, round(0.4 / period)):
+        world.pass_time(period)
+        world.receive(a=world.motion, b=0.0, number=k)
+    world.states.newest(0.5)
 
 
 @given(st.floats(0.1, 3.0), st.floats(0.5, 10.0), st.floats(0.0, 1e-3), st.floats(0.002, 0.03))

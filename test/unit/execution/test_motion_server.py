@@ -376,6 +376,15 @@ def test_motion_that_is_no_longer_monitored_is_stopped(node, event):
     assert len(node.sent) == n_sent
 
 
+@pytest.mark.parametrize("scaling", [0.3, 0.1])
+def test_slow_motion_under_speed_scaling_is_not_taken_for_rest(node, scaling):
+    node.robot.faults.speed_scaling = scaling
+    node.run(0.5)
+    node.ask(GOAL, duration=20.0)
+    node.run(0.7 * 20.0 / scaling)
+    assert node.outcomes == []
+
+
 def test_robot_that_arrived_is_not_stopped_again(node):
     node.ask(GOAL)
     node.run(5.0)
