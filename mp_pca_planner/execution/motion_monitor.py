@@ -83,7 +83,11 @@ class MotionMonitor:
             if execution is not None and self.states.commanded is None:
                 self._end(execution.given_up("time was set back"))
             elif execution is not None:
-                self._end(execution.update(following, now, self.options))
+                report = execution.update(following, now, self.options)
+                self._end(report)
+                is_lost = report is not None and execution.is_stop and not report.is_good
+                if is_lost and following is not None and not following.at_rest:
+                    self.stop(model, execution.reason)  # once more
             threat = self.surroundings.threat
             if threat is not None and now > threat.last_time(self.options):
                 self.stop(model, threat.reason)

@@ -208,11 +208,11 @@ class BodyPairs:
     ) -> tuple[FloatArray, FloatArray]:
         """Distances of entries, and the nearest points of both bodies, shape (n, 2, 3)."""
         distances, points = np.empty(pairs.size), np.empty((pairs.size, 2, 3))
-        near, are_convex = (self.margins + _NEAR).tolist(), self._are_convex.tolist()
+        reaches = np.where(self._are_convex[pairs], -np.inf, self.margins[pairs] + _NEAR).tolist()
         places = self._places(poses, configurations, pairs)
         for e, (pair, *where) in enumerate(zip(pairs.tolist(), *places, strict=True)):
             found = self._of_hulls(pair, *where)
-            if not are_convex[pair] and not found.min_distance > near[pair]:
+            if not found.min_distance > reaches[e]:
                 exact = self._of_shapes(pair, *where)
                 # It is undefined for meshes in contact.
                 found = exact if exact.min_distance > CONTACT else found

@@ -385,6 +385,20 @@ def test_slow_motion_under_speed_scaling_is_not_taken_for_rest(node, scaling):
     assert node.outcomes == []
 
 
+@pytest.mark.parametrize("wait", [0.03, 0.5])
+def test_stop_that_is_lost_is_sent_again(node, wait):
+    node.ask(GOAL, duration=4.0)
+    node.run(0.8)
+    node.ask(HALF, duration=4.0)
+    node.run(wait)  # it is known, or not, that the second motion was taken
+    node.robot.faults.drop = 1.0
+    node.stop()
+    node.robot.faults.drop = 0.0
+    node.run(2.0)
+    assert not node.robot.record.v[-1].any()
+    assert np.abs(node.commanded - HALF).max() > 0.05
+
+
 def test_robot_that_arrived_is_not_stopped_again(node):
     node.ask(GOAL)
     node.run(5.0)
