@@ -88,7 +88,7 @@ class SearchOptions:
     effort_weight: float = 8.0
     max_refinements: int = 8
     share_of_fixed: float = 0.6
-    time_for_checks: float = 0.02
+    time_for_checks: float = 0.015
     share_in_shortest: float = 1e-3
     scaling_margin: float = 1.02
     share_of_descent: float = 0.15
