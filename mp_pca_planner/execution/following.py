@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -208,6 +209,9 @@ class Publication:
         The next collision of its rest with an obstacle that was not there when it was planned.
     checked : tuple of (PublishedMotion, World) or None
         The motion that was checked for such a collision last, and the obstacles.
+    concluded : tuple of (float, str)
+        Time of the newest measured state [s] for which :meth:`confirm` came to a conclusion, and
+        that.
     """
 
     joined: Joined
@@ -219,6 +223,7 @@ class Publication:
     execution: Execution | None = None
     threat: Threat | None = None
     checked: tuple[PublishedMotion, World] | None = None
+    concluded: tuple[float, str] = (-math.inf, ALIKE)
 
     @classmethod
     def after(
@@ -281,6 +286,8 @@ class Publication:
         motion, when = self.current.motion, float(times[-1])
         if when < self.unconfirmed_since + options.visible_time:
             return ALIKE
+        if when == self.concluded[0]:  # without new states, only the error of the place grows
+            return self.concluded[1]
         is_over = seen.at_rest and when >= motion.began + motion.duration
         # At rest, the accelerations that the newest offset still contains have no effect.
         offsets = np.stack([servo.offset, servo.load] if is_over else [servo.offset])
@@ -307,7 +314,8 @@ class Publication:
         if rests_on_old or (to_new >= refused and to_old < 0.5 * to_new):
             self.give_up()
             return REFUSED
-        return DOUBTFUL if between > options.same_distance else ALIKE
+        self.concluded = when, DOUBTFUL if between > options.same_distance else ALIKE
+        return self.concluded[1]
 
     def is_on_time(
         self, on_time: Progress, found: Progress, servo: ServoModel, options: FollowingOptions

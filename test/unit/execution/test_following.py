@@ -77,3 +77,27 @@ def test_robot_that_has_not_begun_to_move_may_have_taken_the_new_motion() -> Non
 
 def test_distances_within_the_noise_say_nothing() -> None:
     assert conclusion(3e-4, place=0.02, noise=1e-4) != REFUSED
+
+
+def test_silent_robot_is_not_said_to_have_refused_a_motion() -> None:
+    rates = np.array([[1.0, 0.0], [1.0004, 0.0]])
+    old, new = (
+        PublishedMotion(
+            Trajectory(NAMES, [0.0, 2.0], [[0.0, 0.0], 2.0 * v], [v, v], np.zeros((2, 2))),
+            NOW - 0.5,
+        )
+        for v in rates
+    )
+    at = [TrackedMotion(one, Progress(NOW, 0.5)) for one in (old, new)]
+    publication = Publication(Joined(new.trajectory, new, NOW - 0.5), at[1], at[0], NOW - 0.5)
+    position = 0.5 * rates[1]
+    samples = MeasuredSamples(np.array([NOW]), position[None])
+    seen = FollowingState(JointState(NAMES, position), False, samples)
+    request = seen, ServoModel(2), 0.0, FollowingOptions()
+    first = publication.confirm(Progress(NOW, 0.5), *request)
+    assert first != REFUSED
+    # While it is silent, its place is extrapolated with an error.
+    later = Progress(NOW + 0.3, 0.9, 1.0)
+    assert publication.confirm(later, *request) == first
+    publication.concluded = (0.0, first)
+    assert publication.confirm(later, *request) == REFUSED
