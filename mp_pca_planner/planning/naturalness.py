@@ -12,7 +12,6 @@ from ..arrays import FloatArray
 from ..primitives.conditional_model import ConditionalDistribution
 from .bases import MotionBasis
 from .compiler import MotionProgram
-from .matrices import cholesky
 from .search_options import SearchOptions
 from .starts import StartPoint
 from .unknowns import END_SCALES, GOAL_POSITION, LOG_DURATION_SCALE
@@ -125,8 +124,6 @@ def unit_of_naturalness(
     """
     here = program.at_expected
     gradient = (here.residual @ here.jacobian)[: len(precision)]
-    factor = cholesky(precision)
-    assert factor is not None
-    descent = float(np.linalg.norm(factor.solve_lower(gradient)))
+    descent = float(np.sqrt(gradient @ np.linalg.solve(precision, gradient)))
     cost = 0.5 * float(here.residual @ here.residual)
     return max(cost, effort_weight * descent)
