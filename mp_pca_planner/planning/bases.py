@@ -45,7 +45,8 @@ class MotionBasis:
     n_components : int
         Number of principal components, the first of the weights.
     starts : callable
-        Finds weights to start from, the expected ones first.
+        Returns an iterator of the weights to start from, made as they are needed; the expected ones
+        come first, but near a path.
     is_detour : bool
         Whether the expected weights are those of a motion along a collision-free path.
     """

@@ -120,9 +120,10 @@ def _check(
     what: str, names: Sequence[str], state: tuple[FloatArray, ...], limits: JointLimits
 ) -> None:
     values, (low, high) = np.array(state), _bounds(limits)
-    if np.all((low <= values) & (values <= high)):
+    inside = (low <= values) & (values <= high)
+    if inside.all():
         return
-    k, j = np.argwhere(~((low <= values) & (values <= high)))[0].tolist()
+    k, j = np.argwhere(~inside)[0].tolist()
     raise GoalError(
         f"the {what} {_QUANTITIES[k]} of joint '{names[j]}' is {values[k, j]:.9g}, "
         f"outside its limits [{low[k, j]:.9g}, {high[k, j]:.9g}]"

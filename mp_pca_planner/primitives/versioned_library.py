@@ -187,7 +187,7 @@ class VersionedLibrary:
 
 
 class _LockedLibrary(VersionedLibrary):
-    """A library under its lock; its history, which nobody else changes, is read once."""
+    """A library under its lock; its history, which no other process changes, is read once."""
 
     @cached_property
     def _known(self) -> tuple[Change, ...]:
