@@ -259,8 +259,9 @@ class FallbackPlanner:
             if phase is not None:
                 total = max(total, float(least[first : i + 1].sum()) / (phase - began))
                 began, first = phase, i + 1
-        if motion.moves_at_ends and total > at_least:
-            # The knots of a brake are points of the trajectory.
+        if motion.moves_at_ends:
+            # The knots of a brake are points of the trajectory: between others, the controller's
+            # quintics would exceed the jerk of the brake.
             total = motion.step * float(np.ceil(total / motion.step - 1e-9))
         longest = longest_duration(self._setup.options)
         if total > longest:

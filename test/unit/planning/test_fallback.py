@@ -294,3 +294,21 @@ def test_duration_beyond_all_measure_is_refused():
     assert "at most 600 s are accepted" in plan.message
     with pytest.raises(GoalError, match="at most 600 s are accepted"):
         planner().plan(replace(goal, duration=601.0), start)
+
+
+@given(shares, shares, shares, shares)
+def test_knots_of_a_brake_are_points_of_the_trajectory_in_any_predicted_duration(
+    first, second, v, a
+):
+    # Between other points, quintics exceed the jerk of the brake, which no slowing changes.
+    bounds = {"max_velocity": 4.0, "max_acceleration": 8.0, "max_jerk": 160.0}
+    start = JointState(JOINTS, configuration(0.4 + 0.2 * first), 3.0 * (v - 0.5), 15.0 * (a - 0.5))
+    # So near, the slow motion needs far less than the predicted duration.
+    goal = JointGoal(JointState(JOINTS, start.positions + 0.1 * (second - 0.5)))
+    bounds["max_effort"] = np.inf
+    subject = planner(overrides=dict.fromkeys(JOINTS, bounds), max_solve_time=NO_TIME)
+    plan = subject.plan(goal, start)
+    assert plan.is_executable, plan.message
+    if "this one brakes" in plan.message:
+        steps = plan.trajectory.times / subject.options.sample_period
+        np.testing.assert_allclose(steps, np.round(steps), atol=1e-6)
