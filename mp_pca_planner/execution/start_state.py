@@ -205,7 +205,8 @@ class StartStates(MotionFollower):
         here += USUAL_TRANSPORT * (rate - is_timed) * (following.how == LAGGING)
         if is_timed:
             cut = following.motion.near_point(here)
-            now, here = now + cut - here, cut
+            now += cut - here
+            here = cut
         # The last moments before show the place of the robot and its rate.
         lead = min(self._options.lead, here)
         motion = following.motion.followed_by(rest, start.place, here - lead)

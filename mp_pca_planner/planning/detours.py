@@ -161,13 +161,13 @@ class DetourPlanner:
 
     def _attempt(self, request: Request, detour: Detour, budget: Budget) -> Attempt:
         """The motion of least cost near a path, or else the one along it."""
-        duration = request.usual_duration
+        duration, longest = request.usual_duration, self._setup.longest
         if request.duration_is_free:
             at_least = 0.0 if self._setup.options.timing == FREE else duration
-            duration = max(at_least, detour.duration)
-        if request.duration_is_free:
+            duration = min(max(at_least, detour.duration), longest)
             motion = self._motion(request, detour.basis, duration)
-            duration *= slowdown(self._setup.check(self._setup.sample([motion])))
+            slower = slowdown(self._setup.check(self._setup.sample([motion])))
+            duration = min(duration * slower, longest)
         if budget.is_over():
             return self._along(request, detour.basis, duration)
         naturalness = max(self._setup.options.naturalness, _OPTIONS.min_naturalness)
@@ -191,7 +191,7 @@ class DetourPlanner:
         if not (found.check.violations and request.duration_is_free):
             return found
         # A little slower, the same path keeps the limits.
-        slower = found.duration * slowdown(found.check)
+        slower = min(found.duration * slowdown(found.check), self._setup.longest)
         return self._along(request, setting.basis, slower, found.motions[0].weights)
 
     def _along(

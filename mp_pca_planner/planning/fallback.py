@@ -26,7 +26,7 @@ from .motion import Motion
 from .paths import PathFinder
 from .plan import SHORTEST
 from .pose_search import configurations_at
-from .request import Request, longest_duration
+from .request import Request
 from .sequence_request import SequenceRequest, fit_durations, passing_phases
 from .setup import Setup
 from .states import unwrapped
@@ -161,7 +161,7 @@ class FallbackPlanner:
                 lambda slower: request.resting_durations(slower.durations, slower.step),
                 lambda times: self._setup.sample(route.segments(times)),
             )
-        except TrajectoryError as error:
+        except (GoalError, TrajectoryError) as error:
             return Fallback(reason=str(error))
         phases = passing_phases(durations)
         attempt = self._attempt_of(request, failed, route.segments(durations), phases)
@@ -169,7 +169,7 @@ class FallbackPlanner:
             return Fallback(attempt)
         try:
             around = self._legs_around(request, budget)
-        except TrajectoryError:
+        except (GoalError, TrajectoryError):
             around = None
         if around is not None:
             phases = passing_phases([motion.duration for motion, _ in around])
@@ -263,11 +263,6 @@ class FallbackPlanner:
             # The knots of a brake are points of the trajectory: between others, the controller's
             # quintics would exceed the jerk of the brake.
             total = motion.step * float(np.ceil(total / motion.step - 1e-9))
-        longest = longest_duration(self._setup.options)
-        if total > longest:
-            raise TrajectoryError(
-                f"the slow motion would take {total:.4g} s, at most {longest:g} s are accepted"
-            )
         times = [None if phase is None else phase * total for phase in phases]
         return fit_durations(least, times)
 

@@ -11,14 +11,13 @@ import numpy as np
 
 from ..arrays import FloatArray
 from ..exceptions import GoalError
-from ..input_limits import INPUT_LIMITS
 from ..motion.goal import JointGoal, JointState, Pose, PoseGoal, Via
 from ..primitives.boundary import hermite_functions
 from ..primitives.conditional_model import ConditionalDistribution
 from ..primitives.primitive import MovementPrimitive
 from ..primitives.primitive_library import PrimitiveLibrary
 from .conditions import Condition, JointTarget, PoseTarget, Target
-from .plan import SHORTEST, PlannerOptions
+from .plan import SHORTEST
 from .pose_search import configurations_at, starts_near
 from .selection import Selection, Selector
 from .setup import Setup
@@ -96,7 +95,7 @@ class GoalResolver:
 
     def check(self, goal: JointGoal) -> None:
         """Reject a goal that can't be served from any start, see :meth:`.Planner.check`."""
-        self._check_size(goal.duration)
+        self._setup.check_duration("the duration is", goal.duration or 0.0)
         self._selector.check_name(goal.primitive)
         here = self._anywhere
         there = completed(goal.state, here, self._setup.robot, "goal")
@@ -125,7 +124,7 @@ class GoalResolver:
         """
         here = in_order(start, self._setup.robot.joint_names)
         check_start(here, self._setup.limits)
-        self._check_size(goal.duration)
+        self._setup.check_duration("the duration is", goal.duration or 0.0)
         selector = self._selector.among(goal.primitive)
         if isinstance(goal, JointGoal):
             goals, pose = [self.target(goal, here)], None
@@ -214,16 +213,6 @@ class GoalResolver:
         index = np.array([names.index(name) for name in target.joint_names])
         return JointTarget(index, state.positions[index], len(names))
 
-    def _check_size(self, duration: float | None) -> None:
-        if duration is None:
-            return
-        longest = longest_duration(self._setup.options)
-        if duration > longest:
-            raise GoalError(
-                f"the duration {duration:g} s is too long: with a sample period of "
-                f"{self._setup.options.sample_period:g} s at most {longest:g} s are accepted"
-            )
-
     def expect(
         self,
         primitive: MovementPrimitive,
@@ -252,11 +241,6 @@ class GoalResolver:
         turns = np.round((mean - start.positions) / (2.0 * np.pi))
         shift = np.where(self._setup.robot.continuous, 2.0 * np.pi * turns, 0.0)
         return start.positions + shift, goal.positions + shift
-
-
-def longest_duration(options: PlannerOptions) -> float:
-    """The longest duration that is accepted [s]."""
-    return min(INPUT_LIMITS.duration, INPUT_LIMITS.trajectory_points * options.sample_period)
 
 
 def _windows(

@@ -41,7 +41,8 @@ class SequenceResolver:
     """
 
     def __init__(self, setup: Setup, selector: Selector) -> None:
-        self.robot, self.limits, self._selector = setup.robot, setup.limits, selector
+        self._setup, self._selector = setup, selector
+        self.robot, self.limits = setup.robot, setup.limits
         self._search = setup.options.search
 
     def resolve(self, goal: SequenceGoal, start: JointState) -> SequenceRequest:
@@ -74,11 +75,7 @@ class SequenceResolver:
         chosen = [selector.choose(a.positions, b.positions) for a, b in pairwise(states)]
         usual = [one.first.expected.duration for one in chosen]
         durations = fit_durations(usual, goal.times)
-        total, longest = sum(durations), INPUT_LIMITS.duration
-        if total > longest:
-            raise GoalError(
-                f"the sequence would take {total:.4g} s, at most {longest:g} s are accepted"
-            )
+        self._setup.check_duration("the sequence would take", sum(durations))
         return SequenceRequest(
             tuple(states),
             tuple(map(self._target, goal.targets, states[1:])),
@@ -172,16 +169,13 @@ class SequenceResolver:
 
     def _check_size(self, goal: SequenceGoal) -> None:
         """Reject sequences that would exceed time or memory."""
-        most, longest = INPUT_LIMITS.targets, INPUT_LIMITS.duration
+        most = INPUT_LIMITS.targets
         if len(goal.targets) > most:
             raise GoalError(
                 f"the sequence has {len(goal.targets)} targets, at most {most} are accepted"
             )
         last = max((when for when in goal.times if when is not None), default=0.0)
-        if last > longest:
-            raise GoalError(
-                f"the sequence asks for a time of {last:.4g} s, at most {longest:g} s are accepted"
-            )
+        self._setup.check_duration("the sequence asks for a time of", last)
 
 
 @dataclass(frozen=True, eq=False)

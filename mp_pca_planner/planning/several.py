@@ -98,7 +98,7 @@ class SeveralPlanner:
                 if not found.check.violations or budget.is_over():
                     return best
                 longer = request.stretched(found.check, durations, search.max_stretch)
-                if longer == durations:
+                if longer == durations or sum(longer) > self._setup.longest:
                     break
                 durations = longer
         assert best is not None

@@ -299,7 +299,7 @@ def _settings(
     options, basis = setup.options, next(bases)
     duration = longest = request.expected.duration
     if request.duration_is_free and not searches:
-        longest *= options.search.max_stretch
+        longest = min(longest * options.search.max_stretch, setup.longest)
         duration = _scaled(setup, request, basis, is_unknown=options.timing == FREE)
     setting = Setting(basis, duration, options.naturalness, is_first=True)
     wider, natural = WiderBasis(bases, setting), MoreNatural(options.search.naturalness_steps)
@@ -316,4 +316,5 @@ def _scaled(setup: Setup, request: Request, basis: MotionBasis, *, is_unknown: b
     states = node_states(motion, basis.tables)
     margin = 1.0 if is_unknown else search.scaling_margin
     stretch = margin * least_stretch(setup.robot, setup.limits, states)
-    return usual * stretch if 1.0 < stretch <= search.max_stretch else usual
+    most = min(search.max_stretch, setup.longest / usual)
+    return usual * stretch if 1.0 < stretch <= most else usual

@@ -312,3 +312,27 @@ def test_knots_of_a_brake_are_points_of_the_trajectory_in_any_predicted_duration
     if "this one brakes" in plan.message:
         steps = plan.trajectory.times / subject.options.sample_period
         np.testing.assert_allclose(steps, np.round(steps), atol=1e-6)
+
+
+@pytest.mark.parametrize("quantity", ["max_velocity", "max_acceleration", "max_jerk"])
+@pytest.mark.parametrize("kind", ["optimal", "real_time", "single", "with via"])
+def test_motions_that_would_take_too_long_are_rejected_before_they_are_sampled(quantity, kind):
+    goal, start = request(1)
+    via = JointState(JOINTS, start.positions + 0.1)
+    targets = {"single": goal, "with via": replace(goal, vias=(Via(via),))}
+    target = targets.get(kind, SequenceGoal((via, goal.state)))
+    subject = planner(overrides={name: {quantity: 1e-9} for name in JOINTS}, max_solve_time=0.05)
+    plan = subject.plan(target, start, kind if kind in MODES else "optimal")
+    assert plan.status == INFEASIBLE
+    assert plan.trajectory.n_steps < 10_000
+    assert "s, at most 600 s are accepted" in plan.message
+
+
+@pytest.mark.parametrize("quantity", ["max_acceleration", "max_jerk"])
+def test_brakes_that_would_take_too_long_are_rejected_before_they_are_sampled(quantity):
+    goal, start = request(1)
+    start = JointState(JOINTS, start.positions, np.full(4, 0.1))
+    subject = planner(overrides={name: {quantity: 1e-9} for name in JOINTS}, max_solve_time=0.05)
+    plan = subject.plan(goal, start)
+    assert plan.status == INFEASIBLE
+    assert "no brake within the limits was found: the fastest one takes over 600 s" in plan.message
