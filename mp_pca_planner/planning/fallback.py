@@ -96,6 +96,11 @@ class FallbackPlanner:
     def __init__(self, setup: Setup) -> None:
         self._setup, self._finder = setup, PathFinder(setup)
 
+    @property
+    def hint(self) -> str:
+        """Which extra is missing for further paths; empty if none."""
+        return self._finder.hint
+
     def serve(
         self, requests: Sequence[Request], failed: Attempt, paths: Paths, budget: Budget
     ) -> Fallback:
@@ -263,6 +268,7 @@ class FallbackPlanner:
             # The knots of a brake are points of the trajectory: between others, the controller's
             # quintics would exceed the jerk of the brake.
             total = motion.step * float(np.ceil(total / motion.step - 1e-9))
+        self._setup.check_duration("the slow motion would take", total)
         times = [None if phase is None else phase * total for phase in phases]
         return fit_durations(least, times)
 

@@ -95,7 +95,8 @@ class GoalResolver:
 
     def check(self, goal: JointGoal) -> None:
         """Reject a goal that can't be served from any start, see :meth:`.Planner.check`."""
-        self._setup.check_duration("the duration is", goal.duration or 0.0)
+        if goal.duration is not None:
+            self._setup.check_duration("the duration is", goal.duration)
         self._selector.check_name(goal.primitive)
         here = self._anywhere
         there = completed(goal.state, here, self._setup.robot, "goal")
@@ -124,7 +125,8 @@ class GoalResolver:
         """
         here = in_order(start, self._setup.robot.joint_names)
         check_start(here, self._setup.limits)
-        self._setup.check_duration("the duration is", goal.duration or 0.0)
+        if goal.duration is not None:
+            self._setup.check_duration("the duration is", goal.duration)
         selector = self._selector.among(goal.primitive)
         if isinstance(goal, JointGoal):
             goals, pose = [self.target(goal, here)], None

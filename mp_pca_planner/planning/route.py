@@ -76,6 +76,7 @@ class SequenceResolver:
         usual = [one.first.expected.duration for one in chosen]
         durations = fit_durations(usual, goal.times)
         self._setup.check_duration("the sequence would take", sum(durations))
+        self._setup.check_duration("a segment of the sequence would take", min(durations))
         return SequenceRequest(
             tuple(states),
             tuple(map(self._target, goal.targets, states[1:])),
@@ -174,7 +175,7 @@ class SequenceResolver:
             raise GoalError(
                 f"the sequence has {len(goal.targets)} targets, at most {most} are accepted"
             )
-        last = max((when for when in goal.times if when is not None), default=0.0)
+        last = max((when for when in goal.times if when is not None), default=1.0)
         self._setup.check_duration("the sequence asks for a time of", last)
 
 

@@ -66,7 +66,8 @@ class SeveralPlanner:
             return Planned(best, Fallback(), False, mode=REAL_TIME, improved=improved)
         ran_out = budget.is_over()
         fallback = self._fallback.serve_sequence(request, best, budget)
-        return Planned(fallback.attempt or best, fallback, ran_out, mode=REAL_TIME)
+        hint = self._fallback.hint
+        return Planned(fallback.attempt or best, fallback, ran_out, mode=REAL_TIME, hint=hint)
 
     def bases(self, request: SequenceRequest) -> tuple[MotionBasis, ...]:
         """The basis of each segment."""

@@ -152,7 +152,7 @@ class SinglePlanner:
             fallback = self._fallback.serve([*tried, *requests], best, paths, budget)
             best = fallback.attempt or best
         stated = self._stated_duration(best, fallback, budget)
-        hint = self._detours.hint if failed else ""
+        hint = self._detours.hint or self._fallback.hint if failed else ""
         return Planned(best, fallback, ran_out, stated, hint=hint), attempts
 
     def precompute(self, primitive: MovementPrimitive, deadline: float) -> WarmStarts:

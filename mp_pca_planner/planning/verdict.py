@@ -4,17 +4,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterator
+from dataclasses import dataclass, field
 
 import numpy as np
 
+from ..arrays import FloatArray
 from ..exceptions import TrajectoryError
-from ..motion.collision import NOT_CHECKED
+from ..motion.collision import NOT_CHECKED, Collision
 from ..motion.goal import JointState
 from ..motion.trajectory import Trajectory
 from ..motion.validation import check_executable
 from .attempt import Attempt
 from .bases import MotionBasis
+from .conditions import JointTarget
 from .fallback import Fallback
 from .motion import Motion
 from .objectives import Effort
@@ -27,11 +30,14 @@ from .plan import (
 )
 from .pose_search import POSE_TOLERANCE
 from .request import Request
+from .sequence_request import SequenceRequest
 from .setup import Setup
 from .stop_and_go import brakes
 
 # Points of a detour at which clearances are computed, and the largest that is reported [m].
 _N_CHECKED, _NEAR = 50, 0.05
+# Time before and after a collision in which it may begin or end, where it is known roughly [s].
+_AROUND = 0.05
 
 
 @dataclass(frozen=True)
@@ -107,11 +113,7 @@ class Judge:
             return INFEASIBLE, self._refusal(outcome, "within the limits", str(error))
         if attempt.collisions:
             kind = f"without {self._collision_kind}"
-            # The search for a motion knows only roughly when bodies meet.
-            if not outcome.ran_out:
-                precise = self._setup.collisions(attempt.trajectory, precisely=True)
-                attempt = replace(attempt, collisions=precise)
-            return INFEASIBLE, self._refusal(outcome, kind, _met(attempt))
+            return INFEASIBLE, self._refusal(outcome, kind, str(self._deepest(attempt)))
         if met := self._met_beyond(attempt.trajectory):
             return INFEASIBLE, self._refusal(outcome, f"without {self._collision_kind}", met)
         if missed > POSE_TOLERANCE:
@@ -194,6 +196,8 @@ class Judge:
     def _refusal(self, outcome: Planned, kind: str, why: str) -> str:
         """The message of a motion that must not be executed."""
         attempt, stated = outcome.attempt, outcome.stated
+        if cause := self._end_in_collision(attempt.request):
+            return cause
         message = f"{self._search(outcome, kind)}: {why}"
         if isinstance(attempt.request, Request) and not attempt.request.duration_is_free:
             message = self._impossible(attempt) or message
@@ -205,6 +209,30 @@ class Judge:
         if outcome.fallback.reason:
             message = f"{message}; nor was a slow one found: {outcome.fallback.reason}"
         return f"{message}; {outcome.hint}" if attempt.collisions and outcome.hint else message
+
+    def _end_in_collision(self, request: Request | SequenceRequest) -> str:
+        """Text on the first configuration of a request that is in collision; empty if none is."""
+        names, zero = self._setup.robot.joint_names, np.zeros((1, self._setup.robot.n_joints))
+        for name, q in _fixed_configurations(request):
+            found = self._setup.collisions(Trajectory(names, [0.0], [q], zero, zero))
+            if found:
+                return f"the {name} is in collision: {found[0].bodies} {found[0].place}"
+        return ""
+
+    def _deepest(self, attempt: Attempt) -> Collision:
+        """The deepest collision of a motion.
+
+        The search for a motion knows only roughly when bodies meet. Only the part of the motion in
+        which they do is searched again, because that takes longer than planning.
+        """
+        rough, points = attempt.collisions[0], attempt.trajectory
+        first = int(np.searchsorted(points.times, rough.first_time - _AROUND))
+        last = int(np.searchsorted(points.times, rough.last_time + _AROUND))
+        began, part = points.times[first], slice(first, last + 1)
+        states = (x[part] for x in points.states)
+        section = Trajectory(points.joint_names, points.times[part] - began, *states)
+        found = self._setup.collisions(section, precisely=True)
+        return found[0].within(-began, np.inf) or rough if found else rough
 
     def _impossible(self, attempt: Attempt) -> str:
         """The reason why the requested duration has no motion; empty if unknown."""
@@ -267,12 +295,18 @@ class Judge:
         return kept
 
 
-def _met(attempt: Attempt) -> str:
-    """Text on a collision at an end of the motion that is fixed, or on the deepest one."""
-    if attempt.collision_at_end is None:
-        return str(attempt.collisions[0])
-    name, collision = attempt.collision_at_end
-    return f"{collision}; the {name} is in collision"
+def _fixed_configurations(
+    request: Request | SequenceRequest,
+) -> Iterator[tuple[str, FloatArray]]:
+    """The configurations that a request gives for all joints, with their names."""
+    yield "start", request.start.positions
+    if request.pose is None:
+        yield "goal", request.goal.positions
+    kind = "via" if isinstance(request, Request) else "target"
+    for number, condition in enumerate(request.conditions[: request.n_vias], start=1):
+        target = condition.target
+        if isinstance(target, JointTarget) and target.index.size == target.n_joints:
+            yield f"{kind} {number}", target.positions[target.index.argsort()]
 
 
 def correction(basis: MotionBasis, motion: Motion) -> float:
