@@ -18,10 +18,12 @@ from ..motion.validation import LimitCheck
 from .bases import MotionBasis
 from .budget import Budget
 from .motion import Motion
+from .objectives import Effort
 from .plan import MotionSolution
 from .pose_search import POSE_TOLERANCE
 from .problem import PlanningProblem, collision_at_end
 from .request import Request
+from .selection import cost_of, rank_of
 from .sequence_request import SequenceRequest
 from .setup import Setup
 from .solver import FEASIBLE, Solution, SolverMemory, solve
@@ -103,6 +105,11 @@ class Attempt:
         )
 
     @property
+    def rank(self) -> tuple[Violation, float]:
+        """The order among attempts for one goal, the best first; unknown costs come last."""
+        return self.violation, rank_of(self.solution.cost)
+
+    @property
     def is_valid(self) -> bool:
         """Whether it may be executed and meets the conditions."""
         return not any(self.violation)
@@ -148,6 +155,21 @@ def checked(
     )
 
 
+def with_costs(found: Attempt, setup: Setup) -> Attempt:
+    """An attempt whose costs are known, also if its motion was not optimised."""
+    if np.isfinite(found.solution.objective_cost):
+        return found
+    objective, effort = (
+        sum(
+            cost_of(setup.robot, motion, basis.tables, objectives)
+            for motion, basis in zip(found.motions, found.bases, strict=True)
+        )
+        for objectives in (setup.options.objectives, [(1.0, Effort())])
+    )
+    solution = replace(found.solution, objective_cost=objective, effort_cost=effort)
+    return replace(found, solution=solution)
+
+
 def attempt(
     problem: PlanningProblem,
     budget: Budget,
@@ -172,7 +194,7 @@ def attempt(
         solutions = _solutions(problem, starts, budget)
         solved_at = time.perf_counter()
         passes += sum(one.iterations for one in solutions)
-        best = min(solutions, key=lambda one: (one.infeasibility > FEASIBLE, one.cost))
+        best = min(solutions, key=lambda one: (one.infeasibility > FEASIBLE, rank_of(one.cost)))
         motions = problem.motions(best.unknowns)
         trajectory = setup.sample(motions)
         check = setup.check(trajectory)

@@ -5,7 +5,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,14 +12,12 @@ import numpy as np
 from ..arrays import FloatArray
 from ..motion.goal import Goal, JointState
 from ..robot.model import Robot
-from .attempt import Attempt, largest
+from .attempt import Attempt, largest, with_costs
 from .bases import MotionBasis
 from .conditions import PoseTarget
 from .motion import Motion
-from .objectives import Effort
-from .plan import MotionSolution, Plan
+from .plan import Plan
 from .request import GoalResolver, Request
-from .selection import cost_of
 from .setup import Setup
 from .verdict import Judge, Planned, correction
 
@@ -42,7 +39,7 @@ class PlanAssembly:
 
     def plan(self, planned: Planned, reason: str, solve_time: float, planner: Planner) -> Plan:
         """The plan of a planner, with its status, message and values."""
-        attempt = planned.attempt
+        attempt = with_costs(planned.attempt, self._setup)
         request = attempt.request
         trajectory = attempt.trajectory.with_efforts(attempt.check.efforts)
         via_error, goal_error = _errors(attempt, self._setup.robot)
@@ -54,7 +51,7 @@ class PlanAssembly:
             trajectory=trajectory,
             motions=motions,
             primitives=tuple(primitive.name for primitive in request.primitives),
-            solution=self._solution(attempt),
+            solution=attempt.solution,
             considered=max(len(one.considered) for one in request.selections),
             selection=reason,
             in_span_score=self._in_span_score(attempt),
@@ -72,20 +69,6 @@ class PlanAssembly:
             mode=planned.mode,
             planner=planner,
         )
-
-    def _solution(self, attempt: Attempt) -> MotionSolution:
-        """The result of the solver; costs of a motion that was not optimised are computed here."""
-        solution = attempt.solution
-        if np.isfinite(solution.objective_cost):
-            return solution
-        objective, effort = (
-            sum(
-                cost_of(self._setup.robot, motion, basis.tables, objectives)
-                for motion, basis in zip(attempt.motions, attempt.bases, strict=True)
-            )
-            for objectives in (self._setup.options.objectives, [(1.0, Effort())])
-        )
-        return replace(solution, objective_cost=objective, effort_cost=effort)
 
     def _in_span_score(self, attempt: Attempt) -> float:
         """The goal state of the request; for a pose, the configuration that was found for it."""

@@ -243,7 +243,7 @@ class Selector:
             expected = primitive.model.predict(start + turn, goal + turn, duration)
             cost = float("nan") if len(chosen) == 1 else self._cost(i, start, goal, expected)
             found.append(Considered(primitive, expected, cost))
-        found.sort(key=lambda one: one.cost)
+        found.sort(key=lambda one: rank_of(one.cost))
         return Selection(tuple(found), len(self.primitives))
 
     def _cost(
@@ -270,6 +270,11 @@ def is_near(scores: FloatArray) -> NDArray[np.bool_]:
         In-span scores of all primitives.
     """
     return scores <= max(_OPTIONS.relative_score * float(scores.min()), _OPTIONS.near_score)
+
+
+def rank_of(cost: float) -> float:
+    """The cost in a ranking: a cost that is not a number counts as infinite."""
+    return float("inf") if np.isnan(cost) else cost
 
 
 def effort_of(robot: Robot, motion: Motion) -> float:

@@ -16,7 +16,7 @@ from ..exceptions import GoalError
 from ..motion.goal import JointGoal, JointState
 from ..primitives.basis import Basis, BSplineBasis
 from ..primitives.primitive import MovementPrimitive
-from .attempt import Attempt, attempt
+from .attempt import Attempt, attempt, with_costs
 from .bases import MotionBasis, component_basis, corrected_basis, spline_basis
 from .budget import Budget
 from .constraints import LimitTables
@@ -145,7 +145,9 @@ class SinglePlanner:
             if first.is_over() or (request.pose is not None and attempts[-1].is_valid):
                 break
             tried += islice(requests, 1)
-        best = min(attempts, key=lambda one: (one.violation, one.solution.cost))
+        if len(attempts) > 1:  # slow motions and detours have no costs yet
+            attempts = [with_costs(one, self._setup) for one in attempts]
+        best = min(attempts, key=lambda one: one.rank)
         failed = not (best.is_valid or best.is_hopeless or budget.is_cancelled())
         ran_out, fallback = failed and first.is_over(), Fallback()
         if failed:
@@ -284,6 +286,8 @@ class SinglePlanner:
         expected = self._resolver.expect(request.primitive, request.start, request.goal, None)
         free = replace(request, duration_is_free=True, expected=expected)
         for basis in self._chooser.bases(free):
+            if budget.is_over():
+                break
             found = self._shortest(free, basis, budget)
             if found.is_valid:
                 seconds, is_shortest = found.duration, found.solution.converged
