@@ -19,6 +19,7 @@ from mp_pca_planner.evaluation.scene_referee import SceneReferee
 from mp_pca_planner.exceptions import MissingDependencyError
 from mp_pca_planner.motion.collision import CollisionModel
 from mp_pca_planner.motion.goal import JointGoal, JointState, Via
+from mp_pca_planner.motion.trajectory import Trajectory
 from mp_pca_planner.planning.budget import Budget
 from mp_pca_planner.planning.paths import PathFinder, PathOptions, paths_by_vias
 from mp_pca_planner.planning.plan import PlannerOptions
@@ -156,6 +157,8 @@ def test_end_inside_a_mesh_has_no_path_and_is_named(end):
     collision = CollisionModel(robot, world=mp.World([mp.Obstacle("tray", tray)]))
     setup = Setup(robot, robot.limits(), PlannerOptions(), collision)
     assert not list(PathFinder(setup).paths(tuple(ends), Budget(math.inf)))
+    hold = Trajectory(JOINTS, [0.0], ends[[int(end > 0)]], *np.zeros((2, 1, 4)))
+    assert collision.collisions(hold)
     plan = Planner(robot, [primitive], None, PlannerOptions(naturalness=0.01), collision)
     message = plan.plan(ends[1], ends[0]).message
     assert "'tray' collide" in message
