@@ -242,8 +242,8 @@ def _solutions(
     Among clearance constraints, the first one that meets them is enough.
     """
     program, found = problem.program(), list[Solution]()
-    options = replace(problem.setup.options.solver, should_stop=budget.is_over)
     for start in starts:
+        options = replace(problem.setup.options.solver, should_stop=budget.pacer())
         is_clear = problem.has_clearances and found and found[-1].infeasibility <= FEASIBLE
         if is_clear or (found and budget.is_over()):
             break

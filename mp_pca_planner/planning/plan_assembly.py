@@ -43,7 +43,7 @@ class PlanAssembly:
         request = attempt.request
         trajectory = attempt.trajectory.with_efforts(attempt.check.efforts)
         via_error, goal_error = _errors(attempt, self._setup.robot)
-        status, message = self._judge.verdict(planned, max(via_error, goal_error))
+        status, message = self._judge.verdict(planned, max(via_error, goal_error), solve_time)
         motions = attempt.motions
         return Plan(
             status=status,

@@ -194,8 +194,9 @@ class Planner:
         goal = as_goal(goal, self.robot.joint_names, duration)
         start = as_state(start, self.robot.joint_names, "the start")
         began = time.perf_counter()
-        most, kept = self.options.max_solve_time, self.options.search.time_for_checks
-        deadline = began + most - min(kept, 0.2 * most)
+        most, search = self.options.max_solve_time, self.options.search
+        n_segments = len(goal.targets) if isinstance(goal, SequenceGoal) else 1
+        deadline = began + most - min(n_segments * search.time_for_checks, 0.4 * most)
         budget = Budget(deadline, self.options.solver.should_stop)
         if isinstance(goal, SequenceGoal):
             planned = self._several.serve(self._sequences.resolve(goal, start), mode, budget)

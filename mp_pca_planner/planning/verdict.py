@@ -38,6 +38,8 @@ from .stop_and_go import brakes
 _N_CHECKED, _NEAR = 50, 0.05
 # Time before and after a collision in which it may begin or end, where it is known roughly [s].
 _AROUND = 0.05
+# Share of the planning time up to which there is time for the precise search.
+_SHARE_OF_SOLVING = 0.5
 
 
 @dataclass(frozen=True)
@@ -91,7 +93,7 @@ class Judge:
     def __init__(self, setup: Setup) -> None:
         self._setup = setup
 
-    def verdict(self, outcome: Planned, missed: float) -> tuple[str, str]:
+    def verdict(self, outcome: Planned, missed: float, solve_time: float) -> tuple[str, str]:
         """Status and message.
 
         Parameters
@@ -100,6 +102,8 @@ class Judge:
             The outcome.
         missed : float
             Largest distance of the motion from its goal and vias [rad or m].
+        solve_time : float
+            Time taken until then [s].
         """
         attempt, options = outcome.attempt, self._setup.options
         try:
@@ -113,7 +117,10 @@ class Judge:
             return INFEASIBLE, self._refusal(outcome, "within the limits", str(error))
         if attempt.collisions:
             kind = f"without {self._collision_kind}"
-            return INFEASIBLE, self._refusal(outcome, kind, str(self._deepest(attempt)))
+            deepest = attempt.collisions[0]
+            if solve_time < _SHARE_OF_SOLVING * options.max_solve_time:
+                deepest = self._precise(deepest, attempt.trajectory)
+            return INFEASIBLE, self._refusal(outcome, kind, str(deepest))
         if met := self._met_beyond(attempt.trajectory):
             return INFEASIBLE, self._refusal(outcome, f"without {self._collision_kind}", met)
         if missed > POSE_TOLERANCE:
@@ -219,13 +226,11 @@ class Judge:
                 return f"the {name} is in collision: {found[0].bodies} {found[0].place}"
         return ""
 
-    def _deepest(self, attempt: Attempt) -> Collision:
-        """The deepest collision of a motion.
+    def _precise(self, rough: Collision, points: Trajectory) -> Collision:
+        """The deepest collision of a motion about the time of one that is known roughly.
 
-        The search for a motion knows only roughly when bodies meet. Only the part of the motion in
-        which they do is searched again, because that takes longer than planning.
+        Only this part of the motion is searched again, because that takes longer than planning.
         """
-        rough, points = attempt.collisions[0], attempt.trajectory
         first = int(np.searchsorted(points.times, rough.first_time - _AROUND))
         last = int(np.searchsorted(points.times, rough.last_time + _AROUND))
         began, part = points.times[first], slice(first, last + 1)
