@@ -36,7 +36,7 @@ def commands_page() -> str:
     """The help of every command but the node, which has only ROS arguments."""
     parts = [
         "# Commands",
-        "Each is `ros2 run mp_pca_planner COMMAND` or `python3 -m mp_pca_planner COMMAND`.",
+        "In a ROS workspace, `mp-pca COMMAND` is `ros2 run mp_pca_planner COMMAND`.",
     ]
     for name in COMMANDS:
         text = subprocess.run(
