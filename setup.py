@@ -112,7 +112,13 @@ setup(
         # Completion of commands and options in the shell.
         "completion": ["argcomplete>=3.1"],
         # The documentation site.
-        "doc": ["sphinx>=7.0", "sphinx-copybutton>=0.5", "myst-parser>=3.0", "furo", "matplotlib>=3.6"],
+        "doc": [
+            "sphinx>=7.0",
+            "sphinx-copybutton>=0.5",
+            "myst-parser>=3.0",
+            "furo",
+            "matplotlib>=3.6",
+        ],
         # Libraries that several processes may change at once.
         "library": ["filelock>=3.12"],
         # Learning by trials: CMA-ES.

@@ -225,7 +225,10 @@ def test_reference_has_every_command_with_every_option(
 
 
 def test_reference_has_every_parameter_and_every_public_name(reference: dict[str, Any]) -> None:
-    parameters, python = reference["parameters_page"](), reference["python_page"]()
+    parameters, python = (
+        reference["parameters_page"](),
+        "".join(reference["python_pages"]().values()),
+    )
     assert [d.name for d in DECLARATIONS if f"`{d.name}`" not in parameters] == []
     assert [name for name in mp_pca_planner.__all__ if f"\n## {name}\n" not in python] == []
 
