@@ -3,11 +3,13 @@
 """The page in a real browser: it loads, the plan follows the handle, and people share it."""
 
 import os
+import socket
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
+from urllib.parse import urlsplit
 
 import numpy as np
 import pytest
@@ -27,8 +29,6 @@ pytest.importorskip("viser", reason="the extra 'view' is not installed")
 
 from playwright.sync_api import expect
 from view_browser import SIZE, arrow_of, chromium, chromium_path, on_screen
-from websockets.exceptions import InvalidStatus
-from websockets.sync.client import connect
 
 from mp_pca_planner.view.live import LiveView
 from mp_pca_planner.view.page import ViewPage
@@ -143,12 +143,34 @@ def test_every_tab_and_the_dark_page_are_shown(browser, page):
     tab.close()
 
 
-def test_another_site_cannot_connect_and_no_page_opens_it_to_the_internet(page):
-    address = page.url.replace("http", "ws")
-    with pytest.raises(InvalidStatus, match="403"):
-        connect(address, origin="https://example.org")
-    connect(address, origin=page.url).close()
+def test_no_page_opens_it_to_the_internet(page):
     assert page.server.request_share_url() is None
+
+
+def test_a_page_for_other_machines_works_by_its_whole_address_only(browser):
+    with ViewPage(content(), "0.0.0.0", 0) as page:
+        page.player.play(False)
+        address = urlsplit(page.url)._replace(netloc=f"127.0.0.1:{page.server.get_port()}")
+        tab = browser.new_page()
+        tab.set_default_timeout(1e3 * HANG)
+        assert tab.goto(address._replace(path="/").geturl()).status == 403
+        tab.goto(address.geturl())
+        tab.wait_for_selector(FOUND)
+        tab.close()
+
+
+def test_the_page_connects_to_no_server_that_its_address_names(browser, page):
+    """That server could run scripts in the page, and these could arm it."""
+    with socket.create_server(("127.0.0.1", 0)) as other:
+        address = f"ws://127.0.0.1:{other.getsockname()[1]}"
+        tab = browser.new_page()
+        with tab.expect_console_message(lambda message: f"to: {address}" in message.text):
+            tab.goto(f"{page.url}/?websocket={address}")
+        tab.wait_for_timeout(2000)
+        other.setblocking(False)
+        with pytest.raises(BlockingIOError):  # nobody knocked
+            other.accept()
+        tab.close()
 
 
 def test_an_address_of_another_machine_is_refused_in_a_sentence():
