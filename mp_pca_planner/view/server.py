@@ -28,8 +28,8 @@ from ..exceptions import PlannerError, printable
 LOCAL_HOSTS = ("127.0.0.1", "localhost", "::1")
 """Hosts that only this machine reaches."""
 
-LOG = logging.getLogger("mp_pca_planner.view")
-"""Log of the page: one line per event."""
+LOG = logging.getLogger("mp_pca_planner.view.server")
+"""Log of the server: one line per event, because others cause these."""
 
 # A name or an address, and a port. The policy below repeats it, so it may hold nothing else.
 _HOST = re.compile(r"(?P<name>[\w.-]+|\[[0-9a-fA-F:.]+\])(:\d+)?", re.ASCII)
