@@ -45,54 +45,6 @@ _PATH: Rgb = (0, 114, 178)
 _SPLINES: Rgb = (204, 121, 167)
 
 
-class PlanDrawing:
-    """Ghost and paths of the newest answer; red if the goal is rejected, orange if out of reach.
-
-    Parameters
-    ----------
-    stage : Stage
-        The scene.
-    goal : array, shape (n_joints,)
-        The first goal.
-
-    Attributes
-    ----------
-    ghost : DrawnRobot
-        The robot at the goal.
-    """
-
-    def __init__(self, stage: Stage, goal: FloatArray) -> None:
-        self._stage = stage
-        scene = stage.server.scene
-        self.ghost = DrawnRobot(scene, "/goal", stage.shapes, _GOAL)
-        self._path = DrawnPaths(scene, "/plan/path", _PATH, 5.0)
-        self._splines = DrawnPaths(scene, "/plan/splines", _SPLINES, 3.0)
-        self._answer: PlanAnswer | None = None
-        self.ghost.show(goal)
-
-    def show(self, answer: PlanAnswer) -> None:
-        """Draw an answer."""
-        self._answer = answer
-        self.ghost.show(answer.goal)
-        colour = _REJECTED if answer.problem else _SHORT if answer.distance else _GOAL
-        self.ghost.paint(colour)
-        self._draw_paths()
-
-    def set_visible(self, is_visible: bool) -> None:
-        """Show or hide the drawing."""
-        self.ghost.visible = is_visible
-        self._draw_paths()
-
-    def _draw_paths(self) -> None:
-        answer = self._answer if self.ghost.visible else None
-        plan = None if answer is None else answer.plan
-        other = None if answer is None else answer.comparison
-        colour = _REJECTED if answer is not None and answer.problem else _PATH
-        for path, one, tint in ((self._path, plan, colour), (self._splines, other, _SPLINES)):
-            drawn = [] if one is None else [self._stage.path(one.trajectory.positions)]
-            path.show(*drawn, colour=tint)
-
-
 class ViaHandles:
     """Handles of the places to pass, and the buttons that add and remove them.
 
@@ -192,8 +144,12 @@ class PlanPanel:
         self._home = request.start, request.goal
         self.answer: PlanAnswer | None = None
         self._request = request
-        self._drawing = PlanDrawing(stage, request.goal)
-        self.handle = stage.server.scene.add_transform_controls(
+        scene = stage.server.scene
+        self._ghost = DrawnRobot(scene, "/goal", stage.shapes, _GOAL)
+        self._ghost.show(request.goal)
+        self._path = DrawnPaths(scene, "/plan/path", _PATH, 5.0)
+        self._splines = DrawnPaths(scene, "/plan/splines", _SPLINES, 3.0)
+        self.handle = scene.add_transform_controls(
             "/handle", scale=0.16 * stage.size, disable_rotations=True, depth_test=False
         )
         stage.on_drag(self.handle, self._on_handle)
@@ -217,7 +173,8 @@ class PlanPanel:
     def set_open(self, is_open: bool, *, with_handles: bool) -> None:
         """Show the plan, and its handles or not."""
         self._is_open = is_open
-        self._drawing.set_visible(is_open)
+        self._ghost.visible = is_open
+        self._draw_paths()
         self.handle.visible = with_handles
         self._vias.set_visible(with_handles)
         if is_open:
@@ -332,7 +289,7 @@ class PlanPanel:
 
     def _on_joints(self) -> None:
         goal = np.array([slider.value for slider in self._sliders])
-        self._drawing.ghost.show(goal)
+        self._ghost.show(goal)
         self._place_handle(goal)
         self.submit(goal=goal, pose=None)
 
@@ -396,7 +353,9 @@ class PlanPanel:
             self._bars.content = part("bars", plan.trajectory.joint_names, shares)
 
     def _draw(self, answer: PlanAnswer) -> None:
-        self._drawing.show(answer)
+        self._ghost.show(answer.goal)
+        self._ghost.paint(_REJECTED if answer.problem else _SHORT if answer.distance else _GOAL)
+        self._draw_paths()
         if answer.request.is_final:
             if answer.distance:
                 self._place_handle(answer.goal)
@@ -404,3 +363,13 @@ class PlanPanel:
                 self._live.send(self.goal)
         if self._is_open and not answer.problem:
             self._player.show(self._motion)
+
+    def _draw_paths(self) -> None:
+        """Draw the paths of the newest answer while the plan is shown; red if it is rejected."""
+        answer = self.answer if self._is_open else None
+        plan = None if answer is None else answer.plan
+        other = None if answer is None else answer.comparison
+        colour = _REJECTED if answer is not None and answer.problem else _PATH
+        for path, one, tint in ((self._path, plan, colour), (self._splines, other, _SPLINES)):
+            drawn = [] if one is None else [self._stage.path(one.trajectory.positions)]
+            path.show(*drawn, colour=tint)

@@ -62,8 +62,8 @@ def test_a_tab_shows_its_subject_and_no_handle_of_another(page):
         assert [folder for folder, one in page._folders.items() if one.visible] == [name]
         assert page.components._bent._lines.visible == (name == "Components")
         is_planned = name in ("Plan", "World")
-        assert page.plan._drawing.ghost.visible == is_planned
-        assert page.plan._drawing._path._lines.visible == is_planned
+        assert page.plan._ghost.visible == is_planned
+        assert page.plan._path._lines.visible == is_planned
         shown = page.player.playback.motion
         subject = {
             "Components": page.components.motion,
@@ -81,7 +81,7 @@ def test_an_answer_does_not_replace_the_motion_of_another_tab(page):
     page.plan.submit(start=page.plan._home[1])
     until(lambda: page.plan.is_settled)
     assert page.player.playback.motion is page.components.motion
-    assert not page.plan._drawing._path._lines.visible
+    assert not page.plan._path._lines.visible
 
 
 # Widgets
@@ -135,7 +135,7 @@ def test_the_planning_thread_outlives_every_error_logs_and_shows_it(
     def fail(*_: object) -> None:
         raise SurprisingError("a surprise")
 
-    subject = page.plan._planner if part == "answer" else page.plan._drawing
+    subject = page.plan._planner if part == "answer" else page.plan._ghost
     monkeypatch.setattr(subject, "answer" if part == "answer" else "show", fail)
     with caplog.at_level(logging.ERROR):
         page.plan.submit()
