@@ -28,8 +28,7 @@ _TYPICAL: Rgb = (140, 140, 140)
 _BENT: Rgb = (204, 121, 167)
 _SLIDERS = (
     "Each slider adds more or less of one component to a typical demonstration, in standard "
-    "deviations. Its bar is the share of the differences that the component makes up. The path is "
-    "grey before and pink after."
+    "deviations; the bar is the component's share of the differences. Grey: before. Pink: after."
 )
 _UNLABELLED = "without a label"
 _ALL, _NONE = "All", "None"

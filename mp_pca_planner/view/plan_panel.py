@@ -32,6 +32,7 @@ from .player import Player, ShownMotion
 from .stage import DrawnPaths, DrawnRobot, Rgb, Stage, part
 
 NAME = "Plan"
+_TEXT = "Drag the arrows. The robot plans a motion there, out of what it was shown."
 _CONTINUE, _RESET = "At the goal", "Reset"
 _ADD, _REMOVE = "Add", "Remove all"
 _MAX_VIAS = 4
@@ -154,7 +155,7 @@ class PlanPanel:
         )
         stage.on_drag(self.handle, self._on_handle)
         gui = stage.server.gui
-        gui.add_html(part("lines", ["Drag the arrows. The robot plans a motion to the place."]))
+        gui.add_html(part("lines", [_TEXT]))
         gui.add_html(explanation(planner.primitives[0]))
         self._verdict = gui.add_html("")
         self._add_goal()
@@ -220,7 +221,7 @@ class PlanPanel:
         with gui.add_folder("Goal by joint", expand_by_default=False):
             for name, goal in zip(stage.robot.joint_names, self._request.goal, strict=True):
                 low, high, unit = stage.joint_range(name)
-                value = float(np.clip(goal, low, high))
+                value = float(np.clip(round(goal, 3), low, high))
                 slider = gui.add_slider(f"{name} [{unit}]", low, high, 0.001, value)
                 stage.on_change(slider, self._on_joints)
                 self._sliders.append(slider)
@@ -344,7 +345,7 @@ class PlanPanel:
         if answer.request.pose is not None:
             self._request = replace(self._request, goal=answer.goal)
             for slider, q in zip(self._sliders, answer.goal, strict=True):
-                slider.value = float(np.clip(q, slider.min, slider.max))
+                slider.value = float(np.clip(round(q, 3), slider.min, slider.max))
         self._verdict.content = answer_html(answer)
         if plan is None or answer.problem:
             self._bars.content = part("lines", ["no motion"])
