@@ -105,16 +105,21 @@ _FRAMES = msgspec.msgpack.Decoder(
 )
 
 
-class _Connection(ServerConnection):
-    """A connection whose owner gets well-formed frames of the page only."""
+ValueProblem = Callable[[str, Any], str]
+"""Why a widget, by its identity, can't have a value; empty if it can."""
 
+
+class _Connection(ServerConnection):
+    """A connection whose owner gets frames only that a page could have sent."""
+
+    value_problem: ValueProblem
     _is_blamed = False
 
     async def recv(self, decode: bool | None = None) -> Any:
         """Return the next frame that the page could have sent; the others are dropped."""
         while True:
             frame = await super().recv(decode)
-            reason = frame_problem(frame)
+            reason = frame_problem(frame, self.value_problem)
             if not reason:
                 return frame
             if not self._is_blamed:  # further ones of the same browser are dropped in silence
@@ -126,14 +131,16 @@ class _Connection(ServerConnection):
         return str(self.remote_address[0]) if self.remote_address else "an unknown address"
 
 
-def frame_problem(frame: str | bytes) -> str:
+def frame_problem(frame: str | bytes, value_problem: ValueProblem) -> str:
     """Why a frame of a browser is dropped; empty if the page takes it."""
     if isinstance(frame, str):
         return "it is text"
     try:
-        _FRAMES.decode(frame)
+        message = _FRAMES.decode(frame)
     except (msgspec.DecodeError, RecursionError, UnicodeDecodeError) as error:
         return printable(str(error))[:200]
+    if isinstance(message, _Widget):
+        return value_problem(message.uuid, message.updates.value)
     return ""
 
 
@@ -217,9 +224,26 @@ class PageServer(viser.ViserServer):
         self.is_local = host in LOCAL_HOSTS
         self._token = "" if self.is_local else secrets.token_urlsafe(16)
         # Viser has no option for this; its server is up when its constructor returns.
-        serve = _guarded(Access(self._token))
+        serve = _guarded(Access(self._token), self.value_problem)
         with mock.patch.object(websockets.asyncio.server, "serve", serve), _quiet():
             super().__init__(host, port, label="mp_pca_planner", verbose=False)
+
+    def value_problem(self, widget: str, value: Any) -> str:
+        """Why a widget can't have a value of a browser; empty if it can, or if it is gone.
+
+        Viser casts values and passes them on, whatever the widget offers.
+        """
+        handle: Any = self.gui._gui_input_handle_from_uuid.get(widget)
+        if handle is None:
+            return ""
+        present, is_number = handle.value, isinstance(value, (int, float))
+        if hasattr(handle, "options"):
+            is_offered = value in handle.options
+        elif isinstance(present, bool) or isinstance(value, bool):
+            is_offered = isinstance(value, bool) and isinstance(present, bool)
+        else:  # rounded in the browser
+            is_offered = is_number and handle.min - 1e-6 <= value <= handle.max + 1e-6
+        return "" if is_offered else printable(f"'{handle.label}' can't have the value {value!r}")
 
     def request_share_url(self, verbose: bool = True) -> str | None:
         """Refuse a public address, which any client of Viser may request."""
@@ -239,9 +263,14 @@ class PageServer(viser.ViserServer):
         return f"{address}/{self._token}/" if self._token else address
 
 
-def _guarded(access: Access) -> Callable[..., Any]:
+def _guarded(access: Access, value_problem: ValueProblem) -> Callable[..., Any]:
     """The function of websockets that serves, for admitted requests and frames of the page."""
     serve = websockets.asyncio.server.serve
+
+    def connection(*arguments: Any, **options: Any) -> _Connection:
+        made = _Connection(*arguments, **options)
+        made.value_problem = value_problem
+        return made
 
     def guarded(*arguments: Any, process_request: Any, **options: Any) -> Any:
         def admit(connection: ServerConnection, request: Request) -> Response | None:
@@ -256,7 +285,7 @@ def _guarded(access: Access) -> Callable[..., Any]:
             return response
 
         asyncio.get_running_loop().set_exception_handler(_log_failure)
-        options |= {"max_size": _MAX_FRAME_SIZE, "logger": LOG, "create_connection": _Connection}
+        options |= {"max_size": _MAX_FRAME_SIZE, "logger": LOG, "create_connection": connection}
         return serve(*arguments, process_request=admit, **options)
 
     return guarded
