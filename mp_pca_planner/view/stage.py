@@ -263,12 +263,12 @@ class Stage:
         """Log an error and show it to everybody: threads and widgets of the page outlive it."""
         try:
             yield
-        except Exception as error:
+        except BaseException as error:  # such as SystemExit, which ends a thread silently
             is_internal = not isinstance(error, PlannerError)
             text = f"internal error, {type(error).__name__}: {error}" if is_internal else str(error)
             self._complain(printable(text), error if is_internal else None)
 
-    def _complain(self, text: str, error: Exception | None) -> None:
+    def _complain(self, text: str, error: BaseException | None) -> None:
         """Show an error and log it with its traceback, once if it comes again and again."""
         now = time.monotonic()
         if text == self._complaint[0] and now < self._complaint[1] + _COMPLAINT_TIME:

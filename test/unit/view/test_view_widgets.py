@@ -128,19 +128,24 @@ class SurprisingError(Exception):
     """What no code expects."""
 
 
+class SurprisingExit(SystemExit):
+    """What ends a thread without a word, if nobody catches it."""
+
+
+@pytest.mark.parametrize("error", [SurprisingError, SurprisingExit])
 @pytest.mark.parametrize("part", ["answer", "words"])
 def test_the_planning_thread_outlives_every_error_logs_and_shows_it(
-    page, caplog, monkeypatch, part
+    page, caplog, monkeypatch, part, error
 ):
     def fail(*_: object) -> None:
-        raise SurprisingError("a surprise")
+        raise error("a surprise")
 
     subject = page.plan._planner if part == "answer" else page.plan._ghost
     monkeypatch.setattr(subject, "answer" if part == "answer" else "show", fail)
     with caplog.at_level(logging.ERROR):
         page.plan.submit()
         until(lambda: page.plan.is_settled and caplog.records)
-    assert "SurprisingError: a surprise" in caplog.text and "Traceback" in caplog.text
+    assert f"{error.__name__}: a surprise" in caplog.text and "Traceback" in caplog.text
     if part == "answer":
         assert "internal error" in page.plan._verdict.content and page.plan.goal is None
     monkeypatch.undo()
