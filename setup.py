@@ -86,6 +86,7 @@ setup(
         # The page in the browser, with meshes in COLLADA.
         "view": [
             "jinja2>=3.0",
+            "msgspec>=0.18",
             "pycollada>=0.8",
             "rich>=13.0",
             "trimesh>=4.6",

@@ -68,7 +68,7 @@ EXTRAS_ONLY = {
     "argcomplete",
     *("filelock", "cmaes", "distributed", "fsspec", "mujoco"),
     "threadpoolctl",  # planning is slower without it
-    *("rich", "trimesh", "viser", "websockets"),
+    *("msgspec", "rich", "trimesh", "viser", "websockets"),
 }
 
 
