@@ -42,9 +42,10 @@ def _taught(
 ) -> tuple[TeachingSession, bool]:
     """Hold a session until it is left; returns it, and whether to build the primitive."""
     files = SessionFiles.beside(arguments.output)
+    is_whole = not arguments.joints  # all joints of the robot, also those of a gripper
     if arguments.play is not None:
         played = PlayedBag(arguments.play, arguments.topic)
-        with TeachingSession(files, played.topic, joints) as session:
+        with TeachingSession(files, played.topic, joints, moving_only=is_whole) as session:
             n_known = played.skip_until(session.joined_from(played.joint_names))
             if n_known:
                 say(f"continued    {files.bag} holds {n_known} of the messages to play already")
@@ -52,7 +53,8 @@ def _taught(
     from ..ros.joint_state_source import JointStateSource, full_topic_name
 
     topic = full_topic_name(arguments.topic or "joint_states", arguments.namespace)
-    with TeachingSession(files, topic, joints) as session, JointStateSource(topic) as source:
+    taught = TeachingSession(files, topic, joints, moving_only=is_whole)
+    with taught as session, JointStateSource(topic) as source:
         say(f"recording    {topic} into {files.bag}")
         return session, _dialogue(session, source, keys, words)
 

@@ -261,6 +261,8 @@ class RecordingReport:
         The recording in few samples, on request.
     marker_residuals : dict
         Residual of each marker; empty unless markers were recorded.
+    still_joints : tuple of str
+        The joints of `joint_names` that never move.
     seconds : float
         Time that it took to read it and to cut it into motions [s].
     """
@@ -280,6 +282,7 @@ class RecordingReport:
     notes: tuple[str, ...]
     overview: Overview | None = None
     marker_residuals: dict[str, MarkerResidual] = field(default_factory=dict)
+    still_joints: tuple[str, ...] = ()
     seconds: float = field(default=0.0, compare=False)
 
 

@@ -31,7 +31,9 @@ def load_demonstrations(
     paths :
         Bag files, rosbag2 folders, folders of bags, glob patterns; one of them or several.
     robot : Robot or path of a URDF file, optional
-        Its joints are taken, in its order; by default all that every message lists.
+        Its joints are taken, in its order; by default all that every message lists. Of a file,
+        the joints that never move in the recordings are left out and noted, such as a gripper's;
+        `joints` or a `Robot` choose them all the same.
     **options :
         As of :func:`.load_recordings`: topic, joints, segment, segments_csv, jobs, …
 
@@ -50,6 +52,7 @@ def load_demonstrations(
     check_type(paths, "the paths of recordings", RecordingError, str, Path, Iterable)
     check_type(robot, "robot", RobotError, Robot, str, Path, NoneType)
     joints = options.pop("joints", None)
+    options.setdefault("moving_only", joints is None and isinstance(robot, (str, Path)))
     if isinstance(robot, (str, Path)):
         robot = Robot.from_file(robot, joints)
     joints = robot.joint_names if robot else joints

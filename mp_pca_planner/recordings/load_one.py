@@ -42,6 +42,9 @@ class LoadOptions:
         Topic of the joint states; by default the only one.
     joints : sequence of str or None
         Names of the joints; by default all that every message lists.
+    moving_only : bool
+        Leaves out those of `joints` that a recording does not list, or that never move in any
+        recording, such as a gripper's. They are noted. Without effect on `markers`.
     segment : str
         "auto" cuts at rests and valleys of the speed, "none" takes each recording as one motion
         and only trims the stillness at both ends (a recording with gaps: one motion per piece).
@@ -89,6 +92,7 @@ class LoadOptions:
 
     topic: str | None = None
     joints: Sequence[str] | None = None
+    moving_only: bool = False
     segment: Literal["auto", "none"] = "auto"
     segments_csv: str | Path | None = None
     segmentation: SegmentationOptions = field(default_factory=SegmentationOptions)
@@ -169,6 +173,7 @@ def _loaded(task: LoadTask, path: Path, progress: Callable[[float], None] | None
         notes=(*clean.notes, *task.notes, *beyond),
         overview=cutting.overview(smoothed.pieces) if options.overviews else None,
         marker_residuals=residuals,
+        still_joints=clean.still_joints,
     )
     summaries = () if options.summarise is None else (options.summarise(motions),)
     n = options.most_samples
@@ -235,9 +240,12 @@ def _clean(
         raw, residuals = options.markers.joint_states(path, salvage=options.salvage)
         return repair(raw, None, options.repair), residuals
     chosen = (options.topic, options.joints, options.state_field, options.salvage, options.repair)
+    is_part = options.moving_only
 
     def read() -> CleanRecording:
         with bags.open_bag(path, salvage=options.salvage) as bag:
-            return read_clean(bag, *chosen[:3], options=options.repair, progress=progress)
+            return read_clean(
+                bag, *chosen[:3], listed_only=is_part, options=options.repair, progress=progress
+            )
 
-    return options.cache.clean(path, repr(chosen), read), {}
+    return options.cache.clean(path, repr((chosen, is_part)), read), {}

@@ -7,7 +7,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
-from ..exceptions import RecordingError, UnusableRecordingError
+from ..exceptions import RecordingError, UnusableRecordingError, quote_names
 from . import bags
 from .joint_trajectories import read_trajectories, repair_trajectories
 from .repair import CleanRecording, RepairOptions, repair
@@ -19,6 +19,7 @@ def read_clean(
     joints: Sequence[str] | None = None,
     state_field: str | None = None,
     *,
+    listed_only: bool = False,
     options: RepairOptions | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> CleanRecording:
@@ -34,6 +35,8 @@ def read_clean(
         Names of the joints; by default all that every message lists.
     state_field :
         The field of the topic's messages that is a JointState; needs `topic`.
+    listed_only :
+        Takes only those of `joints` that messages list, and notes the others.
     options :
         Thresholds of the repairs.
     progress :
@@ -47,10 +50,27 @@ def read_clean(
     if topic is None or state_field is None:
         chosen = _chosen_topic(bag, topic)
         if chosen.type == bags.JOINT_TRAJECTORY:
-            return repair_trajectories(read_trajectories(bag, chosen), joints, options)
+            motions = read_trajectories(bag, chosen)
+            taken = _listed(joints, motions.listed_joints) if listed_only else joints
+            return _noted(repair_trajectories(motions, taken, options), joints)
         topic = chosen.name
     raw = bag.joint_states(topic, field=state_field, progress=progress)
-    return repair(raw, joints, options)
+    taken = _listed(joints, raw.listed_joints) if listed_only else joints
+    return _noted(repair(raw, taken, options), joints)
+
+
+def _listed(joints: Sequence[str] | None, listed: Sequence[str]) -> Sequence[str] | None:
+    """The joints that are listed; all of them if none is, which is an error later."""
+    return [name for name in joints or () if name in listed] or joints
+
+
+def _noted(clean: CleanRecording, joints: Sequence[str] | None) -> CleanRecording:
+    """The recording with a note on the joints that it lacks."""
+    missing = [name for name in joints or () if name not in clean.joint_names]
+    if not missing:
+        return clean
+    note = f"joints left out, as the recording lacks them: {quote_names(missing)}"
+    return replace(clean, notes=(*clean.notes, note))
 
 
 def _chosen_topic(bag: bags.Bag, topic: str | None) -> bags.Topic:

@@ -72,7 +72,7 @@ class Robot(Dynamics, Kinematics):
         locked: Mapping[str, float] | None = None,
         source: str = "robot description",
     ) -> None:
-        self._source = source
+        self._source, self._given = source, (urdf, dict(locked or {}))
         self.path: Path | None = None
         self._description = found = read_description(urdf, source)
         self.name = found.name
@@ -136,6 +136,22 @@ class Robot(Dynamics, Kinematics):
             merge_limits(self._description.limits, *layers),
             source=f"limits of the {self._source}",
         )
+
+    def with_joints(self, joint_names: Sequence[str]) -> Robot:
+        """The robot with these joints moving; itself, if they are its own in this order.
+
+        Raises
+        ------
+        RobotError
+            If a joint is unknown or can't move.
+        """
+        if tuple(joint_names) == self.joint_names:
+            return self
+        urdf, given = self._given
+        locked = {name: value for name, value in given.items() if name not in joint_names}
+        robot = Robot(urdf, joint_names, locked=locked, source=self._source)
+        robot.path = self.path
+        return robot
 
     def require_inertias(self, purpose: str, instead: str = "") -> None:
         """Reject a robot whose efforts can't be computed.

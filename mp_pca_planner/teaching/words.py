@@ -64,7 +64,8 @@ class SessionWords:
         yield f"  goals shown: {_ranges(names, learned.low, learned.high)}"
         if self._robot is not None:
             goals = np.array([motion.positions[-1] for motion in motions])
-            places = self._robot.frame_positions(goals, [self._frame])[:, 0]
+            robot = self._robot.with_joints(names)
+            places = robot.frame_positions(goals, [self._frame])[:, 0]
             shown = _ranges("xyz", places.min(axis=0), places.max(axis=0))
             yield f"  {self._frame} at goals [m]: {shown}"
         for start, goal in learned.suggested:
@@ -76,21 +77,24 @@ class SessionWords:
         joints = ",".join(f"{name}={x:.2f}" for name, x in zip(joint_names, rounded, strict=True))
         if self._robot is None:
             return joints
-        place = self._robot.frame_positions(q[None], [self._frame])[0, 0]
+        robot = self._robot.with_joints(joint_names)
+        place = robot.frame_positions(q[None], [self._frame])[0, 0]
         x, y, z = (f"{value:.2f}" for value in place)
         return f"{joints} ({self._frame} at {x} {y} {z} m)"
 
     def _learned(self, motions: Sequence[Demonstration]) -> Learned:
         if len(motions) < 2:
             raise PlannerError("two motions are needed")
-        return Learned.of(motions, self._robot.limits() if self._robot else None)
+        robot = self._robot and self._robot.with_joints(motions[0].joint_names)
+        return Learned.of(motions, robot.limits() if robot else None)
 
     def _length(self, motion: Demonstration) -> str:
         unit = self._unit(motion.joint_names)
         text = f"{unit.number(extent(motion.positions))} {unit.name}"
         if self._robot is None:
             return text
-        path = self._robot.frame_positions(motion.positions, [self._frame])[:, 0]
+        robot = self._robot.with_joints(motion.joint_names)
+        path = robot.frame_positions(motion.positions, [self._frame])[:, 0]
         length = np.linalg.norm(np.diff(path, axis=0), axis=1).sum()
         return f"{text}, {self._frame} over {length:.2f} m"
 
