@@ -36,11 +36,12 @@ def commands_page() -> str:
     """The help of every command but the node, which has only ROS arguments."""
     parts = [
         "# Commands",
-        "Each is `ros2 run mp_pca_planner COMMAND` or `python3 -m mp_pca_planner COMMAND`.",
+        "Each is `mp-pca COMMAND`, `ros2 run mp_pca_planner COMMAND` or `python3 -m mp_pca_planner "
+        "COMMAND`. `--help` shows the everyday options, `--help-all` all of them.",
     ]
     for name in COMMANDS:
         text = subprocess.run(
-            [sys.executable, "-m", "mp_pca_planner", name, "--help"],
+            [sys.executable, "-m", "mp_pca_planner", name, "--help-all"],
             capture_output=True,
             text=True,
             check=True,

@@ -316,7 +316,7 @@ def test_ctrl_c_while_a_command_loads_is_told_in_one_line():
         "sys.exit(program.main(['plan']))"
     )
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
-    assert (done.returncode, done.stderr) == (1, "mp_pca_planner plan: interrupted\n")
+    assert (done.returncode, done.stderr) == (1, "mp-pca plan: interrupted\n")
 
 
 def test_case_study_refuses_what_it_cannot_use_before_it_reads(tmp_path):
@@ -545,7 +545,7 @@ def test_plan_draws_the_motion(primitive, tmp_path):
         (["--start", START, "--goal", "elbow=-1,elbow=-2"], "given more than once"),
         (["--start", START, "--goal", "elbow=-1,2"], "must be name=value"),
         (["--start", START, "--goal", ""], "must be name=value"),
-        (["--start", START, "--goal", "elbow=9"], "outside its limits"),
+        (["--start", START, "--goal", "elbow=9"], "in radians (or metres)"),
         (
             ["--start", START, "--goal", GOAL, "--duration", "-1"],
             "number from 0.001 to 600 s",

@@ -96,7 +96,7 @@ def test_commands_of_the_page_are_accepted(
             parse(command, words)  # exits if it is not accepted
             continue
         with pytest.raises(SystemExit):
-            parse(command, ["--help"])
+            parse(command, ["--help-all"])
         known = capsys.readouterr().out
         assert all(f"{word} " in known for word in words if word.startswith("--"))
 
