@@ -40,8 +40,9 @@ def commands_page() -> str:
         "COMMAND`. `--help` shows the everyday options, `--help-all` all of them.",
     ]
     for name in COMMANDS:
+        help_option = "--help" if name == "planner_node" else "--help-all"
         text = subprocess.run(
-            [sys.executable, "-m", "mp_pca_planner", name, "--help-all"],
+            [sys.executable, "-m", "mp_pca_planner", name, help_option],
             capture_output=True,
             text=True,
             check=True,

@@ -183,6 +183,7 @@ def load(
             arguments.bags,
             topic=arguments.topic,
             joints=joints,
+            degrees=arguments.degrees,
             moving_only=robot is not None and joints == robot.joint_names and not arguments.joints,
             known_extents=[extent for part in known for extent in part.extents.tolist()],
             segment=arguments.segment,

@@ -4,20 +4,25 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.interpolate import CubicHermiteSpline, make_interp_spline
 
 from ..arrays import FloatArray, frozen_array, set_frozen, unique_names
 from ..exceptions import RecordingError
 
 if TYPE_CHECKING:
-    from .bags import BagFormat
+    from .bags import RecordingFormat
     from .segmentation import SpeedThresholds
+
+MIN_SAMPLES = 5
+"""Fewest samples of a motion that is given as arrays."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,6 +104,70 @@ class Demonstration:
         end = float(times[-1])
         return cls(
             tuple(joint_names), times, *states, recording=recording, start_time=0.0, end_time=end
+        )
+
+    @classmethod
+    def from_arrays(
+        cls,
+        joint_names: Sequence[str],
+        times: ArrayLike,
+        positions: ArrayLike,
+        *,
+        recording: str = "arrays",
+        label: str = "",
+    ) -> Demonstration:
+        """A motion from samples, smoothed and resampled as motions of recordings are.
+
+        Parameters
+        ----------
+        joint_names : sequence of str
+            Names of the joints.
+        times : array_like, shape (n_samples,)
+            Times of the samples [s], strictly increasing.
+        positions : array_like, shape (n_samples, n_joints)
+            Joint positions [rad or m].
+        recording : str
+            Name of what they come from.
+        label : str
+            What the motion is called.
+
+        Raises
+        ------
+        RecordingError
+            If shapes disagree, a number is not finite, or the times don't increase.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import mp_pca_planner as mp
+        >>> t = np.linspace(0.0, 1.0, 51)
+        >>> q = np.column_stack([np.sin(t), 1.0 - np.cos(t)])
+        >>> mp.Demonstration.from_arrays(["shoulder", "elbow"], t, q)
+        Demonstration of 'arrays': 2 joints, 0.00 to 1.00 s
+        """
+        from .repair import Piece
+        from .smoothing import smooth
+
+        names = unique_names(joint_names, f"joints of '{recording}'", RecordingError)
+        t = frozen_array(times, (None,), f"times of '{recording}'", RecordingError)
+        shape = (t.size, len(names))
+        q = frozen_array(positions, shape, f"positions of '{recording}'", RecordingError)
+        if t.size < MIN_SAMPLES or np.diff(t).min() <= 0.0:
+            raise RecordingError(
+                f"the times of '{recording}' must be {MIN_SAMPLES} or more and strictly increase"
+            )
+        found = smooth(Piece(t - t[0], q), 1.0 / float(np.median(np.diff(t))))
+        return cls(
+            names,
+            found.times - found.times[0],
+            found.positions,
+            found.velocities,
+            found.accelerations,
+            recording=recording,
+            start_time=0.0,
+            end_time=float(found.times[-1] - found.times[0]),
+            label=label,
+            checksum=hashlib.sha256(t.tobytes() + q.tobytes()).hexdigest(),
         )
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -269,7 +338,7 @@ class RecordingReport:
 
     name: str
     path: str
-    format: BagFormat
+    format: RecordingFormat
     topic: str
     n_messages: int
     rate: float
@@ -352,5 +421,5 @@ class RecordingSet:
             n = len(self.reports)
             raise RecordingError(f"no motion was found: {n} recordings hold no motion")
         first, *others = self.refused
-        more = f" (and {len(others)} more refused)" if others else ""
+        more = f" (and {len(others)} more rejected)" if others else ""
         raise RecordingError(f"no motion was found: {first.recording}: {first.reason}{more}")

@@ -29,13 +29,14 @@ def load_demonstrations(
     Parameters
     ----------
     paths :
-        Bag files, rosbag2 folders, folders of bags, glob patterns; one of them or several.
+        Bag files, rosbag2 folders, CSV files, datasets of LeRobot, folders of bags and datasets,
+        glob patterns; one of them or several.
     robot : Robot or path of a URDF file, optional
         Its joints are taken, in its order; by default all that every message lists. Of a file,
         the joints that never move in the recordings are left out and noted, such as a gripper's;
         `joints` or a `Robot` choose them all the same.
     **options :
-        As of :func:`.load_recordings`: topic, joints, segment, segments_csv, jobs, …
+        As of :func:`.load_recordings`: topic, joints, degrees, segment, segments_csv, jobs, …
 
     Returns
     -------
