@@ -69,6 +69,17 @@ class Planner:
         If a moving link has no valid inertia, and efforts are limited or part of the objective.
     WorldError
         If an obstacle is attached to an unknown link or has the name of a link.
+
+    Examples
+    --------
+    >>> import mp_pca_planner as mp
+    >>> urdf = mp.config_file("human_arm.urdf")
+    >>> motions = mp.load_demonstrations(mp.write_example_recording("motions.mcap", 6), robot=urdf)
+    >>> reach = mp.MovementPrimitive.fit(motions, name="reach")
+    >>> planner = mp.Planner(mp.Robot.from_file(urdf, reach.joint_names), [reach])
+    >>> start, goal = motions[0].positions[[0, -1]]
+    >>> planner.plan(start=start, goal=goal).status
+    'solved'
     """
 
     def __init__(

@@ -85,6 +85,15 @@ class MovementPrimitive:
     ------
     PrimitiveFileError
         If arrays are not finite, or their shapes disagree.
+
+    Examples
+    --------
+    >>> import mp_pca_planner as mp
+    >>> motions = mp.load_demonstrations(mp.write_example_recording("motions.mcap", 6))
+    >>> reach = mp.MovementPrimitive.fit(motions, name="reach")
+    >>> expected = reach.predict(*motions[0].positions[[0, -1]])
+    >>> expected.joint_names
+    ('shoulder1', 'shoulder2', 'shoulder3', 'elbow')
     """
 
     name: str

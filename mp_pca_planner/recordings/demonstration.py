@@ -50,6 +50,15 @@ class Demonstration:
     ------
     RecordingError
         If shapes disagree, a number is not finite or the times are not evenly spaced.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import mp_pca_planner as mp
+    >>> t = np.linspace(0.0, 1.0, 51)
+    >>> motion = mp.Demonstration.from_arrays(["elbow"], t, np.sin(t)[:, None])
+    >>> motion.duration
+    1.0
     """
 
     joint_names: tuple[str, ...]

@@ -49,6 +49,13 @@ def load_demonstrations(
         If no recording holds a usable motion, or an option is out of its range.
     RobotError
         If the URDF can't be read or lacks one of the joints.
+
+    Examples
+    --------
+    >>> import mp_pca_planner as mp
+    >>> bag = mp.write_example_recording("motions.mcap", 6)
+    >>> mp.load_demonstrations(bag, robot=mp.config_file("human_arm.urdf"))
+    RecordingSet: 11 demonstrations of 1 recording(s), 0 rejected
     """
     check_type(paths, "the paths of recordings", RecordingError, str, Path, Iterable)
     check_type(robot, "robot", RobotError, Robot, str, Path, NoneType)
@@ -88,6 +95,12 @@ def write_example_recording(path: str | Path, n_motions: int = 40, *, seed: int 
     ------
     RecordingError
         If the number of motions is too small, or the file can't be written.
+
+    Examples
+    --------
+    >>> import mp_pca_planner as mp
+    >>> mp.write_example_recording("motions.mcap", 6).name
+    'motions.mcap'
     """
     recording = continuous_recording(generate_motions(n_motions, seed), seed=seed)
     names, stamps = recording.joint_names, recording.stamps

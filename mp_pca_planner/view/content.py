@@ -131,6 +131,11 @@ def show(planner: Planner, plan: Plan | None = None, *, port: int = 8080) -> Vie
         If the robot was not read from a file.
     MissingDependencyError
         If the extra `view` is not installed.
+
+    Examples
+    --------
+    >>> import mp_pca_planner as mp
+    >>> page = mp.show(planner, plan)  # doctest: +SKIP
     """
     check_type(planner, "planner", PlannerError, Planner)
     try:
