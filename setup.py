@@ -89,6 +89,8 @@ setup(
         "sim": ["mujoco>=3.3"],
         # Datasets of LeRobot as demonstrations: their Parquet files are read.
         "lerobot": ["pyarrow>=15.0"],
+        # The panda of the command `example`, with meshes.
+        "example": ["example-robot-data>=4.3"],
         # Completion of commands and options in the shell.
         "completion": ["argcomplete>=3.1"],
         # The documentation site.
