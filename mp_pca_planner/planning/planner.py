@@ -8,6 +8,7 @@ import time
 from collections.abc import Sequence
 from importlib import import_module
 from types import NoneType
+from typing import Any
 
 from ..arrays import check_type
 from ..exceptions import GoalError, LimitsError, PrimitiveError, RobotError, WorldError, quote_names
@@ -126,6 +127,9 @@ class Planner:
         self._single = SinglePlanner(setup, self._resolver, fallback, self._chooser)
         self._several = SeveralPlanner(setup, fallback, self._chooser)
         self._assembly = PlanAssembly(setup, self._resolver)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Planner, (self.robot, self.primitives, self.limits, self.options, self.collision)
 
     def __repr__(self) -> str:
         names = quote_names(self.primitives.names)

@@ -4,6 +4,7 @@
 
 import doctest
 import io
+import math
 import os
 import pickle
 import re
@@ -304,3 +305,23 @@ def test_robots_and_worlds_are_pickled() -> None:
         np.testing.assert_array_equal(again.inverse_dynamics(q, q, q), expected)
         np.testing.assert_array_equal(again.limits().upper, one.limits().upper)
     assert repr(pickle.loads(pickle.dumps(world))) == repr(world)
+
+
+@pytest.mark.parametrize("is_avoiding", [False, True])
+def test_planners_and_plans_are_pickled(is_avoiding: bool) -> None:
+    demonstrations, primitive, robot, _ = planned()
+    ball = mp.World([mp.Obstacle("ball", mp.Sphere(0.05, position=[0.40, -0.57, -0.15]))])
+    options = mp.PlannerOptions(max_solve_time=math.inf)
+    world = ball if is_avoiding else None
+    planner = mp.Planner(robot, [primitive], options=options, world=world)
+    start, goal = demonstrations[0].positions[[0, -1]]
+    plan = planner.plan(start=start, goal=goal)
+    copies = pickle.loads(pickle.dumps((planner, plan)))
+    assert copies[1].planner is copies[0]
+    again = copies[0].plan(start=start, goal=goal)
+    for found in (copies[1], again):
+        assert found.status == plan.status
+        np.testing.assert_array_equal(found.trajectory.positions, plan.trajectory.positions)
+    assert (copies[0].collision is None) != is_avoiding
+    if is_avoiding:
+        assert copies[0].collision.pairs == planner.collision.pairs
