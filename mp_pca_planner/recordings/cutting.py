@@ -11,8 +11,9 @@ import numpy as np
 
 from ..arrays import FloatArray
 from ..exceptions import RecordingError
-from .demonstration import Demonstration, Overview
+from .demonstration import Demonstration
 from .joint_states import RawJointStates
+from .recording_set import Overview
 from .repair import CleanRecording, Piece, repair
 from .segmentation import (
     SegmentationOptions,

@@ -13,8 +13,8 @@ from ..arrays import check_type
 from ..exceptions import RecordingError, RobotError
 from ..robot.model import Robot
 from .bags import write_joint_states
-from .demonstration import RecordingSet
 from .load import load_recordings
+from .recording_set import RecordingSet
 from .synthetic import continuous_recording, generate_motions
 
 

@@ -21,9 +21,9 @@ from ..exceptions import RecordingError, quote_names
 from . import bags, cutting
 from .cache import ReadingCache, key_of
 from .cluster import map_on_cluster
-from .demonstration import RecordingReport, RecordingSet
 from .load_one import LoadOptions, LoadTask, load_one
 from .processes import Outcome, map_in_processes
+from .recording_set import RecordingReport, RecordingSet
 from .segmentation import SegmentationOptions, absurd_extent, least_extent_of_set
 from .segments_file import segments_by_hand
 from .spool import GatheredSets

@@ -15,15 +15,9 @@ import numpy as np
 from ..exceptions import RecordingError, UnusableRecordingError, unknown_name
 from . import bags, cutting
 from .cache import ReadingCache
-from .demonstration import (
-    Demonstration,
-    MarkerResidual,
-    RecordingReport,
-    RecordingSet,
-    Refusal,
-    Segment,
-)
+from .demonstration import Demonstration
 from .reading import read_recording
+from .recording_set import MarkerResidual, RecordingReport, RecordingSet, Refusal, Segment
 from .repair import CleanRecording, RepairOptions, repair
 from .segmentation import SegmentationOptions, extent
 from .segments_file import SegmentRow

@@ -19,7 +19,7 @@ from ..planning.plan import Plan
 from ..planning.planner import Planner
 from ..primitives.prediction import nearest_demonstrations
 from ..primitives.primitive import MovementPrimitive
-from ..recordings.demonstration import RecordingSet
+from ..recordings.recording_set import RecordingSet
 from ..robot.limits import JointLimits
 from ..robot.model import Robot
 from ..robot.world import World

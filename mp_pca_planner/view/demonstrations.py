@@ -11,7 +11,7 @@ import numpy as np
 
 from ..plotting.style import COLOURS
 from ..primitives.primitive import MovementPrimitive
-from ..recordings.demonstration import RecordingSet
+from ..recordings.recording_set import RecordingSet
 from .options import PAGE
 from .player import Player, ShownMotion
 from .stage import DrawnPaths, Stage, from_hex

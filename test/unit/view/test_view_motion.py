@@ -8,7 +8,7 @@ from arm import arm_demonstrations, arm_primitive
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mp_pca_planner.recordings.demonstration import RecordingSet
+from mp_pca_planner.recordings.recording_set import RecordingSet
 
 pytest.importorskip("viser", reason="the extra 'view' is not installed")
 from mp_pca_planner.view.components import bent_motion, component_names, variance_shares
