@@ -18,7 +18,7 @@ from ..motion.collision import CollisionModel, package_folders
 from ..planning.plan import Plan
 from ..planning.planner import Planner
 from ..primitives.primitive import MovementPrimitive
-from ..recordings.demonstration import RecordingSet
+from ..recordings.recording_set import RecordingSet
 from ..robot.limits import JointLimits
 from ..robot.model import Robot
 from ..robot.world import World
@@ -146,6 +146,11 @@ def show(planner: Planner, plan: Plan | None = None, *, port: int = 8080) -> Vie
         If the robot was not read from a file.
     MissingDependencyError
         If the extra `view` is not installed.
+
+    Examples
+    --------
+    >>> import mp_pca_planner as mp
+    >>> page = mp.show(planner, plan)  # doctest: +SKIP
     """
     check_type(planner, "planner", PlannerError, Planner)
     try:

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from ..arrays import FloatArray
 from ..plotting.style import COLOURS
 from ..primitives.primitive import MovementPrimitive
-from ..recordings.demonstration import RecordingSet
+from ..recordings.recording_set import RecordingSet
 from .content import typical_demonstration
 from .player import Player, ShownMotion
 from .stage import DrawnPaths, Rgb, Stage, from_hex, part

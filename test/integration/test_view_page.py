@@ -18,7 +18,7 @@ from patience import HANG
 
 from mp_pca_planner.exceptions import PlannerError, RobotError
 from mp_pca_planner.planning.planner import Planner
-from mp_pca_planner.recordings.demonstration import RecordingSet
+from mp_pca_planner.recordings.recording_set import RecordingSet
 from mp_pca_planner.resources import config_file
 from mp_pca_planner.robot.model import Robot
 from mp_pca_planner.robot.world import Obstacle, Sphere, World

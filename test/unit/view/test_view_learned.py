@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mp_pca_planner.primitives.primitive import MovementPrimitive
-from mp_pca_planner.recordings.demonstration import RecordingSet
+from mp_pca_planner.recordings.recording_set import RecordingSet
 
 pytest.importorskip("viser", reason="the extra 'view' is not installed")
 from mp_pca_planner.view.content import typical_demonstration
