@@ -15,8 +15,8 @@ from visualization_msgs.msg import Marker, MarkerArray
 from ..arrays import FloatArray, frozen_array
 from ..exceptions import WorldError, printable, unknown_name
 from ..input_limits import INPUT_LIMITS
+from ..robot.mesh_files import find_mesh, scaled
 from ..robot.world import Box, Cylinder, Mesh, Obstacle, Shape, Sphere, World
-from ..robot.world_meshes import read_mesh
 
 _ACCEPTED = "CUBE, SPHERE, CYLINDER, CUBE_LIST, SPHERE_LIST, TRIANGLE_LIST and MESH_RESOURCE"
 
@@ -64,13 +64,13 @@ def _shapes(marker: Marker, package_dirs: Sequence[Path]) -> list[Shape]:
     if kind == Marker.CYLINDER:
         return [Cylinder(0.5 * _diameter(scale[:2], "a cylinder"), scale[2])]
     if kind == Marker.MESH_RESOURCE:
-        vertices, triangles = read_mesh(marker.mesh_resource, package_dirs)
-        return [Mesh(vertices * scale, triangles)]
+        found = find_mesh(marker.mesh_resource, package_dirs)
+        return [Mesh(scaled(found.vertices, scale), found.triangles)]
     points = _points(marker)
     if kind == Marker.TRIANGLE_LIST:
         if len(points) % 3:
             raise WorldError(f"a TRIANGLE_LIST has 3 points per triangle, got {len(points)} points")
-        return [Mesh(points * scale, np.arange(len(points)).reshape(-1, 3))]
+        return [Mesh(scaled(points, scale), np.arange(len(points)).reshape(-1, 3))]
     if kind == Marker.CUBE_LIST:
         return [Box(scale, point) for point in points]
     if kind == Marker.SPHERE_LIST:
