@@ -52,7 +52,8 @@ class Piece:
     triangles : array of int, shape (n_triangles, 3)
         Indices of the vertices of each triangle.
     corners, faces : array, shapes (n_corners, 3) and (n_faces, 3)
-        The same of the convex hull. That of a surface without volume has a small thickness.
+        The same of the convex hull, whose faces are anticlockwise seen from outside. That of a
+        surface without volume has a small thickness.
     is_convex : bool
         Whether the hull is the part itself.
     is_thin : bool
@@ -140,17 +141,21 @@ def _piece(vertices: FloatArray, triangles: Triangles) -> Piece:
         else:
             used, indices = np.unique(hull.simplices, return_inverse=True)
             corners, faces = points[used], indices.reshape(-1, 3).astype(np.intp)
+            a, b, c = np.moveaxis(corners[faces], 1, 0)
+            inward = np.einsum("fi,fi->f", np.cross(b - a, c - a), hull.equations[:, :3]) < 0.0
+            faces[inward] = faces[inward, ::-1]
             size = _area(local, triangles) * THICKNESS if is_flat[2] else _volume(local, triangles)
             is_convex = bool(size >= _CONVEX_SHARE * hull.volume)
     return Piece(vertices, triangles, corners @ axes.T, faces, is_convex, bool(is_flat[2]))
 
 
 def _axes(vertices: FloatArray) -> FloatArray:
-    """Principal axes of points as columns, that of the largest extent first."""
+    """Principal axes of points as right-handed columns, that of the largest extent first."""
     off = vertices - vertices.mean(axis=0)
     off /= np.abs(off).max(initial=0.0) or 1.0
     axes = np.linalg.eigh(off.T @ off)[1]
-    return np.asarray(axes[:, np.argsort(-np.ptp(off @ axes, axis=0), kind="stable")])
+    axes = axes[:, np.argsort(-np.ptp(off @ axes, axis=0), kind="stable")]
+    return np.asarray(axes * [1.0, 1.0, np.sign(np.linalg.det(axes))])
 
 
 def _volume(vertices: FloatArray, triangles: Triangles) -> float:

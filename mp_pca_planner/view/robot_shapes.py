@@ -19,6 +19,7 @@ from ..arrays import FloatArray
 from ..exceptions import PlannerError, RobotError
 from ..robot.inertias import joint_of
 from ..robot.mesh_files import find_mesh, scaled
+from ..robot.mesh_pieces import whole_piece
 from ..robot.model import Robot
 from ..robot.urdf import StatedShape, numbers_of, parse_xml, stated_shape
 from ..robot.world import Box, Capsule, Cylinder, Mesh, Shape, Sphere
@@ -56,10 +57,8 @@ class RobotShape:
     @property
     def hull(self) -> Any:
         """The convex hull of the mesh, a little larger than that, as the surface of a ghost."""
-        try:
-            hull = self.mesh.convex_hull
-        except Exception:  # a flat mesh; the library has no error type of its own for that
-            hull = self.mesh.copy()
+        piece = whole_piece(np.asarray(self.mesh.vertices), np.asarray(self.mesh.faces))
+        hull = trimesh.Trimesh(piece.corners, piece.faces, process=False)
         hull.vertices = hull.centroid + PAGE.ghost_growth * (hull.vertices - hull.centroid)
         return hull
 
