@@ -145,7 +145,9 @@ def flipped(number: int) -> None:
 def scene_file(vertices: Any, triangles: Any, folder: Path) -> Path:
     """A planning scene with a mesh."""
     numbers = json.dumps(np.asarray(vertices).tolist())
-    numbers = numbers.replace("NaN", ".nan").replace("-Infinity", "-.inf").replace("Infinity", ".inf")
+    numbers = (
+        numbers.replace("NaN", ".nan").replace("-Infinity", "-.inf").replace("Infinity", ".inf")
+    )
     path = folder / "scene.yaml"
     path.write_text(
         "world: {collision_objects: [{id: a, meshes: [{vertices: "
@@ -251,7 +253,11 @@ def _measured(name: str) -> tuple[list[str], Any, dict[str, str]]:
         output.seek(0)
         errors.seek(0)
         text, trace = output.read(), errors.read()
-    wall, cpu, memory = time.monotonic() - began, used.ru_utime + used.ru_stime, 1024 * used.ru_maxrss
+    wall, cpu, memory = (
+        time.monotonic() - began,
+        used.ru_utime + used.ru_stime,
+        1024 * used.ru_maxrss,
+    )
     problems = []
     found = json.loads(text) if text.startswith("{") else {"ends": {}, "gap": 0.0}
     if status:

@@ -33,7 +33,7 @@ _BALL = _CLOUD / np.linalg.norm(_CLOUD, axis=1)[:, None]
 
 
 def _soups() -> dict[str, Soup]:
-    x, y, z = np.eye(3)
+    x, y = np.eye(3)[:2]
     found: dict[str, Soup] = {
         "floor": FLOOR,
         "floor, tilted": (FLOOR[0] @ np.linalg.qr(_CLOUD[:3])[0], FLOOR[1]),
@@ -112,7 +112,8 @@ GEOMETRY = """<geometry id="g"><mesh><source id="p"><float_array id="a" count="1
 stride="3"/></technique_common></source><vertices id="v"><input semantic="POSITION" source="#p"/>
 </vertices><triangles count="2"><input semantic="VERTEX" source="#v" offset="0"/>
 <p>0 1 2 0 2 3</p></triangles></mesh></geometry>"""
-NODE = '<node id="n"><instance_geometry url="#g"/></node>'
+INSTANCE = '<instance_geometry url="#g"/>'
+NODE = f'<node id="n">{INSTANCE}</node>'
 
 
 def dae(
@@ -159,7 +160,7 @@ def _collada_files() -> dict[str, bytes]:
             "</node>"
         ),
         "doubled 40 times.dae": dae(double + NODE.replace('"n"', '"n40"')),
-        "26,000 instances.dae": dae("<node>" + '<instance_geometry url="#g"/>' * 26_000 + "</node>"),
+        "26,000 instances.dae": dae(f"<node>{26_000 * INSTANCE}</node>"),
         "20,000 nodes.dae": dae("<node/>" * 20_000),
         "deep nodes.dae": dae("<node>" * 1000 + NODE + "</node>" * 1000),
         "deeper nodes.dae": dae("<node>" * 60_000 + "</node>" * 60_000),

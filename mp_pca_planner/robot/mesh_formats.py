@@ -19,8 +19,6 @@ from ..input_limits import INPUT_LIMITS
 
 _STL_HEADER = 84  # bytes: a comment, then the number of triangles
 _STL_TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("colour", "<u2")])
-# Corners of a polygon of an OBJ file.
-_MAX_CORNERS = 10_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,7 +137,7 @@ def _obj(content: bytes) -> MeshContent:
     counts: list[int] = []
     n_triangles = 0
     for line in content.replace(b"\\\r\n", b" ").replace(b"\\\n", b" ").splitlines():
-        word, *values = line.split(None, _MAX_CORNERS) or [b""]
+        word, *values = line.split() or [b""]
         if word == b"v":
             if len(values) < 3:
                 raise ValueError(f"a vertex has {len(values)} coordinates, expected 3")
