@@ -44,7 +44,9 @@ from fuzz_files import (
     make_seeds,
     spoil_bag,
     spoil_json,
+    spoil_mesh,
     spoil_npz,
+    spoil_plate,
     spoil_text,
     spoil_yaml,
 )
@@ -132,6 +134,10 @@ FORMATS = {
         ),
     ),
     "scene": Format("scene.yaml", spoil_yaml, ([*PLAN, "--obstacles", "{file}"],)),
+    "mesh": Format(
+        "meshed", spoil_mesh, ([*PLAN, "--robot", "{file}/a.urdf", "--collision"],), "a.urdf"
+    ),
+    "plate": Format("scene.yaml", spoil_plate, ([*PLAN, "--obstacles", "{file}"],)),
     "scene_text": Format("a.scene", spoil_text, ([*PLAN, "--obstacles", "{file}"],)),
 }
 
