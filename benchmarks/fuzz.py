@@ -44,12 +44,11 @@ from fuzz_files import (
     make_seeds,
     spoil_bag,
     spoil_json,
-    spoil_mesh,
     spoil_npz,
-    spoil_plate,
     spoil_text,
     spoil_yaml,
 )
+from fuzz_meshes import spoil_mesh, spoil_plate
 
 from mp_pca_planner.cli.main import main as command
 from mp_pca_planner.recordings.cache import FOLDER_VARIABLE, default_folder
