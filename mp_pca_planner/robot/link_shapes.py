@@ -14,9 +14,9 @@ from ..exceptions import RobotError, WorldError
 from ..input_limits import INPUT_LIMITS
 from .mesh_files import find_mesh, scaled
 from .mesh_pieces import whole_piece
+from .shapes import NO_VOLUME, Box, Cylinder, Mesh, Shape, Sphere
 from .solids import Solid, solid_of, solids_of, surface_of
 from .urdf import Description, StatedShape
-from .world import NO_VOLUME, Box, Cylinder, Mesh, Shape, Sphere
 
 
 class LinkShapes:

@@ -7,7 +7,7 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 from .mesh_pieces import Piece
-from .world import Box, Capsule, Cylinder, Mesh, Shape, Sphere
+from .shapes import Box, Capsule, Cylinder, Mesh, Shape, Sphere
 
 try:
     import coal as coal
