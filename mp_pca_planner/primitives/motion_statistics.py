@@ -115,7 +115,7 @@ class MotionStatistics:
             extents=np.array([extent(d.positions) for d in demonstrations]),
             boundary_states=states,
             warps=warps,
-            paces=fit_paces(warps),
+            paces=fit_paces(warps, np.array([_largest_jerk(d) for d in demonstrations])),
             shapes=shapes,
             shape_remainders=remainders,
             angles=angles,
@@ -308,6 +308,14 @@ def _summarise(
         *_project(positions - hermite_functions(phases) @ boundary, functions),
         *_project(angles, _angle_functions(options.n_phases)),
     )
+
+
+def _largest_jerk(demonstration: Demonstration) -> float:
+    """Largest jerk, in units of the path length per cubed duration."""
+    jerks = np.gradient(demonstration.accelerations, demonstration.times, axis=0)
+    path = float(np.linalg.norm(np.diff(demonstration.positions, axis=0), axis=1).sum())
+    highest = float(np.linalg.norm(jerks, axis=1).max())
+    return highest * demonstration.duration**3 / max(path, 1e-9)
 
 
 def _project(curves: FloatArray, functions: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import FloatArray
-from .covariances import marginal_precision
+from .conditional_model import marginal_precision
 
 Indices = NDArray[np.intp]
 
