@@ -43,6 +43,8 @@ _MIN_RANKED = 3
 _MAX_DEMONSTRATIONS = 200
 # Predicted durations stay within this many standard deviations of the demonstrated ones.
 _MAX_DEVIATIONS = 3.0
+# Growth of the standard deviation of motions from a demonstrated request to one far from all.
+_GROWTH = 5.0
 # The prior of the covariance of requests counts as this many demonstrations.
 _PRIOR_COUNT = 2.0
 _TINY = 1e-300
@@ -86,7 +88,8 @@ class ConditionalModel:
     """A fitted regression of motions on requests (q0, qT, log T).
 
     Shapes and durations grow with the square root of the distance from start to goal: small
-    motions are straighter. Demonstrations of several activities are fitted twice, with kernels
+    motions are straighter. Standard deviations grow likewise, and with the distance from the
+    demonstrations. Demonstrations of several activities are fitted twice, with kernels
     ranked by left-out motions and by left-out activities. The second fit is used for requests
     out of distribution.
 
@@ -104,7 +107,9 @@ class ConditionalModel:
     duration_coefficients : array, shape (1, 2, n_demonstrations, 1)
         Of log T minus its mean, by the end points alone.
     weight_covariance, weight_precision : array, shape (n_weights, n_weights)
-        Covariance of the errors of the weights of left-out demonstrations, and its inverse.
+        Covariance of the errors of weights at a demonstrated request of the usual size, and its
+        inverse. It is that of left-out demonstrations, widened to the variance of Student's t
+        distribution with as many degrees of freedom as demonstrations.
     request_precision : array, shape (2 n_joints + 1, 2 n_joints + 1)
         Inverse covariance of the requests.
     """
@@ -150,11 +155,13 @@ class ConditionalModel:
         similar, distances = RequestFeatures(used).of(used)
         roots = np.sqrt(distances)[:, None]
         shape, residuals = _fit(similar, shapes / roots, reversed_shapes / roots, partitions)
+        others = similar[0] - np.diag(np.full(len(used), np.inf)) if len(used) > 1 else similar[0]
+        errors = residuals / _spread(1.0, others)[:, None]
         pace, _ = _fit(similar, paces, reversed_paces(paces), partitions)
         similar, _ = RequestFeatures(used[:, :-1]).of(used[:, :-1])
         times = used[:, -1:] - used[:, -1].mean() - np.log(roots)
         duration, _ = _fit(similar, times, times, partitions[:1])
-        covariances = *shrunk_covariance(residuals * roots), request_precision(requests)
+        covariances = *shrunk_covariance(errors), request_precision(requests)
         return cls(used, shape, straight_weights, pace, duration, *covariances)
 
     def predict(
@@ -172,13 +179,13 @@ class ConditionalModel:
         ends, score = np.concatenate([start, goal]), self.in_span_score(start, goal, duration)
         expected = self._expected_duration(ends) if duration is None else duration
         similar, distance = self._features(np.append(ends, math.log(expected)))
-        novelty = 1.0 + OFFSET - similar[0].max()  # from 0 to 1
         near, far = self._coefficients
-        both = similar.ravel() @ (near + novelty * far if far.any() else near)
+        both = similar.ravel() @ (near + _novelty(similar[0]) * far if far.any() else near)
         shape, pace = both[: self.straight_weights.size], both[self.straight_weights.size :]
         weights = self.straight_weights + math.sqrt(distance) * shape
-        of_weights = self.weight_covariance, self.weight_precision
-        return ConditionalDistribution(weights, *of_weights, pace, expected, score)
+        variance = float(_spread(distance, similar[0])) ** 2
+        covariance, precision = variance * self.weight_covariance, self.weight_precision / variance
+        return ConditionalDistribution(weights, covariance, precision, pace, expected, score)
 
     def in_span_score(
         self, start: FloatArray, goal: FloatArray, duration: float | None = None
@@ -312,9 +319,10 @@ def left_out_squares(
 
 
 def shrunk_covariance(errors: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Covariance of errors about zero, and its inverse, shape (n_features, n_features).
+    """Covariance of new errors, and its inverse, shape (n_features, n_features).
 
-    It is positive definite, and shrunk towards its diagonal, more strongly with fewer errors.
+    It is positive definite, and the wider and the nearer to its diagonal the fewer errors there
+    are. Errors are about zero.
 
     Parameters
     ----------
@@ -326,7 +334,9 @@ def shrunk_covariance(errors: FloatArray) -> tuple[FloatArray, FloatArray]:
     variances = np.diag(covariance)
     floor = max(1e-6 * float(variances.max(initial=0.0)), 1e-12)
     shrunk = (n * covariance + size * np.diag(variances)) / (n + size)
-    positive = np.asarray(shrunk + floor * np.eye(size))
+    # The variance of Student's t distribution, at least with three degrees of freedom.
+    freedom = max(n, 3)
+    positive = np.asarray(freedom / (freedom - 2.0) * shrunk + floor * np.eye(size))
     return positive, np.asarray(np.linalg.inv(positive))
 
 
@@ -388,6 +398,16 @@ def in_span_score(given: FloatArray, mean: FloatArray, precision: FloatArray) ->
     deviation = given - mean[: given.size]
     squared = deviation @ marginal_precision(precision, given.size) @ deviation
     return float(np.sqrt(squared / given.size))
+
+
+def _novelty(similarities: FloatArray) -> FloatArray:
+    """0 at a demonstrated request, 1 far from all, given similarities in the last axis."""
+    return np.asarray(1.0 + OFFSET - similarities.max(axis=-1)).clip(0.0, 1.0)
+
+
+def _spread(distance: float, similarities: FloatArray) -> FloatArray:
+    """Standard deviation of motions, in units of that at a demonstrated request of usual size."""
+    return np.asarray(math.sqrt(distance) * (1.0 + _GROWTH * _novelty(similarities)))
 
 
 def _fit(
