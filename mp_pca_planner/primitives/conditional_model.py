@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The conditional model, which predicts weights, time scaling and duration for a request.
 
-Gaussian-process regression on requests, with one length scale. A few demonstrations determine
-neither their noise nor whether a return motion repeats the forward motion in reversed time (waving)
+Gaussian-process regression on requests. A few demonstrations determine
+neither their smoothness and noise nor whether a return motion repeats the forward motion in reversed time (waving)
 or mirrors it (circles). Predictions are therefore averages over :data:`KERNELS`, weighted by their
 density of left-out demonstrations: pseudo-Bayes factors (Gelfand and Dey, 1994; Rasmussen and
 Williams, "Gaussian Processes for Machine Learning", 2006, sections 2.2 and 5.4.2). The prior mean
@@ -30,8 +30,13 @@ LEAST_NOISE = 0.02
 OFFSET = 1.0
 """Variance of the common offset of all outputs, in the same units."""
 
-KERNELS = tuple(product((0.8, -0.8), (LEAST_NOISE, 0.2, 2.0, 200.0)))
-"""Time-reversal correlation and noise of each; the largest noise leaves the prior mean."""
+INVERSE_LENGTHS = (1.0, 0.25)
+"""Inverse lengths of the kernels in units of the spread of the requests; with the long one,
+predictions are nearly linear."""
+
+KERNELS = tuple(product(range(2), (0.8, -0.8), (LEAST_NOISE, 0.2, 2.0, 200.0)))
+"""Number of the length, time-reversal correlation and noise of each; the largest noise leaves the
+prior mean."""
 
 # Share of the mean squared distance from start to goal that is added to each squared distance.
 _MIN_SQUARE = 0.09
@@ -97,14 +102,14 @@ class ConditionalModel:
     ----------
     requests : array, shape (n_demonstrations, 2 n_joints + 1)
         q0, qT [rad or m] and log T of the demonstrations that the model is fitted to.
-    shape_coefficients : array, shape (n_fits, 2, n_demonstrations, n_weights)
+    shape_coefficients : array, shape (n_fits, n_lengths, 2, n_demonstrations, n_weights)
         Of weights minus the straight ones: a prediction is the sum of their products with the
         similarities of the request to the demonstrations and to the reversed ones.
     straight_weights : array, shape (n_weights,)
         Weights of a minimum-jerk motion, which is the prior mean.
-    pace_coefficients : array, shape (n_fits, 2, n_demonstrations, n_pace)
+    pace_coefficients : array, shape (n_fits, n_lengths, 2, n_demonstrations, n_pace)
         Of time scalings.
-    duration_coefficients : array, shape (1, 2, n_demonstrations, 1)
+    duration_coefficients : array, shape (1, n_lengths, 2, n_demonstrations, 1)
         Of log T minus its mean, by the end points alone.
     weight_covariance, weight_precision : array, shape (n_weights, n_weights)
         Covariance of the errors of weights at a demonstrated request of the usual size, and its
@@ -155,7 +160,7 @@ class ConditionalModel:
         similar, distances = RequestFeatures(used).of(used)
         roots = np.sqrt(distances)[:, None]
         shape, residuals = _fit(similar, shapes / roots, reversed_shapes / roots, partitions)
-        others = similar[0] - np.diag(np.full(len(used), np.inf)) if len(used) > 1 else similar[0]
+        others = similar[0, 0] - (np.diag(np.full(len(used), np.inf)) if len(used) > 1 else 0.0)
         errors = residuals / _spread(1.0, others)[:, None]
         pace, _ = _fit(similar, paces, reversed_paces(paces), partitions)
         similar, _ = RequestFeatures(used[:, :-1]).of(used[:, :-1])
@@ -180,10 +185,10 @@ class ConditionalModel:
         expected = self._expected_duration(ends) if duration is None else duration
         similar, distance = self._features(np.append(ends, math.log(expected)))
         near, far = self._coefficients
-        both = similar.ravel() @ (near + _novelty(similar[0]) * far if far.any() else near)
+        both = similar.ravel() @ (near + _novelty(similar[0, 0]) * far if far.any() else near)
         shape, pace = both[: self.straight_weights.size], both[self.straight_weights.size :]
         weights = self.straight_weights + math.sqrt(distance) * shape
-        variance = float(_spread(distance, similar[0])) ** 2
+        variance = float(_spread(distance, similar[0, 0])) ** 2
         covariance, precision = variance * self.weight_covariance, self.weight_precision / variance
         return ConditionalDistribution(weights, covariance, precision, pace, expected, score)
 
@@ -257,7 +262,7 @@ class RequestFeatures:
         """Prior covariances with the demonstrations, and the distance from start to goal.
 
         The covariances are those of Matérn with smoothness 5/2 (Rasmussen and Williams, equation
-        4.17) and a constant. The length scale is the spread of the requests. Squared exponentials,
+        4.17) and a constant. Squared exponentials,
         which are smoother, overshoot between and beyond demonstrations.
 
         Parameters
@@ -267,20 +272,21 @@ class RequestFeatures:
 
         Returns
         -------
-        similarities : array, shape (2, n_demonstrations)
-            With motions and with reversed ones.
+        similarities : array, shape (n_lengths, 2, n_demonstrations)
+            By inverse length, with motions and with reversed ones.
         distance : float
             Bounded from below, in units of the geometric mean of all.
         """
         deviations = self._both_directions - request
         apart = np.sqrt(5.0 * np.einsum("dni,dni->dn", deviations, deviations)) / self._spread
+        ratios = np.multiply.outer(INVERSE_LENGTHS, apart)
         square = (self._squared_distance(request) + self._floor) / self._unit
-        return (1.0 + apart + apart**2 / 3.0) * np.exp(-apart) + OFFSET, math.sqrt(square)
+        return (1.0 + ratios + ratios**2 / 3.0) * np.exp(-ratios) + OFFSET, math.sqrt(square)
 
     def of(self, requests: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """The same of several requests, shapes (2, n_requests, n_demonstrations), (n_requests,)."""
+        """The same of several requests, the axis of which is the last but one."""
         similar, distances = zip(*map(self, requests), strict=True)
-        return np.stack(similar, axis=1), np.array(distances)
+        return np.stack(similar, axis=2), np.array(distances)
 
     def _squared_distance(self, requests: FloatArray) -> FloatArray:
         # Each joint counts twice, which only changes the unit.
@@ -420,7 +426,7 @@ def _fit(
 
     Parameters
     ----------
-    similarities : array, shape (2, n_demonstrations, n_demonstrations)
+    similarities : array, shape (n_lengths, 2, n_demonstrations, n_demonstrations)
         Of the demonstrations with each other, and with the reversed ones.
     outputs, reversed_outputs : array, shape (n_demonstrations, n_outputs)
         Outputs of the demonstrations, and of the same motions in reversed time.
@@ -429,7 +435,7 @@ def _fit(
 
     Returns
     -------
-    coefficients : array, shape (n_partitions, 2, n_demonstrations, n_outputs)
+    coefficients : array, shape (n_partitions, n_lengths, 2, n_demonstrations, n_outputs)
         A prediction is the sum of their products with the similarities of a request.
     residuals : array, shape (n_demonstrations, n_outputs)
         Outputs minus predictions from the other groups of the first partition.
@@ -437,9 +443,9 @@ def _fit(
     # Parts that are even in reversed time, then those that are odd.
     parts = np.array([outputs + reversed_outputs, outputs - reversed_outputs]) / 2.0
     shares, residuals, scores = [], [], []
-    for reversal, noise in KERNELS:
+    for length, reversal, noise in KERNELS:
         signs = reversal * np.array([1.0, -1.0])[:, None, None]
-        gram = similarities[0] + signs * similarities[1]
+        gram = similarities[length, 0] + signs * similarities[length, 1]
         inverse = np.linalg.inv(gram + noise * np.eye(len(outputs)))
         solved = inverse @ parts
         shares.append([solved[0] + solved[1], reversal * (solved[0] - solved[1])])
@@ -453,7 +459,8 @@ def _fit(
     if len(outputs) < _MIN_RANKED:
         probabilities[1:] = 0.0
     probabilities /= probabilities.sum(axis=0)
-    coefficients = np.tensordot(probabilities.T, np.array(shares), axes=1)
+    of_lengths = np.eye(len(INVERSE_LENGTHS))[[length for length, *_ in KERNELS]]
+    coefficients = np.einsum("kp,kl,kdno->pldno", probabilities, of_lengths, shares)
     return coefficients, np.tensordot(probabilities[:, 0], residuals, axes=1)
 
 

@@ -13,6 +13,7 @@ from ..arrays import frozen_array, unique_names
 from ..exceptions import PrimitiveError, PrimitiveFileError, quote_names
 from ..input_limits import INPUT_LIMITS
 from ..rows import row_blocks
+from .conditional_model import INVERSE_LENGTHS
 from .pace import PACE_DEGREE
 
 if TYPE_CHECKING:
@@ -32,10 +33,10 @@ ARRAY_SHAPES: dict[str, tuple[str | int, ...]] = {
     "warps": ("demonstrations", "phases"),
     "fit_residual": ("demonstrations", "joints"),
     "requests": ("requests", "entries"),
-    "shape_coefficients": ("fits", 2, "requests", "weights"),
+    "shape_coefficients": ("fits", len(INVERSE_LENGTHS), 2, "requests", "weights"),
     "straight_weights": ("weights",),
-    "pace_coefficients": ("fits", 2, "requests", "rates"),
-    "duration_coefficients": (1, 2, "requests", 1),
+    "pace_coefficients": ("fits", len(INVERSE_LENGTHS), 2, "requests", "rates"),
+    "duration_coefficients": (1, len(INVERSE_LENGTHS), 2, "requests", 1),
     "weight_covariance": ("weights", "weights"),
     "weight_precision": ("weights", "weights"),
     "request_precision": ("entries", "entries"),

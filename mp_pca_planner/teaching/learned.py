@@ -172,8 +172,8 @@ def remaining_covariance(demonstrated: FloatArray, requests: FloatArray) -> Floa
         On its diagonal, 0 is at a demonstration and 1 far from all.
     """
     every, n = np.concatenate([demonstrated, requests]), len(demonstrated)
-    (similar, _), _ = RequestFeatures(every).of(every)
-    prior = similar - OFFSET
+    similar, _ = RequestFeatures(every).of(every)
+    prior = similar[0, 0] - OFFSET
     gram = prior[:n, :n] + LEAST_NOISE * np.eye(n)
     return np.asarray(prior[n:, n:] - prior[n:, :n] @ np.linalg.solve(gram, prior[:n, n:]))
 

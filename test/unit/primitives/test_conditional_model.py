@@ -13,7 +13,6 @@ from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
 from mp_pca_planner.primitives.conditional_model import ConditionalModel, thinned
 from mp_pca_planner.primitives.cross_validation import expected_motion
 from mp_pca_planner.primitives.differences import FINE_PHASES, differences
-from mp_pca_planner.primitives.kernels import remaining_covariance
 from mp_pca_planner.recordings.demonstration import Demonstration
 
 # Of the second of two weights; it changes its sign where a motion is reversed in time.
@@ -334,24 +333,3 @@ def test_expected_weights_of_held_out_motions_are_no_worse_than_the_mean():
             shape = primitive.basis.shape(weights, np.linspace(0, 1, 50))
             errors.append(np.mean((shape - target) ** 2))
     assert np.mean(expected) <= np.mean(plain)
-
-
-def test_remaining_covariance_is_that_of_the_joint_distribution():
-    rng = np.random.default_rng(3)
-    demonstrated, requests = rng.normal(size=(5, 4)), rng.normal(size=(3, 4))
-    every = np.concatenate([demonstrated, requests])
-    lengths = np.linalg.norm(every[:, None] - every, axis=2) / np.sqrt(every.var(axis=0).sum())
-    r = np.sqrt(5.0) * lengths
-    joint = (1.0 + r + r**2 / 3.0) * np.exp(-r) + np.diag([0.02] * 5 + [0.0] * 3)
-    # The covariance of some, given the others, is the inverse of their block of the precision.
-    expected = np.linalg.inv(np.linalg.inv(joint)[5:, 5:])
-    found = remaining_covariance(demonstrated, requests)
-    np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-12)
-
-
-def test_least_remains_at_a_demonstration_and_nearly_all_far_from_them():
-    demonstrated = np.random.default_rng(4).normal(size=(6, 4))
-    far = np.full((1, 4), 40.0)
-    near, away = np.diag(remaining_covariance(demonstrated, np.vstack([demonstrated[:1], far])))
-    assert 0.0 < near < 0.03
-    assert 0.7 < away <= 1.0
