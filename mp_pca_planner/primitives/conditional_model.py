@@ -27,14 +27,14 @@ from .pace import reversed_paces
 LEAST_NOISE = 0.02
 """Least variance of the noise, in units of that of the outputs which depends on the request."""
 
-OFFSET = 1.0
+OFFSET = 10.0
 """Variance of the common offset of all outputs, in the same units."""
 
 INVERSE_LENGTHS = (1.0, 0.25)
 """Inverse lengths of the kernels in units of the spread of the requests; with the long one,
 predictions are nearly linear."""
 
-KERNELS = tuple(product(range(2), (0.8, -0.8), (LEAST_NOISE, 0.2, 2.0, 200.0)))
+KERNELS = tuple(product(range(2), (0.0, 0.8, -0.8), (LEAST_NOISE, 0.2, 2.0, 200.0)))
 """Number of the length, time-reversal correlation and noise of each; the largest noise leaves the
 prior mean."""
 
