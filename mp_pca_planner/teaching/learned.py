@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import FloatArray
-from ..primitives.cross_validation import leave_one_out
 from ..primitives.conditional_model import LEAST_NOISE, OFFSET, RequestFeatures
+from ..primitives.cross_validation import leave_one_out
 from ..primitives.options import PrimitiveOptions
 from ..recordings.demonstration import Demonstration
 from ..robot.limits import JointLimits

@@ -123,7 +123,10 @@ def test_an_existing_file_is_not_overwritten(path):
     ("change", "message"),
     [
         (lambda a, m: m.update(format="else"), "not made by this package"),
-        (lambda a, m: m.update(format_version=3), "version is 3, this release reads versions 1 and 2"),
+        (
+            lambda a, m: m.update(format_version=3),
+            "version is 3, .* versions 1 and 2",
+        ),
         (lambda a, m: a.pop("weights"), "lacks the arrays weights"),
         (lambda a, m: a.update(weights=a["weights"] + 1e-12), "checksum"),
         (lambda a, m: m.update(name="other"), "checksum"),
