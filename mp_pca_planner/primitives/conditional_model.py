@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """The conditional model, which predicts weights, time scaling and duration for a request.
 
-Gaussian-process regression on requests. A few demonstrations determine
-neither their smoothness and noise nor whether a return motion repeats the forward motion in reversed time (waving)
-or mirrors it (circles). Predictions are therefore averages over :data:`KERNELS`, weighted by their
-density of left-out demonstrations: pseudo-Bayes factors (Gelfand and Dey, 1994; Rasmussen and
+Gaussian-process regression on requests. A few demonstrations don't determine their smoothness and
+noise. They don't determine, either, whether a return motion repeats the forward motion in reversed
+time (waving) or mirrors it (circles). Predictions are averages over :data:`KERNELS`, weighted by
+their density of left-out demonstrations: pseudo-Bayes factors (Gelfand and Dey, 1994; Rasmussen and
 Williams, "Gaussian Processes for Machine Learning", 2006, sections 2.2 and 5.4.2). The prior mean
 is the minimum-jerk motion.
 """

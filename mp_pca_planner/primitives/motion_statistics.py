@@ -265,7 +265,9 @@ def shape_functions(degree: int, n_phases: int) -> tuple[FloatArray, FloatArray]
 
 
 @lru_cache(maxsize=8)
-def shape_smoother(degree: int, n_phases: int, price: float = 1e-9) -> FloatArray:
+def shape_smoother(
+    degree: int, n_phases: int, price: float = 1e-9, end_price: float = 3e-8
+) -> FloatArray:
     """Matrix that smooths shapes, shape (n_functions, n_functions), for rows of coefficients.
 
     It minimises the squared change and the squared third derivative over phase together. Noise of
@@ -277,10 +279,14 @@ def shape_smoother(degree: int, n_phases: int, price: float = 1e-9) -> FloatArra
         See :func:`shape_functions`.
     price : float
         Weight of the third derivative. By default half remains of a wave of a fifth of the motion.
+    end_price : float
+        Its weight in the first and the last tenth of the motion.
     """
     _, coefficients = shape_functions(degree, n_phases)
-    jerks = legendre_values(coefficients, np.linspace(0.0, 1.0, n_phases), 3)
-    return np.asarray(np.linalg.inv(np.eye(jerks.shape[1]) + price * jerks.T @ jerks))
+    phases = np.linspace(0.0, 1.0, n_phases)
+    jerks = legendre_values(coefficients, phases, 3)
+    weights = np.where(np.abs(phases - 0.5) > 0.4, end_price, price)
+    return np.asarray(np.linalg.inv(np.eye(jerks.shape[1]) + (jerks.T * weights) @ jerks))
 
 
 @lru_cache(maxsize=8)

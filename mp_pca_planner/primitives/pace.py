@@ -35,7 +35,8 @@ def fit_paces(
     *,
     price: float = 1e-7,
     n_prices: int = 12,
-    max_jerk: float = 200.0,
+    growth: float = 1.5,
+    max_jerk: float = 300.0,
 ) -> FloatArray:
     """Paces nearest to warps, with bounded jerk at the ends.
 
@@ -48,20 +49,23 @@ def fit_paces(
     warps : array, shape (n_demonstrations, n_warp_phases)
         See :func:`.align`.
     jerks : array, shape (n_demonstrations,), optional
-        Largest jerk of each demonstration in units of path length per cubed duration: the bound.
+        Largest jerk of each demonstration in units of path length per cubed duration.
     price : float
         Cost of a squared jerk of 1, as a squared error.
     n_prices : int
         Number of prices that are tried.
+    growth : float
+        The bound, in units of the demonstration's largest jerk.
     max_jerk : float
-        Largest bound, in the same units. A minimum-jerk motion reaches 60.
+        Largest bound, in units of path length per cubed duration. A minimum-jerk motion reaches 60.
 
     Returns
     -------
     paces : array, shape (n_demonstrations, PACE_DEGREE)
         The coefficients; all zero for an even warp.
     """
-    bounds = np.full(len(warps), np.inf) if jerks is None else jerks
+    demonstrated = np.full(len(warps), np.inf) if jerks is None else jerks
+    bounds = np.minimum(growth * demonstrated, max_jerk)
     targets = aligned_phases(warps, _SHARES) - _SHARES
     values, even = _functions(_SHARES)[0], _course_jerks(np.zeros((1, PACE_DEGREE)))[0]
     step = 1e-6
@@ -74,7 +78,7 @@ def fit_paces(
         downhill = targets[left] @ values - cost * slopes @ even
         paces[left] = np.linalg.solve(gram, downhill.T).T
         highest = np.abs(_course_jerks(paces)[:, _ENDS]).max(axis=1)
-        left &= highest > np.minimum(bounds, max_jerk)
+        left &= highest > bounds
     return paces
 
 
