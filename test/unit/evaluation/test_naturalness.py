@@ -13,6 +13,7 @@ from mp_pca_planner.evaluation.naturalness import (
     QUANTITIES,
     Comparison,
     Prediction,
+    calibration,
     compare,
     planned,
 )
