@@ -35,7 +35,7 @@ def fit_paces(
     *,
     price: float = 1e-7,
     n_prices: int = 12,
-    growth: float = 1.5,
+    growth: float = 1.3,
     max_jerk: float = 300.0,
 ) -> FloatArray:
     """Paces nearest to warps, with bounded jerk at the ends.
