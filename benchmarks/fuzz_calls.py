@@ -148,7 +148,7 @@ def planned() -> tuple[mp.Planner, mp.MovementPrimitive, mp.Plan, Any]:
     primitive = mp.MovementPrimitive.fit(demonstrations, name="reach")
     robot = mp.Robot.from_file(ROBOT, primitive.joint_names)
     planner = mp.Planner(robot, [primitive], options=mp.PlannerOptions(max_solve_time=0.05))
-    start = primitive.demonstrations[0].positions[0] if False else primitive.boundary_states[0, 0]
+    start = primitive.boundary_states[0, 0]
     return planner, primitive, planner.plan({"elbow": -0.9}, start), demonstrations
 
 
@@ -166,21 +166,21 @@ def calls(folder: Path) -> list[Call]:
     at = {"position": [0.1, 0.2, 0.3], "orientation": [0.0, 0.0, 0.0, 1.0]}
     limits = {"elbow": {"max_velocity": 2.0}}
     goal = mp.JointGoal({"elbow": -0.9})
-    recorded = dict(recording="r", joint_names=names, times=times)
-    curves = dict(positions=zeros, velocities=zeros, accelerations=zeros)
-    options = dict(
-        basis="pca",
-        objectives=planner.options.objectives,
-        timing="free",
-        naturalness=1.0,
-        sample_period=0.01,
-        max_solve_time=0.1,
-        n_starts=1,
-        n_nodes=20,
-        allow_nonzero_end_velocity=False,
-        solver=SolverOptions(),
-        search=SearchOptions(),
-    )
+    recorded = {"recording": "r", "joint_names": names, "times": times}
+    curves = dict.fromkeys(("positions", "velocities", "accelerations"), zeros)
+    options = {
+        "basis": "pca",
+        "objectives": planner.options.objectives,
+        "timing": "free",
+        "naturalness": 1.0,
+        "sample_period": 0.01,
+        "max_solve_time": 0.1,
+        "n_starts": 1,
+        "n_nodes": 20,
+        "allow_nonzero_end_velocity": False,
+        "solver": SolverOptions(),
+        "search": SearchOptions(),
+    }
     matrix = {"q": zeros, "v": zeros, "a": zeros}
     found = [
         Call("JointState", mp.JointState, {"joint_names": names, "positions": q, "velocities": q}),
@@ -195,7 +195,9 @@ def calls(folder: Path) -> list[Call]:
         ),
         Call("Trajectory", mp.Trajectory, {"joint_names": names, "times": times, **curves}),
         Call("Trajectory.with_efforts", plan.trajectory.with_efforts, {"efforts": None}),
-        Call("Trajectory.save", plan.trajectory.save, {"path": folder / "a.csv", "overwrite": True}),
+        Call(
+            "Trajectory.save", plan.trajectory.save, {"path": folder / "a.csv", "overwrite": True}
+        ),
         Call("JointLimits", mp.JointLimits, {"joint_names": names, "limits": limits}),
         Call("PlannerOptions", mp.PlannerOptions, options),
         Call("Planner", mp.Planner, {"robot": robot, "primitives": [primitive], "world": world}),
@@ -212,7 +214,9 @@ def calls(folder: Path) -> list[Call]:
         Call("MovementPrimitive.fit", primitive.fit, {"demonstrations": demonstrations}),
         Call("MovementPrimitive.fit", primitive.fit, {"demonstrations": [one, one], "name": "a"}),
         Call("MovementPrimitive.load", primitive.load, {"path": folder / "missing.npz"}),
-        Call("MovementPrimitive.save", primitive.save, {"path": folder / "p.npz", "overwrite": True}),
+        Call(
+            "MovementPrimitive.save", primitive.save, {"path": folder / "p.npz", "overwrite": True}
+        ),
         Call("MovementPrimitive.predict", primitive.predict, {"start": q, "goal": there}),
         Call("MovementPrimitive.sample", primitive.sample, {"n": 2, "start": q, "goal": there}),
         Call(
@@ -247,8 +251,8 @@ def calls(folder: Path) -> list[Call]:
         Call("Robot.require_inertias", robot.require_inertias, {"purpose": "this"}),
         Call("Box", mp.Box, {"size": [0.1, 0.1, 0.1], **at}),
         Call("Sphere", mp.Sphere, {"radius": 0.1, "position": [0.1, 0.2, 0.3]}),
-        Call("Cylinder", mp.Cylinder, {"radius": 0.1, "length": 0.2, **at}),
-        Call("Capsule", mp.Capsule, {"radius": 0.1, "length": 0.2, **at}),
+        Call("Cylinder", mp.Cylinder, {"radius": 0.1, "height": 0.2, **at}),
+        Call("Capsule", mp.Capsule, {"radius": 0.1, "height": 0.2, **at}),
         Call("Mesh", mp.Mesh, {**mesh, **at}),
         Call("Mesh.from_file", mp.Mesh.from_file, {"path": folder / "no.stl", "scale": 1.0, **at}),
         Call("Obstacle", mp.Obstacle, {"name": "a", "shapes": mp.Sphere(0.1), "frame": "hand"}),
@@ -269,7 +273,7 @@ def odd(random: np.random.Generator) -> Any:
     if wraps == 0:
         return [value] * int(random.integers(1, 6))
     if wraps == 1:
-        return {name: value for name in ("shoulder1", "elbow")[: int(random.integers(1, 3))]}
+        return dict.fromkeys(("shoulder1", "elbow")[: int(random.integers(1, 3))], value)
     if wraps == 2:
         return (value, 0.5)
     return value
@@ -287,6 +291,8 @@ def try_call(number: int, seed: int, folder: Path) -> tuple[str, str]:
     arguments, positional = dict(call.arguments), []
     names = list(arguments)
     n_odd = int(random.integers(1, max(len(names), 1) + 1)) if random.random() < 0.3 else 1
+    if os.environ.get("FUZZ_TRACE"):
+        print(number, call.name, file=sys.__stderr__, flush=True)
     for name in random.permutation(names)[:n_odd].tolist():
         arguments[name] = odd(random)
     if call.name in ("Robot.limits", "World.with_obstacles"):  # they have any number of arguments

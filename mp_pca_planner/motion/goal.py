@@ -12,8 +12,17 @@ from typing import Any, TypeGuard, cast
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arrays import FloatArray, by_name, check_type, frozen_array, set_frozen, unique_names
-from ..exceptions import GoalError, quote_names, unknown_name
+from ..arrays import (
+    FloatArray,
+    by_name,
+    check_type,
+    float_array,
+    frozen_array,
+    is_number,
+    set_frozen,
+    unique_names,
+)
+from ..exceptions import GoalError, quote_names, shown, unknown_name
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,11 +157,11 @@ class Via:
     def __post_init__(self) -> None:
         set_frozen(self, target=_named(self.target, "the target of a via", JointState, Pose))
         if self.phase is not None and not (_is_positive(self.phase) and self.phase < 1.0):
-            raise GoalError(f"the phase of a via must be between 0 and 1, got {self.phase!r:.80}")
+            raise GoalError(f"the phase of a via must be between 0 and 1, got {shown(self.phase)}")
 
 
 def _is_positive(value: object) -> bool:
-    return isinstance(value, int | float | np.integer | np.floating) and bool(0 < value < np.inf)
+    return is_number(value) and cast(float, value) > 0.0
 
 
 class _CheckedGoal:
@@ -166,7 +175,7 @@ class _CheckedGoal:
         if duration is not None and not _is_positive(duration):
             raise GoalError(
                 "the duration of a motion must be a positive number of seconds, got "
-                f"{duration!r:.80}; `PlannerOptions(timing=…)` leaves it to the planner"
+                f"{shown(duration)}; `PlannerOptions(timing=…)` leaves it to the planner"
             )
         check_type(self.vias, "the vias of a goal", GoalError, Sequence)
         for via in self.vias:
@@ -306,7 +315,7 @@ class SequenceGoal:
             if not (_is_positive(time) and time > last):
                 raise GoalError(
                     "the times of a sequence must be positive and increase, got "
-                    f"{time!r:.80} after {last:g}"
+                    f"{shown(time)} after {last:g}"
                 )
             last = time
 
@@ -341,15 +350,15 @@ def as_state(value: StateLike, joint_names: Sequence[str], what: str) -> JointSt
     if isinstance(value, JointState):
         return value
     names: Sequence[str] = tuple(value) if isinstance(value, Mapping) else joint_names
+    given = list(value.values()) if isinstance(value, Mapping) else value
     try:
-        given = [float(x) for x in value.values()] if isinstance(value, Mapping) else value
-        positions = np.asarray(given, dtype=np.float64)
+        positions = float_array(given, what, GoalError)
         if positions.ndim == 0:
-            raise TypeError
-    except (TypeError, ValueError):
+            raise GoalError
+    except GoalError:
         raise GoalError(
             f"{what} must be positions [rad or m] of the {len(joint_names)} joints, or a dict of "
-            f"positions by joint name, got {value!r:.100}"
+            f"positions by joint name, got {shown(value, 100)}"
         ) from None
     if positions.shape != (len(names),):
         raise GoalError(

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..arrays import FloatArray, check_number, check_type
-from ..exceptions import GoalError, PlannerError
+from ..exceptions import GoalError, PlannerError, shown
 from ..motion.trajectory import Trajectory
 from ..motion.validation import LimitCheck
 from .motion import Motion
@@ -104,9 +104,9 @@ class PlannerOptions:
 
     def __post_init__(self) -> None:
         if self.basis not in BASES:
-            raise GoalError(f"basis must be one of {BASES}, got {self.basis!r}")
+            raise GoalError(f"basis must be one of {BASES}, got {shown(self.basis)}")
         if self.timing not in TIMINGS:
-            raise GoalError(f"timing must be one of {TIMINGS}, got {self.timing!r}")
+            raise GoalError(f"timing must be one of {TIMINGS}, got {shown(self.timing)}")
         check_type(self.objectives, "objectives", GoalError, Sequence)
         if not self.objectives:
             raise GoalError("at least one objective with a weight is needed, got none")
@@ -115,7 +115,7 @@ class PlannerOptions:
             if not (is_pair and hasattr(pair[1], "residuals")):
                 raise GoalError(
                     "objectives must be pairs of a weight and an objective, such as "
-                    f"(1.0, Effort()), got {pair!r:.80}"
+                    f"(1.0, Effort()), got {shown(pair)}"
                 )
             check_number(pair[0], "the weight of an objective", GoalError, 1e-12, 1e12)
         check_number(self.naturalness, "naturalness", GoalError, 0.0, 1e12)

@@ -10,8 +10,16 @@ from importlib import import_module
 from types import NoneType
 from typing import Any
 
-from ..arrays import check_type
-from ..exceptions import GoalError, LimitsError, PrimitiveError, RobotError, WorldError, quote_names
+from ..arrays import check_number, check_type
+from ..exceptions import (
+    GoalError,
+    LimitsError,
+    PrimitiveError,
+    RobotError,
+    WorldError,
+    quote_names,
+    shown,
+)
 from ..motion.collision import CollisionModel, package_folders
 from ..motion.goal import (
     GoalLike,
@@ -39,6 +47,7 @@ from .selection import Selector
 from .setup import Setup
 from .several import SeveralPlanner
 from .single import BasisChooser, SinglePlanner
+from .states import in_order
 from .threads import one_blas_thread
 
 
@@ -141,7 +150,14 @@ class Planner:
         return self._setup.collision
 
     def use_collision(self, collision: CollisionModel) -> None:
-        """Avoid collisions by another model of the same robot from now on."""
+        """Avoid collisions by another model of the same robot from now on.
+
+        Raises
+        ------
+        RobotError
+            If it is no collision model.
+        """
+        check_type(collision, "collision", RobotError, CollisionModel)
         self._setup.collision = collision
 
     def check(self, goal: JointGoal) -> None:
@@ -155,9 +171,10 @@ class Planner:
             If it names unknown joints or no primitive of the planner, is outside the limits, or
             its duration is too long.
         """
+        check_type(goal, "the goal", GoalError, JointGoal)
         self._resolver.check(goal)
 
-    def target(self, goal: JointGoal, start: JointState) -> JointState:
+    def target(self, goal: JointGoal, start: StateLike) -> JointState:
         """The configuration of all joints that a goal specifies.
 
         Raises
@@ -165,7 +182,9 @@ class Planner:
         GoalError
             See :meth:`plan`.
         """
-        return self._resolver.target(goal, start)
+        check_type(goal, "the goal", GoalError, JointGoal)
+        here = as_state(start, self.robot.joint_names, "the start")
+        return self._resolver.target(goal, in_order(here, self.robot.joint_names))
 
     @one_blas_thread()
     def plan(
@@ -205,7 +224,7 @@ class Planner:
             If there is no such frame.
         """
         if mode not in MODES:
-            raise GoalError(f"the mode must be one of {quote_names(MODES)}, got {mode!r:.80}")
+            raise GoalError(f"the mode must be one of {quote_names(MODES)}, got {shown(mode)}")
         goal = as_goal(goal, self.robot.joint_names, duration)
         start = as_state(start, self.robot.joint_names, "the start")
         began = time.perf_counter()
@@ -235,10 +254,16 @@ class Planner:
         ----------
         max_time : float
             Time [s] after which no further motion is begun.
+
+        Raises
+        ------
+        GoalError
+            If the time is no number of at least 0.
         """
         near = self.options.naturalness >= self.options.search.near_expected
         if self.options.basis != "pca" or near:
             return
+        check_number(max_time, "max_time [s]", GoalError, 0.0)
         deadline = time.perf_counter() + max_time
         for primitive in self.primitives:
             if Budget(deadline).is_over():

@@ -7,7 +7,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from ..arrays import check_number
-from ..exceptions import PrimitiveError, quote_names
+from ..exceptions import PrimitiveError, quote_names, shown
 from .alignment import ALIGNMENTS
 from .basis import N_END_CONDITIONS
 from .primitive_values import COUPLINGS
@@ -48,7 +48,7 @@ class PrimitiveOptions:
     def __post_init__(self) -> None:
         if self.coupling not in COUPLINGS:
             raise PrimitiveError(
-                f"coupling must be one of {quote_names(COUPLINGS)}, got {self.coupling!r}"
+                f"coupling must be one of {quote_names(COUPLINGS)}, got {shown(self.coupling)}"
             )
         if self.n_components is not None:
             check_number(self.n_components, "components", PrimitiveError, 1, is_whole=True)
@@ -71,5 +71,5 @@ class PrimitiveOptions:
         )
         if self.align not in ALIGNMENTS:
             raise PrimitiveError(
-                f"align must be one of {quote_names(ALIGNMENTS)}, got {self.align!r}"
+                f"align must be one of {quote_names(ALIGNMENTS)}, got {shown(self.align)}"
             )
