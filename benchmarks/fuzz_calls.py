@@ -67,6 +67,14 @@ def nested(depth: int) -> list[Any]:
     return inner
 
 
+def of_objects(value: object) -> Any:
+    """An array of four objects."""
+    array = np.empty(4, dtype=object)
+    for i in range(4):
+        array[i] = value
+    return array
+
+
 NUMBERS: tuple[Callable[[], Any], ...] = tuple(
     (lambda value=value: value)
     for value in (
@@ -104,7 +112,7 @@ ARRAYS: tuple[Callable[[], Any], ...] = (
     *(lambda: np.full(4, np.nan), lambda: np.full(4, np.inf), lambda: np.full(4, 1e308)),
     *(lambda: np.full(3, 1e-320), lambda: np.full((3, 4), 1e200), lambda: np.zeros(3)),
     *(lambda: np.array([None] * 4), lambda: np.array([10**400] * 4, dtype=object)),
-    *(lambda: np.array([[1], [2, 3]], dtype=object), lambda: np.array([Hostile()] * 4)),
+    *(lambda: np.array([[1], [2, 3]], dtype=object), lambda: of_objects(Hostile())),
     *(lambda: np.array(["0.1"] * 4), lambda: np.array([b"1"] * 4), lambda: np.full(4, 1j)),
     *(lambda: np.zeros(4, "M8[s]"), lambda: np.zeros(4, "m8[s]"), lambda: np.zeros(4, bool)),
     *(lambda: np.zeros(4, "f4,i4"), lambda: np.zeros(4, np.int8), lambda: np.zeros(4, np.float16)),
@@ -167,6 +175,7 @@ def calls(folder: Path) -> list[Call]:
     limits = {"elbow": {"max_velocity": 2.0}}
     goal = mp.JointGoal({"elbow": -0.9})
     recorded = {"recording": "r", "joint_names": names, "times": times}
+    recorded |= {"start_time": 0.0, "end_time": 1.0}
     curves = dict.fromkeys(("positions", "velocities", "accelerations"), zeros)
     options = {
         "basis": "pca",
@@ -336,6 +345,8 @@ def _described(error: BaseException) -> str:
 
 
 def _stop(_signal: int, _frame: object) -> None:
+    if os.environ.get("FUZZ_TRACEBACK"):
+        traceback.print_stack(_frame, 12, file=sys.__stderr__)
     raise TooLong
 
 

@@ -22,8 +22,10 @@ from .rows import is_in_file, row_blocks
 
 FloatArray = NDArray[np.float64]
 
-# Largest number of numbers in an array, and of names.
-_MAX_SIZE, _MAX_NAMES = 1 << 28, 1 << 20
+MAX_SIZE = 1 << 28
+"""Largest number of numbers in an array."""
+
+_MAX_NAMES = 1 << 16  # and of values in a list
 
 
 def frozen_array(
@@ -104,7 +106,7 @@ def _as_array(values: Any, shape: tuple[int | None, ...] | None) -> NDArray[Any]
     if isinstance(values, np.ndarray):
         return values
     # A range of any length is a sequence that takes no memory.
-    most = _MAX_SIZE if not shape or shape[0] is None else 1000 * max(shape[0], 1)
+    most = MAX_SIZE if not shape or shape[0] is None else 1000 * max(shape[0], 1)
     if isinstance(values, Sized) and len(values) > most:
         raise TypeError
     return np.asarray(values)
@@ -112,7 +114,7 @@ def _as_array(values: Any, shape: tuple[int | None, ...] | None) -> NDArray[Any]
 
 def _are_numbers(given: NDArray[Any]) -> bool:
     if given.dtype.kind == "O":
-        return given.size <= _MAX_SIZE and all(map(is_number, given.flat))
+        return given.size <= MAX_SIZE and all(map(is_number, given.flat))
     return given.dtype.kind in "iuf" and not isinstance(given, np.ma.MaskedArray)
 
 
@@ -128,8 +130,8 @@ def _check_shape(
     ):
         expected = "(" + ", ".join("any" if n is None else str(n) for n in shape) + ")"
         raise error(f"{what} must have the shape {expected}, got {found}")
-    if prod(found) > _MAX_SIZE:
-        raise error(f"{what} must be at most {_MAX_SIZE} numbers, got an array of shape {found}")
+    if prod(found) > MAX_SIZE:
+        raise error(f"{what} must be at most {MAX_SIZE} numbers, got an array of shape {found}")
 
 
 def is_number(value: object) -> bool:
@@ -183,6 +185,20 @@ def check_type(value: object, what: str, error: type[PlannerError], *kinds: Any)
         hint = f" ({made[0]}.from_file reads one)" if made else ""
         article = "an" if names[0] in "AEIO" else "a"
         raise error(f"{what} must be {article} {names}{hint}, got {shown(value)}")
+
+
+def check_choice(
+    value: object, what: str, error: type[PlannerError], choices: Sequence[str]
+) -> None:
+    """Reject a value that is none of some words.
+
+    Raises
+    ------
+    PlannerError
+        (as `error`) With the name, the value and the words.
+    """
+    if not (isinstance(value, str) and value in choices):
+        raise error(f"{what} must be one of {quote_names(choices)}, got {shown(value)}")
 
 
 def as_list(values: Iterable[Any], what: str, error: type[PlannerError]) -> list[Any]:

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 
 from ..arrays import (
     FloatArray,
+    as_list,
     by_name,
     check_type,
     float_array,
@@ -296,18 +297,21 @@ class SequenceGoal:
     stops: tuple[bool, ...] = ()
 
     def __post_init__(self) -> None:
-        check_type(self.targets, "the targets of a sequence", GoalError, Sequence)
-        if not self.targets:
+        targets = as_list(self.targets, "the targets of a sequence must be a list", GoalError)
+        if not targets:
             raise GoalError("a sequence needs at least one target, got none")
-        named = (_named(x, "a target", JointState, Pose) for x in self.targets)
+        named = (_named(x, "a target", JointState, Pose) for x in targets)
         set_frozen(self, targets=tuple(named))
         n = len(self.targets)
-        set_frozen(self, times=self.times or (None,) * n, stops=self.stops or (False,) * n)
-        for what, given in (("time (or None)", self.times), ("stop", self.stops)):
-            if len(given) != n:
+        for field, what, usual in (("times", "time (or None)", None), ("stops", "stop", False)):
+            given = as_list(getattr(self, field), f"the {field} must be a list", GoalError)
+            set_frozen(self, **{field: tuple(given) or (usual,) * n})
+            if len(getattr(self, field)) != n:
                 raise GoalError(
                     f"a sequence needs a {what} for each of its {n} targets, got {len(given)}"
                 )
+        for stop in self.stops:
+            check_type(stop, "a stop of a sequence", GoalError, bool)
         last = 0.0
         for time in self.times:
             if time is None:

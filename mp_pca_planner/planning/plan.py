@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..arrays import FloatArray, check_number, check_type
+from ..arrays import FloatArray, check_choice, check_number, check_type
 from ..exceptions import GoalError, PlannerError, shown
 from ..motion.trajectory import Trajectory
 from ..motion.validation import LimitCheck
@@ -103,12 +103,12 @@ class PlannerOptions:
     search: SearchOptions = field(default_factory=SearchOptions)
 
     def __post_init__(self) -> None:
-        if self.basis not in BASES:
-            raise GoalError(f"basis must be one of {BASES}, got {shown(self.basis)}")
-        if self.timing not in TIMINGS:
-            raise GoalError(f"timing must be one of {TIMINGS}, got {shown(self.timing)}")
+        check_choice(self.basis, "basis", GoalError, BASES)
+        check_choice(self.timing, "timing", GoalError, TIMINGS)
+        moving = self.allow_nonzero_end_velocity
+        check_type(moving, "allow_nonzero_end_velocity", GoalError, bool)
         check_type(self.objectives, "objectives", GoalError, Sequence)
-        if not self.objectives:
+        if not len(self.objectives):
             raise GoalError("at least one objective with a weight is needed, got none")
         for pair in self.objectives:
             is_pair = isinstance(pair, Sequence) and len(pair) == 2

@@ -10,7 +10,7 @@ from importlib import import_module
 from types import NoneType
 from typing import Any
 
-from ..arrays import check_number, check_type
+from ..arrays import check_choice, check_number, check_type
 from ..exceptions import (
     GoalError,
     LimitsError,
@@ -18,7 +18,6 @@ from ..exceptions import (
     RobotError,
     WorldError,
     quote_names,
-    shown,
 )
 from ..motion.collision import CollisionModel, package_folders
 from ..motion.goal import (
@@ -223,8 +222,7 @@ class Planner:
         RobotError
             If there is no such frame.
         """
-        if mode not in MODES:
-            raise GoalError(f"the mode must be one of {quote_names(MODES)}, got {shown(mode)}")
+        check_choice(mode, "the mode", GoalError, MODES)
         goal = as_goal(goal, self.robot.joint_names, duration)
         start = as_state(start, self.robot.joint_names, "the start")
         began = time.perf_counter()

@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from functools import cached_property
 from html import escape
 from pathlib import Path
+from types import NoneType
 from typing import Any
 
 import numpy as np
@@ -90,6 +91,8 @@ class Robot(Dynamics, Kinematics):
         locked: Mapping[str, float] | None = None,
         source: str = "robot description",
     ) -> None:
+        check_type(urdf, "a robot description", RobotError, str)
+        check_type(locked, "locked joints", RobotError, Mapping, NoneType)
         self._source, self._given = source, (urdf, dict(locked or {}))
         self.path: Path | None = None
         self._description = found = read_description(urdf, source)

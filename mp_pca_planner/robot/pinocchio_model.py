@@ -12,7 +12,7 @@ from typing import Any, Self
 import numpy as np
 import pinocchio as pin
 
-from ..arrays import FloatArray, frozen_array
+from ..arrays import MAX_SIZE, FloatArray, frozen_array
 from ..exceptions import RobotError, shown, unknown_name
 from .inertias import joint_of
 
@@ -119,16 +119,15 @@ class PinocchioModel:
 
         Pinocchio itself checks neither shapes nor types.
         """
-        shape: tuple[int | None, ...] = (*(None,) * (n_dims - 1), self.n_joints)
+        expected: tuple[int | None, ...] = (*(None,) * (n_dims - 1), self.n_joints)
         found: list[FloatArray] = []
-        for values in arrays:
-            x = values
+        for x in arrays:
             # The innermost loop of planning has arrays of floats.
-            if not (isinstance(x, np.ndarray) and x.dtype == np.float64 and x.ndim == n_dims) or (
-                x.shape != shape if found else x.shape[-1] != self.n_joints
-            ):
-                x = frozen_array(x, shape, "values of the joints", RobotError)
-            shape = x.shape
+            is_array = isinstance(x, np.ndarray) and x.dtype == np.float64 and x.ndim == n_dims
+            is_usual = is_array and x.shape[-1] == self.n_joints and x.size <= MAX_SIZE
+            if not is_usual or (found and x.shape != expected):
+                x = frozen_array(x, expected, "values of the joints", RobotError)
+            expected = x.shape
             found.append(self._order.sorted(x))
         return found
 

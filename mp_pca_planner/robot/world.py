@@ -201,7 +201,7 @@ class World:
         """
         removed = as_list(names, "a list of names of obstacles is needed", WorldError)
         for name in removed:
-            if name not in self.names:
+            if not isinstance(name, str) or name not in self.names:
                 raise WorldError(unknown_name("obstacle", name, self.names))
         return World([one for one in self.obstacles if one.name not in removed], self.allowed)
 
