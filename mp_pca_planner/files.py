@@ -64,6 +64,9 @@ def reading(what: str, error: type[PlannerError]) -> Iterator[None]:
         raise error(f"{what} can't be read: {_reason(problem)}") from None
 
 
+_MAX_NAME = 255  # of a file on the systems that ROS runs on [bytes]
+
+
 def as_path(value: object, error: type[PlannerError] = PlannerError) -> Path:
     """A path of a file or folder.
 
@@ -74,11 +77,15 @@ def as_path(value: object, error: type[PlannerError] = PlannerError) -> Path:
     """
     try:
         path = Path(value)  # type: ignore[arg-type]
-        if b"\0" not in os.fsencode(path):
+        is_short = max((len(os.fsencode(part)) for part in path.parts), default=0) <= _MAX_NAME
+        if is_short and b"\0" not in os.fsencode(path):
             return path
     except Exception:  # also methods of others, and text that is no Unicode
         pass
-    raise error(f"a path must be a string or a Path, without a NUL, got {shown(value)}")
+    raise error(
+        f"a path must be a string or a Path, without a NUL, of names of "
+        f"at most {_MAX_NAME} bytes, got {shown(value)}"
+    )
 
 
 def open_regular(path: str | Path) -> BinaryIO:
