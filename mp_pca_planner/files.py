@@ -21,6 +21,7 @@ from typing import Any, BinaryIO
 
 import yaml
 
+from .arrays import check_type
 from .exceptions import PlannerError, shown
 from .input_limits import INPUT_LIMITS
 
@@ -204,6 +205,7 @@ def write_together(contents: Mapping[Path, Content | None], *, overwrite: bool =
     PlannerError
         If a file exists and may not be overwritten, or can't be written.
     """
+    check_type(overwrite, "overwrite", PlannerError, bool)
     target = Path()
     try:
         with ExitStack() as stack:
