@@ -223,7 +223,7 @@ class Judge:
         for name, q in _fixed_configurations(request):
             found = self._setup.collisions(Trajectory(names, [0.0], [q], zero, zero))
             if found:
-                return f"the {name} is in collision: {found[0].bodies} {found[0].place}"
+                return f"{name} is in collision: {found[0].bodies} {found[0].place}"
         return ""
 
     def _precise(self, rough: Collision, points: Trajectory) -> Collision:
@@ -304,9 +304,9 @@ def _fixed_configurations(
     request: Request | SequenceRequest,
 ) -> Iterator[tuple[str, FloatArray]]:
     """The configurations that a request gives for all joints, with their names."""
-    yield "start", request.start.positions
+    yield "the start", request.start.positions
     if request.pose is None:
-        yield "goal", request.goal.positions
+        yield "the goal", request.goal.positions
     kind = "via" if isinstance(request, Request) else "target"
     for number, condition in enumerate(request.conditions[: request.n_vias], start=1):
         target = condition.target

@@ -528,3 +528,29 @@ def test_a_joint_that_turns_without_end_goes_the_shorter_way():
     )
     careful.check(goal)
     assert careful.plan(goal, JointState(["turn"], [3.0 + 4.0 * np.pi])).is_executable
+
+
+@pytest.mark.parametrize("seconds", [1e-7, 1e-100, 5e-324])
+def test_durations_whose_numbers_would_overflow_are_rejected(seconds):
+    goal, start = request(1)
+    with pytest.raises(GoalError, match="at least 1e-06 s are accepted"):
+        planner().plan(replace(goal, duration=seconds), start)
+
+
+@pytest.mark.parametrize("phase", [1e-300, 1e-12, 1.0 - 1e-12])
+def test_search_whose_numbers_overflow_ends(phase):
+    goal, start = request(1)
+    via = Via(JointState(JOINTS, start.positions + 0.2), phase)
+    plan = planner(max_solve_time=0.2).plan(replace(goal, duration=1.0, vias=(via,)), start)
+    assert plan.status == INFEASIBLE
+
+
+def test_goals_of_other_types_are_rejected_by_check_and_target():
+    goal, start = request(1)
+    subject = planner()
+    with pytest.raises(GoalError, match="the goal must be a JointGoal"):
+        subject.check(start.positions)
+    with pytest.raises(GoalError, match="the goal must be a JointGoal"):
+        subject.target(start.positions, start)
+    found = subject.target(goal, dict(zip(JOINTS, start.positions, strict=True)))
+    np.testing.assert_array_equal(found.positions, goal.state.positions)
