@@ -213,9 +213,11 @@ class Judge:
             if stated.is_shortest:
                 known = "the shortest duration that the limits allow"
             return f"{message}; {known} is {stated.seconds:.4g} s"
-        if outcome.fallback.reason:
-            message = f"{message}; nor was a slow one found: {outcome.fallback.reason}"
-        return f"{message}; {outcome.hint}" if attempt.collisions and outcome.hint else message
+        reason = outcome.fallback.reason
+        if reason:
+            message = f"{message}; nor was a slow one found: {reason}"
+        is_blocked = bool(attempt.collisions) or "collide" in reason
+        return f"{message}; {outcome.hint}" if is_blocked and outcome.hint else message
 
     def _end_in_collision(self, request: Request | SequenceRequest) -> str:
         """Text on the first configuration of a request that is in collision; empty if none is."""
