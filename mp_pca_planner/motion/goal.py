@@ -166,7 +166,7 @@ class _CheckedGoal:
         if duration is not None and not _is_positive(duration):
             raise GoalError(
                 "the duration of a motion must be a positive number of seconds, got "
-                f"{duration!r:.80}; `PlannerOptions(timing=…)` leaves it to the planner"
+                f"{duration!r:.80}; use `PlannerOptions(timing=…)` to let the planner choose it"
             )
         check_type(self.vias, "the vias of a goal", GoalError, Sequence)
         for via in self.vias:
@@ -410,7 +410,7 @@ def as_goal(value: GoalLike, joint_names: Sequence[str], duration: float | None 
     if isinstance(value, Goal):
         if duration is not None:
             raise GoalError(
-                f"a {type(value).__name__} holds its own duration or times: leave `duration` out"
+                f"a {type(value).__name__} has its own duration or times: remove `duration`"
             )
         return value
     if _is_several(value):
