@@ -77,7 +77,7 @@ def test_written_segments_fed_back_give_the_same_motions(bags: Path, tmp_path: P
 def test_the_folder_of_resume_is_not_the_output(bags: Path, tmp_path: Path) -> None:
     file = tmp_path / "one.npz"
     status, _, error = run(bags, "--output", file, "--resume", file)
-    assert (status, error.count("\n")) == (2, 1) and "are the same: name" in error
+    assert (status, error.count("\n")) == (2, 1) and "are the same path" in error
     assert not file.exists()
 
 
