@@ -29,6 +29,7 @@ from .parameters import Settings
 from .published_motion import Joined, Progress, PublishedMotion, TrackedMotion, locate
 
 if TYPE_CHECKING:
+    from ..robot.world import World
     from .execution_monitor import Execution
 
 
@@ -70,10 +71,14 @@ class MotionFollower:
             self.measured.expect(joint_names)
             self._forget()
 
-    def command(self, joined: Joined, execution: Execution | None = None) -> None:
-        """Record that a motion was published."""
+    def command(
+        self, joined: Joined, execution: Execution | None = None, world: World | None = None
+    ) -> None:
+        """Record that a motion was published, and in which world it was checked."""
         with self.lock:
-            self.published = Publication.after(self.published, joined, self._servo.lag, execution)
+            published = Publication.after(self.published, joined, self._servo.lag, execution)
+            published.checked = None if world is None else (joined.motion, world)
+            self.published = published
 
     @property
     def execution(self) -> Execution | None:

@@ -10,6 +10,7 @@ from typing import Protocol
 
 from ..exceptions import GoalError, PlannerError
 from ..motion.trajectory import Trajectory
+from ..robot.world import World
 from .assembly import Model
 from .execution_monitor import Execution, ExecutionReport
 from .measured import Clock
@@ -143,11 +144,14 @@ class MotionMonitor:
             self._commit(found.joined, Execution.of_stop(self.states.execution, found.joined, why))
         return found.message
 
-    def _commit(self, joined: Joined, execution: Execution) -> None:
-        """Publish a motion, the only place where that is done; it replaces the one before."""
+    def _commit(self, joined: Joined, execution: Execution, world: World | None = None) -> None:
+        """Publish a motion, the only place where that is done; it replaces the one before.
+
+        It was checked for collisions with the obstacles of the world, if that is given.
+        """
         old = self.states.published
         self._send(joined.trajectory, stamp=joined.stamp, last_point_only=joined.last_point_only)
-        self.states.command(joined, execution)
+        self.states.command(joined, execution, world)
         if old is not None and old.execution is not None and not execution.is_stop:
             self._end(old.execution.replaced(old.threat.reason if old.threat else ""))
 

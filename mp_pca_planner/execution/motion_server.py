@@ -19,9 +19,11 @@ import numpy as np
 from ..exceptions import GoalError
 from ..motion.goal import Goal, JointGoal, JointState
 from ..motion.validation import check_executable, check_limits
+from ..primitives.primitive import MovementPrimitive
+from ..robot.world import World
 from .execution_monitor import Execution, ExecutionReport
 from .following import UnconfirmedError
-from .goal_planner import GoalPlanner, GoalRequest, Planned, PlanRequest
+from .goal_planner import AdaptedPlan, AnyPlan, GoalPlanner, GoalRequest, Planned, PlanRequest
 from .measured import Clock
 from .motion_monitor import MotionMonitor, Publish
 from .options import ServingOptions
@@ -189,13 +191,17 @@ class MotionServer(MotionMonitor):
         context = PlanRequest(start, model, is_cancelled, last)
         planned = self._planner.plan(goal, context)
         world = self.surroundings.check_again(planned[0].trajectory, world, model)
-        served = self._publish(goal, planned, context, request.name)
+        served = self._publish(goal, planned, context, request.name, world)
         self._statistics.served(type(request.goal), served.plan.solve_time, self._clock() - began)
-        self.surroundings.look_ahead(model, (served.motion, world))
         return served
 
-    def _publish(self, goal: Goal, planned: Planned, request: PlanRequest, name: Any) -> Served:
-        """Publish a plan from where the robot is: the only place where goals are published."""
+    def _publish(
+        self, goal: Goal, planned: Planned, request: PlanRequest, name: Any, world: World
+    ) -> Served:
+        """Publish a plan from where the robot is: the only place where goals are published.
+
+        Whatever can be rejected is checked before: a published motion is never rejected.
+        """
         start, model, settings = request.start, request.model, request.model.settings
         (plan, trial), first = planned, start.state
         check = plan.limit_check
@@ -204,6 +210,7 @@ class MotionServer(MotionMonitor):
             joined = self.states.join(plan.trajectory, start, settings)
             check = check_limits(joined.trajectory, model.planning_robot, model.limits)
         may_end_moving = settings.allow_nonzero_end_velocity
+        primitives = _primitives_of(plan, request)
         with self.states.lock:
             if request.is_cancelled():
                 raise CancelledError
@@ -216,6 +223,14 @@ class MotionServer(MotionMonitor):
             check_executable(
                 joined.trajectory, check, first, allow_nonzero_end_velocity=may_end_moving
             )
-            served = Served(goal, plan, model, joined.motion, name, trial)
-            self._commit(joined, Execution(name, joined.motion, joined.time, served))
+            served = Served(goal, plan, model, joined.motion, name, trial, primitives)
+            self._commit(joined, Execution(name, joined.motion, joined.time, served), world)
         return served
+
+
+def _primitives_of(plan: AnyPlan, request: PlanRequest) -> tuple[MovementPrimitive, ...]:
+    """The primitives of a plan; a displaced motion has those of the motion before."""
+    if isinstance(plan, AdaptedPlan):
+        return () if request.last is None else request.last.primitives
+    library = request.model.planner.primitives
+    return tuple(map(library.named, dict.fromkeys(plan.primitives)))

@@ -17,7 +17,6 @@ from ..robot.world import World
 from .assembly import Model, collision_model
 from .following import HELD, OFF, Following, Publication
 from .options import ServingOptions
-from .published_motion import PublishedMotion
 from .start_state import StartStates, TooLateError
 
 # Longest wait of a stop for the check of a running motion in another thread [s].
@@ -144,9 +143,7 @@ class Surroundings:
             )
         return world
 
-    def look_ahead(
-        self, model: Model, checked: tuple[PublishedMotion, World] | None = None
-    ) -> None:
+    def look_ahead(self, model: Model) -> None:
         """Check the rest of the running motion, unless it was checked, and set its `threat`.
 
         Call this again and again: the place of a robot without states is unknown, one that is held
@@ -160,7 +157,6 @@ class Surroundings:
         published = self._states.published
         if published is None:
             return
-        published.checked = checked or published.checked
         if published.checked == (published.current.motion, self._world):
             return
         try:

@@ -133,7 +133,7 @@ class GoalTopics:
         self._statistics, self._last_motion = statistics, last_motion
         self._reports = node.create_publisher(DiagnosticStatus, "~/plan_report", EVERY)
         self._worker: PreemptiveWorker[_Request | _Avoidance] = PreemptiveWorker(
-            self._serve, self._on_preempted, node.guarded(last_motion.show_preview)
+            self._serve, self._on_preempted, last_motion.show_preview, self._on_failure
         )
         group = ThreadGroup()
         for message_type, topic in (
@@ -214,7 +214,6 @@ class GoalTopics:
 
         try:
             served = self._server.serve(request, is_over)
-            self._report(served, request)
         except UnexecutablePlanError as error:
             self._reject(messages.to_refusal(str(error), stamp, error.plan))
         except CancelledError:
@@ -225,6 +224,9 @@ class GoalTopics:
             self._reject(messages.to_refusal(reason, stamp))
         except Exception as error:
             self._reject(messages.to_refusal(self._node.explain(error), stamp))
+        else:
+            # The motion is published: an error in its report is logged, and rejects nothing.
+            self._node.guarded(self._report)(served, request)
 
     def _report(self, served: Served, request: _Request) -> None:
         plan, stamp = served.plan, request.name
@@ -234,10 +236,9 @@ class GoalTopics:
             return
         # A cost may follow the report at once.
         self._last_motion.replace(served)
-        library = served.model.planner.primitives
-        used = [library.named(name) for name in dict.fromkeys(plan.primitives)]
+        missing = self._server.surroundings.missing
         report = messages.to_plan_report(
-            plan, stamp, used, request.ignored_joints, self._server.surroundings.missing
+            plan, stamp, served.primitives, request.ignored_joints, missing
         )
         self._reports.publish(report)
         times = f"{served.motion.duration:.3g} s long, planned in {1e3 * plan.solve_time:.3g} ms"
@@ -249,7 +250,14 @@ class GoalTopics:
             f"goal refused: {report.message}", throttle_duration_sec=LOG_PERIOD
         )
         self._reports.publish(report)
-        self._last_motion.erase_preview()
+        self._node.guarded(self._last_motion.erase_preview)()
+
+    def _on_failure(self, request: _Request | _Avoidance | None, error: BaseException) -> None:
+        """Log what nothing else caught; a goal is rejected."""
+        text = self._node.explain(error)
+        self._node.get_logger().error(text, throttle_duration_sec=LOG_PERIOD)
+        if isinstance(request, _Request):
+            self._reject(messages.to_refusal(text, request.name))
 
     def _on_preempted(self, request: _Request | _Avoidance) -> None:
         if isinstance(request, _Avoidance):

@@ -22,9 +22,16 @@ class GuardedNode(Node):
     """A node that logs exceptions of its callbacks and answers every service request.
 
     This holds for the services and subscriptions that rclpy creates, too.
+
+    Attributes
+    ----------
+    n_internal_errors : int
+        Exceptions that no input should cause.
     """
 
-    def explain(self, error: Exception) -> str:
+    n_internal_errors = 0
+
+    def explain(self, error: BaseException) -> str:
         """Describe an error in one sentence; log the traceback of an internal one."""
         if isinstance(error, PlannerError):
             return to_text(error)
@@ -34,6 +41,7 @@ class GuardedNode(Node):
             return to_text(f"the operating system reports: {error.strerror}{file}")
         if isinstance(error, MemoryError):
             return "the system is out of memory"
+        self.n_internal_errors += 1
         lines = traceback.format_exception(error)
         found = "\n".join(printable(line) for line in "".join(lines).splitlines())
         self.get_logger().error(found, throttle_duration_sec=LOG_PERIOD)

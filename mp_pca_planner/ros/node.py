@@ -217,7 +217,11 @@ class PlannerNode(GuardedNode):
     def _publish_diagnostics(self) -> None:
         name = f"{self.get_fully_qualified_name()}: planner"
         cost = self._last_motion.cost
-        values = {"trial_cost": "none" if cost is None else cost, **self._obstacles.facts}
+        values = {
+            "trial_cost": "none" if cost is None else cost,
+            "internal_errors": self.n_internal_errors,
+            **self._obstacles.facts,
+        }
         status = _status(name, self._setup, self._states.measured, self._statistics, values)
         array = DiagnosticArray(status=[status])
         array.header.stamp = self.get_clock().now().to_msg()

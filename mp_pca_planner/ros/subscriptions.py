@@ -129,6 +129,11 @@ class GroupExecutor(SingleThreadedExecutor):
         is_ending = self._is_ending.is_set
         with suppress(ConditionReachedException, ExternalShutdownException):
             while True:
-                handler, _, _ = self.wait_for_ready_callbacks(nodes=nodes, condition=is_ending)
-                # Exceptions are caught here: an unreadable message must not end the thread.
-                handler()
+                try:
+                    handler, _, _ = self.wait_for_ready_callbacks(nodes=nodes, condition=is_ending)
+                    # It keeps its exceptions: an unreadable message must not end the thread.
+                    handler()
+                except (ConditionReachedException, ExternalShutdownException):
+                    raise
+                except Exception as error:  # such as an entity that another thread has destroyed
+                    nodes[0].get_logger().error(f"{error!r:.200}", throttle_duration_sec=1.0)

@@ -151,6 +151,8 @@ class LivePanel:
             if self._stage.lock.acquire(timeout=PAGE.live_period):
                 try:
                     self._show(with_text=steps % PAGE.text_steps == 0)
+                except Exception:
+                    traceback.print_exc()
                 finally:
                     self._stage.lock.release()
             steps += 1

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import traceback
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -123,7 +124,7 @@ class PlanPanel:
             self._bars = gui.add_html("")
         add_export(stage, lambda: None if self.answer is None else self.answer.plan)
         self._worker = PreemptiveWorker[ViewRequest](
-            lambda request, _: self._serve(request), lambda _: None, lambda: None
+            lambda request, _: self._serve(request), lambda _: None, lambda: None, self._on_failure
         )
         player.when_shown(NAME, self._drawing.set_visible)
         self._place_handle()
@@ -222,17 +223,23 @@ class PlanPanel:
     def _serve(self, request: ViewRequest) -> None:
         # In the planning thread: only what is under the lock changes the page.
         request = self._with_newest_goal(request)
-        try:
-            answer = self._planner.answer(request)
-        except Exception as error:  # the thread must outlive errors of the planner
-            traceback.print_exc()
+        answer = self._planner.answer(request)
+        # Words sent alone appear at once; with the scene, they would wait until it is drawn.
+        self._show(self._say, answer)
+        self._show(self._draw, answer)
+
+    def _on_failure(self, request: ViewRequest | None, error: BaseException) -> None:
+        traceback.print_exception(error)
+        if request is not None:
             problem = f"internal error, {type(error).__name__}: {error}"
             answer = PlanAnswer(request, request.goal, None, problem, None, 0.0)
-        # Words sent alone appear at once; with the scene, they would wait until it is drawn.
-        for show in (self._say, self._draw):
-            with self._stage.lock, self._stage.server.atomic():
-                show(answer)
-            self._stage.server.flush()
+            self._show(self._say, answer)
+            self._show(self._draw, answer)
+
+    def _show(self, show: Callable[[PlanAnswer], None], answer: PlanAnswer) -> None:
+        with self._stage.lock, self._stage.server.atomic():
+            show(answer)
+        self._stage.server.flush()
 
     def _with_newest_goal(self, request: ViewRequest) -> ViewRequest:
         """Begin the search for a pose where the last answer ended."""

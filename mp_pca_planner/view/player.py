@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import threading
 import time
+import traceback
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -243,10 +244,13 @@ class Player:
         last, steps = time.monotonic(), 0
         while not self._closed.wait(PAGE.frame_period):
             now = time.monotonic()
-            with self._stage.lock:
-                if self.playback.advance(now - last):
-                    self._draw()
-                    steps += 1
-                    if steps % PAGE.slider_steps == 0 or self.playback.share in (0.0, 1.0):
-                        self._slider.value = round(100 * self.playback.share)
+            try:
+                with self._stage.lock:
+                    if self.playback.advance(now - last):
+                        self._draw()
+                        steps += 1
+                        if steps % PAGE.slider_steps == 0 or self.playback.share in (0.0, 1.0):
+                            self._slider.value = round(100 * self.playback.share)
+            except Exception:  # the thread must outlive every error
+                traceback.print_exc()
             last = now

@@ -153,6 +153,21 @@ def test_displaced_motion_names_the_primitives_of_the_one_before_or_none(node, g
     assert plan.primitives == (() if goal == "a stop" else (names[0],) * 2)
 
 
+def test_displaced_motion_keeps_its_primitives_when_the_library_is_replaced(node):
+    node.ask(GOAL)
+    old = list(MODEL.planner.primitives)
+    node.run(0.4)
+    renamed = replace(old[0], name="renamed")
+    newer = assemble_model(URDF, [renamed], MODEL.settings)
+    node._model = replace(newer, planner=node._slow(newer.planner, "plan"))
+    node.ask(GOAL + 0.01)
+    served = node.server.served
+    assert isinstance(served.plan, AdaptedPlan)
+    assert node.statuses == ["served"] * 2
+    assert list(served.primitives) == old
+    assert [one.name for one in served.primitives] == list(served.plan.primitives)
+
+
 @pytest.mark.parametrize("planning_time", [0.15, 0.6])
 def test_planning_that_is_slower_than_expected_still_serves_a_moving_robot(node, planning_time):
     node.ask(GOAL)
