@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import heapq
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import count
 from types import SimpleNamespace
@@ -202,6 +203,8 @@ class VirtualNode:
         if self._ticks % STATE_PERIOD == 0 and not self.robot.faults.silent:
             receive(self.states.measured, self.now, *self.robot.newest_state()[1:])
         if self._ticks % WATCH_PERIOD == 0:
+            with suppress(PlannerError):
+                self.server.surroundings.look_ahead(self._model)
             self.server.watch(self._model)
         while self._events and self._events[0][0] <= self.now:
             heapq.heappop(self._events)[2]()

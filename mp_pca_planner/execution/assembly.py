@@ -7,7 +7,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from ..exceptions import unknown_name
+from ..exceptions import RobotError, unknown_name
 from ..motion.collision import CollisionModel, package_folders
 from ..planning.objectives import objective_weights, weighted_objectives
 from ..planning.planner import Planner
@@ -15,6 +15,7 @@ from ..planning.solver import SolverOptions
 from ..primitives.primitive import MovementPrimitive
 from ..robot.limits import JointLimits
 from ..robot.model import Robot
+from ..robot.world import World
 from .parameters import ParameterError, Settings
 from .preemptive_worker import IsCancelled
 
@@ -57,6 +58,9 @@ class Model:
         The link of pose goals and previews.
     urdf : str
         The robot description.
+    collision : CollisionModel or None
+        The collision model without obstacles, which is never changed: threads use copies of it with
+        obstacles. None if the robot's collision geometry can't be used.
     """
 
     planner: Planner
@@ -67,6 +71,7 @@ class Model:
     settings: Settings
     end_effector: str
     urdf: str
+    collision: CollisionModel | None = None
 
 
 def assemble_model(urdf: str, primitives: Sequence[MovementPrimitive], settings: Settings) -> Model:
@@ -89,7 +94,13 @@ def assemble_model(urdf: str, primitives: Sequence[MovementPrimitive], settings:
     planning_robot = Robot(urdf, primitives[0].joint_names)
     robot = Robot(urdf, primitives[0].joint_names)
     limits = robot.limits(settings.limits_file or {}, settings.limits)
-    collision = collision_model(planning_robot, settings) if settings.collision else None
+    # Made now, so that no goal or stop among the first obstacles waits for it.
+    collision = None
+    try:
+        collision = collision_model(planning_robot, settings)
+    except RobotError:
+        if settings.collision:
+            raise
     cancellation = Cancellation()
     frame = settings.end_effector_frame or robot.end_effector
     if frame not in robot.frame_names:
@@ -101,9 +112,12 @@ def assemble_model(urdf: str, primitives: Sequence[MovementPrimitive], settings:
         solver=SolverOptions(should_stop=cancellation),
         objectives=weighted_objectives(weights, planning_robot, frame),
     )
-    planner = Planner(planning_robot, primitives, limits, options, collision)
+    planner = Planner(planning_robot, primitives, limits, options)
+    if collision is not None and settings.collision:
+        planner.use_collision(collision.with_world(World()))
     planner.precompute(0.5)  # a starting node waits that long [s]
-    return Model(planner, planning_robot, cancellation, robot, limits, settings, frame, urdf)
+    own = planner, planning_robot, cancellation
+    return Model(*own, robot, limits, settings, frame, urdf, collision)
 
 
 def collision_model(

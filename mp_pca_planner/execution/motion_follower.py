@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import threading
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -27,6 +26,7 @@ from .following import (
 from .measured import MeasuredSamples, MeasuredStates
 from .parameters import Settings
 from .published_motion import Joined, Progress, PublishedMotion, TrackedMotion, locate
+from .timed_lock import TimedLock
 
 if TYPE_CHECKING:
     from ..robot.world import World
@@ -47,7 +47,7 @@ class MotionFollower:
         As given.
     published : Publication or None
         The motion that was published last; None if there is none.
-    lock : RLock
+    lock : TimedLock
         Held while a motion is published, so that no thread sees half of the change.
     """
 
@@ -56,7 +56,7 @@ class MotionFollower:
         self._options = measured.options
         self._motion_clock = measured.motion_clock
         # Goals are served in one thread, stops and reports in another.
-        self.lock = threading.RLock()
+        self.lock = TimedLock()
         self._forget()
 
     def _forget(self) -> None:

@@ -180,6 +180,7 @@ class MotionServer(MotionMonitor):
     def _serve_once(
         self, request: GoalRequest, is_cancelled: IsCancelled, latency: float
     ) -> Served:
+        self.surroundings.settle(is_cancelled)
         began, model, last = self._clock(), request.model, self.served
         start = self.states.choose(model.settings, latency)
         model.cancellation.is_cancelled = is_cancelled
@@ -190,6 +191,7 @@ class MotionServer(MotionMonitor):
         world = self.surroundings.prepare(model)
         context = PlanRequest(start, model, is_cancelled, last)
         planned = self._planner.plan(goal, context)
+        self.surroundings.settle(is_cancelled)
         world = self.surroundings.check_again(planned[0].trajectory, world, model)
         served = self._publish(goal, planned, context, request.name, world)
         self._statistics.served(type(request.goal), served.plan.solve_time, self._clock() - began)

@@ -204,6 +204,9 @@ class ServingOptions:
     avoidance_reserve : float
         Time before a collision with a new obstacle at which the search for another motion ends, and
         the robot is stopped [s].
+    resumption_period, resumption_timeout : float
+        Time between two attempts to go on to the goal after such a stop, a quarter of it if the
+        obstacles have changed, and time after which the goal is dropped [s].
     max_hold : float
         Time at rest on the path before the end, or without states after the end, after which a
         motion counts as not followed [s].
@@ -229,4 +232,6 @@ class ServingOptions:
     slowest_rate: float = 0.1
     avoidance_lookahead: float = 0.15
     avoidance_reserve: float = 0.5
+    resumption_period: float = 2.0
+    resumption_timeout: float = 60.0
     max_hold: float = 10.0

@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""The topics of goals, the report of each goal, and the service that stops the robot."""
+"""The topics of goals, the thread of planning, and the report of each goal."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from trajectory_msgs.msg import JointTrajectory
 
 from ..exceptions import GoalError, unknown_name
 from ..execution.assembly import Model
-from ..execution.avoidance import avoid_obstacle
+from ..execution.avoidance import avoid_obstacle, go_on
 from ..execution.goal_planner import GoalRequest, UnexecutablePlanError
 from ..execution.motion_server import GoalStatistics, MotionServer
 from ..execution.preemptive_worker import CancelledError, IsCancelled, PreemptiveWorker
@@ -99,8 +99,8 @@ class _Request(GoalRequest):
             self.model.planner.check(self.goal)
 
 
-class _Avoidance:
-    """The request to replace a motion that would hit a new obstacle."""
+class _Reaction:
+    """The request to replace a motion that would hit a new obstacle, or to go on after a stop."""
 
 
 class GoalTopics:
@@ -132,7 +132,7 @@ class GoalTopics:
         self._node, self._setup, self._server = node, setup, server
         self._statistics, self._last_motion = statistics, last_motion
         self._reports = node.create_publisher(DiagnosticStatus, "~/plan_report", EVERY)
-        self._worker: PreemptiveWorker[_Request | _Avoidance] = PreemptiveWorker(
+        self._worker: PreemptiveWorker[_Request | _Reaction] = PreemptiveWorker(
             self._serve, self._on_preempted, last_motion.show_preview, self._on_failure
         )
         group = ThreadGroup()
@@ -144,13 +144,12 @@ class GoalTopics:
             node.create_subscription(
                 message_type, topic, self._receive, GOALS, callback_group=group
             )
-        node.create_service(Trigger, "~/stop", self._on_stop, callback_group=group)
-        # A separate thread, so that neither waits for new parameters or primitives.
+        # A separate thread, so that no goal waits for new parameters or primitives.
         self._executor = GroupExecutor(node, group)
 
-    def avoid(self) -> None:
-        """Replace the running motion, or stop the robot; after the goal that is being served."""
-        self._worker.submit_if_idle(_Avoidance())
+    def react(self) -> None:
+        """Replace the running motion, stop the robot, or go on; after the goal being served."""
+        self._worker.submit_if_idle(_Reaction())
 
     def cancel(self) -> None:
         """Cancel all goals that wait or are being planned."""
@@ -161,7 +160,8 @@ class GoalTopics:
         self._executor.shutdown()
         self._worker.close()
 
-    def _on_stop(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+    def stop(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        """Callback of the service that stops the robot, which cancels all goals."""
         self._worker.cancel()
         try:
             # Whatever prevents goals, the robot that was given one can be stopped.
@@ -185,24 +185,27 @@ class GoalTopics:
         else:
             self._worker.submit(request)
 
-    def _serve(self, request: _Request | _Avoidance, is_cancelled: IsCancelled) -> None:
-        """Serve a goal, then avoid an obstacle that the running motion would hit."""
+    def _serve(self, request: _Request | _Reaction, is_cancelled: IsCancelled) -> None:
+        """Serve a goal, then react to an obstacle that the running motion would hit."""
         if isinstance(request, _Request):
             self._serve_goal(request, is_cancelled)
-        if self._server.surroundings.threat is None:
+        has_threat = self._server.surroundings.threat is not None
+        if not has_threat and isinstance(request, _Request):
             return
+        react = avoid_obstacle if has_threat else go_on
         logger = self._node.get_logger()
         try:
-            text, served = avoid_obstacle(self._server, self._setup.ready(), is_cancelled)
+            text, served = react(self._server, self._setup.ready(), is_cancelled)
         except CancelledError:
             raise
         except Exception as error:
-            text = f"the robot was not stopped: {self._node.explain(error)}"
+            text = f"no reaction to an obstacle: {self._node.explain(error)}"
             logger.error(text, throttle_duration_sec=LOG_PERIOD)
         else:
             if served is not None:
                 self._last_motion.replace(served)
-            logger.warning(messages.to_text(text or "the obstacle is no longer on the path"))
+            if text:
+                logger.warning(messages.to_text(text))
 
     def _serve_goal(self, request: _Request, is_cancelled: IsCancelled) -> None:
         """Plan, publish and report, in the thread of the worker."""
@@ -252,15 +255,15 @@ class GoalTopics:
         self._reports.publish(report)
         self._node.guarded(self._last_motion.erase_preview)()
 
-    def _on_failure(self, request: _Request | _Avoidance | None, error: BaseException) -> None:
+    def _on_failure(self, request: _Request | _Reaction | None, error: BaseException) -> None:
         """Log what nothing else caught; a goal is rejected."""
         text = self._node.explain(error)
         self._node.get_logger().error(text, throttle_duration_sec=LOG_PERIOD)
         if isinstance(request, _Request):
             self._reject(messages.to_refusal(text, request.name))
 
-    def _on_preempted(self, request: _Request | _Avoidance) -> None:
-        if isinstance(request, _Avoidance):
+    def _on_preempted(self, request: _Request | _Reaction) -> None:
+        if isinstance(request, _Reaction):
             return
         try:
             request.check()

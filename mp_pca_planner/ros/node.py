@@ -4,10 +4,11 @@
 
 from __future__ import annotations
 
-import threading
 import time
 from collections.abc import Mapping
+from contextlib import suppress
 from functools import partial
+from queue import SimpleQueue
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rcl_interfaces.msg import SetParametersResult
@@ -26,6 +27,7 @@ from ..execution.measured import MeasuredStates
 from ..execution.motion_server import GoalStatistics, MotionServer
 from ..execution.parameters import ParameterError
 from ..execution.start_state import StartStates
+from ..execution.timed_lock import SAFETY_WAIT, BusyError, TimedLock
 from ..motion.trajectory import Trajectory
 from .goal_topics import GoalTopics
 from .guarded_node import LOG_PERIOD, GuardedNode
@@ -33,6 +35,7 @@ from .last_motion import LastMotion
 from .messages import read_states, to_execution_report, to_seconds, to_state, to_status, to_text
 from .obstacle_topic import ObstacleTopic
 from .planning_setup import NodeParameters, PlanningSetup
+from .safety_thread import SafetyThread
 from .subscriptions import EVERY, LATCHED, NEWEST, STATES, PolledSubscription
 from .trajectory_bytes import serialize_trajectory
 
@@ -64,8 +67,8 @@ class PlannerNode(GuardedNode):
             reason = str(error).splitlines()[0]
             raise ParameterError(f"ROS refuses the node: {reason}") from error
         self._statistics = GoalStatistics()
-        self._polling, self._polled = threading.Lock(), time.monotonic()
-        self._clocks_are_known = False
+        self._polling, self._polled = TimedLock(), time.monotonic()
+        self._clocks_are_known, self._failures = False, SimpleQueue[str]()
         self._states = StartStates(MeasuredStates(time.monotonic, self._seconds, self._poll_states))
         self._server = MotionServer(
             self._states, self._statistics, self._send, time.perf_counter, self._report_execution
@@ -82,13 +85,20 @@ class PlannerNode(GuardedNode):
         self.add_on_set_parameters_callback(self._on_set_parameters)
         self._connect()
         served_by = self._setup, self._server
+        self._obstacles = ObstacleTopic(self, *served_by)
+        self._server.surroundings.settle = self._obstacles.settle
         self._goals = GoalTopics(self, *served_by, self._statistics, self._last_motion)
-        self._obstacles = ObstacleTopic(self, *served_by, self._goals.avoid)
+        self._safety = SafetyThread(self, self._watch, self._goals.stop)
+        # A steady clock, because these are needed even if simulated time stands still.
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(1.0, self._publish_diagnostics, clock=steady)
+        self.create_timer(0.1, self._tidy, clock=steady)
         if not self._setup.problem:
             self._log_readiness()
 
     def destroy_node(self) -> None:
         """End the threads, then the node."""
+        self._safety.close()
         self._obstacles.close()
         self._goals.close()
         super().destroy_node()
@@ -127,10 +137,6 @@ class PlannerNode(GuardedNode):
         self.create_subscription(String, "robot_description", self._on_description, LATCHED)
         self.create_service(Trigger, "~/reload_primitives", self._on_reload)
         self.create_service(Trigger, "~/save_motion", self._on_save)
-        # A steady clock, because diagnostics are needed even if simulated time stands still.
-        steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self.create_timer(1.0, self._publish_diagnostics, clock=steady)
-        self.create_timer(0.05, self._watch, clock=steady)
 
     def _on_trial_cost(self, message: Float64) -> None:
         try:
@@ -170,12 +176,15 @@ class PlannerNode(GuardedNode):
         return SetParametersResult(successful=True)
 
     def _watch(self) -> None:
-        """Poll the waiting states, and check how the robot follows its motion."""
+        """Poll the waiting states, and check how the robot follows its motion; without waiting."""
         self._poll_states()
-        if self._setup.last_context is not None:
-            self._server.watch(self._setup.last_context)
-        if self._server.surroundings.threat is not None:
-            self._goals.avoid()
+        context = self._setup.last_context
+        if context is not None:
+            self._server.watch(context)
+        if self._server.surroundings.threat is not None or self._server.resumption is not None:
+            self._goals.react()
+
+    def _warn_of_clocks(self) -> None:
         measured = self._states.measured
         if not (self._clocks_are_known or measured.clocks_agree):
             self._clocks_are_known = True
@@ -187,7 +196,8 @@ class PlannerNode(GuardedNode):
 
     def _poll_states(self) -> None:
         """Poll the waiting states; their age counts from when the middleware got them."""
-        with self._polling:
+        # Another thread that polls takes them, too.
+        with suppress(BusyError), self._polling.within(SAFETY_WAIT):
             last, self._polled = self._polled, time.monotonic()
             measured = self._states.measured
             for content, facts in self._joint_states.poll():
@@ -212,14 +222,22 @@ class PlannerNode(GuardedNode):
         self._executions.publish(to_execution_report(report))
         self._last_motion.end(report.outcome)
         if not report.is_good:
-            self.get_logger().error(to_text(report.message))
+            self._failures.put(to_text(report.message))
+
+    def _tidy(self) -> None:
+        """Do what the thread that stops the robot leaves to others: the output may block."""
+        self._last_motion.tidy()
+        while not self._failures.empty():
+            self.get_logger().error(self._failures.get())
 
     def _publish_diagnostics(self) -> None:
+        self._warn_of_clocks()
         name = f"{self.get_fully_qualified_name()}: planner"
         cost = self._last_motion.cost
         values = {
             "trial_cost": "none" if cost is None else cost,
             "internal_errors": self.n_internal_errors,
+            "safety_longest_gap_s": round(self._safety.longest_gap(), 4),
             **self._obstacles.facts,
         }
         status = _status(name, self._setup, self._states.measured, self._statistics, values)

@@ -4,24 +4,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any
+import threading
+import time
 
-from visualization_msgs.msg import MarkerArray
-
-from ..exceptions import PlannerError
+from ..exceptions import GoalError, PlannerError
 from ..execution.motion_server import MotionServer
+from ..execution.preemptive_worker import CancelledError, IsCancelled
 from ..motion.collision import package_folders
-from ..robot.world import World
+from ..robot.world import Obstacle, World
 from .guarded_node import LOG_PERIOD, GuardedNode
+from .marker_bytes import read_markers
+from .marker_subscription import MarkerMessage, MarkerSubscription
 from .messages import to_text
 from .obstacle_markers import MarkerMessages
 from .planning_setup import PlanningSetup
-from .subscriptions import BURSTS, LATCHED_BURSTS, GroupExecutor, ThreadGroup
 
 
 class ObstacleTopic:
-    """Keeps the obstacles as the markers of ``~/obstacles`` say.
+    """Keeps the obstacles as the markers of ``~/obstacles`` say, and checks the running motion.
+
+    Both take place in a thread of its own.
 
     Parameters
     ----------
@@ -31,27 +33,29 @@ class ObstacleTopic:
         Has the robot whose links markers may be attached to.
     server : MotionServer
         Keeps the obstacles.
-    on_threat : callable
-        Called if the running motion would hit a new obstacle.
     """
 
-    def __init__(
-        self,
-        node: GuardedNode,
-        setup: PlanningSetup,
-        server: MotionServer,
-        on_threat: Callable[[], None],
-    ) -> None:
+    period = 0.01
+    """Time between two polls [s]."""
+
+    look_period = 0.05
+    """Time between two checks of the running motion while the obstacles stay the same [s]."""
+
+    mesh_timeout = 5.0
+    """Longest time that a goal waits for meshes [s]."""
+
+    def __init__(self, node: GuardedNode, setup: PlanningSetup, server: MotionServer) -> None:
         self._node, self._setup, self._server = node, setup, server
-        self._on_threat = on_threat
-        self._messages = MarkerMessages()
-        group = ThreadGroup()
-        for callback, qos in ((self._on_live, BURSTS), (self._on_late, LATCHED_BURSTS)):
-            node.create_subscription(
-                MarkerArray, "~/obstacles", callback, qos, callback_group=group
-            )
-        # A separate thread, so that a running motion is checked while a goal is planned.
-        self._executor = GroupExecutor(node, group)
+        self._markers = MarkerMessages()
+        self._subscription = MarkerSubscription(node, "~/obstacles")
+        self._looked = 0.0
+        # Polls that were begun and completed.
+        self._cycled = threading.Condition()
+        self._n_begun = self._n_completed = 0
+        self._is_asked = threading.Event()
+        self._is_ending = False
+        self._thread = threading.Thread(target=self._run, name="obstacles", daemon=True)
+        self._thread.start()
 
     @property
     def facts(self) -> dict[str, str | int]:
@@ -61,39 +65,93 @@ class ObstacleTopic:
             "obstacle_rejected": self._server.surroundings.missing or "none",
         }
 
+    def settle(self, is_cancelled: IsCancelled) -> None:
+        """Wait until the markers that have arrived are obstacles; usually a millisecond.
+
+        Raises
+        ------
+        GoalError
+            If reading their meshes takes too long.
+        CancelledError
+            If the goal that waits is cancelled.
+        """
+        deadline = time.monotonic() + self.mesh_timeout
+        with self._cycled:
+            due = self._n_begun + 1
+            while not self._is_ending and (self._n_completed < due or self._markers.is_waiting):
+                if is_cancelled():
+                    raise CancelledError
+                if time.monotonic() > deadline:
+                    raise GoalError("meshes of obstacles are still being read; send the goal again")
+                self._is_asked.set()
+                self._cycled.wait(self.period)
+
     def close(self) -> None:
         """End the thread, before the node is destroyed."""
-        self._executor.shutdown()
+        self._is_ending = True
+        self._is_asked.set()
+        self._thread.join()
+        self._markers.close()
 
-    def _on_live(self, message: MarkerArray, facts: dict[str, Any]) -> None:
-        self._apply(message, facts["source_timestamp"], is_late=False)
+    def _run(self) -> None:
+        cycle = self._node.guarded(self._cycle)
+        while not self._is_ending:
+            self._is_asked.wait(self.period)
+            self._is_asked.clear()
+            self._n_begun += 1
+            cycle()
+            with self._cycled:
+                self._n_completed = self._n_begun
+                self._cycled.notify_all()
 
-    def _on_late(self, message: MarkerArray, facts: dict[str, Any]) -> None:
-        self._apply(message, facts["source_timestamp"], is_late=True)
+    def _cycle(self) -> None:
+        for message in self._subscription.poll():
+            self._node.guarded(self._apply)(message)
+        self._use(self._markers.refresh(self._server.surroundings.world, self._now()))
+        context = self._setup.last_context
+        if context is not None and time.monotonic() - self._looked >= self.look_period:
+            self._looked = time.monotonic()
+            try:
+                self._server.surroundings.look_ahead(context)
+            except PlannerError as error:
+                self._log(str(error))
 
-    def _apply(self, message: MarkerArray, stamp: int, *, is_late: bool) -> None:
+    def _apply(self, message: MarkerMessage) -> None:
         """Apply the markers of a message; one that can't be used changes nothing."""
-        context, surroundings = self._setup.context, self._server.surroundings
-        applied = self._messages.apply(
-            surroundings.world,
-            message,
-            stamp,
-            is_late=is_late,
-            links=context.robot.frame_names if context else None,
-            folders=package_folders(self._setup.settings.package_folders),
+        context = self._setup.context
+        self._use(
+            self._markers.apply(
+                self._server.surroundings.world,
+                read_markers(message.content),
+                message.stamp,
+                is_late=message.is_late,
+                links=context.robot.frame_names if context else None,
+                folders=package_folders(self._setup.settings.package_folders),
+                now=self._now(),
+            )
         )
+
+    def _use(self, applied: tuple[list[Obstacle], list[str]] | None) -> None:
+        """Replace the obstacles, unless nothing has changed."""
         if applied is None:
             return
-        obstacles, problems = applied
-        missing = list(self._messages.rejected.values())
+        (obstacles, problems), surroundings = applied, self._server.surroundings
+        missing = list(self._markers.rejected.values())
         try:
-            if surroundings.replace(World(obstacles), context):
-                self._on_threat()
+            surroundings.replace(World(obstacles), self._setup.context)
         except PlannerError as error:
             problems.append(str(error))
             missing.append(str(error))
         surroundings.missing = to_text(missing[0]) if missing else ""
         if problems:
             more = f" (and {len(problems) - 1} more)" if problems[1:] else ""
-            text = to_text(f"obstacles: {problems[0]}{more}")
-            self._node.get_logger().error(text, throttle_duration_sec=LOG_PERIOD)
+            self._log(f"{problems[0]}{more}")
+
+    def _log(self, text: str) -> None:
+        self._node.get_logger().error(
+            to_text(f"obstacles: {text}"), throttle_duration_sec=LOG_PERIOD
+        )
+
+    def _now(self) -> float:
+        # Lifetimes are counted by the clock of the robot.
+        return float(self._node.get_clock().now().nanoseconds) * 1e-9

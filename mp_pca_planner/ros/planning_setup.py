@@ -200,9 +200,12 @@ class PlanningSetup:
         GoalError
             If goals are rejected.
         """
-        if self.context is None or self.hold:
-            raise GoalError(self.missing)
-        return self.context
+        context = self.context  # read once: another thread may replace it
+        if context is None or self.hold:
+            raise GoalError(
+                self.missing or "the robot model is being replaced; send the goal again"
+            )
+        return context
 
     def load(self) -> bool:
         """Read the primitive files; returns False if they can't be read, see `problem`.

@@ -8,6 +8,7 @@ Time is virtual; planning takes as long as the tests say.
 from __future__ import annotations
 
 import threading
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -24,6 +25,7 @@ from mp_pca_planner.execution.motion_server import GoalStatistics, MotionServer
 from mp_pca_planner.execution.options import ServingOptions
 from mp_pca_planner.execution.parameters import Settings
 from mp_pca_planner.execution.preemptive_worker import CancelledError
+from mp_pca_planner.execution.timed_lock import BusyError
 from mp_pca_planner.motion.goal import JointGoal, JointState, Pose, PoseGoal, SequenceGoal
 from mp_pca_planner.motion.trajectory import Trajectory
 from mp_pca_planner.resources import config_file
@@ -258,11 +260,15 @@ def test_motion_that_is_published_while_the_robot_is_watched_is_not_taken_for_an
     node.run(0.3)
     command, watchers = node.states.command, []
 
+    def watch():
+        with suppress(BusyError):  # it does not wait until the motion is published
+            node.server.watch(MODEL)
+
     def watched(*motion):
         command(*motion)
-        watchers.append(threading.Thread(target=node.server.watch, args=[MODEL]))
+        watchers.append(threading.Thread(target=watch))
         watchers[-1].start()
-        watchers[-1].join(0.2)  # it has to wait until the motion is published
+        watchers[-1].join(0.2)
 
     node.states.command = watched
     node.ask(START)
