@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -142,7 +143,12 @@ class GoalTopics:
             (JointTrajectory, "~/goal_sequence"),
         ):
             node.create_subscription(
-                message_type, topic, self._receive, GOALS, callback_group=group
+                message_type,
+                topic,
+                partial(self._receive, message_type),
+                GOALS,
+                callback_group=group,
+                raw=True,
             )
         # A separate thread, so that no goal waits for new parameters or primitives.
         self._executor = GroupExecutor(node, group)
@@ -173,15 +179,17 @@ class GoalTopics:
             response.success = True
         return response
 
-    def _receive(self, message: Any) -> None:
+    def _receive(self, message_type: Any, content: bytes) -> None:
         try:
-            request = _read(message, self._setup.ready())
+            context = self._setup.ready()
+            request = _read(messages.read_goal(content, message_type), context)
             # An invalid goal must not preempt a running one. If none is running, planning reports
             # the error.
             if not self._worker.is_idle:
                 request.check()
         except Exception as error:
-            self._reject(messages.to_refusal(self._node.explain(error), message.header.stamp))
+            stamp = messages.read_stamp(content)
+            self._reject(messages.to_refusal(self._node.explain(error), stamp))
         else:
             self._worker.submit(request)
 

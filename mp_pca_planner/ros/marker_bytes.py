@@ -10,13 +10,10 @@ from __future__ import annotations
 
 import struct
 from dataclasses import dataclass
-from typing import Any
-
-import numpy as np
 
 from ..arrays import FloatArray
 from ..exceptions import WorldError
-from ..recordings.byte_layout import ENCAPSULATION
+from .cdr_reader import CdrReader
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +60,7 @@ def read_markers(content: bytes) -> list[MarkerData]:
         If the message is malformed.
     """
     try:
-        reader = _Reader(content)
+        reader = CdrReader(content)
         return [_marker(reader) for _ in range(reader.count(_LEAST_BYTES))]
     except (ValueError, struct.error, IndexError) as error:
         raise WorldError(f"the message of markers is malformed: {error}") from None
@@ -73,7 +70,7 @@ def read_markers(content: bytes) -> list[MarkerData]:
 _LEAST_BYTES = 200
 
 
-def _marker(reader: _Reader) -> MarkerData:
+def _marker(reader: CdrReader) -> MarkerData:
     reader.numbers("iI")  # stamp
     frame, namespace = reader.text(), reader.text()
     number, kind, action = reader.numbers("iii")
@@ -96,45 +93,3 @@ def _marker(reader: _Reader) -> MarkerData:
     reader.numbers("?")
     lifetime = seconds + 1e-9 * nanoseconds
     return MarkerData(frame, namespace, number, kind, action, pose, scale, lifetime, points, mesh)
-
-
-class _Reader:
-    """Reads one value after the other from a message in CDR."""
-
-    def __init__(self, content: bytes) -> None:
-        self._content, self._order = content, "<" if content[1] & 1 else ">"
-        self._place = ENCAPSULATION
-
-    def count(self, least_bytes: int) -> int:
-        """The length of a sequence, whose items have this many bytes at least."""
-        (n,) = self.numbers("I")
-        if n * least_bytes > len(self._content) - self._place + least_bytes:
-            raise ValueError(f"it is too short for {n} items")
-        return int(n)
-
-    def numbers(self, kinds: str) -> tuple[Any, ...]:
-        """Numbers of the same size, by their characters in `struct`."""
-        size = struct.calcsize(f"={kinds[0]}")
-        self._align(size)
-        found = struct.unpack_from(self._order + kinds, self._content, self._place)
-        self._place += size * len(kinds)
-        return found
-
-    def text(self) -> str:
-        """A string."""
-        n = self.count(1)
-        begin, self._place = self._place, self._place + n
-        return self._content[begin : self._place].rstrip(b"\0").decode()
-
-    def array(self, kind: str, n: int) -> FloatArray:
-        """Numbers of a type of NumPy."""
-        if not n:
-            return np.zeros(0)
-        size = int(kind[1])
-        self._align(size)
-        numbers = np.frombuffer(self._content, self._order + kind, n, self._place)
-        self._place += size * n
-        return numbers.astype(float) if kind == "f8" else numbers
-
-    def _align(self, size: int) -> None:
-        self._place += (ENCAPSULATION - self._place) % size

@@ -7,6 +7,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
+from typing import Any
 
 from builtin_interfaces.msg import Duration, Time
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
@@ -29,12 +30,44 @@ from ..planning.plan import Plan
 from ..planning.remarks import remarks
 from ..primitives.primitive import MovementPrimitive
 from ..recordings.byte_layout import NS_PER_S
+from .cdr_reader import CdrReader
 
 UNDER_WAY = "under_way"
 """Status in the report of a goal that is under way, or reached, already."""
 
 OVERTAKEN = "overtaken"
 """Status in the report of a valid goal that was preempted before execution."""
+
+
+def read_stamp(content: bytes) -> Time:
+    """The stamp at the begin of a serialised message; zero if the message is too short."""
+    with suppress(GoalError), reading("a stamp", GoalError):
+        return Time(**dict(zip(("sec", "nanosec"), CdrReader(content).numbers("iI"), strict=True)))
+    return Time()
+
+
+def read_goal(content: bytes, kind: type[Any]) -> Any:
+    """Deserialise a goal.
+
+    Joints and points are counted before: an object of each takes a second for 100,000 points.
+
+    Raises
+    ------
+    GoalError
+        If it is malformed, or joints or points are too many.
+    """
+    with reading("the message of the goal", GoalError):
+        if kind is not PoseStamped:
+            reader = CdrReader(content)
+            reader.numbers("iI")
+            reader.text()
+            n_names = reader.count(4)
+            _check_count("names", n_names, "joints")
+            if kind is JointTrajectory:
+                for _ in range(n_names):
+                    reader.text()
+                _check_count("has", reader.count(24), "points")
+        return deserialize_message(content, kind)
 
 
 def to_goal(message: JointStateMessage, duration: float) -> JointGoal:

@@ -40,6 +40,7 @@ from .subscriptions import EVERY, LATCHED, NEWEST, STATES, PolledSubscription
 from .trajectory_bytes import serialize_trajectory
 
 NODE_NAME = "mp_pca_planner"
+_READING_TIME = 0.02  # the longest for all joint states that wait [s]
 
 
 class PlannerNode(GuardedNode):
@@ -200,7 +201,10 @@ class PlannerNode(GuardedNode):
         with suppress(BusyError), self._polling.within(SAFETY_WAIT):
             last, self._polled = self._polled, time.monotonic()
             measured = self._states.measured
-            for content, facts in self._joint_states.poll():
+            deadline, waiting = time.monotonic() + _READING_TIME, self._joint_states.poll()
+            for k, (content, facts) in enumerate(waiting, start=1):
+                if k < len(waiting) and time.monotonic() > deadline:
+                    continue  # too many, or too large: the newest one counts
                 message = read_states(content)
                 read = partial(to_state, message, measured.joint_names)
                 age = (time.time_ns() - facts["received_timestamp"]) * 1e-9

@@ -256,11 +256,12 @@ class PlanningSetup:
         """
         self._parameters.check_names([p.name for p in changes], _joint_names(self._primitives))
         old, new = self.settings, self._parameters.settings(changes)
-        if new.robot_description != old.robot_description:
-            _check_description(new)
         primitives = self._primitives
         if new.primitives != old.primitives:
             primitives = load_primitives(new.primitive_paths) if new.primitive_paths else None
+        if new.robot_description != old.robot_description:
+            # With all joints of a long chain, the model would take half a second.
+            _check_description(new, _joint_names(primitives) if self.context else ())
         if new != old:
             self._adopt(primitives, changes)
 
@@ -298,10 +299,11 @@ class PlanningSetup:
         self._parameters.forget_limits_except(joint_names)
 
 
-def _check_description(settings: Settings) -> None:
+def _check_description(settings: Settings, joint_names: tuple[str, ...] = ()) -> None:
     """Raise a `ParameterError` if no robot can be made of the parameter, even if unused."""
     if settings.robot_description:
-        Robot(settings.robot_description, source="parameter 'robot_description'")
+        source = "parameter 'robot_description'"
+        Robot(settings.robot_description, joint_names or None, source=source)
 
 
 def _joint_names(primitives: PrimitiveLibrary | None) -> tuple[str, ...]:
