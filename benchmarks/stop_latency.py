@@ -233,11 +233,7 @@ class Hostile:
 @contextmanager
 def hostile_node(folder: Path, n_primitives: int) -> Iterator[Hostile]:
     """A node with many primitives, states of its robot, and a process that stops it."""
-    library = folder / "primitives"
-    library.mkdir()
-    primitive = build_primitive(generate_motions(20, seed=1), "raise_arm")
-    for k in range(n_primitives):
-        save_primitive(replace(primitive, name=f"raise_arm_{k}"), library / f"{k:04}.npz")
+    library = primitive_folder(folder, n_primitives)
     q = generate_motions(1, seed=2)[0].positions[0].tolist()
     with (
         (folder / "log.txt").open("w") as log,
@@ -251,6 +247,16 @@ def hostile_node(folder: Path, n_primitives: int) -> Iterator[Hostile]:
         client.publish("robot_description", String(data=URDF.read_text("utf-8")))
         client.wait_for_model()
         yield Hostile(client, caller, folder, stops)
+
+
+def primitive_folder(folder: Path, n: int) -> Path:
+    """A folder of primitives that differ in their names."""
+    library = folder / "primitives"
+    library.mkdir()
+    primitive = build_primitive(generate_motions(20, seed=1), "raise_arm")
+    for k in range(n):
+        save_primitive(replace(primitive, name=f"raise_arm_{k}"), library / f"{k:04}.npz")
+    return library
 
 
 @contextmanager

@@ -48,7 +48,7 @@ class SafetyThread:
         self._answer, self._check = node.guarded(service.answer), node.guarded(self._watch_in_turn)
         self._watched = self._cycled = time.monotonic()
         self._longest_gap = 0.0
-        self._is_ending = threading.Event()
+        self._is_ending = False
         self._thread = threading.Thread(target=self._run, name="safety", daemon=True)
         self._thread.start()
 
@@ -59,11 +59,13 @@ class SafetyThread:
 
     def close(self) -> None:
         """End the thread, before the node is destroyed."""
-        self._is_ending.set()
+        self._is_ending = True
         self._thread.join()
 
     def _run(self) -> None:
-        while not self._is_ending.wait(self.period):
+        while not self._is_ending:
+            # Not an event: waiting for one takes the lock of the interpreter several times.
+            time.sleep(self.period)
             now = time.monotonic()
             self._longest_gap = max(self._longest_gap, now - self._cycled)
             self._cycled = now
