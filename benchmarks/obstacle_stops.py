@@ -2,11 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """How long before a collision a moving robot is stopped, while the node is kept busy.
 
-In each trial, an obstacle appears on the path of a running motion, or at its goal. Meanwhile another
-process has the node reload 300 primitives, changes parameters and sends mesh files that are bombs.
-Measured is the time from the next trajectory, a stop or a detour, to the collision of the motion that
-was running. The goal is 0.3 s or more. Then the obstacle is removed, and the robot has to go on to
-its goal::
+In each trial, an obstacle appears on the path of a running motion, or at its goal. Meanwhile,
+another process has the node reload 300 primitives, changes parameters and sends mesh files that are
+bombs. Measured is the time from the next trajectory, a stop or a detour, to the collision of the
+motion that was running. The goal is 0.3 s or more. Then the obstacle is removed, and the robot has
+to go on to its goal::
 
     python benchmarks/obstacle_stops.py [--trials 200] [--primitives 300] [--quiet]
 

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Self
 
@@ -16,9 +17,13 @@ from numpy.typing import ArrayLike, NDArray
 from ..arrays import FloatArray, check_type, frozen_array, set_frozen, unique_names
 from ..exceptions import WorldError, quote_names, unknown_name
 from ..input_limits import INPUT_LIMITS
+from .mesh_pieces import THICKNESS, Piece, is_point, pieces_of
 
 ANY = "*"
 """Stands for all other bodies in an allowed contact."""
+
+NO_VOLUME = f"a mesh has no volume: it is used as a surface {1e3 * THICKNESS:g} mm thick"
+"""Note on a flat or needle-thin mesh."""
 
 _ORIGIN, _UPRIGHT = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)
 # Deviation of a quaternion's length from 1: files often hold few digits.
@@ -164,7 +169,7 @@ class Mesh(Shape):
     """A surface of triangles.
 
     A convex closed surface is a solid body. Any other one is a surface: what lies inside it
-    without touching it is not in collision.
+    without touching it is not in collision. A flat or needle-thin mesh gets a thickness of 0.1 mm.
 
     Attributes
     ----------
@@ -172,6 +177,11 @@ class Mesh(Shape):
         Coordinates [m].
     triangles : array of int, shape (n_triangles, 3)
         Indices of the vertices of each triangle.
+
+    Raises
+    ------
+    WorldError
+        If there are no triangles or too many, an index is wrong, or all vertices are at one point.
     """
 
     vertices: FloatArray
@@ -186,7 +196,7 @@ class Mesh(Shape):
     ) -> None:
         points = _coordinates(vertices, (None, 3), "vertices of a mesh")
         indices = frozen_array(triangles, (None, 3), "triangles of a mesh", WorldError)
-        most = INPUT_LIMITS.triangles
+        most = INPUT_LIMITS.mesh_triangles
         if not 1 <= len(indices) <= most:
             raise WorldError(f"a mesh must have 1 to {most} triangles, got {len(indices)}")
         if np.any(indices != np.round(indices)) or not (
@@ -197,6 +207,8 @@ class Mesh(Shape):
                 f"{len(points) - 1}"
             )
         whole = indices.astype(np.intp)
+        if is_point(points[whole.ravel()]):
+            raise WorldError("a mesh must have an extent, but all its vertices are at one point")
         whole.setflags(write=False)
         set_frozen(self, vertices=points, triangles=whole)
         self._place(position, orientation)
@@ -209,17 +221,29 @@ class Mesh(Shape):
         position: ArrayLike = _ORIGIN,
         orientation: ArrayLike = _UPRIGHT,
     ) -> Mesh:
-        """Read a mesh file, such as STL, OBJ or COLLADA, with coordinates times a scale.
+        """Read a mesh file, STL, OBJ or COLLADA (.dae), with coordinates times a scale.
 
         Raises
         ------
         WorldError
             If the file can't be read.
         """
-        from .world_meshes import read_mesh
+        from .mesh_files import read_mesh
 
-        vertices, triangles = read_mesh(str(path), ())
-        return cls(_positive(scale, "scale of a mesh") * vertices, triangles, position, orientation)
+        size, found = _positive(scale, "scale of a mesh"), read_mesh(Path(path))
+        return cls(size * found.vertices, found.triangles, position, orientation)
+
+    @cached_property
+    def pieces(self) -> tuple[Piece, ...]:
+        """The mesh, cut into pieces if it is large, with convex hulls; copies share them."""
+        return pieces_of(self.vertices, self.triangles)
+
+    @property
+    def note(self) -> str:
+        """What is unusual about it; empty for a mesh with a volume."""
+        if not all(piece.is_thin for piece in self.pieces):
+            return ""
+        return NO_VOLUME
 
     def _dimensions(self) -> str:
         return f"{len(self.triangles)} triangles"
@@ -329,6 +353,17 @@ class World:
     def names(self) -> tuple[str, ...]:
         """Names of the obstacles."""
         return tuple(one.name for one in self.obstacles)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What is unusual about obstacles, a sentence for each of these."""
+        found = [
+            f"obstacle '{one.name}': {shape.note}"
+            for one in self.obstacles
+            for shape in one.shapes
+            if isinstance(shape, Mesh) and shape.note
+        ]
+        return tuple(dict.fromkeys(found))
 
     @classmethod
     def from_file(cls, path: str | Path) -> World:

@@ -6,126 +6,22 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Collection, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
-from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
 from visualization_msgs.msg import Marker
 
-from ..arrays import FloatArray, frozen_array
-from ..exceptions import WorldError, printable, unknown_name
-from ..input_limits import INPUT_LIMITS
-from ..robot.world import Box, Cylinder, Mesh, Obstacle, Shape, Sphere, World
-from ..robot.world_meshes import read_mesh
+from ..exceptions import WorldError, unknown_name
+from ..robot.world import Obstacle, World
 from .marker_bytes import MarkerData
+from .obstacle_builder import ObstacleBuilder, is_slow, rejection, to_obstacle
 
-_ACCEPTED = "CUBE, SPHERE, CYLINDER, CUBE_LIST, SPHERE_LIST, TRIANGLE_LIST and MESH_RESOURCE"
-
-MeshData = tuple[FloatArray, NDArray[np.intp]]
-
-
-def to_obstacle(marker: MarkerData, mesh: MeshData | None = None) -> Obstacle:
-    """The obstacle of a marker that is added or modified.
-
-    Parameters
-    ----------
-    marker :
-        The marker.
-    mesh :
-        Vertices and triangles of its mesh file.
-
-    Raises
-    ------
-    WorldError
-        If its type is not supported, or its numbers can't be used.
-    """
-    try:
-        shapes = [shape.moved(marker.pose) for shape in _shapes(marker, mesh)]
-        return Obstacle(marker.name, shapes, marker.frame_id)
-    except WorldError as error:
-        raise _rejection(marker, error) from None
-
-
-def _rejection(marker: MarkerData, reason: object) -> WorldError:
-    return WorldError(f"marker '{printable(marker.name)}': {reason}")
-
-
-def _shapes(marker: MarkerData, mesh: MeshData | None) -> list[Shape]:
-    """The shapes in the frame of the marker's pose."""
-    scale, kind = frozen_array(marker.scale, (3,), "scale", WorldError), marker.type
-    if kind == Marker.CUBE:
-        return [Box(scale)]
-    if kind == Marker.SPHERE:
-        return [Sphere(0.5 * _diameter(scale, "a sphere"))]
-    if kind == Marker.CYLINDER:
-        return [Cylinder(0.5 * _diameter(scale[:2], "a cylinder"), scale[2])]
-    if kind == Marker.MESH_RESOURCE and mesh is not None:
-        vertices, triangles = mesh
-        return [Mesh(vertices * scale, triangles)]
-    points = _points(marker)
-    if kind == Marker.TRIANGLE_LIST:
-        if len(points) % 3:
-            raise WorldError(f"a TRIANGLE_LIST has 3 points per triangle, got {len(points)} points")
-        return [Mesh(points * scale, np.arange(len(points)).reshape(-1, 3))]
-    if kind == Marker.CUBE_LIST:
-        return [Box(scale, point) for point in points]
-    if kind == Marker.SPHERE_LIST:
-        radius = 0.5 * _diameter(scale, "a sphere")
-        return [Sphere(radius, point) for point in points]
-    raise WorldError(f"type {kind} is not supported; accepted are {_ACCEPTED}")
-
-
-def _points(marker: MarkerData) -> FloatArray:
-    limits, is_mesh = INPUT_LIMITS, marker.type == Marker.TRIANGLE_LIST
-    most = 3 * limits.triangles if is_mesh else limits.shapes
-    if len(marker.points) > most:
-        raise WorldError(f"it has {len(marker.points)} points, at most {most} are accepted")
-    return marker.points
-
-
-def _diameter(scale: Any, what: str) -> float:
-    if np.ptp(scale) > 1e-6 * np.abs(scale).max():
-        numbers = ", ".join(f"{number:g}" for number in scale)
-        raise WorldError(f"the diameters of {what} must be equal, got {numbers}")
-    return float(scale[0])
-
-
-class MeshReads:
-    """Mesh files that are being read, by threads that only wait for the process that reads."""
-
-    most = 100
-    """Largest number of files that are read or wait."""
-
-    def __init__(self) -> None:
-        self._threads = ThreadPoolExecutor(2, "meshes")
-        self._reads: dict[str, Future[MeshData]] = {}
-
-    def begin(self, resource: str, folders: Sequence[Path]) -> Future[MeshData]:
-        """Read a file, unless it is being read just now.
-
-        Raises
-        ------
-        WorldError
-            If too many files are being read.
-        """
-        self._reads = {name: read for name, read in self._reads.items() if not read.done()}
-        if resource not in self._reads:
-            if len(self._reads) >= self.most:
-                raise WorldError(f"more than {self.most} meshes are being read; send it again")
-            self._reads[resource] = self._threads.submit(read_mesh, resource, folders)
-        return self._reads[resource]
-
-    def close(self) -> None:
-        """Read no further file."""
-        self._threads.shutdown(wait=False, cancel_futures=True)
+_MAX_NAME = 500  # characters
 
 
 class MarkerMessages:
     """Applies messages of markers to a world, each once.
 
-    Obstacles with a mesh file appear when it has been read, and those with a lifetime vanish: call
+    Obstacles with large meshes appear when these are ready, and those with a lifetime vanish: call
     :meth:`refresh` again and again.
 
     Attributes
@@ -148,17 +44,18 @@ class MarkerMessages:
         self._changed: dict[str, int] = {}
         self._cleared = 0
         self._ends: dict[str, float] = {}
-        self._meshes = MeshReads()
-        self._waiting: dict[str, tuple[MarkerData, Future[MeshData]]] = {}
+        self._builder = ObstacleBuilder()
+        # Names of obstacles with meshes, unless another marker came since.
+        self._expected: set[str] = set()
 
     @property
     def is_waiting(self) -> bool:
         """Whether obstacles are still missing because their meshes are being read."""
-        return bool(self._waiting)
+        return not self._builder.is_idle
 
     def close(self) -> None:
         """Read no further mesh."""
-        self._meshes.close()
+        self._builder.close()
 
     def apply(
         self,
@@ -222,28 +119,30 @@ class MarkerMessages:
             See :meth:`apply`; None if nothing has changed.
         """
         over = [name for name, end in self._ends.items() if end <= now]
-        read = [name for name, (_, mesh) in self._waiting.items() if mesh.done()]
-        if not (over or read):
+        made = self._builder.fetch()
+        if not (over or made):
             return None
         obstacles, problems = {one.name: one for one in world}, list[str]()
-        for name in read:
-            marker, mesh = self._waiting.pop(name)
-            try:
-                obstacles[name] = to_obstacle(marker, mesh.result())
-            except Exception as error:  # whatever a reader of files raises
-                problems.append(self._reject(marker, error))
+        for marker, obstacle in made:
+            if marker.name not in self._expected:
+                continue
+            if isinstance(obstacle, Obstacle):
+                obstacles[marker.name] = obstacle
+                self.rejected.pop(marker.name, None)
+            else:
+                problems.append(self._reject(marker, obstacle))
         for name in over:
             del self._ends[name]
-            self._waiting.pop(name, None)
+            self._expected.discard(name)
             obstacles.pop(name, None)
         return list(obstacles.values()), problems
 
     def _reject(self, marker: MarkerData, error: Exception) -> str:
         text = str(error)
         if not text.startswith("marker "):
-            text = str(_rejection(marker, text))
+            text = str(rejection(marker, text))
         if len(self.rejected) < self.most:
-            self.rejected[marker.name] = text
+            self.rejected[marker.name[:_MAX_NAME]] = text
         return text
 
     def _note_change(self, marker: MarkerData, stamp: int, now: float) -> None:
@@ -268,20 +167,25 @@ class MarkerMessages:
         folders: Sequence[Path],
     ) -> None:
         name, frame = marker.name, marker.frame_id
+        if len(name) > _MAX_NAME:
+            raise WorldError(
+                f"a marker's name has {len(name)} characters, at most {_MAX_NAME} are used"
+            )
         if marker.action == Marker.ADD:
             if frame and links is not None and frame not in links:
-                raise _rejection(marker, unknown_name("link", frame, links))
-            if marker.type == Marker.MESH_RESOURCE:
-                self._waiting[name] = marker, self._meshes.begin(marker.mesh_resource, folders)
+                raise rejection(marker, unknown_name("link", frame, links))
+            if is_slow(marker):
+                self._builder.begin(marker, folders)
+                self._expected.add(name)
             else:
                 obstacles[name] = to_obstacle(marker)
-                self._waiting.pop(name, None)
+                self._expected.discard(name)
         elif marker.action in (Marker.DELETE, Marker.DELETEALL):
-            for one in (obstacles, self._waiting):
-                for other in [other for other in one if _concerns(marker, other)]:
-                    del one[other]  # type: ignore[attr-defined]
+            for other in [other for other in obstacles if _concerns(marker, other)]:
+                del obstacles[other]
+            self._expected -= {other for other in self._expected if _concerns(marker, other)}
         else:
-            raise _rejection(
+            raise rejection(
                 marker,
                 f"its action is {marker.action}; accepted are 0 (add or modify), 2 (delete) and 3 "
                 "(delete all)",

@@ -78,7 +78,9 @@ class ObstacleTopic:
         deadline = time.monotonic() + self.mesh_timeout
         with self._cycled:
             due = self._n_begun + 1
-            while not self._is_ending and (self._n_completed < due or self._markers.is_waiting):
+            while not self._is_ending and self._n_completed < due:
+                if self._markers.is_waiting:
+                    due = self._n_begun + 1
                 if is_cancelled():
                     raise CancelledError
                 if time.monotonic() > deadline:

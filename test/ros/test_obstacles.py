@@ -32,7 +32,7 @@ from mp_pca_planner.motion.validation import interpolate
 from mp_pca_planner.robot.world import Mesh, Obstacle, Sphere, World
 from mp_pca_planner.ros.client import report_values
 from mp_pca_planner.ros.marker_bytes import read_markers
-from mp_pca_planner.ros.obstacle_markers import to_obstacle
+from mp_pca_planner.ros.obstacle_builder import to_obstacle
 
 LATCHED = QoSProfile(depth=5, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 BEST_EFFORT = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT)
