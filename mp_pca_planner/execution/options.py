@@ -231,7 +231,7 @@ class ServingOptions:
     left_start: float = 0.006
     slowest_rate: float = 0.1
     avoidance_lookahead: float = 0.15
-    avoidance_reserve: float = 0.5
+    avoidance_reserve: float = 0.6
     resumption_period: float = 2.0
     resumption_timeout: float = 60.0
     max_hold: float = 10.0

@@ -123,6 +123,11 @@ class ObstacleBuilder:
 
     The newest marker of a name counts: one that waits is replaced, one that is being made is
     finished, so that a marker that is sent again and again becomes an obstacle, too.
+
+    Attributes
+    ----------
+    n_asked, n_fetched : int
+        Markers that were given, without those that were replaced, and those that were fetched.
     """
 
     most = 1000
@@ -134,14 +139,9 @@ class ObstacleBuilder:
         self._names: SimpleQueue[str | None] = SimpleQueue()
         self._made: SimpleQueue[tuple[MarkerData, Obstacle | Exception]] = SimpleQueue()
         self._meshes: dict[str, tuple[_Source, Mesh]] = {}
-        self._n_asked = self._n_fetched = 0
+        self.n_asked = self.n_fetched = 0
         # A daemon: a file that is being read must not keep the process alive.
         threading.Thread(target=self._run, name="meshes", daemon=True).start()
-
-    @property
-    def is_idle(self) -> bool:
-        """Whether every marker was made into an obstacle that was fetched."""
-        return self._n_asked == self._n_fetched
 
     def begin(self, marker: MarkerData, folders: Sequence[Path]) -> None:
         """Make the obstacle of a marker.
@@ -154,7 +154,7 @@ class ObstacleBuilder:
         if marker.name not in self._waiting:
             if len(self._waiting) >= self.most:
                 raise WorldError(f"more than {self.most} meshes wait to be read; send it again")
-            self._n_asked += 1
+            self.n_asked += 1
             self._waiting[marker.name] = marker, folders
             self._names.put(marker.name)
         else:
@@ -165,7 +165,7 @@ class ObstacleBuilder:
         made = []
         while not self._made.empty():
             made.append(self._made.get())
-        self._n_fetched += len(made)
+        self.n_fetched += len(made)
         return made
 
     def close(self) -> None:

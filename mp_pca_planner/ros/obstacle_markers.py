@@ -49,9 +49,9 @@ class MarkerMessages:
         self._expected: set[str] = set()
 
     @property
-    def is_waiting(self) -> bool:
-        """Whether obstacles are still missing because their meshes are being read."""
-        return not self._builder.is_idle
+    def meshes(self) -> tuple[int, int]:
+        """How many meshes had to be read, and how many of these, in the same order, were."""
+        return self._builder.n_asked, self._builder.n_fetched
 
     def close(self) -> None:
         """Read no further mesh."""

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import threading
 import time
+from collections.abc import Callable
 
 from ..exceptions import GoalError, PlannerError
 from ..execution.motion_server import MotionServer
@@ -76,17 +77,26 @@ class ObstacleTopic:
             If the goal that waits is cancelled.
         """
         deadline = time.monotonic() + self.mesh_timeout
-        with self._cycled:
-            due = self._n_begun + 1
-            while not self._is_ending and self._n_completed < due:
-                if self._markers.is_waiting:
-                    due = self._n_begun + 1
-                if is_cancelled():
-                    raise CancelledError
-                if time.monotonic() > deadline:
-                    raise GoalError("meshes of obstacles are still being read; send the goal again")
-                self._is_asked.set()
-                self._cycled.wait(self.period)
+
+        def wait(is_done: Callable[[], bool]) -> None:
+            with self._cycled:
+                while not (is_done() or self._is_ending):
+                    if is_cancelled():
+                        raise CancelledError
+                    if time.monotonic() > deadline:
+                        raise GoalError(
+                            "meshes of obstacles are still being read; send the goal again"
+                        )
+                    self._is_asked.set()
+                    self._cycled.wait(self.period)
+
+        due = self._n_begun + 1
+        wait(lambda: self._n_completed >= due)
+        n_asked, n_read = self._markers.meshes
+        if n_read < n_asked:
+            wait(lambda: self._markers.meshes[1] >= n_asked)
+            after = self._n_begun + 1
+            wait(lambda: self._n_completed >= after)
 
     def close(self) -> None:
         """End the thread, before the node is destroyed."""
