@@ -57,8 +57,9 @@ class InputLimits:
     description_value : float
         Length, mass or inertia of a robot [SI units].
     shapes, triangles : int
-        Of a world: the time to use it grows with the square of the shapes. A robot has as many
-        shapes at most.
+        Of a world: the time to use it grows with the square of the shapes.
+    robot_shapes : int
+        Collision shapes of a robot: the pairs of more take seconds to set up.
     mesh_triangles : int
         Of a mesh, and of all collision meshes of a robot.
     world_length : float
@@ -103,6 +104,7 @@ class InputLimits:
     description_value: float = 1e9
     shapes: int = 1000
     triangles: int = 200_000
+    robot_shapes: int = 500
     mesh_triangles: int = 500_000
     world_length: float = 1e3
     mesh_bytes: int = 64 << 20

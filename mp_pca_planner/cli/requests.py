@@ -70,10 +70,15 @@ class PlannedRequest:
             "start": start,
             "goal": goal,
             **({"vias": vias} if vias else {}),
-            "remarks": remarks(self.plan),
+            "remarks": self._remarks(),
             "joint_names": list(trajectory.joint_names),
             **({} if check is None else {"collision": _collision_words(check, trajectory)}),
         }
+
+    def _remarks(self) -> list[str]:
+        """Sentences on what is unusual about the plan, and about the shapes of bodies."""
+        collision = self.planner.collision
+        return [*remarks(self.plan), *(() if collision is None else collision.notes)]
 
     def lines(self) -> list[str]:
         """Lines of text: remarks, and the start, the vias and the goal by joint name."""
@@ -81,7 +86,7 @@ class PlannedRequest:
         labels = ["start", *(f"via {k}" for k in range(1, len(passed) - 1)), "goal"]
         poses = ["", *(f" (for the pose {text})" if ":" in text else "" for text in self.asked)]
         lines = [
-            f"remark       {remark}" for remark in remarks(self.plan) if remark != self.plan.message
+            f"remark       {remark}" for remark in self._remarks() if remark != self.plan.message
         ]
         for label, state, pose in zip(labels, passed, poses, strict=True):
             lines.append(f"{label:<12} {self._named(state, state.positions)}{pose}")

@@ -14,9 +14,9 @@ from ..exceptions import RobotError, WorldError
 from ..input_limits import INPUT_LIMITS
 from .mesh_files import find_mesh, scaled
 from .mesh_pieces import whole_piece
+from .shapes import NO_VOLUME, Box, Cylinder, Mesh, Shape, Sphere
 from .solids import Solid, solid_of, solids_of, surface_of
 from .urdf import Description, StatedShape
-from .world import NO_VOLUME, Box, Cylinder, Mesh, Shape, Sphere
 
 
 class LinkShapes:
@@ -47,7 +47,7 @@ class LinkShapes:
     def __init__(self, description: Description, package_dirs: Sequence[Path], source: str) -> None:
         for link, problem in description.lost_shapes.items():
             raise RobotError(f"{source}: <collision> of link '{link}': {problem}")
-        count, most = sum(map(len, description.shapes.values())), INPUT_LIMITS.shapes
+        count, most = sum(map(len, description.shapes.values())), INPUT_LIMITS.robot_shapes
         if count > most:
             raise RobotError(f"{source} has {count} collision shapes, at most {most} are accepted")
         self._links, self._places = list[str](), list[Any]()

@@ -28,6 +28,7 @@ from ..input_limits import INPUT_LIMITS
 from .mesh_formats import MeshContent, parse_mesh
 
 _CODE = "from mp_pca_planner.robot.mesh_process import serve; serve()"
+_NO_MEMORY = 12  # status of a process that ends without memory
 _LONGEST_LINE = 4096  # bytes of the header of a request or an answer
 
 
@@ -75,6 +76,8 @@ class MeshProcess:
                 watchdog.join()
         if status == -signal.SIGXCPU:
             raise RuntimeError(f"it takes more than {INPUT_LIMITS.mesh_cpu_seconds} s to parse")
+        if status == _NO_MEMORY:
+            raise RuntimeError("it needs more memory to parse than it may take")
         if is_late.is_set():
             raise TimeoutError(f"it was not parsed within {INPUT_LIMITS.mesh_wall_seconds:g} s")
         raise RuntimeError(f"the process that parses it has ended (status {status})")
@@ -125,9 +128,15 @@ def _asked(process: subprocess.Popen[bytes], content: bytes, suffix: str) -> Mes
 
 def serve() -> None:
     """Parse the files that arrive on the standard input until it is closed."""
-    requests, answers = sys.stdin.buffer, sys.stdout.buffer
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     resource.setrlimit(resource.RLIMIT_FSIZE, (0, 0))
+    try:
+        _serve(sys.stdin.buffer, sys.stdout.buffer)
+    except MemoryError:  # even a sentence may need more
+        os._exit(_NO_MEMORY)
+
+
+def _serve(requests: IO[bytes], answers: IO[bytes]) -> None:
     while True:
         try:
             request = _header(requests)

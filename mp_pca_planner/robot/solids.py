@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 from weakref import WeakKeyDictionary
 
 from .mesh_pieces import Piece
-from .world import Box, Capsule, Cylinder, Mesh, Shape, Sphere
+from .shapes import Box, Capsule, Cylinder, Mesh, Shape, Sphere
 
 try:
     import coal as coal

@@ -18,8 +18,9 @@ from ..exceptions import WorldError, printable
 from ..input_limits import INPUT_LIMITS
 from ..robot.mesh_files import find_mesh, scaled
 from ..robot.mesh_formats import MeshContent
+from ..robot.shapes import Box, Cylinder, Mesh, Shape, Sphere
 from ..robot.solids import solids_of
-from ..robot.world import Box, Cylinder, Mesh, Obstacle, Shape, Sphere
+from ..robot.world import Obstacle
 from .marker_bytes import MarkerData
 
 _ACCEPTED = "CUBE, SPHERE, CYLINDER, CUBE_LIST, SPHERE_LIST, TRIANGLE_LIST and MESH_RESOURCE"
@@ -137,7 +138,7 @@ class ObstacleBuilder:
         # By name, in the order in which they came; None ends the thread.
         self._waiting: dict[str, tuple[MarkerData, Sequence[Path]]] = {}
         self._names: SimpleQueue[str | None] = SimpleQueue()
-        self._made: SimpleQueue[tuple[MarkerData, Obstacle | Exception]] = SimpleQueue()
+        self._made: SimpleQueue[tuple[MarkerData, Obstacle | WorldError]] = SimpleQueue()
         self._meshes: dict[str, tuple[_Source, Mesh]] = {}
         self.n_asked = self.n_fetched = 0
         # A daemon: a file that is being read must not keep the process alive.
@@ -153,14 +154,15 @@ class ObstacleBuilder:
         """
         if marker.name not in self._waiting:
             if len(self._waiting) >= self.most:
-                raise WorldError(f"more than {self.most} meshes wait to be read; send it again")
+                reason = f"more than {self.most} meshes wait to be read; send it again"
+                raise rejection(marker, reason)
             self.n_asked += 1
             self._waiting[marker.name] = marker, folders
             self._names.put(marker.name)
         else:
             self._waiting[marker.name] = marker, folders
 
-    def fetch(self) -> list[tuple[MarkerData, Obstacle | Exception]]:
+    def fetch(self) -> list[tuple[MarkerData, Obstacle | WorldError]]:
         """Return the markers that are finished, each with its obstacle or why there is none."""
         made = []
         while not self._made.empty():
@@ -177,8 +179,8 @@ class ObstacleBuilder:
             marker, folders = self._waiting.pop(name)
             try:
                 self._made.put((marker, self._make(marker, folders)))
-            except Exception as error:  # it is reported as the reason of the rejection
-                self._made.put((marker, error))
+            except Exception as error:
+                self._made.put((marker, rejection(marker, error)))
 
     def _make(self, marker: MarkerData, folders: Sequence[Path]) -> Obstacle:
         found = _mesh_of(marker, folders, self._meshes.pop(marker.name, None))

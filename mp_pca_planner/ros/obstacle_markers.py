@@ -31,16 +31,13 @@ class MarkerMessages:
     """
 
     most = 400
-    """Largest numbers of remembered messages, and of remembered rejections."""
-
-    most_names = 10_000
-    """Largest number of remembered names."""
+    """Largest numbers of remembered messages, of rejections, and of names that were deleted."""
 
     def __init__(self) -> None:
         self.rejected: dict[str, str] = {}
         # The latest messages, because a message may arrive on several subscriptions.
         self._seen: deque[int] = deque(maxlen=self.most)
-        # Source time of the last change of each obstacle, and of all of them [ns].
+        # Source time of the last change of each obstacle, and of all of them [ns]; the latest last.
         self._changed: dict[str, int] = {}
         self._cleared = 0
         self._ends: dict[str, float] = {}
@@ -108,6 +105,7 @@ class MarkerMessages:
             for cleared in [x for x in self.rejected if _concerns(marker, x)]:
                 del self.rejected[cleared]
             self._note_change(marker, stamp, now)
+        self._forget(obstacles)
         return list(obstacles.values()), problems
 
     def refresh(self, world: World, now: float) -> tuple[list[Obstacle], list[str]] | None:
@@ -137,10 +135,8 @@ class MarkerMessages:
             obstacles.pop(name, None)
         return list(obstacles.values()), problems
 
-    def _reject(self, marker: MarkerData, error: Exception) -> str:
+    def _reject(self, marker: MarkerData, error: WorldError) -> str:
         text = str(error)
-        if not text.startswith("marker "):
-            text = str(rejection(marker, text))
         if len(self.rejected) < self.most:
             self.rejected[marker.name[:_MAX_NAME]] = text
         return text
@@ -150,14 +146,17 @@ class MarkerMessages:
             if not marker.ns:
                 self._cleared = stamp
             return
-        # The latest at the end; the oldest are forgotten.
         self._changed.pop(marker.name, None)
         self._changed[marker.name] = stamp
-        if len(self._changed) > self.most_names:
-            del self._changed[next(iter(self._changed))]
         self._ends.pop(marker.name, None)
         if marker.action == Marker.ADD and marker.lifetime > 0.0:
             self._ends[marker.name] = now + marker.lifetime
+
+    def _forget(self, obstacles: Collection[str]) -> None:
+        """Forget the first of too many deleted names: a late message may bring them back."""
+        deleted = [name for name in self._changed if name not in obstacles]
+        for name in deleted[: max(len(deleted) - self.most, 0)]:
+            del self._changed[name]
 
     def _apply_marker(
         self,

@@ -49,6 +49,8 @@ class ObstacleTopic:
         self._node, self._setup, self._server = node, setup, server
         self._markers = MarkerMessages()
         self._subscription = MarkerSubscription(node, "~/obstacles")
+        # Notes on the present obstacles, each of which is logged once.
+        self._notes: frozenset[str] = frozenset()
         self._looked = 0.0
         # Polls that were begun and completed.
         self._cycled = threading.Condition()
@@ -150,7 +152,12 @@ class ObstacleTopic:
         (obstacles, problems), surroundings = applied, self._server.surroundings
         missing = list(self._markers.rejected.values())
         try:
-            surroundings.replace(World(obstacles), self._setup.context)
+            world = World(obstacles)
+            surroundings.replace(world, self._setup.context)
+            for note in world.notes:
+                if note not in self._notes:
+                    self._node.get_logger().warning(to_text(note))
+            self._notes = frozenset(world.notes)
         except PlannerError as error:
             problems.append(str(error))
             missing.append(str(error))
