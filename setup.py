@@ -86,6 +86,7 @@ setup(
         # The page in the browser.
         "view": [
             "jinja2>=3.0",
+            "msgspec>=0.18",
             "rich>=13.0",
             "trimesh>=4.6",
             "viser>=1.1",
@@ -108,6 +109,10 @@ setup(
         "vamp": ["vamp-planner>=0.6.1"],
         # Another physics engine for the simulated robot.
         "sim": ["mujoco>=3.3"],
+        # Datasets of LeRobot as demonstrations: their Parquet files are read.
+        "lerobot": ["pyarrow>=15.0"],
+        # The panda of the command `example`, with meshes.
+        "example": ["example-robot-data>=4.3"],
         # Completion of commands and options in the shell.
         "completion": ["argcomplete>=3.1"],
         # The documentation site.

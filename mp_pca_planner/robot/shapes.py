@@ -85,6 +85,12 @@ class Box(Shape):
     ----------
     size : array, shape (3,)
         Lengths of its edges along x, y and z [m].
+
+    Examples
+    --------
+    >>> import mp_pca_planner as mp
+    >>> mp.Box([0.6, 0.8, 0.02], position=[0.5, 0.0, 0.2])
+    Box(0.6 × 0.8 × 0.02) at (0.5, 0, 0.2)
     """
 
     size: FloatArray
@@ -110,6 +116,12 @@ class Sphere(Shape):
     ----------
     radius : float
         Its radius [m].
+
+    Examples
+    --------
+    >>> import mp_pca_planner as mp
+    >>> mp.Sphere(0.05, position=[0.4, 0.0, 0.5])
+    Sphere(radius 0.05) at (0.4, 0, 0.5)
     """
 
     radius: float
@@ -134,6 +146,12 @@ class Cylinder(Shape):
         Its radius [m].
     height : float
         Its length along z [m].
+
+    Examples
+    --------
+    >>> import mp_pca_planner as mp
+    >>> mp.Cylinder(0.03, 0.2, position=[0.4, 0.0, 0.1])
+    Cylinder(radius 0.03, height 0.2) at (0.4, 0, 0.1)
     """
 
     radius: float
@@ -157,7 +175,14 @@ class Cylinder(Shape):
 
 @dataclass(frozen=True, eq=False, repr=False, init=False)
 class Capsule(Cylinder):
-    """A cylinder with a half sphere at each end; `height` is that of the cylinder alone [m]."""
+    """A cylinder with a half sphere at each end; `height` is that of the cylinder alone [m].
+
+    Examples
+    --------
+    >>> import mp_pca_planner as mp
+    >>> mp.Capsule(0.03, 0.2, position=[0.4, 0.0, 0.1])
+    Capsule(radius 0.03, height 0.2) at (0.4, 0, 0.1)
+    """
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -178,6 +203,13 @@ class Mesh(Shape):
     ------
     WorldError
         If there are no triangles or too many, an index is wrong, or all vertices are at one point.
+
+    Examples
+    --------
+    >>> import mp_pca_planner as mp
+    >>> corners = [[0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [0.0, 0.1, 0.0], [0.0, 0.0, 0.1]]
+    >>> mp.Mesh(corners, [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
+    Mesh(4 triangles) at (0, 0, 0)
     """
 
     vertices: FloatArray

@@ -42,6 +42,12 @@ class Obstacle:
     ------
     WorldError
         If the name is empty or there is no shape.
+
+    Examples
+    --------
+    >>> import mp_pca_planner as mp
+    >>> mp.Obstacle("ball", mp.Sphere(0.05, position=[0.4, 0.0, 0.5]))
+    Obstacle 'ball': Sphere(radius 0.05) at (0.4, 0, 0.5)
     """
 
     name: str
@@ -88,6 +94,12 @@ class World:
     ------
     WorldError
         If two obstacles have the same name, or there are too many shapes or triangles.
+
+    Examples
+    --------
+    >>> import mp_pca_planner as mp
+    >>> mp.World([mp.Obstacle("table", mp.Box([0.6, 0.8, 0.02], position=[0.5, 0.0, 0.2]))])
+    World of 'table'
     """
 
     obstacles: tuple[Obstacle, ...]

@@ -53,13 +53,26 @@ def text_of(page: Path) -> str:
 )
 def test_programs_of_the_page_run(page: Path) -> None:
     pytest.importorskip("matplotlib", reason="matplotlib (extra 'plot') is not installed")
-    if any("planner_node" in block.code for block in DOCUMENTATION["programs"](page)):
+    if "mp-pca example panda" in DOCUMENTATION["script"](page):
+        pytest.importorskip("example_robot_data", reason="extra 'example' is not installed")
+    if "planner_node" in DOCUMENTATION["script"](page):
         pytest.importorskip("rclpy", reason="rclpy (extra 'ros') is not installed")
     done = subprocess.run(
         [sys.executable, SCRIPT, page], capture_output=True, text=True, timeout=HANG, check=False
     )
     assert done.returncode == 0, done.stdout + done.stderr
-    assert done.stdout.count("--- ") == len(DOCUMENTATION["programs"](page)) > 0
+    assert done.stdout.count("--- ") == 1
+
+
+def test_a_page_that_leaves_processes_running_fails(tmp_path: Path) -> None:
+    page = ROOT / "doc" / "page.md"
+    run, script = DOCUMENTATION["run_page"], DOCUMENTATION["script"]
+    for block, is_clean in (("sleep 60 &\n", False), ("sleep 60 &\nkill %1\nwait\n", True)):
+        text = tmp_path / "page.md"
+        text.write_text(f"```bash\n{block}```\n\n```bash\ntrue\n```\n", encoding="utf-8")
+        done = subprocess.run(["bash", "-c", script(text)], capture_output=True, check=False)
+        assert (done.returncode == 0) == is_clean, done.stderr
+    assert run and not page.exists()
 
 
 @pytest.mark.parametrize("page", PAGES, ids=NAMES)
@@ -96,7 +109,7 @@ def test_commands_of_the_page_are_accepted(
             parse(command, words)  # exits if it is not accepted
             continue
         with pytest.raises(SystemExit):
-            parse(command, ["--help"])
+            parse(command, ["--help-all"])
         known = capsys.readouterr().out
         assert all(f"{word} " in known for word in words if word.startswith("--"))
 

@@ -29,12 +29,8 @@ from mp_pca_planner.plotting.style import FIGURES, add_header, line, styled_figu
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
 from mp_pca_planner.primitives.differences import PHASES
 from mp_pca_planner.primitives.primitive import MovementPrimitive
-from mp_pca_planner.recordings.demonstration import (
-    Demonstration,
-    Overview,
-    RecordingReport,
-    Segment,
-)
+from mp_pca_planner.recordings.demonstration import Demonstration
+from mp_pca_planner.recordings.recording_set import Overview, RecordingReport, Segment
 from mp_pca_planner.recordings.segmentation import SpeedThresholds
 from mp_pca_planner.resources import config_file
 from mp_pca_planner.robot.limits import JointLimits
