@@ -54,7 +54,12 @@ def scene_and_model(name: str, **settings: Any) -> tuple[Scene, Model]:
 def receive(measured: MeasuredStates, stamp: float, q: Any, v: Any) -> None:
     """Measure a state of all joints."""
     names = measured.joint_names
-    measured.receive(names, lambda: JointState(names, q, v), stamp)
+    values = {name: (x, y) for name, x, y in zip(names, q, v, strict=True)}
+
+    def read(wanted: Any) -> JointState:
+        return JointState(wanted, *zip(*(values[name] for name in wanted), strict=True))
+
+    measured.receive(names, read, stamp)
 
 
 @dataclass(frozen=True)

@@ -41,8 +41,11 @@ class FollowingOptions:
         Two publishers contradict each other if their positions of the same time differ by more
         than this distance and this acceleration explain.
     max_stamp_delay, max_stamp_lead : float
-        A stamp that lies further behind its receipt, or further ahead of it, shows that the
+        Stamps that usually lie further behind their receipt, or further ahead of it, show that the
         clocks of the robot and of this computer differ [s].
+    stamp_spacing, min_stamps, max_stamps : float, int, int
+        Shortest time between stamps that are compared [s], and the fewest that show a constant
+        difference. So many are remembered.
     position_noise : float
         Standard deviation of measured positions in the estimation of the place, > 0.
     prior : tuple of four floats
@@ -128,6 +131,9 @@ class FollowingOptions:
     max_disagreement: float = 5e-4
     max_stamp_delay: float = 0.1
     max_stamp_lead: float = 0.005
+    stamp_spacing: float = 0.02
+    min_stamps: int = 20
+    max_stamps: int = 250
     position_noise: float = 0.002
     prior: tuple[float, float, float, float] = (1.0, 0.3, 2.0, 40.0)
     max_rate: float = 1.2

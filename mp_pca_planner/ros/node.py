@@ -65,7 +65,7 @@ class PlannerNode(GuardedNode):
             raise ParameterError(f"ROS refuses the node: {reason}") from error
         self._statistics = GoalStatistics()
         self._polling, self._polled = threading.Lock(), time.monotonic()
-        self._clocks_are_known = False
+        self._clocks = (True, False)
         self._states = StartStates(MeasuredStates(time.monotonic, self._seconds, self._poll_states))
         self._server = MotionServer(
             self._states, self._statistics, self._send, time.perf_counter, self._report_execution
@@ -176,14 +176,29 @@ class PlannerNode(GuardedNode):
             self._server.watch(self._setup.last_context)
         if self._server.surroundings.threat is not None:
             self._goals.avoid()
-        measured = self._states.measured
-        if not (self._clocks_are_known or measured.clocks_agree):
-            self._clocks_are_known = True
-            self.get_logger().warning(
-                "the clocks of the robot and of this node differ: the stamps of joint_states are "
-                f"{measured.clock_difference:.3g} s behind. Trajectories are sent without stamps, "
-                "so goals for a moving robot may cause jumps; synchronise the clocks"
+        self._log_clocks()
+
+    def _log_clocks(self) -> None:
+        """Log when the judgement of the robot's clock changes."""
+        clock = self._states.measured.clock
+        state = clock.is_usable, clock.offset != 0.0
+        if state == self._clocks:
+            return
+        self._clocks, logger = state, self.get_logger()
+        if not clock.is_usable:
+            logger.warning(
+                "the stamps of joint_states are no times of a clock that can be compared with that "
+                f"of this node: they are {clock.estimate:.3g} s behind. Trajectories are sent "
+                "without stamps, so goals for a moving robot may cause jumps; synchronise the "
+                "clocks"
             )
+        elif clock.offset:
+            logger.info(
+                f"the clock of the robot is {clock.offset:.3g} s behind that of this node; "
+                "trajectories are stamped with the time of the robot"
+            )
+        else:
+            logger.info("the clocks of the robot and of this node agree")
 
     def _poll_states(self) -> None:
         """Poll the waiting states; their age counts from when the middleware got them."""
@@ -192,7 +207,7 @@ class PlannerNode(GuardedNode):
             measured = self._states.measured
             for content, facts in self._joint_states.poll():
                 message = read_states(content)
-                read = partial(to_state, message, measured.joint_names)
+                read = partial(to_state, message)
                 age = (time.time_ns() - facts["received_timestamp"]) * 1e-9
                 # At most the time since the last poll, because the wall clock may have been set.
                 age = min(max(age, 0.0), time.monotonic() - last)
