@@ -286,7 +286,11 @@ class LifecyclePlannerNode(LifecycleNodeMixin, PlannerNode):
 
     def __init__(self) -> None:
         PlannerNode.__init__(self, hold=_INACTIVE)
+        own = set(self.services)
         LifecycleNodeMixin.__init__(self)
+        # rclpy raises where a transition is not possible, and creates these services by itself.
+        for service in set(self.services) - own:
+            service.callback = self.answering(service.callback)
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Load the primitives; it fails if they can't be used."""
