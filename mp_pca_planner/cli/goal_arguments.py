@@ -77,6 +77,23 @@ def _finite(text: str, what: str) -> float:
     return value
 
 
+def locked_at_start(arguments: argparse.Namespace, robot: Robot) -> dict[str, float]:
+    """Positions that ``--start`` names for joints that the primitives do not move.
+
+    Raises
+    ------
+    GoalError
+        If the text can't be read.
+    """
+    q = joint_values(arguments.start, _names_at_start(arguments, robot), "--start")
+    return {name: value for name, value in q.items() if name not in robot.joint_names}
+
+
+def _names_at_start(arguments: argparse.Namespace, robot: Robot) -> Sequence[str]:
+    """The joints that ``--start`` may name; a list of values has those that move."""
+    return robot.movable_joints if "=" in arguments.start else robot.described_joints
+
+
 def start_state(arguments: argparse.Namespace, robot: Robot) -> JointState:
     """The start of a motion, with its velocities and accelerations.
 
@@ -85,7 +102,7 @@ def start_state(arguments: argparse.Namespace, robot: Robot) -> JointState:
     GoalError
         If the text can't be read, or positions of joints are missing.
     """
-    start = _state(arguments, "start", robot.described_joints)
+    start = _state(arguments, "start", _names_at_start(arguments, robot))
     missing = [name for name in robot.joint_names if name not in start.joint_names]
     if missing:
         raise GoalError(f"--start lacks a position for {', '.join(missing)}")

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from ..arrays import FloatArray, by_name, name_values
-from ..exceptions import GoalError, PlannerError
+from ..exceptions import GoalError, PlannerError, quote_names
 from ..motion.collision import CollisionModel, package_folders
 from ..motion.goal import JointState
 from ..motion.trajectory import Trajectory
@@ -26,7 +26,14 @@ from ..primitives.primitive import MovementPrimitive
 from ..primitives.primitive_library import load_primitives
 from ..robot.model import Robot
 from ..robot.world import World
-from .goal_arguments import asked_texts, sequence_goal, single_goal, start_state, target
+from .goal_arguments import (
+    asked_texts,
+    locked_at_start,
+    sequence_goal,
+    single_goal,
+    start_state,
+    target,
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,6 +69,18 @@ class PlannedRequest:
         vias = [JointState(motion.start.joint_names, q) for q in at_vias]
         return [motion.start, *vias, motion.goal]
 
+    @property
+    def remarks(self) -> list[str]:
+        """What is unusual about the motion, and joints whose position was not given."""
+        robot, collision = self.planner.robot, self.planner.collision
+        links = [] if collision is None else [obstacle.frame for obstacle in collision.world]
+        relevant = robot.relevant_joints(pairs=collision is not None, links=links)
+        unknown = [name for name in relevant if name not in robot.locked_positions]
+        if not unknown:
+            return remarks(self.plan)
+        text = f"joints {quote_names(unknown)} count as 0: give their positions in --start"
+        return [*remarks(self.plan), text]
+
     def facts(self, trajectory: Trajectory) -> dict[str, Any]:
         """Values of the JSON report on the request and on a motion planned for it."""
         start, *vias, goal = [by_name(s.joint_names, s.positions) for s in self.passed]
@@ -70,7 +89,7 @@ class PlannedRequest:
             "start": start,
             "goal": goal,
             **({"vias": vias} if vias else {}),
-            "remarks": remarks(self.plan),
+            "remarks": self.remarks,
             "joint_names": list(trajectory.joint_names),
             **({} if check is None else {"collision": _collision_words(check, trajectory)}),
         }
@@ -80,9 +99,7 @@ class PlannedRequest:
         passed = self.passed
         labels = ["start", *(f"via {k}" for k in range(1, len(passed) - 1)), "goal"]
         poses = ["", *(f" (for the pose {text})" if ":" in text else "" for text in self.asked)]
-        lines = [
-            f"remark       {remark}" for remark in remarks(self.plan) if remark != self.plan.message
-        ]
+        lines = [f"remark       {remark}" for remark in self.remarks if remark != self.plan.message]
         for label, state, pose in zip(labels, passed, poses, strict=True):
             lines.append(f"{label:<12} {self._named(state, state.positions)}{pose}")
             for rate in ("velocities", "accelerations") if label in ("start", "goal") else ():
@@ -105,7 +122,10 @@ def plan_request(arguments: argparse.Namespace) -> PlannedRequest:
         If a file can't be read or an option can't be served.
     """
     primitives = load_primitives(arguments.primitives)
-    robot = Robot.from_file(arguments.robot, primitives[0].joint_names)
+    joint_names = primitives[0].joint_names
+    robot = Robot.from_file(arguments.robot, joint_names)
+    if locked := locked_at_start(arguments, robot):
+        robot = Robot.from_file(arguments.robot, joint_names, locked=locked)
     limits, collision = robot.limits(arguments.limits or {}), _collision_model(arguments, robot)
     start = start_state(arguments, robot)
     if arguments.command == "sequence" or (arguments.command == "refine" and arguments.via):

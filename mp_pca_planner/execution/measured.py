@@ -12,6 +12,7 @@ import numpy as np
 
 from ..arrays import FloatArray
 from ..exceptions import GoalError, quote_names
+from ..input_limits import INPUT_LIMITS
 from ..motion.goal import JointState
 from .options import FollowingOptions
 from .robot_clock import Clock, RobotClock
@@ -44,10 +45,10 @@ class MeasuredStates:
         As given.
     clock : RobotClock
         The clock of motions and of the times of states.
-    joint_names, other_joints : tuple of str
-        The joints whose state is needed, and further ones whose position is.
+    joint_names : tuple of str
+        The joints whose state is needed.
     n_incomplete : int
-        Messages ignored because they have none of these joints.
+        Messages that have none of these joints.
     n_unusable : int
         Messages that were rejected when a goal needed them.
     """
@@ -63,14 +64,13 @@ class MeasuredStates:
         options: FollowingOptions | None = None,
     ) -> None:
         self.joint_names: tuple[str, ...] = ()
-        self.other_joints: tuple[str, ...] = ()
         self.n_incomplete = self.n_unusable = 0
         self._receipt_clock = receipt_clock
         self._fetch = fetch
         self.options = options = options or FollowingOptions()
         self.clock = RobotClock(receipt_clock, node_clock, options)
         self._sources: dict[tuple[str, ...], StateSource] = {}
-        # Reads the newest message with each of them.
+        # Reads the newest message with each further joint.
         self._others: dict[str, Read] = {}
 
     def expect(self, joint_names: Sequence[str]) -> None:
@@ -79,14 +79,6 @@ class MeasuredStates:
             self._fetch()  # messages that still wait are discarded, too
         self.joint_names = tuple(joint_names)
         self._sources = {}
-
-    def expect_others(self, joint_names: Sequence[str]) -> None:
-        """Set the further joints whose position is needed, and forget those of the joints before.
-
-        Their positions count however old they are: grippers may send theirs on a change only.
-        """
-        if tuple(joint_names) != self.other_joints:
-            self.other_joints, self._others = tuple(joint_names), {}
 
     def receive(
         self,
@@ -112,11 +104,13 @@ class MeasuredStates:
             How many messages its publisher has sent by now; 0 if unknown.
         """
         given = frozenset(joint_names)
-        others = [name for name in self.other_joints if name in given]
-        self._others.update(dict.fromkeys(others, read))
         own = tuple(name for name in self.joint_names if name in given)
+        if len(own) < len(given):
+            self._others |= dict.fromkeys(given.difference(own), read)
+            for name in list(self._others)[: -INPUT_LIMITS.joints]:
+                del self._others[name]
         if not own:
-            self.n_incomplete += not others
+            self.n_incomplete += 1
             return
         message = StateMessage(read, own, self.clock.receipt(age, stamp), number)
         source = self._sources.get(own) or StateSource(own, self.options)
@@ -129,7 +123,10 @@ class MeasuredStates:
 
     @property
     def others(self) -> dict[str, float]:
-        """The newest positions of the further joints by name, as far as they are known."""
+        """The newest usable positions of further joints by name.
+
+        They count however old they are: grippers may send theirs on a change only.
+        """
         found = {}
         for name, read in list(self._others.items()):
             with suppress(GoalError):

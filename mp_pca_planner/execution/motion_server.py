@@ -19,6 +19,7 @@ import numpy as np
 from ..exceptions import GoalError
 from ..motion.goal import Goal, JointGoal, JointState
 from ..motion.validation import check_executable, check_limits
+from .assembly import unknown_positions
 from .execution_monitor import Execution, ExecutionReport
 from .following import UnconfirmedError
 from .goal_planner import GoalPlanner, GoalRequest, Planned, PlanRequest
@@ -186,6 +187,8 @@ class MotionServer(MotionMonitor):
         if last is not None and under_way and self.surroundings.threat is None:
             return replace(last, under_way=under_way)
         world = self.surroundings.prepare(model)
+        if unknown := unknown_positions(model, world):
+            raise GoalError(unknown)
         context = PlanRequest(start, model, is_cancelled, last)
         planned = self._planner.plan(goal, context)
         world = self.surroundings.check_again(planned[0].trajectory, world, model)

@@ -21,12 +21,14 @@ from trajectory_msgs.msg import JointTrajectory
 from visualization_msgs.msg import MarkerArray
 
 from ..exceptions import quote_names
+from ..execution.assembly import unknown_positions
 from ..execution.execution_monitor import ExecutionReport
 from ..execution.measured import MeasuredStates
 from ..execution.motion_server import GoalStatistics, MotionServer
 from ..execution.parameters import ParameterError
 from ..execution.start_state import StartStates
 from ..motion.trajectory import Trajectory
+from ..robot.world import World
 from .goal_topics import GoalTopics
 from .guarded_node import LOG_PERIOD, GuardedNode
 from .last_motion import LastMotion
@@ -131,6 +133,7 @@ class PlannerNode(GuardedNode):
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(1.0, self._publish_diagnostics, clock=steady)
         self.create_timer(0.05, self._watch, clock=steady)
+        self.create_timer(0.05, self._lock_joints, clock=steady)
 
     def _on_trial_cost(self, message: Float64) -> None:
         try:
@@ -177,6 +180,10 @@ class PlannerNode(GuardedNode):
         if self._server.surroundings.threat is not None:
             self._goals.avoid()
         self._log_clocks()
+
+    def _lock_joints(self) -> None:
+        """Lock the joints that the primitives do not move where they are measured."""
+        self._setup.lock(self._states.measured.others, self._server.surroundings.world)
 
     def _log_clocks(self) -> None:
         """Log when the judgement of the robot's clock changes."""
@@ -233,7 +240,9 @@ class PlannerNode(GuardedNode):
         name = f"{self.get_fully_qualified_name()}: planner"
         cost = self._last_motion.cost
         values = {"trial_cost": "none" if cost is None else cost, **self._obstacles.facts}
-        status = _status(name, self._setup, self._states.measured, self._statistics, values)
+        values["locked_joints"] = self._setup.locked_joints
+        measured, world = self._states.measured, self._server.surroundings.world
+        status = _status(name, self._setup, measured, self._statistics, world, values)
         array = DiagnosticArray(status=[status])
         array.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics.publish(array)
@@ -250,6 +259,7 @@ def _status(
     setup: PlanningSetup,
     measured: MeasuredStates,
     statistics: GoalStatistics,
+    world: World,
     more: Mapping[str, str | float | int],
 ) -> DiagnosticStatus:
     """Diagnostics on the node's inputs and on the goals that it served."""
@@ -260,6 +270,8 @@ def _status(
         problem = f"joint_states stopped {age:.1f} s ago"
     elif not problem and more["obstacle_rejected"] != "none":
         problem = f"an obstacle is not avoided: {more['obstacle_rejected']}"
+    elif not problem and context is not None:
+        problem = unknown_positions(context, world)
     values = {
         "model": quote_names(context.robot.joint_names) if context else "none",
         "library": setup.library,

@@ -19,7 +19,8 @@ from ..arrays import FloatArray
 from ..exceptions import PlannerError, RobotError
 from ..robot.inertias import joint_of
 from ..robot.model import Robot
-from ..robot.urdf import StatedShape, numbers_of, parse_xml, stated_shape
+from ..robot.urdf import parse_xml
+from ..robot.urdf_elements import StatedShape, numbers_of, stated_shape
 from ..robot.world import Box, Capsule, Cylinder, Mesh, Shape, Sphere
 from ..robot.world_meshes import find_file
 from .options import PAGE
