@@ -3,8 +3,9 @@
 """Random events on simulated robots, judged by a referee from the commands alone.
 
 Goals at rest and in motion, streams of goals that repeat, drift or alternate, stops, holds,
-silences, speed scaling, delays, payloads, rejections, lost messages, and restarts of the node and
-of the controller: one disturbance at a time. The node and the robot are stepped together in virtual
+silences, speed scaling, delays, payloads, rejections, lost messages, stalls of the node and of the
+joint states, and restarts of the node and of the controller: one disturbance at a time. Of four
+runs, one has joint states without velocities, one has them in two messages, and one has both. The node and the robot are stepped together in virtual
 time. Therefore the outcome does not depend on the load of the machine, and a seed reproduces a run.
 
 Four kinds of jumps up to 10 mrad are counted separately, because the sender can't prevent them. (1)
@@ -69,6 +70,7 @@ class Run:
         self.ends = np.array([m.positions[[0, -1]] for m in self.scene.demonstrations])
         self.node = VirtualNode(self.model, self.ends[0, 0], seed=self.seed)
         self.faults = self.node.robot.faults
+        self.node.has_velocities, self.node.is_split = self.seed % 2 == 0, self.seed // 2 % 2 == 1
         # Before its first motion, the node has no model of the servos and the load.
         self.node.run(0.2)
         self.send(self.target())
@@ -196,6 +198,17 @@ def payload(run: Run) -> None:
     run.node.run(1.0)
 
 
+def stalls(run: Run) -> None:
+    """Let the node, or its joint states, stand still for a while, in motion and at rest."""
+    for _ in range(4):
+        run.send(run.target())
+        run.node.run(run.random.uniform(0.0, 1.5))
+        of_states = bool(run.random.random() < 0.5)
+        run.node.stall(run.random.uniform(0.3, 1.0), of_states=of_states)
+        if run.random.random() < 0.5:
+            run.node.run(run.random.uniform(0.0, 1.0))
+
+
 def restart_node(run: Run) -> None:
     """Restart the node."""
     run.node.restart()
@@ -224,6 +237,7 @@ EVENTS: dict[str, Callable[[Run], None]] = {
     "lost message": faulty("drop", lambda _: 1.0),
     "delays": delays,
     "payload": payload,
+    "stalls": stalls,
     "node restart": restart_node,
     "controller restart": restart_controller,
 }

@@ -165,7 +165,7 @@ def unknown_positions(model: Model, world: World) -> str:
 
 def _relevant(model: Model, world: World) -> tuple[str, ...]:
     """The locked joints whose positions make a difference."""
-    links = {model.end_effector, *(obstacle.frame for obstacle in world)}
+    links = {model.settings.end_effector_frame, *(obstacle.frame for obstacle in world)}
     return model.robot.relevant_joints(pairs=model.settings.collision, links=links)
 
 

@@ -127,6 +127,7 @@ class MeasuredStates:
 
         They count however old they are: grippers may send theirs on a change only.
         """
+        self._fetch()
         found = {}
         for name, read in list(self._others.items()):
             with suppress(GoalError):
