@@ -5,8 +5,9 @@
 Goals at rest and in motion, streams of goals that repeat, drift or alternate, stops, holds,
 silences, speed scaling, delays, payloads, rejections, lost messages, stalls of the node and of the
 joint states, and restarts of the node and of the controller: one disturbance at a time. Of four
-runs, one has joint states without velocities, one has them in two messages, and one has both. The node and the robot are stepped together in virtual
-time. Therefore the outcome does not depend on the load of the machine, and a seed reproduces a run.
+runs, one has joint states without velocities, one has them in two messages, and one has both. The
+node and the robot are stepped together in virtual time. Therefore the outcome does not depend on
+the load of the machine, and a seed reproduces a run.
 
 Four kinds of jumps up to 10 mrad are counted separately, because the sender can't prevent them. (1)
 If the robot's place on its motion is unknown, a stop is a single point. The controller leads there
@@ -282,7 +283,7 @@ def result_of(run: Run) -> Result:
     )
     problems = [str(one) for one in verdict.exceeded]
     problems += [f"jump of {size:.2g} at {tick}, joint {j}" for tick, j, size in jumps]
-    problems += unanswered(run)
+    problems += [*unanswered(run), *untrue(run)]
     away = np.abs(record.q[-1] - run.last).max()
     if away > ARRIVED:
         problems.append(f"the last goal is missed by {away:.2g}")
@@ -336,6 +337,25 @@ def unanswered(run: Run) -> list[str]:
     unfollowed = [name for name in served if executed[name] != 1]
     if len(unfollowed) > n_restarts:
         problems.append(f"motions without exactly one execution report: {unfollowed}")
+    return problems
+
+
+def untrue(run: Run) -> list[str]:
+    """Execution reports that say what did not happen."""
+    robot, problems = run.node.robot, []
+    record, taken = robot.record, np.array([tick for tick, _ in robot.taken])
+    for now, report, execution in run.node.outcomes:
+        began, here = np.searchsorted(record.times, [execution.published, now])
+        away = np.abs(record.q[min(here, len(record) - 1)] - execution.motion.end).max()
+        was_taken = ((taken >= began) & (taken < here)).any()
+        was_cut = any(began <= cut <= here for cut in record.cuts)
+        is_false = {
+            "arrived": away > ARRIVED,
+            "never_started": was_taken and not was_cut,
+            "not_followed": away < ARRIVED and not was_cut,
+        }
+        if is_false.get(report.outcome, False):
+            problems.append(f"false report at {now:.2f} s, {away:.2g} away: {report.message}")
     return problems
 
 

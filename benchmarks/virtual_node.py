@@ -20,7 +20,7 @@ from scenes import scene_of
 from mp_pca_planner.evaluation.problems import Scene, robot_file
 from mp_pca_planner.exceptions import PlannerError
 from mp_pca_planner.execution.assembly import Model, assemble_model
-from mp_pca_planner.execution.execution_monitor import ExecutionReport
+from mp_pca_planner.execution.execution_monitor import Execution, ExecutionReport
 from mp_pca_planner.execution.goal_planner import GoalRequest
 from mp_pca_planner.execution.measured import MeasuredStates
 from mp_pca_planner.execution.motion_server import GoalStatistics, MotionServer
@@ -37,7 +37,7 @@ JERK_OF_ACCELERATION = 20.0
 MAX_ACCELERATION = {"panda": (3.75, 1.875, 2.5, 3.125, 3.75, 5.0, 5.0), "ur5": (3.0,) * 6}
 
 
-def scene_and_model(name: str, **settings: Any) -> tuple[Scene, Model]:
+def scene_and_model(name: str, **others: Any) -> tuple[Scene, Model]:
     """A robot with acceleration and jerk limits, and the planner of its node."""
     scene = scene_of(*robot_file(name), n_motions=30)
     joints = scene.robot.joint_names
@@ -47,8 +47,10 @@ def scene_and_model(name: str, **settings: Any) -> tuple[Scene, Model]:
     }
     primitive = build_primitive(scene.demonstrations, name, PrimitiveOptions("arm", 8))
     urdf = scene.urdf.read_text(encoding="utf-8")
-    options = {"max_solve_time": 60.0, **settings}
-    return scene, assemble_model(urdf, [primitive], Settings(limits=limits, **options))
+    options = {"max_solve_time": 60.0, **others}
+    still = {name: 0.0 for name in scene.robot.movable_joints if name not in joints}
+    settings = Settings(limits=limits, **options)
+    return scene, assemble_model(urdf, [primitive], settings, still)
 
 
 def receive(
@@ -109,6 +111,7 @@ class VirtualNode:
         self.robot = SimulatedRobot(model.robot, start, seed=seed)
         self.plan_reports: list[PlanReport] = []
         self.execution_reports: list[tuple[float, ExecutionReport]] = []
+        self.outcomes: list[tuple[float, ExecutionReport, Execution]] = []
         self.stops: list[float] = []
         self.restarts: list[float] = []
         self.sent: list[tuple[float, Any, float | None, bool]] = []
@@ -263,6 +266,9 @@ class VirtualNode:
 
     def _report(self, report: ExecutionReport) -> None:
         self.execution_reports.append((self.now, report))
+        execution = self.states.execution
+        if execution is not None:
+            self.outcomes.append((self.now, report, execution))
 
     def _answer(self, name: Any, status: str, message: str) -> None:
         self.plan_reports.append(PlanReport(name, status, message, self.now))
