@@ -21,7 +21,8 @@ that restarts shortly before the end of a motion holds a position close to that 
 
 Exits with 1 if a command exceeded a limit by more than 1 %, or jumped by more than 0.2 mrad in a
 millisecond. It also exits with 1 if a goal got no report or several, a motion got no execution
-report or several, or the robot did not arrive at a reachable goal that was not replaced.
+report or several or a false one, or the robot did not arrive at a reachable goal that was not
+replaced.
 """
 
 from __future__ import annotations

@@ -17,6 +17,7 @@ from ..robot.world import World
 from .assembly import Model, collision_model
 from .following import HELD, OFF, Following, Publication
 from .options import ServingOptions
+from .parameters import REFUSE
 from .published_motion import PublishedMotion
 from .start_state import StartStates, TooLateError
 
@@ -57,13 +58,15 @@ class Surroundings:
     ----------
     missing : str
         Why an obstacle that was given is not avoided; empty if all are.
+    unplaced : str
+        Why it is unknown where an obstacle is; empty if all places are known.
     """
 
     def __init__(self, states: StartStates) -> None:
         self._states, self._world = states, World()
         self._lock = threading.Lock()
         self._checker: tuple[Robot, CollisionModel] | None = None
-        self.missing = ""
+        self.missing = self.unplaced = ""
 
     @property
     def world(self) -> World:
@@ -115,6 +118,11 @@ class Surroundings:
             If they can't be avoided.
         """
         world, planner = self._world, model.planner
+        if self.unplaced and model.settings.unplaced_obstacles == REFUSE:
+            raise GoalError(
+                f"{self.unplaced}; with the parameter 'unplaced_obstacles' of 'warn', goals are "
+                "served without it"
+            )
         if planner.collision is None and len(world):
             planner.use_collision(collision_model(model.planning_robot, model.settings))
         collision = planner.collision

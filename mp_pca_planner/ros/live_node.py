@@ -149,7 +149,7 @@ class LiveNode(NodeInOwnContext):
         """Apply markers as the node does, which reports those that it rejects."""
         world, stamp = self._seen.world, facts["source_timestamp"]
         applied = self._markers.apply(
-            world, message, stamp, is_late=is_late, links=None, folders=package_folders(())
+            world, message, stamp, is_late=is_late, folders=package_folders(())
         )
         if applied is not None:
             with suppress(WorldError):

@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Collection, Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,9 +13,9 @@ import numpy as np
 from visualization_msgs.msg import Marker, MarkerArray
 
 from ..arrays import FloatArray, frozen_array
-from ..exceptions import WorldError, printable, unknown_name
+from ..exceptions import WorldError, printable
 from ..input_limits import INPUT_LIMITS
-from ..robot.world import Box, Cylinder, Mesh, Obstacle, Shape, Sphere, World
+from ..robot.world import Box, Cylinder, Mesh, Obstacle, Shape, Sphere
 from ..robot.world_meshes import read_mesh
 
 _ACCEPTED = "CUBE, SPHERE, CYLINDER, CUBE_LIST, SPHERE_LIST, TRIANGLE_LIST and MESH_RESOURCE"
@@ -46,7 +46,7 @@ def to_obstacle(marker: Marker, package_dirs: Sequence[Path]) -> Obstacle:
         p, o = marker.pose.position, marker.pose.orientation
         pose = np.array([p.x, p.y, p.z, o.x, o.y, o.z, o.w])
         shapes = [shape.moved(pose) for shape in _shapes(marker, package_dirs)]
-        return Obstacle(name, shapes, marker.header.frame_id)
+        return Obstacle(name, shapes, marker.header.frame_id.lstrip("/"))
     except WorldError as error:
         raise WorldError(f"marker '{printable(name)}': {error}") from None
 
@@ -119,12 +119,11 @@ class MarkerMessages:
 
     def apply(
         self,
-        world: World,
+        world: Iterable[Obstacle],
         message: MarkerArray,
         stamp: int,
         *,
         is_late: bool,
-        links: Collection[str] | None,
         folders: Sequence[Path],
     ) -> tuple[list[Obstacle], list[str]] | None:
         """Apply a message; a marker that can't be used changes nothing.
@@ -132,15 +131,13 @@ class MarkerMessages:
         Parameters
         ----------
         world :
-            The obstacles before.
+            The obstacles before, each in the frame in which it is stated.
         message :
             The message.
         stamp :
             Its source time [ns].
         is_late :
             Whether it came on the subscription of latched messages.
-        links :
-            Links of the robot that obstacles may be attached to; any by default.
         folders :
             Folders of packages, for meshes.
 
@@ -159,7 +156,7 @@ class MarkerMessages:
             if is_late and stamp < max(self._changed.get(name, 0), self._cleared):
                 continue
             try:
-                _apply_marker(marker, obstacles, links, folders)
+                _apply_marker(marker, obstacles, folders)
             except WorldError as error:
                 problems.append(str(error))
                 if len(self.rejected) < self.most:
@@ -183,18 +180,15 @@ def _concerns(marker: Marker, name: str) -> bool:
 def _apply_marker(
     marker: Marker,
     obstacles: dict[str, Obstacle],
-    links: Collection[str] | None,
     folders: Sequence[Path],
 ) -> None:
-    name, frame = marker_name(marker), marker.header.frame_id
+    name = marker_name(marker)
     if marker.action == Marker.DELETEALL:
         for other in [one for one in obstacles if _concerns(marker, one)]:
             del obstacles[other]
     elif marker.action == Marker.DELETE:
         obstacles.pop(name, None)
     elif marker.action == Marker.ADD:
-        if frame and links is not None and frame not in links:
-            raise WorldError(f"marker '{name}': {unknown_name('link', frame, links)}")
         obstacles[name] = to_obstacle(marker, folders)
     else:
         raise WorldError(

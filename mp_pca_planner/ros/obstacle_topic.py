@@ -4,20 +4,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
+import numpy as np
+from rclpy.clock import Clock, ClockType
 from visualization_msgs.msg import MarkerArray
 
-from ..exceptions import PlannerError
+from ..arrays import FloatArray
+from ..exceptions import PlannerError, WorldError
+from ..execution.frames import Poses, foreign_poses, is_same, placed
 from ..execution.motion_server import MotionServer
+from ..execution.parameter_texts import fixed_frames
 from ..motion.collision import package_folders
-from ..robot.world import World
+from ..robot.world import Obstacle, World
 from .guarded_node import LOG_PERIOD, GuardedNode
 from .messages import to_text
 from .obstacle_markers import MarkerMessages
 from .planning_setup import PlanningSetup
 from .subscriptions import BURSTS, LATCHED_BURSTS, GroupExecutor, ThreadGroup
+from .transforms import FrameTransforms
 
 
 class ObstacleTopic:
@@ -44,12 +50,17 @@ class ObstacleTopic:
     ) -> None:
         self._node, self._setup, self._server = node, setup, server
         self._on_threat = on_threat
-        self._messages = MarkerMessages()
+        self._messages, self._transforms = MarkerMessages(), FrameTransforms(node)
+        # The obstacles as they are stated, and the poses that their frames had.
+        self._stated: Sequence[Obstacle] = ()
+        self._used: Poses = {}
         group = ThreadGroup()
         for callback, qos in ((self._on_live, BURSTS), (self._on_late, LATCHED_BURSTS)):
             node.create_subscription(
                 MarkerArray, "~/obstacles", callback, qos, callback_group=group
             )
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        node.create_timer(0.2, self._follow_frames, callback_group=group, clock=steady)
         # A separate thread, so that a running motion is checked while a goal is planned.
         self._executor = GroupExecutor(node, group)
 
@@ -73,25 +84,55 @@ class ObstacleTopic:
 
     def _apply(self, message: MarkerArray, stamp: int, *, is_late: bool) -> None:
         """Apply the markers of a message; one that can't be used changes nothing."""
-        context, surroundings = self._setup.context, self._server.surroundings
         applied = self._messages.apply(
-            surroundings.world,
+            self._stated,
             message,
             stamp,
             is_late=is_late,
-            links=context.robot.frame_names if context else None,
             folders=package_folders(self._setup.settings.package_folders),
         )
         if applied is None:
             return
         obstacles, problems = applied
+        self._place(obstacles, self._poses(obstacles), problems)
+
+    def _follow_frames(self) -> None:
+        """Place the obstacles again where frames outside of the robot have moved."""
+        poses = self._poses(self._stated)
+        if not is_same(poses, self._used):
+            self._place(self._stated, poses, [])
+
+    def _poses(self, obstacles: Sequence[Obstacle]) -> Poses:
+        """Poses of the frames of obstacles that are not links; none before there is a robot."""
+        context = self._setup.context
+        if context is None:
+            return {}
+        links, fixed = context.robot.frame_names, fixed_frames(context.settings.fixed_frames)
+
+        def pose_of(frame: str) -> FloatArray | None:
+            if frame in fixed:
+                return np.array(fixed[frame])
+            return self._transforms.pose(frame, links[0])
+
+        return foreign_poses(obstacles, links, pose_of)
+
+    def _place(self, stated: Sequence[Obstacle], poses: Poses, problems: list[str]) -> None:
+        """Use obstacles with poses of their frames; log problems."""
+        context, surroundings = self._setup.context, self._server.surroundings
         missing = list(self._messages.rejected.values())
         try:
-            if surroundings.replace(World(obstacles), context):
+            if surroundings.replace(World(placed(stated, poses)[0]), context):
                 self._on_threat()
         except PlannerError as error:
             problems.append(str(error))
             missing.append(str(error))
+            if isinstance(error, WorldError):  # the obstacles before are kept
+                stated, poses = self._stated, self._used
+        self._stated, self._used = stated, poses
+        unplaced = placed(stated, poses)[1]
+        problems += unplaced
+        missing += unplaced
+        surroundings.unplaced = to_text(unplaced[0]) if unplaced else ""
         surroundings.missing = to_text(missing[0]) if missing else ""
         if problems:
             more = f" (and {len(problems) - 1} more)" if problems[1:] else ""
