@@ -345,11 +345,13 @@ def untrue(run: Run) -> list[str]:
     """Execution reports that say what did not happen."""
     robot, problems = run.node.robot, []
     record, taken = robot.record, np.array([tick for tick, _ in robot.taken])
-    for now, report, execution in run.node.outcomes:
+    for now, report, execution in run.node.reported:
         began, here = np.searchsorted(record.times, [execution.published, now])
         away = np.abs(record.q[min(here, len(record) - 1)] - execution.motion.end).max()
         was_taken = ((taken >= began) & (taken < here)).any()
+        # Of a robot that is held, the node can't know whether it took the motion.
         was_cut = any(began <= cut <= here for cut in record.cuts)
+        was_cut = was_cut or record.scaling[began : here + 1].min(initial=1.0) < 0.1
         is_false = {
             "arrived": away > ARRIVED,
             "never_started": was_taken and not was_cut,

@@ -111,7 +111,7 @@ class VirtualNode:
         self.robot = SimulatedRobot(model.robot, start, seed=seed)
         self.plan_reports: list[PlanReport] = []
         self.execution_reports: list[tuple[float, ExecutionReport]] = []
-        self.outcomes: list[tuple[float, ExecutionReport, Execution]] = []
+        self.reported: list[tuple[float, ExecutionReport, Execution]] = []
         self.stops: list[float] = []
         self.restarts: list[float] = []
         self.sent: list[tuple[float, Any, float | None, bool]] = []
@@ -268,7 +268,7 @@ class VirtualNode:
         self.execution_reports.append((self.now, report))
         execution = self.states.execution
         if execution is not None:
-            self.outcomes.append((self.now, report, execution))
+            self.reported.append((self.now, report, execution))
 
     def _answer(self, name: Any, status: str, message: str) -> None:
         self.plan_reports.append(PlanReport(name, status, message, self.now))

@@ -18,7 +18,11 @@ from .options import FollowingOptions
 from .robot_clock import Clock, RobotClock
 from .state_sources import MeasuredSamples, Read, StateMessage, StateSource, overlap_conflict
 
-__all__ = ["Clock", "MeasuredSamples", "MeasuredStates"]
+__all__ = ["Clock", "LateStateError", "MeasuredSamples", "MeasuredStates"]
+
+
+class LateStateError(GoalError):
+    """The newest state is too old; a newer one may come soon."""
 
 
 class MeasuredStates:
@@ -160,8 +164,10 @@ class MeasuredStates:
 
         Raises
         ------
+        LateStateError
+            If it is too old.
         GoalError
-            If there is none, it is too old or unusable, or the last ones contradict each other.
+            If there is none, it is unusable, or the last ones contradict each other.
         """
         self._fetch()
         sources, missing = self._chosen()
@@ -175,7 +181,7 @@ class MeasuredStates:
         age = self._receipt_clock() - oldest.newest.received
         if 0.0 < timeout < age:
             which = f" with {quote_names(oldest.joint_names)}" if len(sources) > 1 else ""
-            raise GoalError(
+            raise LateStateError(
                 f"the present state is not known: the newest joint_states message{which} is "
                 f"{age:.3g} s old, at most {timeout:g} s (parameter state_timeout) is accepted"
             )

@@ -23,7 +23,7 @@ from .assembly import unknown_positions
 from .execution_monitor import Execution, ExecutionReport
 from .following import UnconfirmedError
 from .goal_planner import GoalPlanner, GoalRequest, Planned, PlanRequest
-from .measured import Clock
+from .measured import Clock, LateStateError
 from .motion_monitor import MotionMonitor, Publish
 from .options import ServingOptions
 from .preemptive_worker import CancelledError, IsCancelled
@@ -160,8 +160,11 @@ class MotionServer(MotionMonitor):
             began = self.states.motion_time
             try:
                 return self._serve_once(request, is_cancelled, latency)
-            except UnconfirmedError:
-                if self._clock() > deadline:
+            except (UnconfirmedError, LateStateError) as error:
+                # States that ceased long ago do not come back soon.
+                age, is_late = self.states.measured.age, isinstance(error, LateStateError)
+                is_over = is_late and (age is None or age > options.late_states)
+                if is_over or self._clock() > deadline:
                     raise
                 if is_cancelled():
                     raise CancelledError from None

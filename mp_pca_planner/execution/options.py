@@ -106,8 +106,9 @@ class FollowingOptions:
         left. An unknown load pulls it away from the end in any direction.
     min_rate : float
         Rate below which the robot counts as being stopped by something else.
-    visible_time : float
-        Time after publishing from which states show the motion [s].
+    visible_time, late_start : float
+        Time after publishing from which states show the motion [s], and the same for a motion from
+        rest, whose message may be late.
     start_tolerance : float
         Distance that a robot at rest may move between the choice of a start and publishing. It
         bounds the jump that the controller has to absorb.
@@ -164,6 +165,7 @@ class FollowingOptions:
     beside_share: float = 0.15
     min_rate: float = 0.05
     visible_time: float = 0.05
+    late_start: float = 1.0
     start_tolerance: float = 0.005
     full_rate: float = 0.01
     lead: float = 0.35
@@ -190,6 +192,9 @@ class ServingOptions:
     confirmation_timeout, confirmation_period : float
         Longest time to wait until states show that the last motion was taken, and the time
         between these checks [s].
+    late_states : float
+        Age of the newest joint states up to which a goal waits for newer ones [s]: a machine may
+        have stalled.
     near, near_at_rest : float
         Change of the goal up to which a motion is displaced without planning, while it runs and
         at its end.
@@ -222,6 +227,7 @@ class ServingOptions:
     publishing_time: float = 0.02
     confirmation_timeout: float = 1.5
     confirmation_period: float = 0.01
+    late_states: float = 1.5
     near: float = 0.15
     near_at_rest: float = 0.03
     stop_latency: float = 0.02
