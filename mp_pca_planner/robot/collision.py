@@ -7,6 +7,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterator, Sequence
 from copy import copy
+from functools import partial
 from pathlib import Path
 from typing import Any, Self
 
@@ -79,6 +80,13 @@ class CollisionGeometry:
         margin: float = 0.0,
         self_collision: bool = True,
     ) -> None:
+        self._made = partial(
+            type(self),
+            robot,
+            srdf=srdf,
+            package_dirs=tuple(package_dirs),
+            self_collision=self_collision,
+        )
         model, geometry, order = robot.collision_geometry(package_dirs)
         if srdf is not None:
             geometry.addAllCollisionPairs()
@@ -91,6 +99,15 @@ class CollisionGeometry:
         self._pairs_of_links = moving if self_collision else []
         self.margin = _checked_margin(margin)
         self.set_world(World() if world is None else world)
+
+    def __copy__(self) -> Self:
+        other = object.__new__(type(self))
+        vars(other).update(vars(self))
+        return other
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # Meshes are read again where it is unpickled.
+        return partial(self._made, world=self.world, margin=self.margin), ()
 
     def set_world(self, world: World, margin: float | None = None) -> None:
         """Replace the obstacles.

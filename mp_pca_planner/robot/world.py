@@ -84,6 +84,12 @@ class Box(Shape):
     ----------
     size : array, shape (3,)
         Lengths of its edges along x, y and z [m].
+
+    Examples
+    --------
+    >>> import mp_pca_planner as mp
+    >>> mp.Box([0.6, 0.8, 0.02], position=[0.5, 0.0, 0.2])
+    Box(0.6 × 0.8 × 0.02) at (0.5, 0, 0.2)
     """
 
     size: FloatArray
@@ -109,6 +115,12 @@ class Sphere(Shape):
     ----------
     radius : float
         Its radius [m].
+
+    Examples
+    --------
+    >>> import mp_pca_planner as mp
+    >>> mp.Sphere(0.05, position=[0.4, 0.0, 0.5])
+    Sphere(radius 0.05) at (0.4, 0, 0.5)
     """
 
     radius: float
@@ -133,6 +145,12 @@ class Cylinder(Shape):
         Its radius [m].
     height : float
         Its length along z [m].
+
+    Examples
+    --------
+    >>> import mp_pca_planner as mp
+    >>> mp.Cylinder(0.03, 0.2, position=[0.4, 0.0, 0.1])
+    Cylinder(radius 0.03, height 0.2) at (0.4, 0, 0.1)
     """
 
     radius: float
@@ -156,7 +174,14 @@ class Cylinder(Shape):
 
 @dataclass(frozen=True, eq=False, repr=False, init=False)
 class Capsule(Cylinder):
-    """A cylinder with a half sphere at each end; `height` is that of the cylinder alone [m]."""
+    """A cylinder with a half sphere at each end; `height` is that of the cylinder alone [m].
+
+    Examples
+    --------
+    >>> import mp_pca_planner as mp
+    >>> mp.Capsule(0.03, 0.2, position=[0.4, 0.0, 0.1])
+    Capsule(radius 0.03, height 0.2) at (0.4, 0, 0.1)
+    """
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -172,6 +197,13 @@ class Mesh(Shape):
         Coordinates [m].
     triangles : array of int, shape (n_triangles, 3)
         Indices of the vertices of each triangle.
+
+    Examples
+    --------
+    >>> import mp_pca_planner as mp
+    >>> corners = [[0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [0.0, 0.1, 0.0], [0.0, 0.0, 0.1]]
+    >>> mp.Mesh(corners, [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
+    Mesh(4 triangles) at (0, 0, 0)
     """
 
     vertices: FloatArray
@@ -245,6 +277,12 @@ class Obstacle:
     ------
     WorldError
         If the name is empty or there is no shape.
+
+    Examples
+    --------
+    >>> import mp_pca_planner as mp
+    >>> mp.Obstacle("ball", mp.Sphere(0.05, position=[0.4, 0.0, 0.5]))
+    Obstacle 'ball': Sphere(radius 0.05) at (0.4, 0, 0.5)
     """
 
     name: str
@@ -291,6 +329,12 @@ class World:
     ------
     WorldError
         If two obstacles have the same name, or there are too many shapes or triangles.
+
+    Examples
+    --------
+    >>> import mp_pca_planner as mp
+    >>> mp.World([mp.Obstacle("table", mp.Box([0.6, 0.8, 0.02], position=[0.5, 0.0, 0.2]))])
+    World of 'table'
     """
 
     obstacles: tuple[Obstacle, ...]
