@@ -54,7 +54,7 @@ class MotionFollower:
     def __init__(self, measured: MeasuredStates) -> None:
         self.measured = measured
         self._options = measured.options
-        self._motion_clock = measured.motion_clock
+        self._motion_clock = measured.clock.now
         # Goals are served in one thread, stops and reports in another.
         self.lock = TimedLock()
         self._forget()
@@ -130,6 +130,8 @@ class MotionFollower:
             If there is no usable measured state.
         """
         with self.lock:
+            execution = self.execution
+            self.measured.clock.settle(is_idle=execution is None or execution.is_reported)
             motion = self.commanded
             measured = self.measured.newest(settings.state_timeout)
             published = self.published

@@ -11,6 +11,7 @@ import threading
 import time
 from collections import defaultdict, deque
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 
@@ -21,15 +22,17 @@ from ..motion.goal import Goal, JointGoal, JointState
 from ..motion.validation import check_executable, check_limits
 from ..primitives.primitive import MovementPrimitive
 from ..robot.world import World
+from .assembly import unknown_positions
 from .execution_monitor import Execution, ExecutionReport
 from .following import UnconfirmedError
 from .goal_planner import AdaptedPlan, AnyPlan, GoalPlanner, GoalRequest, Planned, PlanRequest
-from .measured import Clock
+from .measured import Clock, LateStateError
 from .motion_monitor import MotionMonitor, Publish
 from .options import ServingOptions
 from .preemptive_worker import CancelledError, IsCancelled
 from .served_goal import Served
 from .start_state import StartStates, TooLateError
+from .timed_lock import BusyError
 
 
 class GoalStatistics:
@@ -161,13 +164,17 @@ class MotionServer(MotionMonitor):
             began = self.states.motion_time
             try:
                 return self._serve_once(request, is_cancelled, latency)
-            except UnconfirmedError:
-                if self._clock() > deadline:
+            except (UnconfirmedError, LateStateError) as error:
+                # States that ceased long ago do not come back soon.
+                age, is_late = self.states.measured.age, isinstance(error, LateStateError)
+                is_over = is_late and (age is None or age > options.late_states)
+                if is_over or self._clock() > deadline:
                     raise
                 if is_cancelled():
                     raise CancelledError from None
                 self._sleep(options.confirmation_period)
-                self.watch(request.model)
+                with suppress(BusyError):  # the thread that watches does so just now
+                    self.watch(request.model)
             except TooLateError:
                 # While there is time before a collision, a stop is no better than a motion.
                 if attempt >= options.max_attempts and not lookahead:
@@ -189,6 +196,8 @@ class MotionServer(MotionMonitor):
         if last is not None and under_way and self.surroundings.threat is None:
             return replace(last, under_way=under_way)
         world = self.surroundings.prepare(model)
+        if unknown := unknown_positions(model, world):
+            raise GoalError(unknown)
         context = PlanRequest(start, model, is_cancelled, last)
         planned = self._planner.plan(goal, context)
         self.surroundings.settle(is_cancelled)

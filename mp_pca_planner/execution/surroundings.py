@@ -16,6 +16,7 @@ from ..robot.world import World
 from .assembly import Model, collision_model
 from .following import HELD, OFF, Following, Publication
 from .options import ServingOptions
+from .parameters import REFUSE
 from .preemptive_worker import IsCancelled
 from .start_state import StartStates, TooLateError
 from .timed_lock import SAFETY_WAIT, TimedLock
@@ -56,6 +57,8 @@ class Surroundings:
         Why an obstacle that was given is not avoided; empty if all are.
     settle : callable
         Called before a motion is planned: waits until the obstacles that have arrived are here.
+    unplaced : str
+        Why it is unknown where an obstacle is; empty if all places are known.
     """
 
     def __init__(self, states: StartStates) -> None:
@@ -64,7 +67,7 @@ class Surroundings:
         self._lock = TimedLock()
         # Replaced as a whole: its model is never changed.
         self._checker: tuple[Robot, CollisionModel] | None = None
-        self.missing = ""
+        self.missing = self.unplaced = ""
         self.settle: Callable[[IsCancelled], None] = lambda _: None
 
     @property
@@ -117,6 +120,11 @@ class Surroundings:
             If they can't be avoided.
         """
         world, planner = self._world, model.planner
+        if self.unplaced and model.settings.unplaced_obstacles == REFUSE:
+            raise GoalError(
+                f"{self.unplaced}; with the parameter 'unplaced_obstacles' of 'warn', goals are "
+                "served without it"
+            )
         if planner.collision is None and len(world):
             planner.use_collision(_collision_of(model).with_world(world))
         collision = planner.collision

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
@@ -18,7 +19,7 @@ from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory
 
 from ..exceptions import GoalError, unknown_name
-from ..execution.assembly import Model
+from ..execution.assembly import Model, is_outdated
 from ..execution.avoidance import avoid_obstacle, go_on
 from ..execution.goal_planner import GoalRequest, UnexecutablePlanError
 from ..execution.motion_server import GoalStatistics, MotionServer
@@ -32,6 +33,10 @@ from .guarded_node import LOG_PERIOD, GuardedNode
 from .last_motion import LastMotion
 from .planning_setup import PlanningSetup
 from .subscriptions import EVERY, GOALS, GroupExecutor, ThreadGroup
+
+# Longest wait for a model of the present positions of other joints [s], and how many models a goal
+# is planned with at most.
+_LONGEST_WAIT, _MAX_MODELS = 1.0, 5
 
 
 def stated_in(goal: PoseGoal, reference: str, robot: Robot) -> Callable[[JointState], PoseGoal]:
@@ -88,10 +93,13 @@ class _Request(GoalRequest):
 
     Attributes
     ----------
+    message : object
+        The message.
     ignored_joints : tuple of str
         Joints of the message that the primitives don't move.
     """
 
+    message: Any = None
     ignored_joints: tuple[str, ...] = ()
 
     def check(self) -> None:
@@ -224,7 +232,19 @@ class GoalTopics:
             return is_cancelled() or is_held
 
         try:
-            served = self._server.serve(request, is_over)
+            for _ in range(_MAX_MODELS):
+                request = self._with_present_model(request, is_cancelled)
+                try:
+                    served = self._server.serve(request, is_over)
+                    break
+                except CancelledError:
+                    if is_cancelled() or not self._is_relocked(request.model):
+                        raise
+            else:
+                raise GoalError(
+                    "joints that the primitives do not move were moving during planning; send the "
+                    "goal again when they are at rest"
+                )
         except UnexecutablePlanError as error:
             self._reject(messages.to_refusal(str(error), stamp, error.plan))
         except CancelledError:
@@ -238,6 +258,25 @@ class GoalTopics:
         else:
             # The motion is published: an error in its report is logged, and rejects nothing.
             self._node.guarded(self._report)(served, request)
+
+    def _with_present_model(self, request: _Request, is_cancelled: IsCancelled) -> _Request:
+        """The request with the model of the present positions of all joints.
+
+        The thread of parameters makes that model; while joints keep moving, the newest one counts.
+        """
+        measured, world = self._server.states.measured, self._server.surroundings.world
+        deadline = time.monotonic() + _LONGEST_WAIT
+        while time.monotonic() < deadline and not is_cancelled():
+            if not is_outdated(self._setup.ready(), measured.others, world):
+                break
+            time.sleep(0.01)
+        context = self._setup.ready()
+        return request if context is request.model else _read(request.message, context)
+
+    def _is_relocked(self, model: Model) -> bool:
+        """Whether the present model differs in positions of locked joints alone."""
+        context = self._setup.context
+        return context is not None and not self._setup.hold and context.settings is model.settings
 
     def _report(self, served: Served, request: _Request) -> None:
         plan, stamp = served.plan, request.name
@@ -288,14 +327,14 @@ def _read(message: JointStateMessage | PoseStamped | JointTrajectory, context: M
     if isinstance(message, PoseStamped):
         posed = messages.to_pose_goal(message, context.end_effector, duration)
         make_goal = stated_in(posed, header.frame_id, context.planning_robot)
-        return _Request(posed, context, header.stamp, make_goal)
+        return _Request(posed, context, header.stamp, make_goal, message)
     stated: JointGoal | SequenceGoal
     if isinstance(message, JointTrajectory):
         stated = messages.to_sequence_goal(message)
     else:
         stated = messages.to_goal(message, duration)
     goal, ignored = _without_unmoved(stated, context.robot)
-    return _Request(goal, context, header.stamp, ignored_joints=ignored)
+    return _Request(goal, context, header.stamp, message=message, ignored_joints=ignored)
 
 
 def _without_unmoved(

@@ -81,6 +81,14 @@ class GuardedNode(Node):
 
     def create_service(self, srv_type: Any, srv_name: str, callback: Any, **options: Any) -> Any:
         """Guarded version of the method of `Node`; the response reports an error."""
+        return super().create_service(srv_type, srv_name, self.answering(callback), **options)
+
+    def answering(self, callback: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
+        """Return a callback of a service that answers whatever happens.
+
+        After an exception, the response says why if it has a message, and its other fields keep
+        their defaults: ``success`` is false.
+        """
 
         @wraps(callback)
         def answer(request: Any, response: Any) -> Any:
@@ -90,6 +98,8 @@ class GuardedNode(Node):
                 text = self._explain_failure(callback, error)
                 if hasattr(response, "message"):
                     response.message = text
+                else:
+                    self.get_logger().warning(text, throttle_duration_sec=LOG_PERIOD)
                 return response
 
-        return super().create_service(srv_type, srv_name, answer, **options)
+        return answer

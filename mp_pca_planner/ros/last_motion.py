@@ -23,7 +23,7 @@ from ..execution.served_goal import Served
 from ..execution.timed_lock import TimedLock
 from ..motion.trajectory import Trajectory
 from ..robot.model import Robot
-from ..robot.urdf import StatedShape, stated_shape
+from ..robot.urdf_elements import StatedShape, stated_shape
 
 
 class LastMotion:

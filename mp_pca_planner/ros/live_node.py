@@ -157,7 +157,6 @@ class LiveNode(NodeInOwnContext):
                     markers,
                     message.stamp,
                     is_late=message.is_late,
-                    links=None,
                     folders=folders,
                     now=now,
                 )

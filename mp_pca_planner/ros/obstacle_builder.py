@@ -85,7 +85,9 @@ def _mesh_of(
 
 def _obstacle(marker: MarkerData, mesh: Mesh | None) -> Obstacle:
     shapes = [mesh] if mesh is not None else _shapes(marker)
-    return Obstacle(marker.name, [one.moved(marker.pose) for one in shapes], marker.frame_id)
+    return Obstacle(
+        marker.name, [one.moved(marker.pose) for one in shapes], marker.frame_id.lstrip("/")
+    )
 
 
 def _shapes(marker: MarkerData) -> list[Shape]:

@@ -5,13 +5,13 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from pathlib import Path
 
 from visualization_msgs.msg import Marker
 
-from ..exceptions import WorldError, unknown_name
-from ..robot.world import Obstacle, World
+from ..exceptions import WorldError
+from ..robot.world import Obstacle
 from .marker_bytes import MarkerData
 from .obstacle_builder import ObstacleBuilder, is_slow, rejection, to_obstacle
 
@@ -56,12 +56,11 @@ class MarkerMessages:
 
     def apply(
         self,
-        world: World,
+        world: Iterable[Obstacle],
         markers: Sequence[MarkerData],
         stamp: int,
         *,
         is_late: bool,
-        links: Collection[str] | None,
         folders: Sequence[Path],
         now: float,
     ) -> tuple[list[Obstacle], list[str]] | None:
@@ -70,15 +69,13 @@ class MarkerMessages:
         Parameters
         ----------
         world :
-            The obstacles before.
+            The obstacles before, each in the frame in which it is stated.
         markers :
             The markers of the message.
         stamp :
             Its source time [ns].
         is_late :
             Whether it may be older than others, because it was latched.
-        links :
-            Links of the robot that obstacles may be attached to; any by default.
         folders :
             Folders of packages, for meshes.
         now :
@@ -98,7 +95,7 @@ class MarkerMessages:
             if is_late and stamp < max(self._changed.get(marker.name, 0), self._cleared):
                 continue
             try:
-                self._apply_marker(marker, obstacles, links, folders)
+                self._apply_marker(marker, obstacles, folders)
             except WorldError as error:
                 problems.append(self._reject(marker, error))
                 continue
@@ -108,7 +105,9 @@ class MarkerMessages:
         self._forget(obstacles)
         return list(obstacles.values()), problems
 
-    def refresh(self, world: World, now: float) -> tuple[list[Obstacle], list[str]] | None:
+    def refresh(
+        self, world: Iterable[Obstacle], now: float
+    ) -> tuple[list[Obstacle], list[str]] | None:
         """Add the obstacles whose meshes have been read, and drop those whose lifetime is over.
 
         Returns
@@ -159,20 +158,14 @@ class MarkerMessages:
             del self._changed[name]
 
     def _apply_marker(
-        self,
-        marker: MarkerData,
-        obstacles: dict[str, Obstacle],
-        links: Collection[str] | None,
-        folders: Sequence[Path],
+        self, marker: MarkerData, obstacles: dict[str, Obstacle], folders: Sequence[Path]
     ) -> None:
-        name, frame = marker.name, marker.frame_id
+        name = marker.name
         if len(name) > _MAX_NAME:
             raise WorldError(
                 f"a marker's name has {len(name)} characters, at most {_MAX_NAME} are used"
             )
         if marker.action == Marker.ADD:
-            if frame and links is not None and frame not in links:
-                raise rejection(marker, unknown_name("link", frame, links))
             if is_slow(marker):
                 self._builder.begin(marker, folders)
                 self._expected.add(name)

@@ -6,10 +6,15 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
-from ..exceptions import GoalError, PlannerError
+import numpy as np
+
+from ..arrays import FloatArray
+from ..exceptions import GoalError, PlannerError, WorldError
+from ..execution.frames import Poses, foreign_poses, is_same, placed
 from ..execution.motion_server import MotionServer
+from ..execution.parameter_texts import fixed_frames
 from ..execution.preemptive_worker import CancelledError, IsCancelled
 from ..motion.collision import package_folders
 from ..robot.world import Obstacle, World
@@ -19,6 +24,7 @@ from .marker_subscription import MarkerMessage, MarkerSubscription
 from .messages import to_text
 from .obstacle_markers import MarkerMessages
 from .planning_setup import PlanningSetup
+from .transforms import FrameTransforms
 
 
 class ObstacleTopic:
@@ -39,6 +45,9 @@ class ObstacleTopic:
     period = 0.01
     """Time between two polls [s]."""
 
+    frame_period = 0.2
+    """Time between two looks at the frames of obstacles [s]."""
+
     look_period = 0.05
     """Time between two checks of the running motion while the obstacles stay the same [s]."""
 
@@ -51,7 +60,11 @@ class ObstacleTopic:
         self._subscription = MarkerSubscription(node, "~/obstacles")
         # Notes on the present obstacles, each of which is logged once.
         self._notes: frozenset[str] = frozenset()
-        self._looked = 0.0
+        self._transforms = FrameTransforms(node)
+        # The obstacles as they are stated, and the poses that their frames had.
+        self._stated: Sequence[Obstacle] = ()
+        self._used: Poses = {}
+        self._looked = self._placed = 0.0
         # Polls that were begun and completed.
         self._cycled = threading.Condition()
         self._n_begun = self._n_completed = 0
@@ -121,7 +134,10 @@ class ObstacleTopic:
     def _cycle(self) -> None:
         for message in self._subscription.poll():
             self._node.guarded(self._apply)(message)
-        self._use(self._markers.refresh(self._server.surroundings.world, self._now()))
+        self._use(self._markers.refresh(self._stated, self._now()))
+        if time.monotonic() - self._placed >= self.frame_period:
+            self._placed = time.monotonic()
+            self._follow_frames()
         context = self._setup.last_context
         if context is not None and time.monotonic() - self._looked >= self.look_period:
             self._looked = time.monotonic()
@@ -132,14 +148,12 @@ class ObstacleTopic:
 
     def _apply(self, message: MarkerMessage) -> None:
         """Apply the markers of a message; one that can't be used changes nothing."""
-        context = self._setup.context
         self._use(
             self._markers.apply(
-                self._server.surroundings.world,
+                self._stated,
                 read_markers(message.content),
                 message.stamp,
                 is_late=message.is_late,
-                links=context.robot.frame_names if context else None,
                 folders=package_folders(self._setup.settings.package_folders),
                 now=self._now(),
             )
@@ -147,12 +161,35 @@ class ObstacleTopic:
 
     def _use(self, applied: tuple[list[Obstacle], list[str]] | None) -> None:
         """Replace the obstacles, unless nothing has changed."""
-        if applied is None:
-            return
-        (obstacles, problems), surroundings = applied, self._server.surroundings
-        missing = list(self._markers.rejected.values())
+        if applied is not None:
+            obstacles, problems = applied
+            self._place(obstacles, self._poses(obstacles), problems)
+
+    def _follow_frames(self) -> None:
+        """Place the obstacles again where frames outside of the robot have moved."""
+        poses = self._poses(self._stated)
+        if not is_same(poses, self._used):
+            self._place(self._stated, poses, [])
+
+    def _poses(self, obstacles: Sequence[Obstacle]) -> Poses:
+        """Poses of the frames of obstacles that are not links; none before there is a robot."""
+        context = self._setup.context
+        if context is None:
+            return {}
+        links, fixed = context.robot.frame_names, fixed_frames(context.settings.fixed_frames)
+
+        def pose_of(frame: str) -> FloatArray | None:
+            if frame in fixed:
+                return np.array(fixed[frame])
+            return self._transforms.pose(frame, links[0])
+
+        return foreign_poses(obstacles, links, pose_of)
+
+    def _place(self, stated: Sequence[Obstacle], poses: Poses, problems: list[str]) -> None:
+        """Use obstacles with poses of their frames; log problems."""
+        surroundings, missing = self._server.surroundings, list(self._markers.rejected.values())
         try:
-            world = World(obstacles)
+            world = World(placed(stated, poses)[0])
             surroundings.replace(world, self._setup.context)
             for note in world.notes:
                 if note not in self._notes:
@@ -161,6 +198,13 @@ class ObstacleTopic:
         except PlannerError as error:
             problems.append(str(error))
             missing.append(str(error))
+            if isinstance(error, WorldError):  # the obstacles before are kept
+                stated, poses = self._stated, self._used
+        self._stated, self._used = stated, poses
+        unplaced = placed(stated, poses)[1]
+        problems += unplaced
+        missing += unplaced
+        surroundings.unplaced = to_text(unplaced[0]) if unplaced else ""
         surroundings.missing = to_text(missing[0]) if missing else ""
         if problems:
             more = f" (and {len(problems) - 1} more)" if problems[1:] else ""

@@ -7,7 +7,8 @@ The context is made of primitives, robot description and parameters.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+import time
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
@@ -15,7 +16,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from ..exceptions import GoalError, quote_names, unknown_name
-from ..execution.assembly import Model, assemble_model
+from ..execution.assembly import LOCKED_TOLERANCE, Model, assemble_model, is_outdated
 from ..execution.parameters import (
     DECLARATIONS,
     LIMITS_PREFIX,
@@ -27,8 +28,11 @@ from ..execution.parameters import (
 )
 from ..primitives.primitive_library import PrimitiveLibrary, load_primitives
 from ..robot.model import Robot
+from ..robot.world import World
 from .messages import to_descriptor
 
+# Least time between models of a robot whose other joints are moving [s].
+_LOCK_PERIOD = 0.3
 # Parameters that rclpy declares.
 _NAMES_OF_ROS = ("use_sim_time", "qos_overrides.", "start_type_description_service")
 
@@ -170,12 +174,20 @@ class PlanningSetup:
         self._primitives: PrimitiveLibrary | None = None
         self._description = ""
         self._context_problem = ""
+        self._measured: Mapping[str, float] = {}
+        self._next_lock = 0.0
         _check_description(self.settings)
 
     @property
     def library(self) -> str:
         """The names of the primitives, for messages."""
         return quote_names(self._primitives.names if self._primitives else ())
+
+    @property
+    def locked_joints(self) -> str:
+        """The positions at which joints are locked, for messages."""
+        known = self.context.robot.locked_positions if self.context else {}
+        return ", ".join(f"{name}={position:.4g}" for name, position in known.items()) or "none"
 
     @property
     def missing(self) -> str:
@@ -246,6 +258,31 @@ class PlanningSetup:
             raise
         return True
 
+    def lock(self, measured: Mapping[str, float], world: World) -> None:
+        """Lock the joints that the primitives do not move at measured positions.
+
+        A model at new positions replaces the present one if they make a difference.
+
+        Parameters
+        ----------
+        measured : mapping of str to float
+            Measured positions of any joints [rad or m].
+        world : World
+            The obstacles.
+        """
+        last, self._measured = self._measured, measured
+        before, primitives = self.context, self._primitives
+        if before is None or primitives is None or not is_outdated(before, measured, world):
+            return
+        moves = any(abs(x - last.get(name, x)) > LOCKED_TOLERANCE for name, x in measured.items())
+        if moves and time.monotonic() < self._next_lock:
+            return
+        self._next_lock = time.monotonic() + _LOCK_PERIOD
+        context = assemble_model(before.urdf, primitives, before.settings, measured, before)
+        if self.last_context is before:
+            self.last_context = context
+        self.context = context
+
     def change(self, changes: Sequence[Parameter]) -> None:
         """Use changed parameters.
 
@@ -283,7 +320,7 @@ class PlanningSetup:
         context, problem = None, ""
         try:
             if urdf and primitives:
-                context = assemble_model(urdf, primitives, settings)
+                context = assemble_model(urdf, primitives, settings, self._measured)
         except Exception as error:
             if not self._context_problem:
                 self._parameters.forget_limits_except(_joint_names(self._primitives))

@@ -105,7 +105,7 @@ class Kept:
 
     def send(self, *markers: Marker) -> None:
         self._stamp += 1
-        options = {"is_late": False, "links": None, "folders": (), "now": self.now}
+        options = {"is_late": False, "folders": (), "now": self.now}
         self._use(self.messages.apply(self.world, read(*markers), self._stamp, **options))
 
     def refresh(self) -> None:

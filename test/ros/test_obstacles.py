@@ -186,7 +186,6 @@ def test_markers_that_can_not_be_used_change_nothing(bench: Bench, user: MarkerU
     user.wait(obstacles="1", obstacle_rejected="none")
     for reason, bad in (
         ("is nan", marker(1, np.array([np.nan, 0.0, 0.0]))),
-        ("no link is called 'moon'", marker(1, far, header=Header(frame_id="moon"))),
         ("type 9 is not supported", marker(1, far, type=Marker.TEXT_VIEW_FACING)),
         ("action is 8", marker(1, far, action=8)),
         ("not found", marker(1, far, type=Marker.MESH_RESOURCE, mesh_resource="package://x/y")),
@@ -200,11 +199,37 @@ def test_markers_that_can_not_be_used_change_nothing(bench: Bench, user: MarkerU
 
 
 def test_goals_warn_of_an_obstacle_that_is_not_avoided(bench: Bench, user: MarkerUser) -> None:
-    user.send(marker(1, np.zeros(3), header=Header(frame_id="map")))
-    user.wait(obstacle_rejected="no link is called 'map'")
+    user.send(marker(1, np.zeros(3), type=Marker.ARROW))
+    user.wait(obstacle_rejected="type 0 is not supported")
     report = bench.send(GOAL).report
     assert report.level == DiagnosticStatus.WARN
-    assert "an obstacle is not avoided: marker 'test/1': no link is called 'map'" in report.message
+    assert "an obstacle is not avoided: marker 'test/1': type 0" in report.message
+
+
+def test_obstacle_in_an_unknown_frame_rejects_goals_until_the_frame_is_known(
+    bench: Bench, user: MarkerUser
+) -> None:
+    in_map = marker(1, hand([GOAL])[0] + [0.0, 0.0, 1.0], header=Header(frame_id="/map"))
+    user.send(in_map)
+    user.wait(obstacles="0", obstacle_rejected="'test/1' is stated in the frame 'map'")
+    refused = bench.send(GOAL)
+    assert refused.trajectory is None
+    assert "the frame 'map', which is not a link of the robot" in refused.report.message
+    assert "set the parameter 'fixed_frames'" in refused.report.message
+    bench.set(unplaced_obstacles="warn")
+    warned = bench.send(GOAL)
+    assert warned.report.level == DiagnosticStatus.WARN
+    assert "an obstacle is not avoided: obstacle 'test/1'" in warned.report.message
+    assert bench.execution(warned)["outcome"] == "arrived"
+    assert bench.execution(bench.send(START))["outcome"] == "arrived"
+    bench.set(unplaced_obstacles="refuse", fixed_frames=["map: 0 0 -1"])
+    user.wait(obstacles="1", obstacle_rejected="none")
+    assert "'lower_arm' and 'test/1'" in bench.send(GOAL).report.message
+    bench.set(fixed_frames=["map: 0 0 3"])
+    # The obstacle follows its frame within a moment.
+    bench.wait(lambda: bench.send(GOAL).trajectory is not None)
+    bench.set(fixed_frames=[""])
+    user.wait(obstacles="0", obstacle_rejected="'map'")
 
 
 def test_latched_markers_are_heard_late_and_best_effort_ones_live(
@@ -282,16 +307,14 @@ def test_names_of_deleted_markers_are_forgotten_in_the_end() -> None:
     for k in range(3 * messages.most):
         added, gone = marker(k + 1, np.zeros(3)), deletion(k + 1)
         for stamp, sent in ((2 * k + 1, [kept, added]), (2 * k + 2, [gone])):
-            applied = messages.apply(
-                world, read(*sent), stamp, is_late=False, links=None, folders=[], now=0.0
-            )
+            applied = messages.apply(world, read(*sent), stamp, is_late=False, folders=[], now=0.0)
             assert applied is not None
             world = World(applied[0])
     assert world.names == ("test/0",)
     assert len(messages._changed) <= messages.most + 1
     # What was deleted last does not come back with an older latched message.
     late = read(marker(3 * messages.most, np.zeros(3)))
-    again = messages.apply(world, late, 1, is_late=True, links=None, folders=[], now=0.0)
+    again = messages.apply(world, late, 1, is_late=True, folders=[], now=0.0)
     assert again is None or [one.name for one in again[0]] == ["test/0"]
 
 
@@ -299,7 +322,7 @@ def test_a_marker_with_a_huge_name_is_refused() -> None:
     one = marker(1, np.zeros(3))
     one.ns = "x" * 100_000
     messages = MarkerMessages()
-    applied = messages.apply(World(), read(one), 1, is_late=False, links=None, folders=[], now=0.0)
+    applied = messages.apply(World(), read(one), 1, is_late=False, folders=[], now=0.0)
     assert applied == ([], ["a marker's name has 100002 characters, at most 500 are used"])
     assert max(map(len, messages.rejected)) <= 500
 
