@@ -95,6 +95,43 @@ MESSAGES_OF_MANY = (
 """Well-formed goals that are far too large."""
 
 
+ODD_STATES = ("nan velocities", "inf", "lengths", "split", "subsets", "clocks", "others", "nan")
+"""Kinds of joint states of odd robots."""
+
+
+def odd_states(kind: str, generator: random.Random) -> Iterator[JointState]:
+    """Thirty joint states of a robot at rest; some kinds can't be used."""
+    q, now = _STATE.position.tolist(), time.time()
+    for k in range(30):
+        message = JointState(name=JOINT_NAMES, position=q, velocity=[0.0] * len(q))
+        if kind == "nan velocities":
+            message.velocity = [generator.choice([0.0, float("nan")]) for _ in q]
+        elif kind == "inf":
+            message.velocity = [generator.choice([0.0, float("inf")]) for _ in q]
+        elif kind == "lengths":
+            message.velocity = [0.0] * generator.randrange(8)
+            message.position = q[: generator.randrange(len(q) + 1)]
+        elif kind in ("split", "subsets"):
+            half = set(JOINT_NAMES[k % 2 :: 2])
+            chosen = half if kind == "split" else set(generator.sample(JOINT_NAMES, k % 5))
+            message.name = [name for name in JOINT_NAMES if name in chosen]
+            message.position = [x for name, x in zip(JOINT_NAMES, q, strict=True) if name in chosen]
+            message.velocity = []
+        elif kind == "clocks":
+            stamp = generator.choice(
+                [now, now - 3.0, now + 1e3, 1.0, 2e9, generator.random() * 2e9]
+            )
+            message.header.stamp.sec = int(stamp)
+            message.header.stamp.nanosec = int(stamp % 1.0 * 1e9)
+        elif kind == "others":
+            message.name = [*JOINT_NAMES, *(f"finger {k} {j}" for j in range(100))]
+            message.position = [*q, *[float("nan")] * 100]
+            message.velocity = []
+        elif kind == "nan":
+            message.position = [generator.choice([x, float("nan")]) for x in q]
+        yield message
+
+
 def main() -> int:
     """Run the fuzz test and print the results."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -115,6 +152,8 @@ def main() -> int:
                 fuzzer.send_garbage(arguments.messages)
                 fuzzer.send_too_much()
                 fuzzer.send_meshes(Path(folder))
+                fuzzer.send_odd_states(arguments.messages // 10)
+                fuzzer.send_unknown_frames()
                 fuzzer.set_odd_values(arguments.share)
         finally:
             node.terminate()
@@ -196,6 +235,31 @@ class Fuzzer:
                 "mp_pca_planner/obstacles", MarkerArray, [serialize_message(one) for one in sent]
             )
             self.check(f"the mesh {name}")
+
+    def send_odd_states(self, n_bursts: int) -> None:
+        """Send bursts of joint states as odd robots do: split, stamped by other clocks, silent."""
+        for k in range(n_bursts):
+            kind = ODD_STATES[k % len(ODD_STATES)]
+            burst = [bytes(serialize_message(one)) for one in odd_states(kind, self._random)]
+            self._flood("joint_states", JointState, burst)
+            if self._random.random() < 0.2:
+                time.sleep(self._random.uniform(0.3, 1.0))
+            self.check(f"joint states: {kind}")
+
+    def send_unknown_frames(self) -> None:
+        """Send obstacles in frames that are unknown, odd, or known by a parameter."""
+        for frame in ("map", "/world", "camera optical", "", "wrist", _LONG, "a\nb", "🤖"):
+            marker = Marker(type=Marker.CUBE, scale=_MARKER.scale, pose=_MARKER.pose)
+            marker.header.frame_id = frame
+            clear = Marker(action=Marker.DELETEALL)
+            for value in ([""], [f"{frame}: 9 9 9"]):
+                self._set({"fixed_frames": value})
+                marked = serialize_message(MarkerArray(markers=[marker]))
+                self._flood("mp_pca_planner/obstacles", MarkerArray, [marked] * 3)
+                self._client.send(self._next_goal(), _PATIENCE)
+            none = serialize_message(MarkerArray(markers=[clear]))
+            self._flood("mp_pca_planner/obstacles", MarkerArray, [none] * 3)
+            self.check(f"an obstacle in the frame {frame!r:.40}")
 
     def set_odd_values(self, share: int = 1) -> None:
         """Set each parameter to every n-th odd value, with a different offset each time."""

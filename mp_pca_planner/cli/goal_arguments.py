@@ -101,6 +101,31 @@ def _finite(text: str, what: str) -> float:
     return value
 
 
+def locked_at_start(arguments: argparse.Namespace, robot: Robot, whole: Robot) -> dict[str, float]:
+    """Positions that ``--start`` names for joints that the primitives do not move.
+
+    Parameters
+    ----------
+    arguments : Namespace
+        The arguments.
+    robot, whole : Robot
+        The robot of the joints that move, and that of all joints.
+
+    Raises
+    ------
+    GoalError
+        If the text can't be read.
+    """
+    names, angles = _names_at_start(arguments, robot), angles_in_degrees(arguments, whole)
+    q = joint_values(arguments.start, names, "--start", angles=angles)
+    return {name: value for name, value in q.items() if name not in robot.joint_names}
+
+
+def _names_at_start(arguments: argparse.Namespace, robot: Robot) -> Sequence[str]:
+    """The joints that ``--start`` may name; a list of values has those that move."""
+    return robot.movable_joints if "=" in arguments.start else robot.described_joints
+
+
 def start_state(arguments: argparse.Namespace, robot: Robot) -> JointState:
     """The start of a motion, with its velocities and accelerations.
 
@@ -196,7 +221,9 @@ def _frame(arguments: argparse.Namespace, robot: Robot) -> str:
 
 def _state(arguments: argparse.Namespace, end: str, robot: Robot) -> JointState:
     names, angles = robot.described_joints, angles_in_degrees(arguments, robot)
-    q = joint_values(getattr(arguments, end), names, f"--{end}", angles=angles)
+    every = _names_at_start(arguments, robot) if end == "start" else names
+    stated = joint_values(getattr(arguments, end), every, f"--{end}", angles=angles)
+    q = {name: value for name, value in stated.items() if name in names}
     rates = []
     for rate in ("velocity", "acceleration"):
         text, option = getattr(arguments, f"{end}_{rate}", None), f"--{end}-{rate}"

@@ -12,6 +12,7 @@ import numpy as np
 
 from ..motion.goal import Goal, JointGoal, JointState, Pose, PoseGoal, SequenceGoal
 from ..planning.states import in_order
+from ..primitives.primitive import MovementPrimitive
 from .assembly import Model
 from .published_motion import PublishedMotion
 from .start_state import MotionStart
@@ -42,6 +43,8 @@ class Served:
         Identifies the goal in the report of its execution.
     trial : ServedTrial or None
         The trial of the motion, if the goal is learned by trials.
+    primitives : tuple of MovementPrimitive
+        Those of the plan. Its names may be missing in the library of a newer model.
     under_way : str
         Why nothing was published for a goal that repeats; empty if a motion was.
     """
@@ -52,6 +55,7 @@ class Served:
     motion: PublishedMotion
     name: Any = None
     trial: ServedTrial | None = None
+    primitives: tuple[MovementPrimitive, ...] = ()
     under_way: str = ""
 
     def rest_of_goal(self, place: float) -> Goal:

@@ -222,6 +222,10 @@ class Planner:
         reason = selection_reason(goal, planned.attempt, attempts)
         return self._assembly.plan(planned, reason, solved_at - began, self)
 
+    def start_like(self, other: Planner) -> None:
+        """Use the warm starts of another planner with the same primitives."""
+        self._chooser.warm_starts.update(other._chooser.warm_starts)
+
     @one_blas_thread()
     def precompute(self, max_time: float = float("inf")) -> None:
         """Precompute motions between the ends of demonstrations, as warm starts of similar ones.
