@@ -121,9 +121,9 @@ class PublishedMotion:
         old, soon = self.trajectory, self.duration + 0.05
         if soon >= until or any(x[-1].any() for x in old.states[1:]):
             return old
-        states = (np.vstack([x, x[-1:]]) for x in old.states)
+        q, v, a = (np.vstack([x, x[-1:]]) for x in old.states)
         efforts = None if old.efforts is None else np.vstack([old.efforts, old.efforts[-1:]])
-        return Trajectory(old.joint_names, np.append(old.times, soon), *states, efforts)
+        return Trajectory(old.joint_names, np.append(old.times, soon), q, v, a, efforts)
 
     @cached_property
     def _ends(self) -> FloatArray:
