@@ -83,11 +83,10 @@ setup(
         ],
         # Pictures, and the pages that hold them.
         "plot": ["matplotlib>=3.6", "jinja2>=3.0"],
-        # The page in the browser, with meshes in COLLADA.
+        # The page in the browser.
         "view": [
             "jinja2>=3.0",
             "msgspec>=0.18",
-            "pycollada>=0.8",
             "rich>=13.0",
             "trimesh>=4.6",
             "viser>=1.1",
@@ -148,7 +147,6 @@ setup(
             "mujoco>=3.3",
             "mypy==2.4.*",
             "playwright>=1.45",
-            "pycollada>=0.8",
             "pytest>=7.4",
             "rich>=13.0",
             "ruff==0.17.*",

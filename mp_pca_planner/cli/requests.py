@@ -73,18 +73,6 @@ class PlannedRequest:
         vias = [JointState(motion.start.joint_names, q) for q in at_vias]
         return [motion.start, *vias, motion.goal]
 
-    @property
-    def remarks(self) -> list[str]:
-        """What is unusual about the motion, and joints whose position was not given."""
-        robot, collision = self.planner.robot, self.planner.collision
-        links = [] if collision is None else [obstacle.frame for obstacle in collision.world]
-        relevant = robot.relevant_joints(pairs=collision is not None, links=links)
-        unknown = [name for name in relevant if name not in robot.locked_positions]
-        if not unknown:
-            return remarks(self.plan)
-        text = f"joints {quote_names(unknown)} count as 0: give their positions in --start"
-        return [*remarks(self.plan), text]
-
     def facts(self, trajectory: Trajectory) -> dict[str, Any]:
         """Values of the JSON report on the request and on a motion planned for it."""
         start, *vias, goal = [by_name(s.joint_names, s.positions) for s in self.passed]
@@ -93,10 +81,22 @@ class PlannedRequest:
             "start": start,
             "goal": goal,
             **({"vias": vias} if vias else {}),
-            "remarks": self.remarks,
+            "remarks": self._remarks(),
             "joint_names": list(trajectory.joint_names),
             **({} if check is None else {"collision": _collision_words(check, trajectory)}),
         }
+
+    def _remarks(self) -> list[str]:
+        """What is unusual about the plan and the shapes of bodies, and joints without a position."""
+        robot, collision = self.planner.robot, self.planner.collision
+        found = [*remarks(self.plan), *(() if collision is None else collision.notes)]
+        links = [] if collision is None else [obstacle.frame for obstacle in collision.world]
+        relevant = robot.relevant_joints(pairs=collision is not None, links=links)
+        unknown = [name for name in relevant if name not in robot.locked_positions]
+        if unknown:
+            names = quote_names(unknown)
+            found.append(f"joints {names} count as 0: give their positions in --start")
+        return found
 
     def lines(self) -> list[str]:
         """Lines of text: remarks, and the start, the vias and the goal by joint name."""
@@ -104,7 +104,9 @@ class PlannedRequest:
         unit = " [deg or m]" if self.angles else ""
         labels = ["start", *(f"via {k}" for k in range(1, len(passed) - 1)), "goal"]
         poses = ["", *(f" (for the pose {text})" if ":" in text else "" for text in self.asked)]
-        lines = [f"remark       {remark}" for remark in self.remarks if remark != self.plan.message]
+        lines = [
+            f"remark       {remark}" for remark in self._remarks() if remark != self.plan.message
+        ]
         for label, state, pose in zip(labels, passed, poses, strict=True):
             lines.append(f"{label:<12} {self._named(state, state.positions)}{unit}{pose}")
             for rate in ("velocities", "accelerations") if label in ("start", "goal") else ():

@@ -58,6 +58,7 @@ class PlanAssembly:
             considered=max(len(one.considered) for one in request.selections),
             selection=reason,
             in_span_score=self._in_span_score(attempt),
+            expected_error=self._expected_error(attempt),
             limit_check=attempt.check,
             start_error=_distance(trajectory.positions[0], request.start),
             goal_error=goal_error,
@@ -98,6 +99,14 @@ class PlanAssembly:
                 primitive, motion.start, motion.goal, None if free else motion.duration
             )
             for primitive, motion in zip(request.primitives, attempt.motions, strict=True)
+        )
+
+    def _expected_error(self, attempt: Attempt) -> float:
+        return max(
+            primitive.expected_error(
+                self._resolver.expect(primitive, motion.start, motion.goal, motion.duration)
+            )
+            for primitive, motion in zip(attempt.request.primitives, attempt.motions, strict=True)
         )
 
 

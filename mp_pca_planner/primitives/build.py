@@ -15,7 +15,7 @@ from ..arrays import FloatArray
 from ..exceptions import PrimitiveError
 from ..recordings.demonstration import Demonstration
 from ..rows import empty_rows, row_blocks, row_mean
-from .conditional_model import ConditionalModel, thinned
+from .conditional_model import ConditionalModel, left_out_squares, thinned
 from .motion_sources import MotionSources
 from .motion_statistics import MotionStatistics, shape_functions, shape_smoother
 from .options import PrimitiveOptions as PrimitiveOptions
@@ -157,6 +157,19 @@ def build_from_statistics(
         model=_fit_model(statistics, mean, directions),
         statistics=statistics,
     )
+
+
+def left_out_error(statistics: MotionStatistics, n_phases: int) -> float:
+    """RMS error in path of motions that are left out and predicted from the others [rad or m].
+
+    NaN for a single motion, and at most 200 motions.
+    """
+    used = statistics.chosen(thinned(statistics.requests()))
+    if len(used.durations) < 2:
+        return float("nan")
+    squares = left_out_squares(*used.requests_and_shapes())
+    squares = squares + used.shape_remainders.sum(axis=1)
+    return float(np.sqrt(squares.mean() / (n_phases * len(statistics.joint_names))))
 
 
 def _reproduced(

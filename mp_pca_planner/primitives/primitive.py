@@ -20,7 +20,7 @@ from ..motion.trajectory import Trajectory
 from .alignment import aligned_phases
 from .basis import Basis, PolynomialBasis
 from .boundary import boundary_values, hermite_functions
-from .conditional_model import ConditionalModel
+from .conditional_model import ConditionalDistribution, ConditionalModel
 from .pace import PacedBasis
 from .prediction import drawn_motions, expected_motion
 from .primitive_values import ARRAY_SHAPES, freeze_values
@@ -257,6 +257,19 @@ class MovementPrimitive:
         for variance, joint in zip(self.explained_variance, self.joint_of_component, strict=True):
             shares[self.joint_names[joint]].append(float(variance / self.total_variance[joint]))
         return shares
+
+    def expected_error(self, expected: ConditionalDistribution) -> float:
+        """RMS difference in path between a prediction and what would be demonstrated.
+
+        Over the phases and the joints [rad or m]; NaN for a primitive of one demonstration, which
+        says nothing about its errors.
+        """
+        if len(self.durations) < 2:
+            return float("nan")
+        series = self.component_coefficients / np.sqrt(2.0 * np.arange(self.degree + 1) + 1.0)
+        rows = series.reshape(self.n_components, -1)
+        variance = float(np.sum((rows @ rows.T) * expected.covariance)) / self.n_joints
+        return float(np.sqrt(variance + np.mean(self.fit_residual**2)))
 
     def reproduction(self, demonstration: int, times: FloatArray) -> FloatArray:
         """Positions of a demonstration as its weights and its own timing reproduce it.

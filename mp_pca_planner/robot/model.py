@@ -23,6 +23,7 @@ from .kinematics import AttachedPoints as AttachedPoints
 from .kinematics import Kinematics
 from .limits import JointLimits, Overrides, given_limits, merge_limits
 from .link_inertias import LinkInertias
+from .link_shapes import LinkShapes
 from .locked_model import LockedModel
 from .urdf import read_description
 
@@ -270,7 +271,9 @@ class Robot(Dynamics, Kinematics):
         self.link_inertias.change(model, factors)
         return self._with_model(model)
 
-    def collision_geometry(self, package_dirs: Sequence[Path]) -> tuple[Any, Any, NDArray[np.intp]]:
+    def collision_geometry(
+        self, package_dirs: Sequence[Path]
+    ) -> tuple[Any, Any, NDArray[np.intp], LinkShapes]:
         """Pinocchio's model, the collision geometry of the links, and the order of the joints.
 
         Parameters
@@ -287,14 +290,17 @@ class Robot(Dynamics, Kinematics):
             joint is between them, locked ones included.
         order : array of int, shape (n_joints,)
             For each joint of the model, its index in `joint_names`.
+        shapes : LinkShapes
+            The shapes of the geometry.
 
         Raises
         ------
         RobotError
             If a shape can't be used, or a mesh can't be found or read.
         """
-        found = self._locked.collision_geometry(self._description, package_dirs, self._source)
-        return *found, self._order.from_pin
+        shapes = LinkShapes(self._description, package_dirs, self._source)
+        model, geometry = self._locked.collision_geometry(shapes)
+        return model, geometry, self._order.from_pin, shapes
 
 
 def _movable(names: Sequence[str], movable: Sequence[str], source: str) -> tuple[str, ...]:

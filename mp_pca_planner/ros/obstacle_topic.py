@@ -54,6 +54,8 @@ class ObstacleTopic:
         # The obstacles as they are stated, and the poses that their frames had.
         self._stated: Sequence[Obstacle] = ()
         self._used: Poses = {}
+        # Notes on the present obstacles, each of which is logged once.
+        self._notes: frozenset[str] = frozenset()
         group = ThreadGroup()
         for callback, qos in ((self._on_live, BURSTS), (self._on_late, LATCHED_BURSTS)):
             node.create_subscription(
@@ -121,8 +123,13 @@ class ObstacleTopic:
         context, surroundings = self._setup.context, self._server.surroundings
         missing = list(self._messages.rejected.values())
         try:
-            if surroundings.replace(World(placed(stated, poses)[0]), context):
+            world = World(placed(stated, poses)[0])
+            if surroundings.replace(world, context):
                 self._on_threat()
+            for note in world.notes:
+                if note not in self._notes:
+                    self._node.get_logger().warning(to_text(note))
+            self._notes = frozenset(world.notes)
         except PlannerError as error:
             problems.append(str(error))
             missing.append(str(error))

@@ -18,11 +18,12 @@ import trimesh
 from ..arrays import FloatArray
 from ..exceptions import PlannerError, RobotError
 from ..robot.inertias import joint_of
+from ..robot.mesh_files import find_mesh, scaled
+from ..robot.mesh_pieces import whole_piece
 from ..robot.model import Robot
 from ..robot.urdf import parse_xml
 from ..robot.urdf_elements import StatedShape, numbers_of, stated_shape
 from ..robot.world import Box, Capsule, Cylinder, Mesh, Shape, Sphere
-from ..robot.world_meshes import find_file
 
 Colour = tuple[float, float, float, float]
 """Red, green, blue and opacity, 0 to 1."""
@@ -59,10 +60,8 @@ class RobotShape:
     @property
     def hull(self) -> Any:
         """The convex hull of the mesh, a little larger than that, as the surface of a ghost."""
-        try:
-            hull = self.mesh.convex_hull
-        except Exception:  # a flat mesh; the library has no error type of its own for that
-            hull = self.mesh.copy()
+        piece = whole_piece(np.asarray(self.mesh.vertices), np.asarray(self.mesh.faces))
+        hull = trimesh.Trimesh(piece.corners, piece.faces, process=False)
         hull.vertices = hull.centroid + _GHOST_GROWTH * (hull.vertices - hull.centroid)
         return hull
 
@@ -215,18 +214,14 @@ class _ShapeReader:
         return surface(_SHAPES[shape.kind](*shape.sizes)), False
 
     def _loaded(self, shape: StatedShape) -> tuple[Any, bool]:
-        path = find_file(shape.file, self._folders)
-        if path is None:
-            searched = ", ".join(f"'{folder}'" for folder in self._folders[:3]) or "no folder"
-            raise RobotError(f"the mesh '{shape.file}' was not found (searched in {searched}, …)")
-        try:
-            mesh = trimesh.load_scene(path).to_mesh()
-        except Exception as error:  # any reader of the library, with its own errors
-            raise RobotError(f"the mesh '{path}' can't be read: {error}") from None
-        if len(mesh.faces) == 0:
-            raise RobotError(f"the mesh '{path}' has no surface")
-        mesh.apply_scale(shape.sizes)
-        return mesh, mesh.visual.kind in ("texture", "face", "vertex")
+        found = find_mesh(shape.file, self._folders)
+        vertices = scaled(found.vertices, shape.sizes)
+        # Merged vertices make smooth surfaces, and mix their colours.
+        is_plain = found.colours is None
+        mesh = trimesh.Trimesh(
+            vertices, found.triangles, face_colors=found.colours, process=is_plain
+        )
+        return mesh, not is_plain
 
 
 def surface(shape: Shape) -> Any:

@@ -328,7 +328,7 @@ def prefix(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for name in (PACKAGE, "resource", "config", "launch", "scripts"):
         ignore = shutil.ignore_patterns("__pycache__")
         shutil.copytree(ROOT / name, source / name, symlinks=True, ignore=ignore)
-    for name in ("setup.py", "setup.cfg", "package.xml", "pyproject.toml"):
+    for name in ("setup.py", "setup.cfg", "package.xml", "pyproject.toml", "README.md", "LICENSE"):
         shutil.copy(ROOT / name, source)
 
     environment = folder / "venv"
