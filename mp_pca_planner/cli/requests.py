@@ -87,7 +87,7 @@ class PlannedRequest:
         }
 
     def _remarks(self) -> list[str]:
-        """What is unusual about the plan and the shapes of bodies, and joints without a position."""
+        """What is unusual about the plan and shapes of bodies, and joints without a position."""
         robot, collision = self.planner.robot, self.planner.collision
         found = [*remarks(self.plan), *(() if collision is None else collision.notes)]
         links = [] if collision is None else [obstacle.frame for obstacle in collision.world]
