@@ -8,7 +8,7 @@ The planning time is simulated, too, so results do not depend on the load of the
 from __future__ import annotations
 
 import heapq
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import count
@@ -55,10 +55,15 @@ def scene_and_model(name: str, **others: Any) -> tuple[Scene, Model]:
 
 
 def receive(
-    measured: MeasuredStates, stamp: float, q: Any, v: Any, joints: slice = slice(None)
+    measured: MeasuredStates,
+    stamp: float,
+    q: Any,
+    v: Any,
+    names: Sequence[str] = (),
+    joints: slice = slice(None),
 ) -> None:
-    """Measure a state of some joints; all by default."""
-    names = measured.joint_names
+    """Measure a state of some of the joints of a robot; by default of those that are needed."""
+    names = names or measured.joint_names
     values = {name: (x, y) for name, x, y in zip(names, q, v, strict=True)}
 
     def read(wanted: Any) -> JointState:
@@ -122,7 +127,7 @@ class VirtualNode:
         self._order = count()
         self._ticks = 0
         # States that wait, and until when the node stands still, or its states do [s].
-        self._waiting: list[tuple[float, Any, Any, slice]] = []
+        self._waiting: list[tuple[Any, ...]] = []
         self._stalled = self._held_back = -np.inf
         self._pending: tuple[Any, Goal] | None = None
         self._may_cancel = True
@@ -261,7 +266,7 @@ class VirtualNode:
         joints = (slice(half), slice(half, None))[turn] if self.is_split else slice(None)
         # The reader of messages makes zeros of velocities that are NaN.
         v = v if self.has_velocities else np.zeros_like(v)
-        self._waiting.append((self.now, q, v, joints))
+        self._waiting.append((self.now, q, v, self.robot.joint_names, joints))
 
     def _send(self, trajectory: Any, *, stamp: float | None, last_point_only: bool) -> None:
         self.sent.append((self.now, trajectory, stamp, last_point_only))
