@@ -22,6 +22,7 @@ from pathlib import Path
 from subprocess import Popen
 from typing import Any
 
+from fuzz_states import ODD_STATES, odd_states
 from geometry_msgs.msg import Point, PoseStamped, Vector3
 from mesh_inputs import FILES, SOUPS
 from node_setup import URDF, RobotClient, primitive_file, silent_node, start_node
@@ -93,43 +94,6 @@ MESSAGES_OF_MANY = (
     JointTrajectory(joint_names=JOINT_NAMES, points=[_POINT] * 100_000),
 )
 """Well-formed goals that are far too large."""
-
-
-ODD_STATES = ("nan velocities", "inf", "lengths", "split", "subsets", "clocks", "others", "nan")
-"""Kinds of joint states of odd robots."""
-
-
-def odd_states(kind: str, generator: random.Random) -> Iterator[JointState]:
-    """Thirty joint states of a robot at rest; some kinds can't be used."""
-    q, now = _STATE.position.tolist(), time.time()
-    for k in range(30):
-        message = JointState(name=JOINT_NAMES, position=q, velocity=[0.0] * len(q))
-        if kind == "nan velocities":
-            message.velocity = [generator.choice([0.0, float("nan")]) for _ in q]
-        elif kind == "inf":
-            message.velocity = [generator.choice([0.0, float("inf")]) for _ in q]
-        elif kind == "lengths":
-            message.velocity = [0.0] * generator.randrange(8)
-            message.position = q[: generator.randrange(len(q) + 1)]
-        elif kind in ("split", "subsets"):
-            half = set(JOINT_NAMES[k % 2 :: 2])
-            chosen = half if kind == "split" else set(generator.sample(JOINT_NAMES, k % 5))
-            message.name = [name for name in JOINT_NAMES if name in chosen]
-            message.position = [x for name, x in zip(JOINT_NAMES, q, strict=True) if name in chosen]
-            message.velocity = []
-        elif kind == "clocks":
-            stamp = generator.choice(
-                [now, now - 3.0, now + 1e3, 1.0, 2e9, generator.random() * 2e9]
-            )
-            message.header.stamp.sec = int(stamp)
-            message.header.stamp.nanosec = int(stamp % 1.0 * 1e9)
-        elif kind == "others":
-            message.name = [*JOINT_NAMES, *(f"finger {k} {j}" for j in range(100))]
-            message.position = [*q, *[float("nan")] * 100]
-            message.velocity = []
-        elif kind == "nan":
-            message.position = [generator.choice([x, float("nan")]) for x in q]
-        yield message
 
 
 def main() -> int:
@@ -240,7 +204,9 @@ class Fuzzer:
         """Send bursts of joint states as odd robots do: split, stamped by other clocks, silent."""
         for k in range(n_bursts):
             kind = ODD_STATES[k % len(ODD_STATES)]
-            burst = [bytes(serialize_message(one)) for one in odd_states(kind, self._random)]
+            burst = [
+                bytes(serialize_message(one)) for one in odd_states(kind, _STATE, self._random)
+            ]
             self._flood("joint_states", JointState, burst)
             if self._random.random() < 0.2:
                 time.sleep(self._random.uniform(0.3, 1.0))

@@ -100,7 +100,7 @@ class PublishedMotion:
         # Messages state times in nanoseconds; between nearer points, the rounding would be a
         # noticeable jerk.
         least = 5e-3
-        old, begin = self.trajectory, switch - lead
+        old, begin = self._with_hold(switch - least), switch - lead
         inside = (old.times > begin + least) & (old.times < switch - least)
         times = np.concatenate([[0.0], old.times[inside] - begin, rest.times + lead])
         first = self.sample(np.array([begin]))
@@ -111,6 +111,19 @@ class PublishedMotion:
             effort = [np.interp(begin, old.times, one) for one in old.efforts.T]
             efforts = np.vstack([effort, old.efforts[inside], rest.efforts])
         return Trajectory(old.joint_names, times, q, v, a, efforts)
+
+    def _with_hold(self, until: float) -> Trajectory:
+        """The trajectory with a point at rest soon after its end, if there is time before a place.
+
+        A point shortly before the end may be the last one of it in a message. Without another
+        point, the controller would lead from its small velocity through a long rest.
+        """
+        old, soon = self.trajectory, self.duration + 0.05
+        if soon >= until or any(x[-1].any() for x in old.states[1:]):
+            return old
+        q, v, a = (np.vstack([x, x[-1:]]) for x in old.states)
+        efforts = None if old.efforts is None else np.vstack([old.efforts, old.efforts[-1:]])
+        return Trajectory(old.joint_names, np.append(old.times, soon), q, v, a, efforts)
 
     @cached_property
     def _ends(self) -> FloatArray:

@@ -102,9 +102,14 @@ class StateSource:
         self._conflict, self._conflict_time = "", -float("inf")
 
     def receive(self, message: StateMessage, clock: RobotClock) -> None:
-        """Keep a message."""
-        last = self._kept[-1].received if self._kept else -float("inf")
-        if message.received - last >= self._options.spacing:
+        """Keep a message, unless it hardly differs in time from the last one that was kept."""
+        last, spacing = (self._kept[-1] if self._kept else None), self._options.spacing
+        # After a stall, many are received at once.
+        if (
+            last is None
+            or message.received - last.received >= spacing
+            or clock.time(message.receipt) - clock.time(last.receipt) >= spacing
+        ):
             self._kept.append(message)
         self.newest = message
         self._latest.append(message)
@@ -117,13 +122,14 @@ class StateSource:
         messages, last = list(self._kept), self.newest
         if messages and last is not messages[-1]:
             messages.append(last)
-        times, positions = [], []
+        times, positions, newest = [], [], clock.time(last.receipt)
         for message in messages:
-            if last.received - message.received > window:
+            time = clock.time(message.receipt)
+            if max(last.received - message.received, newest - time) > window:
                 continue
             with suppress(GoalError):
                 positions.append(message.state.positions)
-                times.append(clock.time(message.receipt))
+                times.append(time)
         shape = (-1, len(self.joint_names))
         return MeasuredSamples(np.array(times), np.reshape(positions, shape))
 

@@ -53,7 +53,8 @@ class LockedModel:
         locked: Mapping[str, float],
         description: Description,
     ) -> None:
-        self._full, self._colliding = full, description.colliding_links
+        self._full = full
+        self._colliding = {*description.shapes, *description.lost_shapes}
         low, high = full.lowerPositionLimit, full.upperPositionLimit
         self._reference = np.clip(pin.neutral(full), low, high)
         names = enumerate(full.names)

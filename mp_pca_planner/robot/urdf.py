@@ -66,8 +66,6 @@ class Description:
         Defect of the collision shape of each link whose shape can't be used.
     solid_links : frozenset of str
         Links with a visual or collision shape: bodies, not just frames.
-    colliding_links : frozenset of str
-        Links with a collision shape.
     """
 
     name: str
@@ -81,7 +79,6 @@ class Description:
     shapes: Mapping[str, Sequence[StatedShape]]
     lost_shapes: Mapping[str, str]
     solid_links: frozenset[str]
-    colliding_links: frozenset[str]
 
 
 def read_description(urdf: str, source: str) -> Description:
@@ -126,11 +123,6 @@ def read_description(urdf: str, source: str) -> Description:
             link.get("name", "")
             for link in root.findall("link")
             if link.find("visual") is not None or link.find("collision") is not None
-        ),
-        colliding_links=frozenset(
-            link.get("name", "")
-            for link in root.findall("link")
-            if link.find("collision") is not None
         ),
     )
 

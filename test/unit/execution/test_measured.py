@@ -413,6 +413,20 @@ def test_sets_of_joints_that_come_and_go_are_not_kept_for_ever(world):
     assert world.states.newest(0.5).positions.tolist() == [0.0] * 12
 
 
+@pytest.mark.parametrize("stall", [0.1, 1.0])
+def test_states_that_come_at_once_after_a_stall_are_as_good_as_others(world, stall):
+    world.move(0.5, delay=0.001)
+    began = world.motion
+    world.pass_time(stall)
+    for time in np.arange(began, world.motion, 0.002):
+        world.receive(a=0.5 * time, b=0.0, stamp=time - 0.001)
+    samples = world.states.history()
+    assert len(samples.times) > 30
+    assert samples.times[-1] - samples.times[0] == pytest.approx(0.3, abs=0.02)
+    np.testing.assert_allclose(samples.positions[:, 0], 0.5 * (samples.times + 0.001))
+    assert world.states.velocities(world.states.newest(0.5)) == pytest.approx([0.5, 0.0])
+
+
 def test_positions_of_further_joints_are_kept_however_old(world):
     world.receive(a=0.0, b=0.0, finger=0.02)
     world.pass_time(60.0)
