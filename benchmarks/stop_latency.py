@@ -131,6 +131,9 @@ class Hostile:
 
     def measure(self, attack: Callable[[], None], seconds: float) -> tuple[np.ndarray, float]:
         """Answer times during an input that is sent again and again [s], and the longest pause."""
+        # The input before may have been another robot.
+        self._client.publish("robot_description", String(data=URDF.read_text("utf-8")))
+        self._client.wait_for_model()
         self._client.diagnostics.clear()
         self._drain()
         end = time.monotonic() + seconds

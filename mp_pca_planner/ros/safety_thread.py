@@ -53,9 +53,9 @@ class SafetyThread:
         self._thread.start()
 
     def longest_gap(self) -> float:
-        """The longest time between two cycles since the last call [s]."""
+        """The longest time between two cycles since the last call, also of the present one [s]."""
         longest, self._longest_gap = self._longest_gap, 0.0
-        return longest
+        return max(longest, time.monotonic() - self._cycled)
 
     def close(self) -> None:
         """End the thread, before the node is destroyed."""
