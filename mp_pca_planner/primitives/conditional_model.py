@@ -48,6 +48,8 @@ _MIN_RANKED = 3
 _MAX_DEMONSTRATIONS = 200
 # Predicted durations stay within this many standard deviations of the demonstrated ones.
 _MAX_DEVIATIONS = 3.0
+# The second fit counts alone where the novelty is at least the inverse of this.
+_FAR = 4.0
 # Growth of the standard deviation of motions from a demonstrated request to one far from all.
 _GROWTH = 5.0
 # The prior of the covariance of requests counts as this many demonstrations.
@@ -185,7 +187,8 @@ class ConditionalModel:
         expected = self._expected_duration(ends) if duration is None else duration
         similar, distance = self._features(np.append(ends, math.log(expected)))
         near, far = self._coefficients
-        both = similar.ravel() @ (near + _novelty(similar[0, 0]) * far if far.any() else near)
+        share = min(1.0, _FAR * float(_novelty(similar[0, 0])))
+        both = similar.ravel() @ (near + share * far if far.any() else near)
         shape, pace = both[: self.straight_weights.size], both[self.straight_weights.size :]
         weights = self.straight_weights + math.sqrt(distance) * shape
         variance = float(_spread(distance, similar[0, 0])) ** 2
