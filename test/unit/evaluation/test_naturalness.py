@@ -117,7 +117,7 @@ def test_predicted_deviations_describe_the_errors_of_motions_left_out() -> None:
     assert (few.n_demonstrations, more.n_demonstrations) == (5, 12)
     for one in (few, more):
         assert one.within[0] < one.within[1] <= one.within[2]
-        assert 0.5 < one.within[0] and 0.85 < one.within[1]
+        assert one.within[0] > 0.5 and one.within[1] > 0.85
         assert one.in_span > 0.9
         assert 0.3 < one.error_ratio < 1.5
 
