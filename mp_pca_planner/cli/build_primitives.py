@@ -60,6 +60,7 @@ def run(arguments: argparse.Namespace) -> int:
         recordings = load(arguments, options, joints, samples, known, robot, same_joints=True)
         recordings.require_motion()
     statistics = _statistics(recordings, old, arguments.remove)
+    robot = robot and robot.with_joints(statistics.joint_names)
     name = arguments.name or (old.name if old else output.stem)
     metadata = _origin(recordings, statistics, robot, old)
     primitive = build_from_statistics(statistics, name, options, metadata)
@@ -182,6 +183,8 @@ def load(
             arguments.bags,
             topic=arguments.topic,
             joints=joints,
+            degrees=arguments.degrees,
+            moving_only=robot is not None and joints == robot.joint_names and not arguments.joints,
             known_extents=[extent for part in known for extent in part.extents.tolist()],
             segment=arguments.segment,
             segments_csv=arguments.segments,

@@ -20,7 +20,7 @@ from ..recordings.bags import find_recordings
 from ..recordings.reading import RecordingInspection, inspect_recording
 from ..recordings.repair import REPAIRS
 from .common import print_json
-from .terminal import DONE, REFUSED, complain, say
+from .terminal import DONE, PROGRAM, REFUSED, complain, say
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -31,7 +31,7 @@ def run(arguments: argparse.Namespace) -> int:
         try:
             found = _contents(name, arguments)
         except PlannerError as error:
-            complain(f"mp_pca_planner inspect: {error}")
+            complain(f"{PROGRAM} inspect: {error}")
             status = REFUSED
             continue
         for facts, lines in found:

@@ -81,6 +81,13 @@ class PlannerOptions:
     ------
     GoalError
         If an option is out of its range.
+
+    Examples
+    --------
+    >>> import mp_pca_planner as mp
+    >>> options = mp.PlannerOptions(naturalness=0.1, timing="shortest")
+    >>> options.basis
+    'pca'
     """
 
     basis: str = "pca"
@@ -224,6 +231,16 @@ class Plan:
         optimisation) or 'optimal'. Empty for a single goal.
     planner : Planner or None
         The planner that made it.
+
+    Examples
+    --------
+    >>> import mp_pca_planner as mp
+    >>> urdf = mp.config_file("human_arm.urdf")
+    >>> motions = mp.load_demonstrations(mp.write_example_recording("motions.mcap", 6), robot=urdf)
+    >>> planner = mp.Planner(mp.Robot.from_file(urdf), mp.MovementPrimitive.fit(motions))
+    >>> plan = planner.plan(start=motions[0].positions[0], goal={"elbow": -0.8})
+    >>> plan.is_executable, plan.trajectory.n_joints
+    (True, 4)
     """
 
     status: str

@@ -8,6 +8,7 @@ import time
 from collections.abc import Sequence
 from importlib import import_module
 from types import NoneType
+from typing import Any
 
 from ..arrays import check_type
 from ..exceptions import GoalError, LimitsError, PrimitiveError, RobotError, WorldError, quote_names
@@ -69,6 +70,17 @@ class Planner:
         If a moving link has no valid inertia, and efforts are limited or part of the objective.
     WorldError
         If an obstacle is attached to an unknown link or has the name of a link.
+
+    Examples
+    --------
+    >>> import mp_pca_planner as mp
+    >>> urdf = mp.config_file("human_arm.urdf")
+    >>> motions = mp.load_demonstrations(mp.write_example_recording("motions.mcap", 6), robot=urdf)
+    >>> reach = mp.MovementPrimitive.fit(motions, name="reach")
+    >>> planner = mp.Planner(mp.Robot.from_file(urdf, reach.joint_names), [reach])
+    >>> start, goal = motions[0].positions[[0, -1]]
+    >>> planner.plan(start=start, goal=goal).status
+    'solved'
     """
 
     def __init__(
@@ -115,6 +127,9 @@ class Planner:
         self._single = SinglePlanner(setup, self._resolver, fallback, self._chooser)
         self._several = SeveralPlanner(setup, fallback, self._chooser)
         self._assembly = PlanAssembly(setup, self._resolver)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Planner, (self.robot, self.primitives, self.limits, self.options, self.collision)
 
     def __repr__(self) -> str:
         names = quote_names(self.primitives.names)

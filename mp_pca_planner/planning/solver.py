@@ -61,7 +61,7 @@ class SolverOptions:
 
     tolerance: float = 3e-5
     max_iterations: int = 60
-    should_stop: Callable[[], bool] = lambda: False
+    should_stop: Callable[[], bool] = bool  # never
     first_radius: float = 30.0
     first_radius_to_equalities: float = 10.0
     expected_share: float = 0.3
