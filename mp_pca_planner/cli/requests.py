@@ -21,7 +21,7 @@ from ..motion.trajectory import Trajectory
 from ..planning.objectives import objective_weights, weighted_objectives
 from ..planning.plan import DEMONSTRATED, INFEASIBLE, STOPPED_EARLY, Plan, PlannerOptions
 from ..planning.planner import Planner
-from ..planning.remarks import remarks
+from ..planning.report import remarks
 from ..primitives.primitive import MovementPrimitive
 from ..primitives.primitive_library import load_primitives
 from ..robot.model import Robot

@@ -11,7 +11,7 @@ from ..exceptions import unknown_name
 from ..motion.collision import CollisionModel, package_folders
 from ..planning.objectives import objective_weights, weighted_objectives
 from ..planning.planner import Planner
-from ..planning.solver import SolverOptions
+from ..planning.options import SolverOptions
 from ..primitives.primitive import MovementPrimitive
 from ..robot.limits import JointLimits
 from ..robot.model import Robot

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..motion.goal import Goal, JointGoal, JointState, Pose, PoseGoal, SequenceGoal
-from ..planning.states import in_order
+from ..planning.requests.states import in_order
 from .assembly import Model
 from .published_motion import PublishedMotion
 from .start_state import MotionStart

@@ -12,7 +12,7 @@ from numpy.polynomial import legendre
 from ..arrays import FloatArray
 from ..motion.collision import Collision, CollisionModel
 from ..motion.validation import LimitCheck
-from ..planning.clearance import ClearanceOptions, Clearances, least_distances
+from ..planning.program.clearance import ClearanceOptions, Clearances, least_distances
 from ..planning.motion import Motion
 from ..robot.limits import JointLimits
 from ..robot.model import Robot

@@ -18,7 +18,7 @@ from ..motion.goal import Goal, JointGoal, JointState, Pose, PoseGoal, Via
 from ..planning.objectives import objective_by_name
 from ..planning.plan import DEMONSTRATED, TIMINGS, Plan, PlannerOptions
 from ..planning.planner import Planner
-from ..planning.pose_search import POSE_TOLERANCE, nearest_configuration
+from ..planning.configurations import POSE_TOLERANCE, nearest_configuration
 from ..primitives.primitive import MovementPrimitive
 from ..robot.limits import JointLimits
 from ..robot.model import Robot

@@ -15,7 +15,7 @@ import numpy as np
 from ..arrays import FloatArray, short
 from ..motion.trajectory import Trajectory
 from ..planning.plan import Plan
-from ..planning.remarks import UNUSUAL_IN_SPAN_SCORE
+from ..planning.report import UNUSUAL_IN_SPAN_SCORE
 from ..plotting.page import environment
 from ..robot.limits import JointLimits
 from .live import LiveView, NodeStatus

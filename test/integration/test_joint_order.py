@@ -11,7 +11,7 @@ import pytest
 from arm import JOINTS, arm_demonstrations
 
 from mp_pca_planner.cli.main import main
-from mp_pca_planner.planning.remarks import UNUSUAL_IN_SPAN_SCORE
+from mp_pca_planner.planning.report import UNUSUAL_IN_SPAN_SCORE
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
 from mp_pca_planner.primitives.file import save_primitive
 from mp_pca_planner.resources import config_file

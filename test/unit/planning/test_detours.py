@@ -23,7 +23,7 @@ from mp_pca_planner.planning.budget import Budget
 from mp_pca_planner.planning.paths import PathFinder, PathOptions, paths_by_vias
 from mp_pca_planner.planning.plan import PlannerOptions
 from mp_pca_planner.planning.planner import Planner
-from mp_pca_planner.planning.sampling import SamplingOptions, sampled_path
+from mp_pca_planner.planning.search.sampling import SamplingOptions, sampled_path
 from mp_pca_planner.planning.setup import Setup
 from mp_pca_planner.resources import config_file
 from mp_pca_planner.robot.world import World

@@ -22,7 +22,7 @@ from mp_pca_planner.motion.goal import JointGoal, JointState, Pose, PoseGoal, Vi
 from mp_pca_planner.motion.validation import check_limits
 from mp_pca_planner.planning.objectives import Effort, Jerk, Straightness, Time
 from mp_pca_planner.planning.plan import INFEASIBLE, SOLVED, STOPPED_EARLY, PlannerOptions
-from mp_pca_planner.planning.pose_search import configurations_at
+from mp_pca_planner.planning.configurations import configurations_at
 from mp_pca_planner.primitives.basis import BSplineBasis
 from mp_pca_planner.resources import config_file
 

@@ -20,7 +20,7 @@ from mp_pca_planner.planning import problem
 from mp_pca_planner.planning.constraints import LimitedProgram
 from mp_pca_planner.planning.plan import INFEASIBLE, SOLVED, PlannerOptions
 from mp_pca_planner.planning.planner import Planner
-from mp_pca_planner.planning.remarks import remarks
+from mp_pca_planner.planning.report import remarks
 from mp_pca_planner.planning.search_options import SearchOptions
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
 from mp_pca_planner.recordings.demonstration import Demonstration

@@ -21,7 +21,7 @@ from mp_pca_planner.planning.chain import ChainProgram
 from mp_pca_planner.planning.plan import MODES, OPTIMAL, REAL_TIME, Plan
 from mp_pca_planner.planning.planner import Planner
 from mp_pca_planner.planning.problem import ChainProblem
-from mp_pca_planner.planning.solver import SolverOptions, solve
+from mp_pca_planner.planning.options import SolverOptions, solve
 from mp_pca_planner.primitives.file import save_primitive
 from mp_pca_planner.resources import config_file
 

@@ -15,7 +15,7 @@ from mp_pca_planner.exceptions import TrajectoryError
 from mp_pca_planner.motion.goal import JointState
 from mp_pca_planner.motion.trajectory import Trajectory
 from mp_pca_planner.motion.validation import LimitCheck, Violation, check_limits
-from mp_pca_planner.planning.stop_and_go import FixedShape, StopAndGo, stop_and_go
+from mp_pca_planner.planning.search.stop_and_go import FixedShape, StopAndGo, stop_and_go
 from mp_pca_planner.planning.time_scaling import (
     least_duration,
     least_stretch,

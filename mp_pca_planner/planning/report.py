@@ -1,0 +1,415 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Step 5: the outcome of a search becomes a plan, with its status, message and figures.
+
+All sentences about plans are in this module.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..exceptions import TrajectoryError
+from ..motion.collision import NOT_CHECKED
+from ..motion.goal import Goal, JointState
+from ..motion.trajectory import Trajectory
+from ..motion.validation import check_executable
+from .configurations import POSE_TOLERANCE
+from .context import Context
+from .motion import Motion
+from .objectives import Effort
+from .options import DEMONSTRATED, REAL_TIME
+from .plan import INFEASIBLE, SOLVED, STOPPED_EARLY, MotionSolution, Plan
+from .program.bases import MotionBasis
+from .program.costs import cost_of
+from .request import passing_phases
+from .requests.resolve import in_span_score
+from .search.candidate import Candidate, collision_at_end
+from .search.sampling import has_planner
+from .search.search import Outcome
+from .search.stop_and_go import brakes
+
+if TYPE_CHECKING:
+    from .planner import Planner
+
+# Points of a detour at which clearances are computed, and the largest that is reported [m].
+_N_CHECKED, _NEAR = 50, 0.05
+
+UNUSUAL_IN_SPAN_SCORE = 3.0
+"""In-span score above which a motion is reported as unlike the demonstrations."""
+
+SENTENCES = {
+    "least": "motion of least {what} found",
+    "shortest": "shortest motion within the limits found",
+    "early": "time or iterations ran out before the least was found",
+    "joined": "motion concatenated in real time",
+    "joined_collision": "motion concatenated in real time, because in the optimal one {met}",
+    "joined_converged": (
+        "motion concatenated in real time, because no cheaper one within the limits was found"
+    ),
+    "joined_early": (
+        "motion concatenated in real time, because time or iterations ran out before a cheaper one "
+        "within the limits was found"
+    ),
+    "slow": (
+        "{searched}; this one {follows} a minimum-jerk path{rests}, keeps the limits and may be "
+        "executed"
+    ),
+    "slow_sequence": (
+        "{searched}; this one rests at each target{rests}, keeps the limits and may be executed"
+    ),
+    "around": " around obstacles with {n} stops",
+    "none": "no motion {kind} was found",
+    "ran_out": "time ran out (max_solve_time = {most:g} s) before a motion {kind} was found",
+    "refused": "{searched}: {why}",
+    "too_fast": (
+        "no motion within the limits takes {asked:.4g} s: at its limit of velocity, {limit:.4g}, "
+        "joint '{joint}' alone needs {least:.4g} s"
+    ),
+    "feasible": "{message}; a feasible duration is {seconds:.4g} s",
+    "least_duration": ("{message}; the shortest duration that the limits allow is {seconds:.4g} s"),
+    "no_slow": "{message}; nor was a slow one found: {reason}",
+    "no_planner": (
+        "{message}; further paths around obstacles need the Python module 'ompl': "
+        "install the extra 'ompl'"
+    ),
+    "end": "{collision}; the {end} is in collision",
+    "beyond": "the goal is passed at a velocity, and in the stop after it {met}",
+    "missed": "the nearest one is {missed:.3g} rad or m off",
+    "lengthened": "the duration was lengthened from {usual:.3g} to {duration:.3g} s",
+    "raised": "the naturalness was raised from {asked:g} to {used:g}",
+    "given_up": "; {why}, {what}",
+    "detour": "; near a collision-free path, because the expected motion collides",
+    "far": "; bodies stay {near:g} mm apart",
+    "near": "; the least clearance is {near:.1f} mm, of '{one}' and '{other}'",
+    "cleared": "; bodies that would collide otherwise are kept apart",
+    "corrected": (
+        "; beyond the components of the primitive it took B-splines, {added:.2g} rad or m in the "
+        "mean"
+    ),
+    "unusual": (
+        "the request is unlike the demonstrations (in-span score {score:.1f}, about 1 is usual), "
+        "so the motion may look unlike them, too"
+    ),
+}
+"""Every sentence, and part of one, about a plan."""
+
+
+def report(context: Context, outcome: Outcome, goal: Goal, began: float, planner: Planner) -> Plan:
+    """The plan of an outcome.
+
+    Parameters
+    ----------
+    context : Context
+        Robot, limits and options of the planner.
+    outcome : Outcome
+        The outcome.
+    goal : Goal
+        The goal.
+    began : float
+        When planning began, by the clock of `time.perf_counter` [s].
+    planner : Planner
+        The planner.
+    """
+    best, request = outcome.best, outcome.best.request
+    status, message = _status(context, outcome)
+    trajectory, motions = best.trajectory.with_efforts(best.check.efforts), best.motions
+    phases = passing_phases([motion.duration for motion in motions])[:-1]
+    solved_at = max([best.solved_at, *(one.solved_at for one in outcome.found)])
+    start_error = np.abs(trajectory.positions[0] - request.start.positions).max()
+    return Plan(
+        status=status,
+        message=message,
+        trajectory=trajectory,
+        motions=motions,
+        primitives=tuple(segment.primitive.name for segment in request.segments),
+        solution=_solution(context, best),
+        considered=max(len(segment.selection.considered) for segment in request.segments),
+        selection=_selection(goal, outcome),
+        in_span_score=_in_span_score(context, best),
+        limit_check=best.check,
+        start_error=float(start_error),
+        goal_error=best.target_errors[-1],
+        via_error=max(best.target_errors[:-1], default=0.0),
+        via_phases=phases,
+        shortest_duration=outcome.stated,
+        n_components_used=max(basis.n_components for basis in best.bases),
+        correction=max(map(correction, best.bases, motions)),
+        deviation_score=_deviation(best),
+        naturalness=best.naturalness,
+        solve_time=solved_at - began,
+        mode=outcome.mode,
+        planner=planner,
+    )
+
+
+def _status(context: Context, outcome: Outcome) -> tuple[str, str]:
+    """Status and message of a plan."""
+    best, options = outcome.best, context.options
+    if why := _refusal(context, outcome):
+        return INFEASIBLE, why
+    concessions = _concessions(context, best)
+    if best is outcome.slow.candidate:
+        return STOPPED_EARLY, _slow(context, outcome) + concessions
+    if outcome.mode == REAL_TIME:
+        status, name, met = _joined(outcome)
+        return status, SENTENCES[name].format(met=met) + concessions
+    if not best.solution.converged:
+        return STOPPED_EARLY, SENTENCES["early"] + concessions
+    if np.isfinite(outcome.stated):
+        return SOLVED, SENTENCES["shortest"] + concessions
+    is_effort = [type(objective) for _, objective in options.objectives] == [Effort]
+    found = SENTENCES["least"].format(what="effort" if is_effort else "cost")
+    return SOLVED, found + concessions
+
+
+def _joined(outcome: Outcome) -> tuple[str, str, str]:
+    """Status, sentence, and collision of a motion that was joined without optimisation."""
+    optimised = outcome.optimised
+    if optimised is None:
+        return SOLVED, "joined", ""
+    if optimised.collisions:
+        return SOLVED, "joined_collision", str(optimised.collisions[0])
+    if optimised.solution.converged:
+        return SOLVED, "joined_converged", ""
+    return STOPPED_EARLY, "joined_early", ""
+
+
+def _refusal(context: Context, outcome: Outcome) -> str:
+    """Why a motion must not be executed; empty if it may."""
+    best, trajectory = outcome.best, outcome.best.trajectory
+    without = f"without {_collision_kind(context)}"
+    try:
+        check_executable(
+            trajectory,
+            best.check,
+            best.request.start,
+            allow_nonzero_end_velocity=context.options.allow_nonzero_end_velocity,
+        )
+    except TrajectoryError as error:
+        return _refused(context, outcome, "within the limits", str(error))
+    if best.collisions:
+        return _refused(context, outcome, without, _met(context, outcome))
+    if met := _met_beyond(context, trajectory):
+        return _refused(context, outcome, without, met)
+    missed = max(best.target_errors)
+    if missed > POSE_TOLERANCE:
+        why = SENTENCES["missed"].format(missed=missed)
+        return _refused(context, outcome, "that passes where it was asked to", why)
+    return ""
+
+
+def _refused(context: Context, outcome: Outcome, kind: str, why: str) -> str:
+    """The message of a motion that must not be executed."""
+    best = outcome.best
+    message = SENTENCES["refused"].format(searched=_searched(context, outcome, kind), why=why)
+    if best.request.is_single and not best.request.duration_is_free:
+        message = _too_fast(context, best) or message
+    if np.isfinite(outcome.stated):
+        name = "least_duration" if outcome.is_shortest else "feasible"
+        return SENTENCES[name].format(message=message, seconds=outcome.stated)
+    if outcome.slow.reason:
+        message = SENTENCES["no_slow"].format(message=message, reason=outcome.slow.reason)
+    if best.collisions and not best.is_hopeless and not has_planner():
+        message = SENTENCES["no_planner"].format(message=message)
+    return message
+
+
+def _searched(context: Context, outcome: Outcome, kind: str) -> str:
+    """Text on the end of the search for a kind of motion."""
+    name = "ran_out" if outcome.ran_out else "none"
+    return SENTENCES[name].format(kind=kind, most=context.options.max_solve_time)
+
+
+def _collision_kind(context: Context) -> str:
+    collision = context.collision
+    return "collision" if collision is not None and len(collision.world) else "self-collision"
+
+
+def _met(context: Context, outcome: Outcome) -> str:
+    """Text on a collision at an end of the motion that is fixed, or on the deepest one."""
+    best = outcome.best
+    collisions = best.collisions
+    # The search for a motion knows only roughly when bodies meet.
+    if not outcome.ran_out:
+        collisions = context.collisions(best.trajectory, precisely=True)
+    at_end = collision_at_end(collisions, best.request, best.duration)
+    if at_end is None:
+        return str(collisions[0])
+    return SENTENCES["end"].format(collision=at_end[1], end=at_end[0])
+
+
+def _met_beyond(context: Context, trajectory: Trajectory) -> str:
+    """Text on the collision of all stops beyond a goal in motion; empty if one is clear."""
+    q, v, a = (values[-1] for values in trajectory.states)
+    if context.collision is None or not v.any():
+        return ""
+    met, end = "", JointState(trajectory.joint_names, q, v, a)
+    options = context.options
+    for stop, check in brakes(
+        context.robot, context.limits, end, options.sample_period, options.braking
+    ):
+        if check.violations:
+            continue
+        found = context.collisions(stop)
+        if not found:
+            return ""
+        met = met or SENTENCES["beyond"].format(met=found[0])
+    return met
+
+
+def _too_fast(context: Context, best: Candidate) -> str:
+    """The reason why the requested duration has no motion; empty if unknown."""
+    request, limits = best.request, context.limits
+    least = np.abs(request.goal.positions - request.start.positions) / limits.velocity
+    j = int(least.argmax())
+    if request.pose is not None or not least[j] > request.duration:
+        return ""
+    return SENTENCES["too_fast"].format(
+        asked=request.duration,
+        limit=limits.velocity[j],
+        joint=limits.joint_names[j],
+        least=least[j],
+    )
+
+
+def _slow(context: Context, outcome: Outcome) -> str:
+    """The message of a slow motion."""
+    best = outcome.best
+    rests = SENTENCES["around"].format(n=best.n_stops) if best.n_stops else ""
+    if outcome.mode:
+        searched = _searched(context, outcome, "without stops within the limits")
+        return SENTENCES["slow_sequence"].format(searched=searched, rests=rests)
+    searched = _searched(context, outcome, "optimised within the limits")
+    follows = "follows" if best.request.starts_at_rest else "brakes, then follows"
+    return SENTENCES["slow"].format(searched=searched, follows=follows, rests=rests)
+
+
+def _concessions(context: Context, best: Candidate) -> str:
+    """The concessions that were made for the goal, as the end of a sentence."""
+    options, collision = context.options, context.collision
+    usual, duration = best.request.duration, best.duration
+    given_up, kept = [], ""
+    if duration > usual * (1.0 + 1e-9) and options.timing == DEMONSTRATED:
+        given_up.append(SENTENCES["lengthened"].format(usual=usual, duration=duration))
+    is_detour = any(basis.is_detour for basis in best.bases)
+    if best.naturalness > options.naturalness and not is_detour:
+        given_up.append(
+            SENTENCES["raised"].format(asked=options.naturalness, used=best.naturalness)
+        )
+    if given_up:
+        why = "to keep the limits"
+        if collision is not None and collision.has_geometry:
+            why += f" without {_collision_kind(context)}"
+        kept = SENTENCES["given_up"].format(why=why, what=" and ".join(given_up))
+    if is_detour:
+        kept += SENTENCES["detour"] + _clearance(context, best.trajectory)
+    elif best.has_clearances:
+        kept += SENTENCES["cleared"]
+    if collision is not None and not collision.has_geometry:
+        kept += NOT_CHECKED
+    if options.basis == "pca" and any(map(_is_corrected, best.bases)):
+        added = max(map(correction, best.bases, best.motions))
+        kept += SENTENCES["corrected"].format(added=added)
+    return kept
+
+
+def _clearance(context: Context, trajectory: Trajectory) -> str:
+    """Text on the bodies that come nearest to each other on a detour."""
+    if context.collision is None:
+        return ""
+    positions = trajectory.positions
+    chosen = np.linspace(0, len(positions) - 1, min(_N_CHECKED, len(positions))).astype(int)
+    near = context.collision.near(positions[chosen], _NEAR)
+    if not near.distances.size:
+        return SENTENCES["far"].format(near=1e3 * _NEAR)
+    k = int(near.distances.argmin())
+    one, other = context.collision.pairs[near.pairs[k]]
+    return SENTENCES["near"].format(near=1e3 * near.distances[k], one=one, other=other)
+
+
+def _selection(goal: Goal, outcome: Outcome) -> str:
+    """The reason for the choice of the primitives."""
+    request = outcome.best.request
+    if goal.primitive is not None:
+        return f"the goal names '{goal.primitive}'"
+    if not request.is_single:
+        segments = request.segments
+        reasons = [
+            one.selection.reason(one.primitive.name, {one.primitive.name: None}) for one in segments
+        ]
+        return "; ".join(dict.fromkeys(reasons))
+    solved = {
+        one.request.segments[0].primitive.name: one.solution.cost if one.is_valid else None
+        for one in outcome.found
+        if one.request.goal is request.goal
+    }
+    segment = request.segments[0]
+    return segment.selection.reason(segment.primitive.name, solved)
+
+
+def _solution(context: Context, best: Candidate) -> MotionSolution:
+    """The result of the solver; costs of a motion that was not optimised are computed here."""
+    solution = best.solution
+    if np.isfinite(solution.objective_cost):
+        return solution
+    objective = effort = 0.0
+    for motion, basis in zip(best.motions, best.bases, strict=True):
+        objectives = context.options.objectives
+        objective += cost_of(context.robot, motion, basis.tables, objectives)
+        effort += cost_of(context.robot, motion, basis.tables, [(1.0, Effort())])
+    return replace(solution, objective_cost=objective, effort_cost=effort)
+
+
+def _in_span_score(context: Context, best: Candidate) -> float:
+    """The score of the request; for poses, of the configurations that were found."""
+    request = best.request
+    if request.is_single and request.pose is None:
+        return request.segments[0].expected.in_span_score
+    is_fixed = request.is_single and not request.duration_is_free
+    return max(
+        in_span_score(
+            context, segment, motion.start, motion.goal, motion.duration if is_fixed else None
+        )
+        for segment, motion in zip(request.segments, best.motions, strict=True)
+    )
+
+
+def _is_corrected(basis: MotionBasis) -> bool:
+    """Whether the basis includes B-splines."""
+    return basis.n_components < basis.expected.size
+
+
+def correction(basis: MotionBasis, motion: Motion) -> float:
+    """RMS of the correction that B-splines add to components [rad or m]."""
+    if not _is_corrected(basis):
+        return 0.0
+    shape = basis.tables.basis.shape
+    only = np.where(np.arange(basis.expected.size) < basis.n_components, 0.0, 1.0)
+    phases = np.linspace(0.0, 1.0, 101)
+    added = shape(only * motion.weights, phases) - shape(0.0 * only, phases)
+    return float(np.sqrt(np.mean(added**2)))
+
+
+def _deviation(best: Candidate) -> float:
+    """RMS deviation of the components' weights from the expected ones, in standard deviations."""
+    found = []
+    for basis, motion in zip(best.bases, best.motions, strict=True):
+        if n := basis.n_components:
+            assert basis.precision is not None
+            off = motion.weights[:n] - basis.expected[:n]
+            found.append(float(np.sqrt(off @ basis.precision[:n, :n] @ off / n)))
+    return max(found, default=float("nan"))
+
+
+def remarks(plan: Plan) -> list[str]:
+    """Sentences on unusual properties of a plan; none for a usual one."""
+    found = [plan.message] if plan.status == STOPPED_EARLY else []
+    if plan.in_span_score > UNUSUAL_IN_SPAN_SCORE:
+        found.append(SENTENCES["unusual"].format(score=plan.in_span_score))
+    if plan.limit_check is not None and plan.limit_check.remark:
+        found.append(plan.limit_check.remark)
+    return found
