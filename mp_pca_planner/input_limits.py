@@ -102,5 +102,9 @@ class InputLimits:
     duration: float = 600.0
     trajectory_points: int = 100_000
 
+    def longest_motion(self, period: float) -> float:
+        """The longest duration of a motion with points this time apart [s]."""
+        return min(self.duration, self.trajectory_points * period)
+
 
 INPUT_LIMITS = InputLimits()

@@ -25,8 +25,8 @@ from scipy.linalg import null_space
 from ..arrays import FloatArray
 from ..planning.compiler import MotionProgram
 from ..planning.constraints import LimitedProgram, LimitTables
-from ..planning.solver import Solution, solve
 from ..planning.search.threads import one_blas_thread
+from ..planning.solver import Solution, solve
 from ..planning.unknowns import QuadratureTables, Unknowns
 from ..primitives.basis import Basis, BSplineBasis, PolynomialBasis, legendre_values
 from ..primitives.boundary import hermite_functions

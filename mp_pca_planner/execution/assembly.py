@@ -10,8 +10,8 @@ from dataclasses import dataclass, replace
 from ..exceptions import unknown_name
 from ..motion.collision import CollisionModel, package_folders
 from ..planning.objectives import objective_weights, weighted_objectives
-from ..planning.planner import Planner
 from ..planning.options import SolverOptions
+from ..planning.planner import Planner
 from ..primitives.primitive import MovementPrimitive
 from ..robot.limits import JointLimits
 from ..robot.model import Robot

@@ -343,11 +343,9 @@ def _slowed(motion: PublishedMotion, place: float, time: float, period: float) -
 
 def _rest_of(motion: PublishedMotion, place: float) -> Trajectory:
     """The motion from a place on; its end if it is over."""
-    old = motion.trajectory
-    if place >= old.duration:
-        return hold(old.joint_names, motion.end)
-    last = Trajectory(old.joint_names, [0.0], *(x[-1:] for x in old.states))
-    return motion.followed_by(last, old.duration, place)
+    if motion.near_point(place) >= motion.duration:
+        return hold(motion.trajectory.joint_names, motion.end)
+    return motion.rest(place)
 
 
 def _interpolated(state: JointState, end: FloatArray, time: float) -> list[Trajectory]:

@@ -9,6 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..exceptions import GoalError
+from ..input_limits import INPUT_LIMITS
 from ..motion.collision import Collision, CollisionModel
 from ..motion.trajectory import Trajectory
 from ..motion.validation import LimitCheck, check_limits
@@ -48,8 +50,34 @@ class Context:
         """Whether there are pairs of bodies that paths lead around."""
         return self.collision is not None and bool(self.collision.pairs)
 
+    @property
+    def longest(self) -> float:
+        """The longest duration of a motion that is accepted [s]."""
+        return INPUT_LIMITS.longest_motion(self.options.sample_period)
+
+    def check_duration(self, what: str, seconds: float) -> None:
+        """Reject a motion whose points would take too much time and memory.
+
+        Raises
+        ------
+        GoalError
+            If the duration is longer than `longest`.
+        """
+        if not seconds <= self.longest:
+            raise GoalError(
+                f"{what} {seconds:.4g} s, at most {self.longest:g} s are accepted with a sample "
+                f"period of {self.options.sample_period:g} s"
+            )
+
     def sample(self, motions: Sequence[Motion]) -> Trajectory:
-        """The points of a trajectory through some segments, without efforts."""
+        """The points of a trajectory through some segments, without efforts.
+
+        Raises
+        ------
+        GoalError
+            If they would take longer than `longest`; nothing is sampled then.
+        """
+        self.check_duration("the motion would take", sum(motion.duration for motion in motions))
         times, states, began = [], [], 0.0
         for i, motion in enumerate(motions):
             own, values = motion.sample(self.options.sample_period)

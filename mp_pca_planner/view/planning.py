@@ -15,10 +15,10 @@ from ..arrays import FloatArray
 from ..exceptions import PlannerError, WorldError
 from ..motion.collision import CollisionModel
 from ..motion.goal import Goal, JointGoal, JointState, Pose, PoseGoal, Via
+from ..planning.configurations import POSE_TOLERANCE, nearest_configuration
 from ..planning.objectives import objective_by_name
 from ..planning.plan import DEMONSTRATED, TIMINGS, Plan, PlannerOptions
 from ..planning.planner import Planner
-from ..planning.configurations import POSE_TOLERANCE, nearest_configuration
 from ..primitives.primitive import MovementPrimitive
 from ..robot.limits import JointLimits
 from ..robot.model import Robot

@@ -63,7 +63,7 @@ def resolve(
     if isinstance(goal, SequenceGoal):
         yield _sequence(context, selector, goal, here)
         return
-    check_duration(context, goal.duration)
+    context.check_duration("the duration is", goal.duration or 0.0)
     if isinstance(goal, JointGoal):
         goals, pose = [target(context, goal, here)], None
     else:
@@ -85,7 +85,7 @@ def resolve(
 def check_goal(context: Context, selector: Selector, goal: JointGoal) -> None:
     """Reject a goal that can't be served from any start, see :meth:`.Planner.check`."""
     robot, limits = context.robot, context.limits
-    check_duration(context, goal.duration)
+    context.check_duration("the duration is", goal.duration or 0.0)
     selector.check_name(goal.primitive)
     zero = np.zeros(robot.n_joints)
     here = JointState(robot.joint_names, np.clip(zero, limits.lower, limits.upper))
@@ -101,22 +101,6 @@ def target(context: Context, goal: JointGoal, here: JointState) -> JointState:
     there = completed(goal.state, here, context.robot, "goal")
     _check_end(context, there)
     return there
-
-
-def longest_duration(context: Context) -> float:
-    """The longest duration that is accepted [s]."""
-    points = INPUT_LIMITS.trajectory_points * context.options.sample_period
-    return min(INPUT_LIMITS.duration, points)
-
-
-def check_duration(context: Context, duration: float | None) -> None:
-    """Reject a duration that is too long."""
-    longest = longest_duration(context)
-    if duration is not None and duration > longest:
-        raise GoalError(
-            f"the duration {duration:g} s is too long: with a sample period of "
-            f"{context.options.sample_period:g} s at most {longest:g} s are accepted"
-        )
 
 
 def _check_end(context: Context, there: JointState) -> None:
@@ -178,7 +162,7 @@ def _sequence(
     context: Context, selector: Selector, goal: SequenceGoal, here: JointState
 ) -> Request:
     """Choose configurations, primitives and usual durations of a sequence."""
-    _check_size(goal)
+    _check_size(context, goal)
     n_passed = _n_passed(context, goal, here)
     targets, times = goal.targets[n_passed:], goal.times[n_passed:]
     stops = (*goal.stops[n_passed:-1], True)
@@ -186,11 +170,7 @@ def _sequence(
     chosen = [selector.choose(a.positions, b.positions) for a, b in pairwise(states)]
     usual = [selection.first.expected.duration for selection in chosen]
     durations = fit_durations(usual, times)
-    total, longest = sum(durations), INPUT_LIMITS.duration
-    if total > longest:
-        raise GoalError(
-            f"the sequence would take {total:.4g} s, at most {longest:g} s are accepted"
-        )
+    context.check_duration("the sequence would take", sum(durations))
     segments = []
     for i, selection in enumerate(chosen):
         pose, first = targets[i], selection.first
@@ -209,18 +189,15 @@ def _sequence(
     return Request(tuple(segments), duration_groups(times))
 
 
-def _check_size(goal: SequenceGoal) -> None:
+def _check_size(context: Context, goal: SequenceGoal) -> None:
     """Reject sequences that would exceed time or memory."""
-    most, longest = INPUT_LIMITS.targets, INPUT_LIMITS.duration
+    most = INPUT_LIMITS.targets
     if len(goal.targets) > most:
         raise GoalError(
             f"the sequence has {len(goal.targets)} targets, at most {most} are accepted"
         )
     last = max((when for when in goal.times if when is not None), default=0.0)
-    if last > longest:
-        raise GoalError(
-            f"the sequence asks for a time of {last:.4g} s, at most {longest:g} s are accepted"
-        )
+    context.check_duration("the sequence asks for a time of", last)
 
 
 def _n_passed(context: Context, goal: SequenceGoal, here: JointState) -> int:

@@ -50,9 +50,11 @@ def _near_path(context: Context, request: Request, path: FloatArray, budget: Bud
     if request.duration_is_free:
         least = kinematic_stretch(context.limits, follower.rates(segment, basis))
         at_least = 0.0 if options.timing == FREE else duration
-        duration = max(at_least, options.search.scaling_margin * least)
+        least *= options.search.scaling_margin
+        duration = min(max(at_least, least), context.longest)
         motion = _motion(request, basis, duration)
-        duration *= slowdown(context.check(context.sample([motion])))
+        slower = slowdown(context.check(context.sample([motion])))
+        duration = min(duration * slower, context.longest)
     if budget.is_over():
         return _along(context, request, basis, duration)
     setting = _setting(context, request, basis, duration)
@@ -100,7 +102,7 @@ def _optimised(context: Context, request: Request, setting: Setting, budget: Bud
     if not (found.check.violations and request.duration_is_free):
         return found
     # A little slower, the same path keeps the limits.
-    duration = found.duration * slowdown(found.check)
+    duration = min(found.duration * slowdown(found.check), context.longest)
     motion = replace(found.motions[0], duration=duration)
     return checked(context, request, setting.bases, (motion,))
 

@@ -73,7 +73,7 @@ def slower(failure: Failure) -> Setting | None:
     search, duration = failure.context.options.search, failure.candidate.duration
     longest = failure.request.duration
     if failure.request.duration_is_free:
-        longest *= search.max_stretch
+        longest = min(longest * search.max_stretch, failure.context.longest)
     violations = failure.violations
     n_worse = len(violations) - 1 - violations.index(min(violations))
     if n_worse >= search.max_worse or not failure.is_recoverable:

@@ -286,7 +286,7 @@ def _joined(
             if not found[-1].check.violations or budget.is_over():
                 return min(found, key=lambda one: one.violation)
             longer = stretched(request, found[-1].check, durations, search.max_stretch)
-            if longer == durations:
+            if longer == durations or sum(longer) > context.longest:
                 break
             durations = longer
     return min(found, key=lambda one: one.violation)

@@ -82,4 +82,5 @@ def scaled_duration(
     states = node_states(expected_motion(request, [basis], [usual])[0], basis.tables)
     margin = 1.0 if is_timed else search.scaling_margin
     stretch = margin * least_stretch(context.robot, context.limits, states)
-    return usual * stretch if 1.0 < stretch <= search.max_stretch else usual
+    most = min(search.max_stretch, context.longest / usual)
+    return usual * stretch if 1.0 < stretch <= most else usual

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...arrays import FloatArray
-from ...exceptions import TrajectoryError
+from ...exceptions import GoalError, TrajectoryError
 from ...motion.goal import JointState
 from ..context import Context
 from ..options import SHORTEST
@@ -22,7 +22,6 @@ from ..plan import MotionSolution
 from ..program.bases import fixed_basis
 from ..program.tables import Tables
 from ..request import Request
-from ..requests.resolve import longest_duration
 from ..time_scaling import slowdown
 from .budget import Budget
 from .candidate import Candidate, checked
@@ -91,7 +90,7 @@ def slow_motion(
         for usual in _usual_durations(context, request):
             try:
                 found = _around(context, request, failed, usual, path, budget)
-            except TrajectoryError as error:
+            except (GoalError, TrajectoryError) as error:
                 reason = reason or str(error)
                 continue
             if found.collisions:
@@ -138,7 +137,7 @@ def _around(
         corners.append(corners_of(context, around)[1:-1])
     try:
         other = _slow(context, request, failed, usual, tuple(corners))
-    except TrajectoryError:
+    except (GoalError, TrajectoryError):
         return found
     return other if other.is_valid else found
 
@@ -150,8 +149,8 @@ def _slow(
 
     Raises
     ------
-    TrajectoryError
-        If no durations keep the limits.
+    GoalError, TrajectoryError
+        If it would take too long, or no durations keep the limits.
     """
     route, period = _route(context, request, corners), context.options.sample_period
     counts = [1 + len(part) for part in corners]
@@ -199,11 +198,6 @@ def _durations(
     if route.moves_at_ends and (request.is_single or not request.groups[0][1]):
         # Between other points, the controller's quintics would exceed the jerk of the brake.
         durations[0] = route.step * np.ceil(durations[0] / route.step - 1e-9)
-    longest, total = longest_duration(context), float(durations.sum())
-    if total > longest:
-        raise TrajectoryError(
-            f"the slow motion would take {total:.4g} s, at most {longest:g} s are accepted"
-        )
     return legs * np.repeat(durations / least, counts)
 
 

@@ -17,6 +17,7 @@ import numpy as np
 
 from ...arrays import FloatArray
 from ...exceptions import TrajectoryError
+from ...input_limits import INPUT_LIMITS
 from ...motion.goal import JointState
 from ...motion.interpolation import hermite_functions, segment_ends
 from ...motion.trajectory import Trajectory
@@ -248,7 +249,8 @@ def _brake(
         if not check.violations:
             return np.array(brake.states)
         worst = worst or check.violations[0]
-    raise TrajectoryError(f"no brake within the limits was found: {worst}")
+    why = worst or f"the fastest one takes over {INPUT_LIMITS.longest_motion(step):g} s"
+    raise TrajectoryError(f"no brake within the limits was found: {why}")
 
 
 def _decelerate(
@@ -312,6 +314,8 @@ def _trapezoid(v: float, a: float, most: float, jerk: float, step: float) -> Flo
     hold = (v + a * a / (2.0 * jerk)) / peak - peak / jerk if peak > 0.0 else 0.0
     times = np.array([(a + peak) / jerk, hold, peak / jerk])
     n = np.maximum(np.ceil(times / step - 1e-9), (1.0, 0.0, 1.0))
+    if not n.sum() * step <= INPUT_LIMITS.longest_motion(step):
+        raise TrajectoryError("the brake takes too long")
     # With whole steps, the peak is adapted so that the final velocity is 0.
     peak = (v + a * n[0] * step / 2.0) / (step * (n[0] / 2.0 + n[1] + n[2] / 2.0))
     pieces = [-(a + peak) / (n[0] * step), 0.0, peak / (n[2] * step)]

@@ -294,3 +294,45 @@ def test_duration_beyond_all_measure_is_refused():
     assert "at most 600 s are accepted" in plan.message
     with pytest.raises(GoalError, match="at most 600 s are accepted"):
         planner().plan(replace(goal, duration=601.0), start)
+
+
+@given(shares, shares, shares, shares)
+def test_knots_of_a_brake_are_points_of_the_trajectory_in_any_predicted_duration(
+    first, second, v, a
+):
+    # Between other points, quintics exceed the jerk of the brake, which no slowing changes.
+    bounds = {"max_velocity": 4.0, "max_acceleration": 8.0, "max_jerk": 160.0}
+    start = JointState(JOINTS, configuration(0.4 + 0.2 * first), 3.0 * (v - 0.5), 15.0 * (a - 0.5))
+    # So near, the slow motion needs far less than the predicted duration.
+    goal = JointGoal(JointState(JOINTS, start.positions + 0.1 * (second - 0.5)))
+    bounds["max_effort"] = np.inf
+    subject = planner(overrides=dict.fromkeys(JOINTS, bounds), max_solve_time=NO_TIME)
+    plan = subject.plan(goal, start)
+    assert plan.is_executable, plan.message
+    if "this one brakes" in plan.message:
+        steps = plan.trajectory.times / subject.options.sample_period
+        np.testing.assert_allclose(steps, np.round(steps), atol=1e-6)
+
+
+@pytest.mark.parametrize("quantity", ["max_velocity", "max_acceleration", "max_jerk"])
+@pytest.mark.parametrize("kind", ["optimal", "real_time", "single", "with via"])
+def test_motions_that_would_take_too_long_are_rejected_before_they_are_sampled(quantity, kind):
+    goal, start = request(1)
+    via = JointState(JOINTS, start.positions + 0.1)
+    targets = {"single": goal, "with via": replace(goal, vias=(Via(via),))}
+    target = targets.get(kind, SequenceGoal((via, goal.state)))
+    subject = planner(overrides={name: {quantity: 1e-9} for name in JOINTS}, max_solve_time=0.05)
+    plan = subject.plan(target, start, kind if kind in MODES else "optimal")
+    assert plan.status == INFEASIBLE
+    assert plan.trajectory.n_steps < 10_000
+    assert "s, at most 600 s are accepted" in plan.message
+
+
+@pytest.mark.parametrize("quantity", ["max_acceleration", "max_jerk"])
+def test_brakes_that_would_take_too_long_are_rejected_before_they_are_sampled(quantity):
+    goal, start = request(1)
+    start = JointState(JOINTS, start.positions, np.full(4, 0.1))
+    subject = planner(overrides={name: {quantity: 1e-9} for name in JOINTS}, max_solve_time=0.05)
+    plan = subject.plan(goal, start)
+    assert plan.status == INFEASIBLE
+    assert "no brake within the limits was found: the fastest one takes over 600 s" in plan.message

@@ -408,7 +408,7 @@ def test_absurd_requests_are_refused_or_come_to_an_honest_plan(numbers, duration
 
 
 def test_a_duration_that_would_exhaust_the_memory_is_refused():
-    with pytest.raises(GoalError, match="1e\\+09 s is too long.*at most 600 s"):
+    with pytest.raises(GoalError, match="duration is 1e\\+09 s, at most 600 s"):
         planner().plan(*request(duration=1e9))
     with pytest.raises(GoalError, match="at most 10 s"):
         planner(sample_period=1e-4).plan(*request(duration=11.0))
