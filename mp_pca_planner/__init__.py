@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from .motion.goal import Pose as Pose
     from .motion.goal import PoseGoal as PoseGoal
     from .motion.goal import SequenceGoal as SequenceGoal
-    from .motion.goal import Via as Via
     from .motion.trajectory import Trajectory as Trajectory
     from .planning.plan import Plan as Plan
     from .planning.plan import PlannerOptions as PlannerOptions
@@ -45,7 +44,7 @@ __version__ = "0.1.0"
 
 # Imported at first use, so that `import mp_pca_planner` is fast and loads only what is used.
 _NAMES = {
-    "motion.goal": ("JointGoal", "JointState", "Pose", "PoseGoal", "SequenceGoal", "Via"),
+    "motion.goal": ("JointGoal", "JointState", "Pose", "PoseGoal", "SequenceGoal"),
     "motion.trajectory": ("Trajectory",),
     "planning.plan": ("Plan", "PlannerOptions"),
     "planning.planner": ("Planner",),

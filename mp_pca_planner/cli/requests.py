@@ -26,7 +26,7 @@ from ..primitives.primitive import MovementPrimitive
 from ..primitives.primitive_library import load_primitives
 from ..robot.model import Robot
 from ..robot.world import World
-from .goal_arguments import asked_texts, sequence_goal, single_goal, start_state, target
+from .goal_arguments import asked_texts, planned_goal, sequence_goal, start_state, target
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,7 +120,7 @@ def plan_request(arguments: argparse.Namespace) -> PlannedRequest:
         return PlannedRequest(planner, planner.plan(goal, start, arguments.mode), asked)
     options = _options(arguments, robot)
     single = Planner(robot, primitives, limits, options, collision)
-    plan = single.plan(single_goal(arguments, robot), start)
+    plan = single.plan(planned_goal(arguments, robot), start)
     return PlannedRequest(single, plan, asked_texts(arguments, robot))
 
 

@@ -130,8 +130,7 @@ def _timing(goal: Goal) -> tuple[Any, ...]:
     """Options that two goals must share exactly; there are as many times as targets."""
     if isinstance(goal, SequenceGoal):
         return goal.primitive, goal.times, goal.stops
-    # Vias are compared by identity, because goals of the node have none.
-    return goal.primitive, goal.duration, goal.vias
+    return goal.primitive, goal.duration
 
 
 def _targets(goal: Goal) -> tuple[JointState | Pose, ...]:

@@ -8,7 +8,7 @@ All sentences about plans are in this module.
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from ..exceptions import TrajectoryError
 from ..motion.collision import NOT_CHECKED
 from ..motion.goal import Goal, JointState
 from ..motion.trajectory import Trajectory
-from ..motion.validation import check_executable
+from ..motion.validation import LimitCheck, check_executable
 from .configurations import POSE_TOLERANCE
 from .context import Context
 from .motion import Motion
@@ -405,7 +405,27 @@ def _deviation(best: Candidate) -> float:
     return max(found, default=float("nan"))
 
 
-def remarks(plan: Plan) -> list[str]:
+class AnyPlan(Protocol):
+    """Common interface of all kinds of plans."""
+
+    @property
+    def status(self) -> str:
+        """Status of the plan."""
+
+    @property
+    def message(self) -> str:
+        """One sentence."""
+
+    @property
+    def in_span_score(self) -> float:
+        """How far outside the demonstrations the request lies."""
+
+    @property
+    def limit_check(self) -> LimitCheck | None:
+        """Its comparison with the limits."""
+
+
+def remarks(plan: AnyPlan) -> list[str]:
     """Sentences on unusual properties of a plan; none for a usual one."""
     found = [plan.message] if plan.status == STOPPED_EARLY else []
     if plan.in_span_score > UNUSUAL_IN_SPAN_SCORE:

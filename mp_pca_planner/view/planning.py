@@ -14,7 +14,7 @@ import numpy as np
 from ..arrays import FloatArray
 from ..exceptions import PlannerError, WorldError
 from ..motion.collision import CollisionModel
-from ..motion.goal import Goal, JointGoal, JointState, Pose, PoseGoal, Via
+from ..motion.goal import Goal, JointGoal, JointState, Pose, PoseGoal, SequenceGoal
 from ..planning.configurations import POSE_TOLERANCE, nearest_configuration
 from ..planning.objectives import objective_by_name
 from ..planning.plan import DEMONSTRATED, TIMINGS, Plan, PlannerOptions
@@ -178,11 +178,12 @@ class InteractivePlanner:
     def _goal(self, request: ViewRequest, configuration: FloatArray) -> Goal:
         settings = request.settings
         duration = settings.duration if settings.timing == FIXED else None
-        vias = tuple(Via(pose) for pose in request.vias)
-        if request.pose is None:
-            state = JointState(self.robot.joint_names, configuration)
-            return JointGoal(state, duration, vias=vias)
-        return PoseGoal(request.pose, duration, vias=vias)
+        state = JointState(self.robot.joint_names, configuration)
+        end = state if request.pose is None else request.pose
+        if request.vias:
+            times = (*(None for _ in request.vias), duration)
+            return SequenceGoal((*request.vias, end), times)
+        return PoseGoal(end, duration) if isinstance(end, Pose) else JointGoal(end, duration)
 
     def _new_planner(self, basis: str, settings: PlanSettings) -> Planner:
         timing = settings.timing if settings.timing in TIMINGS else DEMONSTRATED

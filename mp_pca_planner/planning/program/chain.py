@@ -93,7 +93,8 @@ def junctions_of(request: Request, initial: Sequence[Motion]) -> tuple[Junction,
 class Chain:
     """The unknowns of several segments between junctions.
 
-    These are the first segment's weights, the first target, the second segment's weights, and so on.
+    These are the weights of the first segment, the first target, the weights of the second segment,
+    and so on.
 
     Parameters
     ----------

@@ -4,8 +4,8 @@
 
 A constraint is a list of values between bounds, at some phases of a segment. It starts with the
 rows that a motion near the expected one needs, often none. After a check of the motion that was
-found, it is refined: by tighter bounds or by more rows. To add a constraint on configurations, write
-a class as in :mod:`.path_constraints`; to add any other, a class as :class:`Constraint`.
+found, it is refined: by tighter bounds or by more rows. To add a constraint on configurations,
+write a class as in :mod:`..path_constraints`; for any other, a class as :class:`Constraint`.
 """
 
 from __future__ import annotations

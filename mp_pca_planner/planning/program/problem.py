@@ -71,7 +71,7 @@ class Problem:
         self.upper = np.concatenate([np.zeros(0), *(one.upper for one in flat)])
         self.has_clearances = any(one.lower.size for one in flat if isinstance(one, Clearance))
 
-    def parts(self, x: FloatArray) -> list[tuple[FloatArray, FloatArray | None]] | None:
+    def parts(self, x: FloatArray) -> Sequence[tuple[FloatArray, FloatArray | None]] | None:
         """Each segment's unknowns, and their derivatives by its slice of x (None: the identity).
 
         None if a duration is out of range.
@@ -224,8 +224,8 @@ class Point:
                     self._linear.append((i, where, by_x, rows, at))
                     first = rows.stop
             if (target := problem.targets[i]) is not None:
-                errors, rows = target.equations(own)
-                self._equations.append((i, errors, rows if by_x is None else rows @ by_x))
+                errors, slopes = target.equations(own)
+                self._equations.append((i, errors, slopes if by_x is None else slopes @ by_x))
         if self._equations:
             self.equalities = np.concatenate([errors for _, errors, _ in self._equations])
             self.equality_rows = np.concatenate([self._whole(*one) for one in self._equations])

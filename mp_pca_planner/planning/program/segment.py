@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The motion compiler ([P] Section 2): one segment as functions of its unknowns.
 
-The objective is J = ½∫‖τ‖²dt ([P] eq. (6)), or another sum of running costs, plus other terms. With
-Gauss–Legendre nodes the integral becomes a sum of squares, ½‖r(x)‖², whose Jacobian follows from the
-chain rule, ∂τ/∂w = ∂τ/∂q φ + ∂τ/∂q̇ φ'/T + M φ''/T².
+The objective is J = ½∫‖τ‖²dt ([P] eq. (6)), or another sum of running costs, plus other terms.
+With Gauss–Legendre nodes the integral becomes a sum of squares, ½‖r(x)‖², whose Jacobian follows
+from the chain rule, ∂τ/∂w = ∂τ/∂q φ + ∂τ/∂q̇ φ'/T + M φ''/T².
 """
 
 from __future__ import annotations
@@ -116,7 +116,7 @@ class SegmentProgram:
         return by_rate, stacked
 
     def at(self, x: FloatArray) -> tuple[Course, Quadratic]:
-        """The motion and its running costs; those of the last x and of the expected one are kept."""
+        """The motion and its running costs; those of the last x and the expected one are kept."""
         key, expected = x.tobytes(), self.expected.tobytes()
         if key not in self._known:
             self._known = {k: at for k, at in self._known.items() if k == expected}
