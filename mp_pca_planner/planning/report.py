@@ -25,7 +25,6 @@ from .options import DEMONSTRATED, REAL_TIME
 from .plan import INFEASIBLE, SOLVED, STOPPED_EARLY, MotionSolution, Plan
 from .program.bases import MotionBasis
 from .program.costs import cost_of
-from .request import passing_phases
 from .requests.resolve import in_span_score
 from .search.candidate import Candidate, collision_at_end
 from .search.sampling import has_planner
@@ -115,28 +114,28 @@ def report(context: Context, outcome: Outcome, goal: Goal, began: float, planner
         The planner.
     """
     best, request = outcome.best, outcome.best.request
-    status, message = _status(context, outcome)
     trajectory, motions = best.trajectory.with_efforts(best.check.efforts), best.motions
-    phases = passing_phases([motion.duration for motion in motions])[:-1]
-    solved_at = max([best.solved_at, *(one.solved_at for one in outcome.found)])
+    status, message = _status(context, outcome)
+    ends = np.cumsum([motion.duration for motion in motions])
+    solved_at = max([best.solved_at, *[one.solved_at for one in outcome.found]])
     start_error = np.abs(trajectory.positions[0] - request.start.positions).max()
     return Plan(
         status=status,
         message=message,
         trajectory=trajectory,
         motions=motions,
-        primitives=tuple(segment.primitive.name for segment in request.segments),
+        primitives=tuple([segment.primitive.name for segment in request.segments]),
         solution=_solution(context, best),
-        considered=max(len(segment.selection.considered) for segment in request.segments),
+        considered=max([len(segment.selection.considered) for segment in request.segments]),
         selection=_selection(goal, outcome),
         in_span_score=_in_span_score(context, best),
         limit_check=best.check,
         start_error=float(start_error),
         goal_error=best.target_errors[-1],
         via_error=max(best.target_errors[:-1], default=0.0),
-        via_phases=phases,
+        via_phases=tuple((ends[:-1] / ends[-1]).tolist()),
         shortest_duration=outcome.stated,
-        n_components_used=max(basis.n_components for basis in best.bases),
+        n_components_used=max([basis.n_components for basis in best.bases]),
         correction=max(map(correction, best.bases, motions)),
         deviation_score=_deviation(best),
         naturalness=best.naturalness,
@@ -181,7 +180,6 @@ def _joined(outcome: Outcome) -> tuple[str, str, str]:
 def _refusal(context: Context, outcome: Outcome) -> str:
     """Why a motion must not be executed; empty if it may."""
     best, trajectory = outcome.best, outcome.best.trajectory
-    without = f"without {_collision_kind(context)}"
     try:
         check_executable(
             trajectory,
@@ -191,10 +189,11 @@ def _refusal(context: Context, outcome: Outcome) -> str:
         )
     except TrajectoryError as error:
         return _refused(context, outcome, "within the limits", str(error))
-    if best.collisions:
-        return _refused(context, outcome, without, _met(context, outcome))
-    if met := _met_beyond(context, trajectory):
-        return _refused(context, outcome, without, met)
+    met = _met(context, outcome) if best.collisions else ""
+    if context.collision is not None and np.any(trajectory.velocities[-1]):
+        met = met or _met_beyond(context, trajectory)
+    if met:
+        return _refused(context, outcome, f"without {_collision_kind(context)}", met)
     missed = max(best.target_errors)
     if missed > POSE_TOLERANCE:
         why = SENTENCES["missed"].format(missed=missed)
@@ -235,7 +234,8 @@ def _met(context: Context, outcome: Outcome) -> str:
     collisions = best.collisions
     # The search for a motion knows only roughly when bodies meet.
     if not outcome.ran_out:
-        collisions = context.collisions(best.trajectory, precisely=True)
+        assert context.collision is not None
+        collisions = context.collision.collisions(best.trajectory, precisely=True)
     at_end = collision_at_end(collisions, best.request, best.duration)
     if at_end is None:
         return str(collisions[0])
@@ -244,17 +244,15 @@ def _met(context: Context, outcome: Outcome) -> str:
 
 def _met_beyond(context: Context, trajectory: Trajectory) -> str:
     """Text on the collision of all stops beyond a goal in motion; empty if one is clear."""
-    q, v, a = (values[-1] for values in trajectory.states)
-    if context.collision is None or not v.any():
-        return ""
-    met, end = "", JointState(trajectory.joint_names, q, v, a)
-    options = context.options
+    met, options = "", context.options
+    end = JointState(trajectory.joint_names, *[values[-1] for values in trajectory.states])
+    assert context.collision is not None
     for stop, check in brakes(
         context.robot, context.limits, end, options.sample_period, options.braking
     ):
         if check.violations:
             continue
-        found = context.collisions(stop)
+        found = context.collision.collisions(stop, precisely=False)
         if not found:
             return ""
         met = met or SENTENCES["beyond"].format(met=found[0])
@@ -284,7 +282,7 @@ def _slow(context: Context, outcome: Outcome) -> str:
         searched = _searched(context, outcome, "without stops within the limits")
         return SENTENCES["slow_sequence"].format(searched=searched, rests=rests)
     searched = _searched(context, outcome, "optimised within the limits")
-    follows = "follows" if best.request.starts_at_rest else "brakes, then follows"
+    follows = "brakes, then follows" if np.any(best.request.start.values[1:]) else "follows"
     return SENTENCES["slow"].format(searched=searched, follows=follows, rests=rests)
 
 
@@ -295,7 +293,7 @@ def _concessions(context: Context, best: Candidate) -> str:
     given_up, kept = [], ""
     if duration > usual * (1.0 + 1e-9) and options.timing == DEMONSTRATED:
         given_up.append(SENTENCES["lengthened"].format(usual=usual, duration=duration))
-    is_detour = any(basis.is_detour for basis in best.bases)
+    is_detour = best.bases[0].is_detour
     if best.naturalness > options.naturalness and not is_detour:
         given_up.append(
             SENTENCES["raised"].format(asked=options.naturalness, used=best.naturalness)

@@ -70,41 +70,45 @@ class Request:
         :func:`duration_groups`.
     is_single : bool
         Whether it is of a single goal; a sequence of one target is joined as one of several.
+    start, goal : JointState
+        States at the start and at the last target.
+    pose : Pose or None
+        The pose to reach, if the last target is one.
+    duration : float
+        The requested duration, or the predicted one [s].
+    duration_is_free : bool
+        Whether the duration of the whole is not specified.
     """
 
     segments: tuple[Segment, ...]
     groups: tuple[tuple[tuple[int, ...], bool], ...]
-    is_single: bool = False
+    is_single: bool
+    start: JointState
+    goal: JointState
+    pose: Pose | None
+    duration: float
+    duration_is_free: bool
 
-    @property
-    def start(self) -> JointState:
-        """The state at the start."""
-        return self.segments[0].start
-
-    @property
-    def goal(self) -> JointState:
-        """The state at the last target."""
-        return self.segments[-1].goal
-
-    @property
-    def pose(self) -> Pose | None:
-        """The pose to reach, if the last target is one."""
-        return self.segments[-1].pose
-
-    @property
-    def duration(self) -> float:
-        """The requested duration, or the predicted one [s]."""
-        return float(sum(segment.duration for segment in self.segments))
-
-    @property
-    def duration_is_free(self) -> bool:
-        """Whether the duration of the whole is not specified."""
-        return not self.groups[-1][1]
-
-    @property
-    def starts_at_rest(self) -> bool:
-        """Whether the robot does not move at the start."""
-        return not np.any([self.start.velocities, self.start.accelerations])
+    @classmethod
+    def of(
+        cls,
+        segments: Sequence[Segment],
+        groups: tuple[tuple[tuple[int, ...], bool], ...],
+        *,
+        is_single: bool,
+    ) -> Request:
+        """The request of some segments."""
+        last, duration = segments[-1], float(sum([segment.duration for segment in segments]))
+        return cls(
+            tuple(segments),
+            groups,
+            is_single,
+            segments[0].start,
+            last.goal,
+            last.pose,
+            duration,
+            not groups[-1][1],
+        )
 
     def resting_durations(self, least: FloatArray, usual: FloatArray) -> FloatArray:
         """Durations of segments from rest to rest, neither below the least nor the usual ones [s].
@@ -161,9 +165,3 @@ def duration_groups(times: Sequence[float | None]) -> tuple[tuple[tuple[int, ...
     if current:
         groups.append((tuple(current), False))
     return tuple(groups)
-
-
-def passing_phases(durations: Sequence[float]) -> tuple[float, ...]:
-    """The phases at the ends of segments."""
-    ends = np.cumsum(durations)
-    return tuple(map(float, ends / ends[-1]))

@@ -80,7 +80,7 @@ def junctions_of(request: Request, initial: Sequence[Motion]) -> tuple[Junction,
     """The junctions of a request, with initial values of a motion."""
     durations = np.array([motion.duration for motion in initial])
     ends = np.cumsum(durations)
-    last_of_groups = {group[-1] for group, _ in request.groups}
+    last_of_groups = [group[-1] for group, _ in request.groups]
     found = [Junction(initial[0].start, 0.0)]
     for i, (motion, segment) in enumerate(zip(initial, request.segments, strict=True)):
         orders = (*([] if segment.pose is None else [0]), *([] if segment.stops else [1, 2]))

@@ -21,7 +21,6 @@ from ...motion.interpolation import hermite_functions
 from ...motion.validation import Violation
 from ...robot.limits import JointLimits
 from ...robot.model import Robot
-from ..time_scaling import limit_shares
 from .constraints import Findings
 from .segment import Course
 from .tables import N_LIMIT_POINTS, Tables, limit_phases
@@ -238,6 +237,27 @@ def near_limits(
     """
     shares = limit_shares(limits, expected.states, expected.nodes.efforts)
     return ~(shares <= (1.0 if is_timed and np.all(shares <= 1.0) else share))
+
+
+def limit_shares(limits: JointLimits, states: FloatArray, efforts: FloatArray) -> FloatArray:
+    """Largest values of a motion as shares of the limits, shape (5, n_joints).
+
+    Those of positions are 0 in the middle of a range and 1 at its ends.
+
+    Parameters
+    ----------
+    limits : JointLimits
+        Limits of the joints.
+    states : array, shape (4, n_steps, n_joints)
+        Positions, velocities, accelerations and jerks.
+    efforts : array, shape (n_steps, n_joints)
+        Efforts; NaN counts as beyond a limit.
+    """
+    half = (limits.upper - limits.lower) / 2.0
+    beyond = np.maximum(limits.lower - states[0], states[0] - limits.upper).max(axis=0)
+    bounds = np.array([limits.velocity, limits.acceleration, limits.jerk, limits.effort])
+    magnitudes = np.abs([*states[1:], efforts]).max(axis=1)
+    return np.vstack([1.0 + beyond / np.where(np.isfinite(half), half, 1.0), magnitudes / bounds])
 
 
 def _end_states(robot: Robot, ends: Sequence[JointState]) -> FloatArray:

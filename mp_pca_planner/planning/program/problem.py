@@ -10,15 +10,12 @@ refined, and the solver continues from its last solution.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import chain, pairwise
+from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...arrays import FloatArray
-from ...motion.collision import Collision
-from ...motion.trajectory import Trajectory
-from ...motion.validation import GRID_PERIOD, LimitCheck
 from ..solver.matrices import BlockMatrix, Matrix
 from .bases import StartPoint
 from .chain import Chain
@@ -90,82 +87,41 @@ class Problem:
         errors = [target.errors(own) for target, (own, _) in found if target is not None]
         return np.concatenate([np.zeros(0), *errors])
 
-    def refined(
-        self,
-        trajectory: Trajectory,
-        check: LimitCheck,
-        collisions: Sequence[Collision],
-        ends: Sequence[float],
-        *,
-        touches: bool,
-    ) -> Problem:
+    def refined(self, found: Sequence[Findings], violates: bool) -> Problem:
         """The problem with constraints refined after a check; itself if nothing was found.
 
         Parameters
         ----------
-        trajectory : Trajectory
-            The points of the motion that was found.
-        check : LimitCheck
-            Its comparison with the limits.
-        collisions : sequence of Collision
-            Its collisions.
-        ends : sequence of float
-            Times at the ends of the segments [s].
-        touches : bool
-            Whether bounds are tightened where a limit is only touched.
+        found : sequence of Findings
+            What was found in each segment.
+        violates : bool
+            Whether limits are violated.
         """
-        refined, is_longer = [], np.zeros(len(self.constraints[0]), dtype=bool)
-        for part, times in zip(self.constraints, pairwise([0.0, *ends]), strict=True):
-            found = _within(times, trajectory, check, collisions, touches=touches)
-            refined.append([one.refined(found) for one in part])
-            is_longer |= [
-                new.lower.size > old.lower.size for new, old in zip(refined[-1], part, strict=True)
-            ]
-        if check.violations:
+        refined = [
+            [constraint.refined(one) for constraint in part]
+            for part, one in zip(self.constraints, found, strict=True)
+        ]
+        if violates:
             # A limit that is violated in one segment is likely to be violated in others, too.
+            longer = np.zeros(len(refined[0]), dtype=bool)
+            for part, before in zip(refined, self.constraints, strict=True):
+                sizes = zip(part, before, strict=True)
+                longer |= [new.lower.size > old.lower.size for new, old in sizes]
             refined = [
-                [
-                    one.everywhere() if longer else one
-                    for one, longer in zip(part, is_longer, strict=True)
-                ]
+                [one.everywhere() if more else one for one, more in zip(part, longer, strict=True)]
                 for part in refined
             ]
-        kept = chain.from_iterable(self.constraints)
-        if all(new is old for new, old in zip(chain.from_iterable(refined), kept, strict=True)):
-            return self
-        return self.constrained(refined)
+        pairs = zip(
+            chain.from_iterable(refined), chain.from_iterable(self.constraints), strict=True
+        )
+        is_same = all(new is old for new, old in pairs)
+        return self if is_same else self.constrained(refined)
 
     def constrained(self, constraints: Sequence[Sequence[Constraint]]) -> Problem:
         """The same with other constraints."""
         return Problem(
             self.segments, self.terms, constraints, self.targets, self.links, self.starts
         )
-
-
-def _within(
-    times: tuple[float, float],
-    trajectory: Trajectory,
-    check: LimitCheck,
-    collisions: Sequence[Collision],
-    *,
-    touches: bool,
-) -> Findings:
-    """What a check found between two times."""
-    began, ended = times
-    # At a target, a violation may belong to either segment.
-    first, last = began - GRID_PERIOD, ended + GRID_PERIOD
-    own = (began <= trajectory.times) & (trajectory.times <= ended)
-    violations = [one for one in check.violations if first <= one.time <= last]
-    touched = [one for one in check.touched if first <= one.time <= last]
-    within = [one.within(began, ended) for one in collisions]
-    return Findings(
-        ended - began,
-        trajectory.positions[own],
-        (trajectory.times[own] - began) / (ended - began),
-        violations,
-        touched if violations or touches else (),
-        [one for one in within if one is not None],
-    )
 
 
 class Point:

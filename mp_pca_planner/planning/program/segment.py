@@ -19,7 +19,7 @@ from ...arrays import FloatArray
 from ...robot.model import Robot
 from ..objectives import QUANTITIES, Effort, Nodes, Objective
 from .tables import Tables
-from .unknowns import N_RATES, Unknowns
+from .unknowns import N_RATES, Unknowns, all_states
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,6 +34,8 @@ class Course:
         The duration T [s].
     stretch : float
         Derivative of log T by its unknown; 0 if the duration is fixed.
+    states : array, shape (4, n_nodes, n_joints)
+        Positions to jerks at the nodes.
     nodes : Nodes
         States and efforts at the nodes.
     slopes : mapping of str to array, shape (n_nodes, n_joints, n_unknowns)
@@ -43,14 +45,9 @@ class Course:
     x: FloatArray
     duration: float
     stretch: float
+    states: FloatArray
     nodes: Nodes
     slopes: dict[str, FloatArray]
-
-    @property
-    def states(self) -> FloatArray:
-        """Positions to jerks at the nodes, shape (4, n_nodes, n_joints)."""
-        nodes = self.nodes
-        return np.array([nodes.positions, nodes.velocities, nodes.accelerations, nodes.jerks])
 
 
 class Quadratic(NamedTuple):
@@ -93,47 +90,40 @@ class SegmentProgram:
     ) -> None:
         self._robot, self._objectives = robot, tuple(objectives)
         self.tables, self.unknowns = tables, unknowns
+        self._states = all_states(unknowns, tables.hermite[:, 1:-1], tables.values[:, 1:-1])
         self.expected = unknowns.from_weights(expected)
         self._known: dict[bytes, tuple[Course, Quadratic]] = {}
-        self._states = tables.at_nodes(unknowns)
-        if not unknowns.duration_is_free:
-            self._slopes_at_any_x = self._slopes(self.expected, np.zeros(0))
-
-    def _slopes(self, x: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Derivatives of the states at x, where they have the given values.
-
-        Returns
-        -------
-        by_rate : array, shape (4, n_nodes, n_joints, n_unknowns)
-            Of positions to jerks.
-        stacked : array, shape (n_nodes, 3 n_joints, n_unknowns)
-            Of positions, velocities and accelerations at each node.
-        """
-        n_nodes, n_joints = self.tables.n_nodes, self.unknowns.n_joints
-        rows = self._states.jacobian(x, values).reshape(N_RATES, n_joints, n_nodes, x.size)
-        by_rate = rows.transpose(0, 2, 1, 3)
-        stacked = by_rate[:3].transpose(1, 0, 2, 3).reshape(n_nodes, 3 * n_joints, x.size)
-        return by_rate, stacked
+        # Derivatives of positions to jerks, shape (4, n_nodes, n_joints, n_unknowns), and of all
+        # but jerks at each node, shape (n_nodes, 3 n_joints, n_unknowns).
+        self._slopes: tuple[FloatArray, FloatArray] | None = None
 
     def at(self, x: FloatArray) -> tuple[Course, Quadratic]:
         """The motion and its running costs; those of the last x and the expected one are kept."""
         key, expected = x.tobytes(), self.expected.tobytes()
         if key not in self._known:
-            self._known = {k: at for k, at in self._known.items() if k == expected}
+            if expected in self._known:
+                self._known = {expected: self._known[expected]}
             course = self._course(x)
             self._known[key] = course, self._costs(course)
         return self._known[key]
 
     def _course(self, x: FloatArray) -> Course:
-        unknowns, by_row = self.unknowns, self._states.values(x)
-        timed = unknowns.duration_is_free
-        by_rate, stacked = self._slopes(x, by_row) if timed else self._slopes_at_any_x
-        q, v, a, jerk = self._in_order(by_row)
-        tau, dtau = self._robot.inverse_dynamics_derivatives(q, v, a)
-        nodes = Nodes(self._robot, q, v, a, jerk, tau, unknowns.boundary[0], unknowns.boundary[3])
+        unknowns, timed = self.unknowns, self.unknowns.duration_is_free
+        duration, by_row = unknowns.duration_at(x), self._states.values(x)
+        if self._slopes is None or timed:
+            n_nodes, n_joints = self.tables.n_nodes, unknowns.n_joints
+            rows = self._states.jacobian(x, by_row).reshape(N_RATES, n_joints, n_nodes, x.size)
+            by_rate = rows.transpose(0, 2, 1, 3)
+            stacked = by_rate[:3].transpose(1, 0, 2, 3).reshape(n_nodes, 3 * n_joints, x.size)
+            self._slopes = by_rate, stacked
+        by_rate, stacked = self._slopes
+        states = self._in_order(by_row)
+        tau, dtau = self._robot.inverse_dynamics_derivatives(*states[:3])
+        ends = unknowns.boundary[0], unknowns.boundary[3]
+        nodes = Nodes(self._robot, states[0], states[1], states[2], states[3], tau, *ends)
         slopes = dict(zip(QUANTITIES, (*by_rate, dtau @ stacked), strict=True))
         stretch = unknowns.log_duration_slope(x) if timed else 0.0
-        return Course(x, unknowns.duration_at(x), stretch, nodes, slopes)
+        return Course(x, duration, stretch, states, nodes, slopes)
 
     def _costs(self, at: Course) -> Quadratic:
         """The sum of the running costs: sums of squares over the nodes."""

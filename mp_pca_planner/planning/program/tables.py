@@ -14,7 +14,7 @@ from numpy.polynomial import legendre
 
 from ...arrays import FloatArray
 from ...primitives.basis import Basis
-from .unknowns import N_RATES, Rows, StateMap, Unknowns, all_states, hermite_tables
+from .unknowns import N_RATES, Rows, StateMap, Unknowns, hermite_tables
 
 N_NODES = 28
 """Usual number of quadrature nodes."""
@@ -68,14 +68,6 @@ class Tables:
         self.hermite = hermite_tables(phases.tobytes())
         self.values = basis.tables(phases, N_RATES - 1)
         self._on_grid: dict[int, FloatArray] = {}
-
-    def at_nodes(self, unknowns: Unknowns) -> StateMap:
-        """Positions to jerks at the nodes as functions of the unknowns."""
-        return all_states(unknowns, self.hermite[:, 1:-1], self.values[:, 1:-1])
-
-    def at_goal(self, unknowns: Unknowns) -> StateMap:
-        """Positions at the goal as functions of the unknowns."""
-        return all_states(unknowns, self.hermite[:1, -1:], self.values[:1, -1:])
 
     def on_grid(self, unknowns: Unknowns, rows: Rows) -> StateMap:
         """Bounds of the peaks of states around the points of the grid, see :func:`limit_phases`.

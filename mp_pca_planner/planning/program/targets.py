@@ -10,7 +10,7 @@ from ...arrays import FloatArray
 from ...motion.goal import Pose
 from ...robot.model import Robot
 from .tables import Tables
-from .unknowns import Unknowns
+from .unknowns import Unknowns, all_states
 
 
 class PoseTarget:
@@ -30,7 +30,7 @@ class PoseTarget:
 
     def __init__(self, robot: Robot, tables: Tables, unknowns: Unknowns, pose: Pose) -> None:
         self._robot, self._pose = robot, pose
-        self._goal = tables.at_goal(unknowns)
+        self._goal = all_states(unknowns, tables.hermite[:1, -1:], tables.values[:1, -1:])
 
     def errors(self, x: FloatArray) -> FloatArray:
         """Distance [m] and, with an orientation, rotation vector [rad]."""

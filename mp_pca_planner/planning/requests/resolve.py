@@ -79,7 +79,7 @@ def resolve(
             segment = Segment(
                 here, there, pose, True, selection, one.primitive, one.expected, duration
             )
-            yield Request((segment,), groups, is_single=True)
+            yield Request.of([segment], groups, is_single=True)
 
 
 def check_goal(context: Context, selector: Selector, goal: JointGoal) -> None:
@@ -186,7 +186,7 @@ def _sequence(
                 durations[i],
             )
         )
-    return Request(tuple(segments), duration_groups(times))
+    return Request.of(segments, duration_groups(times), is_single=False)
 
 
 def _check_size(context: Context, goal: SequenceGoal) -> None:

@@ -6,26 +6,30 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
 from ...arrays import FloatArray
 from ...motion.collision import Collision
 from ...motion.trajectory import Trajectory
-from ...motion.validation import LimitCheck
+from ...motion.validation import GRID_PERIOD, LimitCheck
 from ..configurations import POSE_TOLERANCE
 from ..context import Context
 from ..motion import Motion
 from ..plan import MotionSolution
 from ..program.bases import MotionBasis, StartPoint
-from ..program.compile import compile_problem, motions_at
+from ..program.compile import compile_problem
+from ..program.constraints import Findings
+from ..program.motions import motions_at
 from ..program.problem import Problem
 from ..program.setting import Setting
 from ..program.targets import pose_error
 from ..request import Request
 from ..solver.sqp import FEASIBLE, Solution, SolverMemory, solve
 from .budget import Budget
+from .examine import Examined, examine
 
 Violation = tuple[float, float, float]
 """Largest relative excess over a limit, penetration [m] and error of a target [rad or m]."""
@@ -59,6 +63,12 @@ class Candidate:
         Largest distances from the targets [rad or m].
     violation : Violation
         Violations of limits, clearances and targets, for the comparison of candidates.
+    duration : float
+        Duration of all segments [s].
+    is_valid : bool
+        Whether it may be executed and reaches the targets.
+    end_collision : tuple or None
+        A collision at an end that is fixed, see :func:`collision_at_end`.
     has_clearances : bool
         Whether there were clearance constraints.
     memory : SolverMemory or None
@@ -80,20 +90,13 @@ class Candidate:
     solved_at: float
     target_errors: tuple[float, ...]
     violation: Violation
+    duration: float
+    is_valid: bool
+    end_collision: tuple[str, Collision] | None
     has_clearances: bool = False
     memory: SolverMemory | None = None
     corners: FloatArray | None = None
     n_stops: int = 0
-
-    @property
-    def duration(self) -> float:
-        """Duration of all segments [s]."""
-        return float(sum(motion.duration for motion in self.motions))
-
-    @property
-    def is_valid(self) -> bool:
-        """Whether it may be executed and reaches the targets."""
-        return not any(self.violation)
 
     @property
     def meets_bodies(self) -> bool:
@@ -103,7 +106,7 @@ class Candidate:
     @property
     def is_hopeless(self) -> bool:
         """Whether bodies collide at an end of the motion that is fixed."""
-        return collision_at_end(self.collisions, self.request, self.duration) is not None
+        return self.end_collision is not None
 
 
 def collision_at_end(
@@ -136,36 +139,38 @@ def checked(
     solution : MotionSolution, optional
         Result of an earlier attempt to solve; nothing unless given.
     """
+    found, naturalness = examine(context, motions), context.options.naturalness
     solution = MotionSolution.unknown() if solution is None else solution
-    trajectory = context.sample(motions)
-    check, now = context.check(trajectory), time.perf_counter()
-    collisions = () if check.violations else context.collisions(trajectory)
-    naturalness = context.options.naturalness
-    return _candidate(
-        context, request, bases, motions, solution, naturalness, trajectory, check, collisions, now
-    )
+    now = time.perf_counter()
+    return candidate(context, request, bases, motions, solution, naturalness, found, now)
 
 
-def _candidate(
+def candidate(
     context: Context,
     request: Request,
     bases: tuple[MotionBasis, ...],
     motions: tuple[Motion, ...],
     solution: MotionSolution,
     naturalness: float,
-    trajectory: Trajectory,
-    check: LimitCheck,
-    collisions: tuple[Collision, ...],
+    found: Examined,
     solved_at: float,
-    **found: object,
+    *,
+    has_clearances: bool = False,
+    memory: SolverMemory | None = None,
 ) -> Candidate:
-    """The candidate, with its violations."""
-    errors = _target_errors(context, request, motions)
-    missed = max(errors)
+    """The candidate of a motion that was examined."""
+    trajectory, check, collisions = found
+    errors = []
+    for segment, motion in zip(request.segments, motions, strict=True):
+        missed = motion.goal.positions - segment.goal.positions
+        if segment.pose is not None:
+            missed, _ = pose_error(context.robot, segment.pose, motion.goal.positions)
+        errors.append(float(np.abs(missed).max()))
+    duration = float(sum([motion.duration for motion in motions]))
     violation = (
         check.worst_excess if check.violations else 0.0,
-        sum(POSE_TOLERANCE + one.penetration for one in collisions),
-        0.0 if missed <= POSE_TOLERANCE else missed,
+        sum([POSE_TOLERANCE + one.penetration for one in collisions]),
+        0.0 if max(errors) <= POSE_TOLERANCE else max(errors),
     )
     return Candidate(
         request,
@@ -177,24 +182,14 @@ def _candidate(
         check,
         collisions,
         solved_at,
-        errors,
+        tuple(errors),
         violation,
-        **found,  # type: ignore[arg-type]
+        duration,
+        is_valid=violation == (0.0, 0.0, 0.0),
+        end_collision=collision_at_end(collisions, request, duration) if collisions else None,
+        has_clearances=has_clearances,
+        memory=memory,
     )
-
-
-def _target_errors(
-    context: Context, request: Request, motions: Sequence[Motion]
-) -> tuple[float, ...]:
-    """Largest distances of motions from the targets [rad or m]."""
-    errors = []
-    for segment, motion in zip(request.segments, motions, strict=True):
-        q = motion.goal.positions
-        missed = q - segment.goal.positions
-        if segment.pose is not None:
-            missed, _ = pose_error(context.robot, segment.pose, q)
-        errors.append(float(np.abs(missed).max()))
-    return tuple(errors)
 
 
 def attempt(context: Context, request: Request, setting: Setting, budget: Budget) -> Candidate:
@@ -208,68 +203,97 @@ def attempt(context: Context, request: Request, setting: Setting, budget: Budget
         The time for it.
     """
     refined = problem = compile_problem(context, request, setting)
-    passes, touched = 0, False
-    n_starts = context.options.n_starts
-    starts = problem.starts[:n_starts]
+    n_starts, passes, touched = context.options.n_starts, 0, False
+    starts: Sequence[StartPoint] = problem.starts[:n_starts]
     for _ in range(context.options.search.max_refinements):
-        solutions = _solutions(problem, setting, starts, budget)
+        solutions = list[Solution]()
+        for start in starts:
+            # Among clearance constraints, the first solution that meets them is enough.
+            is_clear = problem.has_clearances and solutions and _is_feasible(solutions[-1])
+            if is_clear or (solutions and budget.is_over()):
+                break
+            x, memory = start
+            solutions.append(solve(problem, x, setting.solver, memory, budget.is_over))
+        best = solutions[0]
+        for other in solutions[1:]:
+            better = other.cost < best.cost
+            if _is_feasible(other) > _is_feasible(best) or (
+                _is_feasible(other) == _is_feasible(best) and better
+            ):
+                best = other
         solved_at = time.perf_counter()
-        passes += sum(one.iterations for one in solutions)
-        best = min(solutions, key=lambda one: (one.infeasibility > FEASIBLE, one.cost))
+        passes += sum([one.iterations for one in solutions])
         motions = motions_at(context, request, setting, problem, best.unknowns)
-        trajectory = context.sample(motions)
-        check = context.check(trajectory)
-        # If limits are violated, another motion will be checked for collisions.
-        collisions = () if check.violations else context.collisions(trajectory)
-        if (check.violations or collisions) and budget.is_over():
+        found = examine(context, motions)
+        is_wrong = bool(found.check.violations or found.collisions)
+        if (is_wrong and budget.is_over()) or not (is_wrong or found.check.touched):
             break
-        ends = np.cumsum([motion.duration for motion in motions]).tolist()
-        met = () if collision_at_end(collisions, request, ends[-1]) else collisions
         # A limit that is only touched may be exceeded between the points of the grid. It is
         # tightened only once, because an end of the motion may be at the limit.
-        refined = problem.refined(trajectory, check, met, ends, touches=not touched)
+        refined = problem.refined(
+            _findings(request, motions, found, touches=not touched), bool(found.check.violations)
+        )
         is_longer = refined.lower.size != problem.lower.size
-        if refined is problem or not (best.converged or (is_longer and check.violations)):
+        is_cut = is_longer and bool(found.check.violations)
+        if refined is problem or not (best.converged or is_cut):
             break
-        if not (is_longer and check.violations):
-            touched = not check.violations and (touched or bool(check.touched))
-        starts = _continued(problem, best, is_longer, bool(check.violations), n_starts)
+        if not is_cut:
+            touched = not found.check.violations and (touched or bool(found.check.touched))
+        starts = _continued(problem, best, is_longer, is_cut, n_starts)
         problem = refined
-    return _candidate(
+    solution = _described(problem, setting, best, motions, passes)
+    return candidate(
         context,
         request,
         setting.bases,
         motions,
-        _described(problem, setting, best, motions, passes),
+        solution,
         setting.naturalness,
-        trajectory,
-        check,
-        collisions,
+        found,
         solved_at,
         has_clearances=refined.has_clearances,
         memory=best.memory,
     )
 
 
-def _solutions(
-    problem: Problem, setting: Setting, starts: Sequence[StartPoint], budget: Budget
-) -> list[Solution]:
-    """The solutions from each start in turn, until the time runs out.
+def _is_feasible(solution: Solution) -> bool:
+    return solution.infeasibility <= FEASIBLE
 
-    Among clearance constraints, the first one that meets them is enough.
+
+def _findings(
+    request: Request, motions: Sequence[Motion], found: Examined, *, touches: bool
+) -> list[Findings]:
+    """What was found in each segment, with times from its start.
+
+    Nothing is done about collisions at an end that is fixed.
     """
-    found = list[Solution]()
-    options = replace(setting.solver, should_stop=budget.is_over)
-    for start in starts:
-        is_clear = problem.has_clearances and found and found[-1].infeasibility <= FEASIBLE
-        if is_clear or (found and budget.is_over()):
-            break
-        found.append(solve(problem, start.unknowns, options, start.memory))
-    return found
+    trajectory, check, collisions = found
+    ends = np.cumsum([0.0, *(motion.duration for motion in motions)]).tolist()
+    if collision_at_end(collisions, request, ends[-1]):
+        collisions = ()
+    parts = []
+    for began, ended in pairwise(ends):
+        # At a target, a violation may belong to either segment.
+        first, last = began - GRID_PERIOD, ended + GRID_PERIOD
+        own = (began <= trajectory.times) & (trajectory.times <= ended)
+        violations = [one for one in check.violations if first <= one.time <= last]
+        touched = [one for one in check.touched if first <= one.time <= last]
+        within = [one.within(began, ended) for one in collisions]
+        parts.append(
+            Findings(
+                ended - began,
+                trajectory.positions[own],
+                (trajectory.times[own] - began) / (ended - began),
+                violations,
+                touched if violations or touches else (),
+                [one for one in within if one is not None],
+            )
+        )
+    return parts
 
 
 def _continued(
-    problem: Problem, best: Solution, is_longer: bool, violates: bool, n_starts: int
+    problem: Problem, best: Solution, is_longer: bool, is_cut: bool, n_starts: int
 ) -> Sequence[StartPoint]:
     """Where to start after a refinement.
 
@@ -279,7 +303,7 @@ def _continued(
     """
     if not is_longer:
         return [StartPoint(best.unknowns, best.memory)]
-    if violates and not problem.has_clearances:
+    if is_cut and not problem.has_clearances:
         return problem.starts[:n_starts]
     # The inequalities were renumbered.
     return [StartPoint(best.unknowns, best.memory.curvature_alone()), problem.starts[0]]
@@ -301,11 +325,13 @@ def _described(
     natural = effort = expected = 0.0
     for segment, terms, (own, _) in zip(problem.segments, problem.terms, parts, strict=True):
         course, _ = segment.at(own)
-        natural += sum(term.at(course).cost for term in terms)
+        for term in terms:
+            natural += term.at(course).cost
         effort += segment.effort(own)
         expected += segment.effort(segment.expected)
+    weights = [motion.weights for motion in motions]
     return MotionSolution(
-        weights=np.concatenate([motion.weights for motion in motions]),
+        weights=np.concatenate(weights),
         objective_cost=float("nan") if setting.is_shortest else found.cost - natural,
         effort_cost=effort,
         naturalness_cost=natural,

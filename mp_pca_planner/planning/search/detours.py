@@ -19,6 +19,7 @@ from ..request import Request
 from ..time_scaling import kinematic_stretch, slowdown
 from .budget import Budget
 from .candidate import Candidate, attempt, checked
+from .examine import examine
 from .paths import corners_of, paths
 from .settings import as_shortest, scaled_duration
 
@@ -53,7 +54,7 @@ def _near_path(context: Context, request: Request, path: FloatArray, budget: Bud
         least *= options.search.scaling_margin
         duration = min(max(at_least, least), context.longest)
         motion = _motion(request, basis, duration)
-        slower = slowdown(context.check(context.sample([motion])))
+        slower = slowdown(examine(context, [motion], collides=False).check)
         duration = min(duration * slower, context.longest)
     if budget.is_over():
         return _along(context, request, basis, duration)

@@ -19,6 +19,7 @@ from ..program.setting import Setting
 from ..request import Request
 from ..time_scaling import slowdown
 from .candidate import Candidate, Violation
+from .examine import collides, examine
 from .settings import first_setting, setting_basis
 
 
@@ -138,12 +139,12 @@ def failure_of(
     """The failure of the last of the attempts with one basis."""
     candidate = found[-1]
     expected = replace(candidate.motions[0], weights=setting.bases[0].expected)
-    trajectory = context.sample([expected])
+    trajectory, check, _ = examine(context, [expected], collides=False)
     is_recoverable = (
         not setting.is_shortest
         and not candidate.is_hopeless
         and bool(candidate.check.violations or candidate.collisions)
-        and not (candidate.collisions and context.collisions(trajectory))
+        and not (candidate.collisions and collides(context, trajectory))
     )
     return Failure(
         context,
@@ -152,6 +153,6 @@ def failure_of(
         setting,
         candidate,
         tuple(one.violation for one in found),
-        context.check(trajectory),
+        check,
         is_recoverable,
     )

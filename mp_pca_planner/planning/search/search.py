@@ -11,58 +11,23 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from itertools import chain
+from operator import attrgetter
 
 from ..context import Context
-from ..options import DEMONSTRATED, OPTIMAL, REAL_TIME, SHORTEST
+from ..options import DEMONSTRATED, OPTIMAL, REAL_TIME
 from ..plan import MotionSolution
-from ..program.bases import MotionBasis
-from ..program.joining import expected_motion, stretched
-from ..program.setting import Setting
+from ..program.joining import expected_motion
 from ..request import Request
 from ..requests.resolve import predict
 from .budget import Budget
-from .candidate import Candidate, attempt, checked
+from .candidate import Candidate, attempt
+from .cases import Case, first_case
 from .detours import along_path
+from .examine import collides, searches_paths
 from .recoveries import failure_of, recovered
 from .sampling import has_planner
-from .settings import first_setting, sequence_setting
+from .settings import first_setting
 from .slow import Slow, slow_motion
-
-
-@dataclass(frozen=True, eq=False)
-class Case:
-    """A request, and what is known of its motions.
-
-    Attributes
-    ----------
-    context : Context
-        Of the planner.
-    request : Request
-        The request.
-    optimises : bool
-        Whether motions are optimised; otherwise segments are only joined.
-    first : Setting
-        The first setting.
-    joined : Candidate or None
-        The expected motion of several segments, within the limits if possible.
-    tried : tuple of str
-        Names of the stages that were tried.
-    found : tuple of Candidate
-        Their candidates.
-    """
-
-    context: Context
-    request: Request
-    optimises: bool
-    first: Setting
-    joined: Candidate | None
-    tried: tuple[str, ...] = ()
-    found: tuple[Candidate, ...] = ()
-
-    @property
-    def best(self) -> Candidate:
-        """The candidate with the least violations."""
-        return min(self.found, key=lambda one: one.violation)
 
 
 @dataclass(frozen=True)
@@ -80,7 +45,7 @@ class Stage:
     """
 
     name: str
-    applies: Callable[[Case], bool]
+    applies: Callable[[Case], object]
     search: Callable[[Case, Budget], Candidate | None]
 
 
@@ -118,12 +83,6 @@ class Outcome:
     mode: str
 
 
-def searches_shortest(context: Context, request: Request) -> bool:
-    """Whether the shortest duration of a single segment is searched."""
-    is_free = request.is_single and request.duration_is_free
-    return is_free and context.options.timing == SHORTEST
-
-
 def expected_collides(case: Case) -> bool:
     """Whether paths are tried before descent from the expected motion.
 
@@ -132,7 +91,7 @@ def expected_collides(case: Case) -> bool:
     naturalness is asked for.
     """
     context, request, options = case.context, case.request, case.context.options
-    if not (request.is_single and context.searches_paths and request.duration_is_free):
+    if not (request.is_single and searches_paths(context) and request.duration_is_free):
         return False
     is_natural = options.naturalness >= options.search.near_expected
     if is_natural or options.timing == DEMONSTRATED:
@@ -146,13 +105,13 @@ def expected_collides(case: Case) -> bool:
 
 def bodies_meet(case: Case) -> bool:
     """Whether descent failed by collisions between the ends of a single segment."""
-    if not case.found or not case.request.is_single or not case.context.searches_paths:
+    if not case.found or not case.request.is_single or not searches_paths(case.context):
         return False
     last = case.found[-1]
     if "path" in case.tried or last.is_hopeless:
         return False
     # Collisions of a motion outside the limits are not known yet.
-    return last.meets_bodies or bool(case.context.collisions(last.trajectory))
+    return last.meets_bodies or collides(case.context, last.trajectory)
 
 
 def path(case: Case, budget: Budget) -> Candidate | None:
@@ -166,7 +125,7 @@ def descent(case: Case, budget: Budget) -> Candidate:
     If paths may help, it ends when bodies collide.
     """
     context, request, setting = case.context, case.request, case.first
-    leads = request.is_single and context.searches_paths and has_planner()
+    leads = request.is_single and searches_paths(context) and has_planner()
     within, found, same = budget, list[Candidate](), list[Candidate]()
     if leads and not case.tried:
         within = budget.share(context.options.search.share_of_descent)
@@ -178,7 +137,7 @@ def descent(case: Case, budget: Budget) -> Candidate:
             break
         if leads and (within.is_over() or candidate.meets_bodies):
             within = budget
-            if candidate.meets_bodies or context.collisions(candidate.trajectory):
+            if candidate.meets_bodies or collides(context, candidate.trajectory):
                 break
         if budget.is_over():
             break
@@ -188,7 +147,7 @@ def descent(case: Case, budget: Budget) -> Candidate:
         if following.width != setting.width or (setting.is_timed and not candidate.has_clearances):
             same = []
         setting = following
-    return min(found, key=lambda one: one.violation)
+    return min(found, key=attrgetter("violation"))
 
 
 def joined(case: Case, budget: Budget) -> Candidate:
@@ -200,9 +159,9 @@ def joined(case: Case, budget: Budget) -> Candidate:
 
 ORDER = (
     Stage("path", expected_collides, path),
-    Stage("descent", lambda case: case.optimises, descent),
+    Stage("descent", attrgetter("optimises"), descent),
     Stage("path", bodies_meet, path),
-    Stage("joined", lambda case: case.joined is not None, joined),
+    Stage("joined", attrgetter("joined"), joined),
 )
 """What is tried for one request, in this order; the first valid candidate ends it."""
 
@@ -225,107 +184,56 @@ def search(
     budget : Budget
         The time for all of it.
     """
-    cases = list[Case]()
+    every, found, tried, slow, ran_out = list[Candidate](), list[Candidate](), [], Slow(), False
     for request in requests:
-        first = _budget_of_optimisation(context, request, began, budget)
-        cases.append(_tried(_case(context, request, mode, first), first))
+        tried.append(request)
+        first = budget
+        if request.is_single and not request.duration_is_free:
+            # Part of the time is kept for finding a feasible duration.
+            share = context.options.search.share_of_fixed
+            first = replace(budget, deadline=began + share * (budget.deadline - began))
+        case = first_case(context, request, mode, first)
+        for stage in ORDER:
+            if stage.applies(case):
+                candidate = stage.search(case, first)
+                case = replace(case, tried=(*case.tried, stage.name))
+                if candidate is not None:
+                    case = replace(case, found=(*case.found, candidate))
+                    if candidate.is_valid:
+                        break
+        found.append(min(case.found, key=attrgetter("violation")))
+        every += case.found
         # Further configurations of a pose are for where the most natural one has no motion.
-        if first.is_over() or (request.pose is not None and cases[-1].best.is_valid):
+        if first.is_over() or (request.pose is not None and found[-1].is_valid):
             break
-    found = tuple(case.best for case in cases)
-    best = min(found, key=lambda one: (one.violation, one.solution.cost))
-    slow, ran_out = Slow(), False
+    best = min(found, key=attrgetter("violation", "solution.cost"))
     if not (best.is_valid or best.is_hopeless or budget.is_cancelled()):
         ran_out = first.is_over()
-        others = chain([case.request for case in cases], requests)
-        every = [one for case in cases for one in case.found]
-        slow = slow_motion(context, others, best, every, budget)
+        slow = slow_motion(context, chain(tried, requests), best, every, budget)
         best = slow.candidate or best
-    stated, is_shortest = _stated_duration(context, best, slow, budget)
-    last = cases[-1]
-    mode = _mode(last, best, slow)
-    optimised = last.found[0] if mode == REAL_TIME and last.optimises else None
-    return Outcome(best, found, optimised, slow, ran_out, stated, is_shortest, mode)
+    stated, is_shortest, optimised, joins = float("nan"), True, None, ""
+    if not best.is_valid:
+        stated, is_shortest = feasible_duration(context, best, slow, budget)
+    elif case.first.is_shortest:
+        stated = best.duration
+    if not request.is_single:
+        is_joined = best is slow.candidate or case.tried[-1] == "joined"
+        joins = REAL_TIME if is_joined else OPTIMAL
+        optimised = case.found[0] if is_joined and mode == OPTIMAL else None
+    return Outcome(best, tuple(found), optimised, slow, ran_out, stated, is_shortest, joins)
 
 
-def _budget_of_optimisation(
-    context: Context, request: Request, began: float, budget: Budget
-) -> Budget:
-    """The time for optimised motions.
-
-    Part of the time is kept for finding a feasible duration if the requested one is too short.
-    """
-    if request.duration_is_free or not request.is_single:
-        return budget
-    share = context.options.search.share_of_fixed
-    return replace(budget, deadline=began + share * (budget.deadline - began))
-
-
-def _case(context: Context, request: Request, mode: str, budget: Budget) -> Case:
-    """A request before anything was tried."""
-    if request.is_single:
-        shortest = searches_shortest(context, request)
-        first = first_setting(context, request, shortest=shortest)
-        return Case(context, request, True, first, None)
-    bases = tuple(context.bases.basis(segment, is_paced=False) for segment in request.segments)
-    expected = _joined(context, request, bases, budget)
-    first = sequence_setting(context, bases, expected.motions)
-    return Case(context, request, mode == OPTIMAL, first, expected)
-
-
-def _joined(
-    context: Context, request: Request, bases: tuple[MotionBasis, ...], budget: Budget
-) -> Candidate:
-    """Lengthen free durations, and lower passing velocities, until the limits are kept."""
-    search, durations = context.options.search, [one.duration for one in request.segments]
-    found = list[Candidate]()
-    for share in search.passing_shares:
-        for _ in range(search.max_stretches):
-            motions = expected_motion(request, bases, durations, share)
-            found.append(checked(context, request, bases, motions))
-            if not found[-1].check.violations or budget.is_over():
-                return min(found, key=lambda one: one.violation)
-            longer = stretched(request, found[-1].check, durations, search.max_stretch)
-            if longer == durations or sum(longer) > context.longest:
-                break
-            durations = longer
-    return min(found, key=lambda one: one.violation)
-
-
-def _tried(case: Case, budget: Budget) -> Case:
-    """The case after the stages of `ORDER`."""
-    for stage in ORDER:
-        if stage.applies(case):
-            candidate = stage.search(case, budget)
-            found = case.found if candidate is None else (*case.found, candidate)
-            case = replace(case, tried=(*case.tried, stage.name), found=found)
-            if candidate is not None and candidate.is_valid:
-                break
-    return case
-
-
-def _mode(case: Case, best: Candidate, slow: Slow) -> str:
-    """How the segments of several targets were joined; empty for a single one."""
-    if case.request.is_single:
-        return ""
-    is_joined = best is slow.candidate or case.tried[-1] == "joined"
-    return REAL_TIME if is_joined else OPTIMAL
-
-
-def _stated_duration(
+def feasible_duration(
     context: Context, best: Candidate, slow: Slow, budget: Budget
 ) -> tuple[float, bool]:
     """A feasible duration to report [s], NaN if none is known, and whether it is the shortest."""
     request, search = best.request, context.options.search
-    if best.is_valid:
-        is_asked = searches_shortest(context, request) and best is not slow.candidate
-        return (best.duration if is_asked else float("nan")), True
     if request.duration_is_free or best.is_hopeless or budget.is_over() or not request.is_single:
         return slow.duration, False
     segment, groups = request.segments[0], (((0,), False),)
     expected = predict(context, segment, request.goal, None)
     segment = replace(segment, expected=expected, duration=expected.duration)
-    free = Request((segment,), groups, is_single=True)
+    free = Request.of([segment], groups, is_single=True)
     for width in range(context.bases.n_widths):
         setting = first_setting(context, free, width, shortest=True)
         found = attempt(context, free, setting, budget)

@@ -25,6 +25,7 @@ from ..request import Request
 from ..time_scaling import slowdown
 from .budget import Budget
 from .candidate import Candidate, checked
+from .examine import examine
 from .paths import corners_of, paths
 from .stop_and_go import StopAndGo, stop_and_go
 
@@ -161,7 +162,7 @@ def _slow(
     for _ in range(context.options.braking.max_stretches):
         durations = _durations(context, request, route, counts, usual)
         motions = route.motions(durations, counts)
-        check = context.check(context.sample(motions))
+        check = examine(context, motions, collides=False).check
         if not check.violations:
             break
         route = route.slowed(slowdown(check))

@@ -12,13 +12,14 @@ found by :mod:`.subproblem`; an exact penalty judges them.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...arrays import FloatArray
-from ..options import SolverOptions
+from ..options import SolverOptions, never
 from .matrices import BlockMatrix, Matrix, added, as_array
 from .program import BlockPoint, Point, Program
 from .subproblem import TINY, Step, Subproblem, infeasibility
@@ -93,6 +94,7 @@ def solve(
     start: FloatArray,
     options: SolverOptions = SolverOptions(),
     memory: SolverMemory | None = None,
+    should_stop: Callable[[], bool] = never,
 ) -> Solution:
     """Find a local minimum within the constraints, by descent from a start.
 
@@ -106,13 +108,15 @@ def solve(
         When to stop.
     memory : SolverMemory, optional
         State at an earlier solution of nearly the same program.
+    should_stop : callable
+        Called after each step; True ends the search, because time ran out or it was cancelled.
 
     Returns
     -------
     solution : Solution
         The solution; without constraints its cost never exceeds that of the start.
     """
-    return _Search(program, start, options, memory).run()
+    return _Search(program, start, options, memory, should_stop).run()
 
 
 class _Search:
@@ -124,8 +128,9 @@ class _Search:
         start: FloatArray,
         options: SolverOptions,
         memory: SolverMemory | None,
+        should_stop: Callable[[], bool],
     ) -> None:
-        self._program, self._options = program, options
+        self._program, self._options, self._should_stop = program, options, should_stop
         self.x, self.here = start, program.evaluate(start)
         self.violated = infeasibility(program, self.here)
         self.start_cost, self.pull = self.here.cost, self.here.gradient
@@ -159,7 +164,7 @@ class _Search:
             converged = negligible and self.violated <= FEASIBLE
             restores = self.violated - step.infeasibility > FEASIBLE
             stuck = (negligible and not restores) or self.radius < options.min_radius
-            if converged or stuck or options.should_stop():
+            if converged or stuck or self._should_stop():
                 break
             self._take(step, subproblem, predicted)
         return self._solution(converged)
