@@ -22,7 +22,7 @@ from mp_pca_planner.planning import attempt
 from mp_pca_planner.planning.constraints import LimitedProgram
 from mp_pca_planner.planning.plan import SOLVED, PlannerOptions
 from mp_pca_planner.planning.planner import Planner
-from mp_pca_planner.planning.solver import Solution, solve
+from mp_pca_planner.planning.solver.sqp import Solution, solve
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
 
 ROBOTS = ("human_arm", "panda", "ur5", "kinova")

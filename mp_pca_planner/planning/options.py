@@ -353,7 +353,7 @@ class SearchOptions(Checked):
     """
 
     near_expected: float = within(0.1, 0.0, 1e12)
-    near_limit: float = within(0.7, 0.0, 1.0)
+    near_limit: float = within(0.7, 0.0, 100.0)
     effort_weight: float = within(8.0, 0.0, 1e6)
     max_refinements: int = within(8, 1, 1000, is_whole=True)
     share_of_fixed: float = within(0.6, 0.0, 1.0)

@@ -27,7 +27,7 @@ from .program.bases import MotionBasis
 from .program.costs import cost_of
 from .requests.resolve import in_span_score
 from .search.candidate import Candidate, collision_at_end
-from .search.sampling import has_planner
+from .search.sampling import missing_planner
 from .search.search import Outcome
 from .search.stop_and_go import brakes
 
@@ -71,10 +71,7 @@ SENTENCES = {
     "feasible": "{message}; a feasible duration is {seconds:.4g} s",
     "least_duration": ("{message}; the shortest duration that the limits allow is {seconds:.4g} s"),
     "no_slow": "{message}; nor was a slow one found: {reason}",
-    "no_planner": (
-        "{message}; further paths around obstacles need the Python module 'ompl': "
-        "install the extra 'ompl'"
-    ),
+    "no_planner": "{message}; {missing}",
     "end": "{collision}; the {end} is in collision",
     "beyond": "the goal is passed at a velocity, and in the stop after it {met}",
     "missed": "the nearest one is {missed:.3g} rad or m off",
@@ -212,8 +209,8 @@ def _refused(context: Context, outcome: Outcome, kind: str, why: str) -> str:
         return SENTENCES[name].format(message=message, seconds=outcome.stated)
     if outcome.slow.reason:
         message = SENTENCES["no_slow"].format(message=message, reason=outcome.slow.reason)
-    if best.collisions and not best.is_hopeless and not has_planner():
-        message = SENTENCES["no_planner"].format(message=message)
+    if best.collisions and not best.is_hopeless and (missing := missing_planner()):
+        message = SENTENCES["no_planner"].format(message=message, missing=missing)
     return message
 
 

@@ -15,7 +15,7 @@ from ...arrays import FloatArray
 from ..context import Context
 from ..program.clearance import least_distances
 from .budget import Budget
-from .sampling import SamplingOptions, has_planner, sampled_path
+from .sampling import SamplingOptions, missing_planner, sampled_path
 
 
 def paths(
@@ -49,7 +49,7 @@ def paths(
         yield np.array(ends)
     checks = (collision.check(least, hulls=hulls) for hulls in (True, False))
     collides = next((one for one in checks if not any(map(one, ends))), None)
-    if collides is None or not has_planner():  # OMPL would wait for other ends
+    if collides is None or missing_planner():  # OMPL would wait for other ends
         return
     longest = options.max_detour * _length(np.array(ends))
     found: list[FloatArray] = []

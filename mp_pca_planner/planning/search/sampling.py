@@ -6,7 +6,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache
 from typing import Any
 
 import numpy as np
@@ -45,14 +44,13 @@ class SamplingOptions:
     smooths: bool = False
 
 
-@cache
-def has_planner() -> bool:
-    """Whether OMPL can be imported."""
+def missing_planner() -> str:
+    """What is missing for the search; empty if OMPL can be imported."""
     try:
         require("ompl.base", "ompl", "the search for detours")
-    except MissingDependencyError:
-        return False
-    return True
+    except MissingDependencyError as error:
+        return str(error)
+    return ""
 
 
 def sampled_path(

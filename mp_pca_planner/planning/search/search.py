@@ -25,7 +25,7 @@ from .cases import Case, first_case
 from .detours import along_path
 from .examine import collides, searches_paths
 from .recoveries import failure_of, recovered
-from .sampling import has_planner
+from .sampling import missing_planner
 from .settings import first_setting
 from .slow import Slow, slow_motion
 
@@ -125,7 +125,7 @@ def descent(case: Case, budget: Budget) -> Candidate:
     If paths may help, it ends when bodies collide.
     """
     context, request, setting = case.context, case.request, case.first
-    leads = request.is_single and searches_paths(context) and has_planner()
+    leads = request.is_single and searches_paths(context) and not missing_planner()
     within, found, same = budget, list[Candidate](), list[Candidate]()
     if leads and not case.tried:
         within = budget.share(context.options.search.share_of_descent)

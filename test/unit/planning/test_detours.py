@@ -10,6 +10,8 @@ import numpy as np
 import pytest
 from arm import JOINTS, arm_primitive, arm_robot
 from dense import assert_keeps, spline
+from mp_pca_planner.planning.paths import PathFinder, PathOptions, paths_by_vias
+from mp_pca_planner.planning.setup import Setup
 from obstacle_scenes import write_scene
 from worlds import TRAY
 
@@ -19,12 +21,10 @@ from mp_pca_planner.evaluation.scene_referee import SceneReferee
 from mp_pca_planner.exceptions import MissingDependencyError
 from mp_pca_planner.motion.collision import CollisionModel
 from mp_pca_planner.motion.goal import JointGoal, JointState, Via
-from mp_pca_planner.planning.budget import Budget
-from mp_pca_planner.planning.paths import PathFinder, PathOptions, paths_by_vias
 from mp_pca_planner.planning.plan import PlannerOptions
 from mp_pca_planner.planning.planner import Planner
+from mp_pca_planner.planning.search.budget import Budget
 from mp_pca_planner.planning.search.sampling import SamplingOptions, sampled_path
-from mp_pca_planner.planning.setup import Setup
 from mp_pca_planner.resources import config_file
 from mp_pca_planner.robot.world import World
 

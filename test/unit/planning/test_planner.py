@@ -9,6 +9,7 @@ import pytest
 from arm import JOINTS, arm_demonstrations, arm_primitive, arm_robot
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from mp_pca_planner.planning.constraints import LimitedProgram
 from patience import EVER, PATIENT
 from scipy.integrate import trapezoid
 from scipy.interpolate import BPoly
@@ -17,11 +18,10 @@ from mp_pca_planner.exceptions import GoalError, PlannerError, PrimitiveError
 from mp_pca_planner.motion.goal import JointGoal, JointState, Pose, PoseGoal, Via
 from mp_pca_planner.motion.validation import LIMIT_TOLERANCE, START_TOLERANCE, check_limits
 from mp_pca_planner.planning import problem
-from mp_pca_planner.planning.constraints import LimitedProgram
+from mp_pca_planner.planning.options import SearchOptions
 from mp_pca_planner.planning.plan import INFEASIBLE, SOLVED, PlannerOptions
 from mp_pca_planner.planning.planner import Planner
 from mp_pca_planner.planning.report import remarks
-from mp_pca_planner.planning.search_options import SearchOptions
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
 from mp_pca_planner.recordings.demonstration import Demonstration
 from mp_pca_planner.recordings.synthetic import generate_motions

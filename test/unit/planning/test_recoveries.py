@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 from types import SimpleNamespace
 
 import pytest
+from mp_pca_planner.planning.recoveries import MoreNatural, Setting, Slower, WiderBasis
 
 from mp_pca_planner.motion.validation import LimitCheck, Violation
-from mp_pca_planner.planning.recoveries import MoreNatural, Setting, Slower, WiderBasis
 
 FAST = LimitCheck((Violation("velocity", "elbow", 0.0, 1.5, 1.0, 0.5),))
 FAR = LimitCheck((Violation("position", "elbow", 0.0, 1.5, 1.0, 0.5),))

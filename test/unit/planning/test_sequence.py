@@ -10,6 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from arm import JOINTS, arm_demonstrations, arm_primitive, arm_robot, sequence_planner
+from mp_pca_planner.planning.chain import ChainProgram
+from mp_pca_planner.planning.problem import ChainProblem
 from scipy.integrate import trapezoid
 from scipy.spatial.transform import Rotation
 
@@ -17,11 +19,10 @@ from mp_pca_planner.cli.main import main
 from mp_pca_planner.exceptions import GoalError, RobotError
 from mp_pca_planner.motion.goal import JointState, Pose, SequenceGoal
 from mp_pca_planner.motion.validation import check_limits
-from mp_pca_planner.planning.chain import ChainProgram
+from mp_pca_planner.planning.options import SolverOptions
 from mp_pca_planner.planning.plan import MODES, OPTIMAL, REAL_TIME, Plan
 from mp_pca_planner.planning.planner import Planner
-from mp_pca_planner.planning.problem import ChainProblem
-from mp_pca_planner.planning.options import SolverOptions, solve
+from mp_pca_planner.planning.solver.sqp import solve
 from mp_pca_planner.primitives.file import save_primitive
 from mp_pca_planner.resources import config_file
 

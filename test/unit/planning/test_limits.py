@@ -8,36 +8,42 @@ import numpy as np
 import pytest
 from arm import JOINTS, arm_robot
 from scipy.optimize import minimize
-from test_compiler import BASES, compile_motion
+from test_segment import BASES, compile_motion
 
 from mp_pca_planner.motion.goal import JointState
 from mp_pca_planner.motion.validation import Violation
-from mp_pca_planner.planning.compiler import MotionProgram
-from mp_pca_planner.planning.constraints import (
-    MARGIN,
-    N_LIMIT_POINTS,
-    QUANTITIES,
-    LimitedProgram,
-    LimitTables,
-)
-from mp_pca_planner.planning.solver import solve
-from mp_pca_planner.planning.unknowns import QuadratureTables, Unknowns
+from mp_pca_planner.planning.program.constraints import Findings
+from mp_pca_planner.planning.program.limits import MARGIN, QUANTITIES, Limits
+from mp_pca_planner.planning.program.problem import Problem
+from mp_pca_planner.planning.program.segment import SegmentProgram
+from mp_pca_planner.planning.program.tables import N_LIMIT_POINTS, Tables, limit_phases
+from mp_pca_planner.planning.program.terms import Naturalness
+from mp_pca_planner.planning.program.unknowns import Unknowns
+from mp_pca_planner.planning.solver.sqp import solve
 
-FAR_FROM_LIMITS = np.zeros((2, 4, 4))
-FAR_FROM_LIMITS[:, 0, 3] = -1.0
+FAR_FROM_LIMITS = [JointState(JOINTS, [0.0, 0.0, 0.0, -1.0])]
+
+
+def bounded(segment, bounds, rho=0.0):
+    """The problem of a segment with limits."""
+    terms = [[Naturalness(segment.expected, rho * np.eye(segment.expected.size))]]
+    return Problem([segment], terms, [[bounds]], [None], None, [])
 
 
 def constrained(name, overrides, seed=0, rho=0.0):
-    """A limited program, a motion of it, and the limits."""
-    program, motion = compile_motion(BASES[name], seed)
-    program.precision = rho * np.eye(program.expected.size)
+    """A problem with limits, a motion of it, and the limits."""
+    segment, motion = compile_motion(BASES[name], seed)
     limits = arm_robot().limits(overrides)
-    tables = LimitTables(QuadratureTables(BASES[name]))
-    return LimitedProgram(program, tables, limits, FAR_FROM_LIMITS), motion, limits
+    bounds = Limits(arm_robot(), segment.tables, segment.unknowns, limits, FAR_FROM_LIMITS)
+    return bounded(segment, bounds, rho), motion, limits
 
 
 def weights_of(program, motion):
-    return motion.weights / program.program.scales
+    return motion.weights / program.segments[0].unknowns.scales
+
+
+def groups_of(program):
+    return program.constraints[0][0].groups
 
 
 @pytest.mark.parametrize("name", BASES)
@@ -45,7 +51,7 @@ def test_values_bound_the_quantities_as_shares_of_their_limits(name):
     bounds = {"elbow": {"max_acceleration": 7.0, "max_jerk": 70.0}}
     program, motion, limits = constrained(name, bounds)
     values = program.evaluate(weights_of(program, motion)).inequalities
-    phases = LimitTables(QuadratureTables(BASES[name])).phases
+    phases = limit_phases()
     assert phases[0] == 1e-6 and phases[-1] == 1.0 - 1e-6 and phases.size == N_LIMIT_POINTS
     times = phases * motion.duration
     q, v, a = motion.evaluate(times)
@@ -54,10 +60,10 @@ def test_values_bound_the_quantities_as_shares_of_their_limits(name):
     tau = arm_robot().inverse_dynamics(q, v, a)
     half = (limits.upper - limits.lower) / 2.0
     # Only the elbow has limits of acceleration and jerk here.
-    for group in np.unique(program.groups):
+    for group in np.unique(groups_of(program)):
         quantity, joint = divmod(int(group), 4)
         expected = (q / half, v / limits.velocity, a / 7.0, jerk / 70.0, tau / limits.effort)
-        found = values[program.groups == group]
+        found = values[groups_of(program) == group]
         # Between the nodes of a spline's piece efforts are those of a polynomial through them.
         tolerance = {"jerk": 1e-4, "effort": 5e-4}.get(QUANTITIES[quantity], 1e-9)
         course = expected[quantity][:, joint]
@@ -68,7 +74,7 @@ def test_values_bound_the_quantities_as_shares_of_their_limits(name):
             # The vertex of a parabola half-way to a neighbour.
             vertices[i] -= curvature * (0.5 * np.abs(near).max()) ** 2
         np.testing.assert_allclose(found, vertices, atol=tolerance)
-    assert np.unique(program.groups).size == 4 + 4 + 1 + 1 + 4
+    assert np.unique(groups_of(program)).size == 4 + 4 + 1 + 1 + 4
 
 
 @pytest.mark.parametrize("name", BASES)
@@ -94,7 +100,7 @@ def test_no_peak_between_the_points_exceeds_the_values(name, seed):
     times = np.linspace(0.0, motion.duration, 20 * N_LIMIT_POINTS)
     speeds = motion.evaluate(times)[1] / limits.velocity
     for joint in range(4):
-        found = values[program.groups == 4 + joint]
+        found = values[groups_of(program) == 4 + joint]
         assert found.min() <= speeds[:, joint].min() + 1e-5
         assert found.max() >= speeds[:, joint].max() - 1e-5
 
@@ -104,16 +110,17 @@ def test_a_step_from_rest_within_the_rows_keeps_bounds_at_a_free_duration(seed):
     _, motion, limits = constrained("arm", {})
     motion = replace(motion, start=JointState(JOINTS, motion.start.positions), duration=3.0)
     unknowns = Unknowns(motion.basis.scales, motion.boundary, 3.0, duration_is_free=True)
-    tables = QuadratureTables(motion.basis)
-    inner = MotionProgram(arm_robot(), tables, unknowns, motion.weights)
-    timed = LimitedProgram(inner, LimitTables(tables), limits, FAR_FROM_LIMITS)
+    tables = Tables(motion.basis)
+    inner = SegmentProgram(arm_robot(), tables, unknowns, motion.weights)
+    bounds = Limits(arm_robot(), tables, unknowns, limits, FAR_FROM_LIMITS)
+    timed = bounded(inner, bounds)
     rng = np.random.default_rng(seed)
-    at = timed.evaluate(0.1 * rng.normal(size=inner.scales.size))
+    at = timed.evaluate(0.1 * rng.normal(size=unknowns.scales.size))
     assert np.all((timed.lower < at.inequalities) & (at.inequalities < timed.upper))
-    kinematic = np.flatnonzero(timed.groups < 4 * QUANTITIES.index("effort"))
+    kinematic = np.flatnonzero(groups_of(timed) < 4 * QUANTITIES.index("effort"))
     beyond = {"bounds": [], "values": []}
     for _ in range(20):
-        direction = rng.normal(size=inner.scales.size) * [0.3, 0.3, 0.3, 0.3, 3.0]
+        direction = rng.normal(size=unknowns.scales.size) * [0.3, 0.3, 0.3, 0.3, 3.0]
         for name, found in beyond.items():
             used = []
             for sign, bound in ((1.0, timed.upper), (-1.0, timed.lower)):
@@ -138,17 +145,17 @@ def test_the_prediction_is_the_linear_one():
 
 def test_an_end_near_a_limit_leaves_room_for_itself():
     _, _, limits = constrained("arm", {})
-    motion_program, _ = compile_motion(BASES["arm"])
-    ends = FAR_FROM_LIMITS.copy()
+    segment, _ = compile_motion(BASES["arm"])
     half = (limits.upper[0] - limits.lower[0]) / 2.0
     for slack in (0.0, 0.4 * MARGIN, 1.0):
-        ends[0, 0, 0] = limits.upper[0] - slack * half
-        tables = LimitTables(QuadratureTables(BASES["arm"]))
-        program = LimitedProgram(motion_program, tables, limits, ends)
-        room = limits.upper[0] / half - program.upper[0]
+        end = JointState(JOINTS, [limits.upper[0] - slack * half, 0.0, 0.0, -1.0])
+        ends = [end, *FAR_FROM_LIMITS]
+        bounds = Limits(arm_robot(), segment.tables, segment.unknowns, limits, ends)
+        room = limits.upper[0] / half - bounds.upper[0]
         assert room == pytest.approx(min(0.5 * slack, MARGIN), abs=1e-12)
         broken = Violation("position", limits.joint_names[0], 0.5, 0.0, 1.0, excess=1e-3)
-        tighter = limits.upper[0] / half - program.tightened([broken]).upper[0]
+        found = Findings(1.0, np.zeros((0, 4)), np.zeros(0), [broken], [broken])
+        tighter = limits.upper[0] / half - bounds.refined(found).upper[0]
         assert room <= tighter <= max(slack, 1e-12)
         assert (tighter > room) == (slack > 0.0)
 
@@ -161,7 +168,7 @@ def test_the_constrained_optimum_is_kept_and_scipy_finds_nothing_better(name, se
     # Limits that the free optimum breaks, though the start does not.
     fastest = []
     for x in (solve(free, start).unknowns, start):
-        weights = x * free.program.scales
+        weights = x * free.segments[0].unknowns.scales
         _, v, _ = replace(motion, weights=weights).evaluate(np.linspace(0.0, motion.duration, 500))
         fastest.append(np.abs(v).max(axis=0))
     tight = {

@@ -8,9 +8,11 @@ from arm import JOINTS, arm_primitive, arm_robot
 from scipy.integrate import quad_vec
 
 from mp_pca_planner.motion.goal import JointState
-from mp_pca_planner.planning.compiler import MotionProgram
 from mp_pca_planner.planning.motion import Motion
-from mp_pca_planner.planning.unknowns import DEFAULT_NODES, QuadratureTables, Unknowns
+from mp_pca_planner.planning.program.segment import SegmentProgram
+from mp_pca_planner.planning.program.tables import N_NODES, Tables
+from mp_pca_planner.planning.program.terms import Naturalness
+from mp_pca_planner.planning.program.unknowns import Unknowns
 from mp_pca_planner.primitives.basis import BSplineBasis
 from mp_pca_planner.recordings.synthetic import generate_motions
 
@@ -21,7 +23,7 @@ BASES = {
 }
 
 
-def compile_motion(basis, seed=0, n_nodes=DEFAULT_NODES):
+def compile_motion(basis, seed=0, n_nodes=N_NODES):
     """A program between the ends of a made-up motion, from a moving start, and its motion."""
     rng = np.random.default_rng(seed)
     ends = generate_motions(seed + 1, 77)[seed].positions
@@ -30,7 +32,7 @@ def compile_motion(basis, seed=0, n_nodes=DEFAULT_NODES):
     weights = basis.scales * rng.normal(size=basis.n_weights) * 0.3
     motion = Motion(start, goal, 0.9, basis, weights)
     unknowns = Unknowns(basis.scales, motion.boundary, 0.9)
-    program = MotionProgram(arm_robot(), QuadratureTables(basis, n_nodes), unknowns, 0.5 * weights)
+    program = SegmentProgram(arm_robot(), Tables(basis, n_nodes), unknowns, 0.5 * weights)
     return program, motion
 
 
@@ -45,7 +47,7 @@ def test_the_chosen_nodes_integrate_the_effort_as_adaptive_quadrature_does(name)
             return 0.5 * np.sum(tau**2)
 
         exact, _ = quad_vec(power, 0.0, 0.9, epsrel=1e-9, points=motion.basis.breakpoints * 0.9)
-        found = program.costs(motion.weights[None] / program.scales)[0]
+        found = program.costs(motion.weights[None] / program.unknowns.scales)[0]
         assert found == pytest.approx(exact, rel=1e-3)
 
 
@@ -54,7 +56,7 @@ def test_the_chosen_nodes_agree_with_200(name):
     for seed in range(10):
         few, motion = compile_motion(BASES[name], seed)
         many, _ = compile_motion(BASES[name], seed, n_nodes=200)
-        z = motion.weights[None] / few.scales
+        z = motion.weights[None] / few.unknowns.scales
         assert few.costs(z)[0] == pytest.approx(many.costs(z)[0], rel=1e-3)
 
 
@@ -63,14 +65,14 @@ def test_the_gradient_equals_central_differences_to_1e_6(name):
     program, motion = compile_motion(BASES[name])
     rng = np.random.default_rng(9)
     root = rng.normal(size=(program.expected.size, program.expected.size))
-    program.precision = root @ root.T
-    z = motion.weights / program.scales
+    natural = Naturalness(program.expected, root @ root.T)
+    z = motion.weights / program.unknowns.scales
 
     def cost(z):
-        return program.costs(z[None])[0]
+        return program.costs(z[None])[0] + natural.at(program.at(z)[0]).cost
 
-    here = program.linearise(z)
-    gradient = here.jacobian.T @ here.residual + program.precision @ (z - program.expected)
+    course, here = program.at(z)
+    gradient = here.gradient + natural.at(course).gradient
     step = 1e-4
     difference = np.array(
         [(cost(z + step * e) - cost(z - step * e)) / (2.0 * step) for e in np.eye(z.size)]
@@ -78,11 +80,11 @@ def test_the_gradient_equals_central_differences_to_1e_6(name):
     assert np.linalg.norm(gradient - difference) <= 1e-6 * np.linalg.norm(gradient)
 
 
-def test_the_residual_of_a_linearisation_is_that_of_the_effort():
+def test_the_cost_with_derivatives_is_that_of_the_effort():
     program, motion = compile_motion(BASES["joint"])
-    z = motion.weights / program.scales
-    residual = program.linearise(z).residual
-    assert 0.5 * residual @ residual == pytest.approx(program.costs(z[None])[0], rel=1e-12)
+    z = motion.weights / program.unknowns.scales
+    assert program.at(z)[1].cost == pytest.approx(program.costs(z[None])[0], rel=1e-12)
+    assert program.effort(z) == pytest.approx(program.costs(z[None])[0], rel=1e-12)
 
 
 def test_costs_of_several_candidates_are_those_of_each():
@@ -95,13 +97,13 @@ def test_costs_of_several_candidates_are_those_of_each():
 
 def test_naturalness_is_zero_at_the_expected_weights():
     program, _ = compile_motion(BASES["arm"])
-    program.precision = np.eye(4)
-    assert program.naturalness(program.expected) == 0.0
-    assert program.naturalness(program.expected + 2.0) == pytest.approx(8.0)
+    natural = Naturalness(program.expected, np.eye(4))
+    assert natural.at(program.at(program.expected)[0]).cost == 0.0
+    assert natural.at(program.at(program.expected + 2.0)[0]).cost == pytest.approx(8.0)
 
 
 @pytest.mark.parametrize("name", BASES)
 def test_quadrature_weights_add_up_to_the_whole_motion(name):
-    tables = QuadratureTables(BASES[name])
+    tables = Tables(BASES[name])
     assert tables.quadrature.sum() == pytest.approx(1.0, rel=1e-13)
     assert 16 <= tables.n_nodes <= 42

@@ -22,9 +22,9 @@ from mp_pca_planner.learning.refined_motion import RefinedMotion, primitive_arou
 from mp_pca_planner.motion.collision import CollisionModel
 from mp_pca_planner.motion.goal import JointGoal, JointState, Pose, PoseGoal, SequenceGoal, Via
 from mp_pca_planner.motion.validation import check_executable, check_limits
+from mp_pca_planner.planning.options import SearchOptions
 from mp_pca_planner.planning.plan import INFEASIBLE, MODES, STOPPED_EARLY, PlannerOptions
 from mp_pca_planner.planning.planner import Planner
-from mp_pca_planner.planning.search_options import SearchOptions
 
 NO_TIME = 1e-9
 # Hardly any jerk: no motion that is optimised without time keeps these limits.
