@@ -232,7 +232,10 @@ def brakes(
         Its comparison with the limits.
     """
     for share in options.shares:
-        knots = _decelerate(state, limits, share, step, options)
+        try:
+            knots = _decelerate(state, limits, share, step, options)
+        except TrajectoryError:  # a softer brake takes even longer
+            return
         times = step * np.arange(knots.shape[1])
         brake = Trajectory(state.joint_names, times, *knots)
         yield brake, check_limits(brake, robot, limits)

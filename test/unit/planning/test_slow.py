@@ -20,7 +20,7 @@ from test_planner import planner, request
 from mp_pca_planner.exceptions import GoalError
 from mp_pca_planner.learning.refined_motion import RefinedMotion, primitive_around
 from mp_pca_planner.motion.collision import CollisionModel
-from mp_pca_planner.motion.goal import JointGoal, JointState, Pose, PoseGoal, SequenceGoal, Via
+from mp_pca_planner.motion.goal import JointGoal, JointState, Pose, PoseGoal, SequenceGoal
 from mp_pca_planner.motion.validation import check_executable, check_limits
 from mp_pca_planner.planning.options import SearchOptions
 from mp_pca_planner.planning.plan import INFEASIBLE, MODES, STOPPED_EARLY, PlannerOptions
@@ -163,30 +163,6 @@ def test_fixed_duration_is_kept_or_a_feasible_one_is_said(duration, moving):
     assert served.trajectory.duration == feasible
 
 
-@pytest.mark.parametrize("phases", [(0.3, 0.6), (0.3, None), (None, None)])
-@pytest.mark.parametrize("moving", [False, True])
-def test_vias_are_passed_at_rest_when_asked(phases, moving):
-    goal, start = request(2)
-    start = replace_rates(start, 0.1) if moving else start
-    q = 0.5 * (start.positions + goal.state.positions)
-    frame = arm_robot().frame_names[-1]
-    place = arm_robot().frame_positions(q[None] + 0.05, [frame])[0, 0]
-    targets = (JointState(["elbow"], q[3:]), Pose(frame, place))
-    vias = tuple(Via(target, phase) for target, phase in zip(targets, phases, strict=True))
-    subject = planner(overrides=OVERRIDES, max_solve_time=NO_TIME)
-    plan = subject.plan(replace(goal, vias=vias), start)
-    assert_serves(plan, start)
-    assert "with a rest at each via" in plan.message
-    assert plan.via_error <= 1e-6
-    for reached, phase in zip(plan.via_phases, phases, strict=True):
-        assert phase is None or reached == pytest.approx(phase, abs=1e-12)
-    moments = plan.motion.duration * np.array(plan.via_phases)
-    passed, v, _ = plan.motion.evaluate(moments)
-    assert passed[0, 3] == pytest.approx(q[3], abs=1e-6) and np.abs(v).max() < 1e-6
-    hand = arm_robot().frame_positions(passed[1:], [frame])[0, 0]
-    np.testing.assert_allclose(hand, place, atol=1e-6)
-
-
 def test_pose_is_reached():
     for i in range(5):
         goal, start = request(i)
@@ -315,12 +291,11 @@ def test_knots_of_a_brake_are_points_of_the_trajectory_in_any_predicted_duration
 
 
 @pytest.mark.parametrize("quantity", ["max_velocity", "max_acceleration", "max_jerk"])
-@pytest.mark.parametrize("kind", ["optimal", "real_time", "single", "with via"])
+@pytest.mark.parametrize("kind", ["optimal", "real_time", "single"])
 def test_motions_that_would_take_too_long_are_rejected_before_they_are_sampled(quantity, kind):
     goal, start = request(1)
     via = JointState(JOINTS, start.positions + 0.1)
-    targets = {"single": goal, "with via": replace(goal, vias=(Via(via),))}
-    target = targets.get(kind, SequenceGoal((via, goal.state)))
+    target = goal if kind == "single" else SequenceGoal((via, goal.state))
     subject = planner(overrides={name: {quantity: 1e-9} for name in JOINTS}, max_solve_time=0.05)
     plan = subject.plan(target, start, kind if kind in MODES else "optimal")
     assert plan.status == INFEASIBLE
