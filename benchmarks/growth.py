@@ -58,9 +58,7 @@ def main() -> None:
         problems = held_out_problems(scene, n_problems, 2)
         few = planner(scene, N_WEIGHTS, N_NODES)
         by_nodes += rows(scene, NODES, [planner(scene, N_WEIGHTS, n, few) for n in NODES], problems)
-        by_weights += rows(
-            scene, WEIGHTS, [planner(scene, n, N_NODES) for n in WEIGHTS], problems
-        )
+        by_weights += rows(scene, WEIGHTS, [planner(scene, n, N_NODES) for n in WEIGHTS], problems)
     columns = ["passes", "a plan [ms]", "a pass [ms]"]
     tables = {
         f"Growth with nodes, {N_WEIGHTS} weights": (

@@ -27,9 +27,9 @@ from mp_pca_planner.evaluation.problems import (
     robot_file,
 )
 from mp_pca_planner.motion.goal import JointGoal, JointState
-from mp_pca_planner.planning.program.segment import SegmentProgram
 from mp_pca_planner.planning.plan import Plan, PlannerOptions
 from mp_pca_planner.planning.planner import Planner
+from mp_pca_planner.planning.program.segment import SegmentProgram
 from mp_pca_planner.planning.program.tables import Tables
 from mp_pca_planner.planning.program.unknowns import Unknowns
 from mp_pca_planner.primitives.basis import Basis, BSplineBasis

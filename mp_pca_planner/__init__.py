@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from .motion.goal import PoseGoal as PoseGoal
     from .motion.goal import SequenceGoal as SequenceGoal
     from .motion.trajectory import Trajectory as Trajectory
+    from .planning.path_constraints import Upright as Upright
     from .planning.plan import Plan as Plan
     from .planning.plan import PlannerOptions as PlannerOptions
     from .planning.planner import Planner as Planner
@@ -46,6 +47,7 @@ __version__ = "0.1.0"
 _NAMES = {
     "motion.goal": ("JointGoal", "JointState", "Pose", "PoseGoal", "SequenceGoal"),
     "motion.trajectory": ("Trajectory",),
+    "planning.path_constraints": ("Upright",),
     "planning.plan": ("Plan", "PlannerOptions"),
     "planning.planner": ("Planner",),
     "primitives.primitive": ("MovementPrimitive",),

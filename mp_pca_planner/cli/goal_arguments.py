@@ -116,6 +116,11 @@ def planned_goal(
         end = _state(arguments, "goal", names)
     else:
         end = _pose(_frame(arguments, robot), arguments.goal_pose, "--goal-pose")
+    if arguments.via and isinstance(arguments.duration, str):
+        raise GoalError(
+            f"--duration {arguments.duration} can't be given with --via: sequences are timed like "
+            "the demonstrations, or by a number"
+        )
     if arguments.via:
         vias = [_via(names, text) for text in arguments.via]
         times = (*(None for _ in vias), duration)

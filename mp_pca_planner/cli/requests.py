@@ -19,6 +19,7 @@ from ..motion.collision import CollisionModel, package_folders
 from ..motion.goal import JointState
 from ..motion.trajectory import Trajectory
 from ..planning.objectives import objective_weights, weighted_objectives
+from ..planning.path_constraints import path_constraints
 from ..planning.plan import DEMONSTRATED, INFEASIBLE, STOPPED_EARLY, Plan, PlannerOptions
 from ..planning.planner import Planner
 from ..planning.report import remarks
@@ -133,6 +134,7 @@ def _options(arguments: argparse.Namespace, robot: Robot) -> PlannerOptions:
     return PlannerOptions(
         basis=arguments.basis,
         objectives=weighted_objectives(weights, robot, arguments.frame),
+        constraints=path_constraints(arguments.constraint, "--constraint", robot),
         timing=arguments.duration if is_named else DEMONSTRATED,
         naturalness=arguments.naturalness,
         n_starts=arguments.starts,

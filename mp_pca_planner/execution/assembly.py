@@ -11,6 +11,7 @@ from ..exceptions import unknown_name
 from ..motion.collision import CollisionModel, package_folders
 from ..planning.objectives import objective_weights, weighted_objectives
 from ..planning.options import SolverOptions
+from ..planning.path_constraints import path_constraints
 from ..planning.planner import Planner
 from ..primitives.primitive import MovementPrimitive
 from ..robot.limits import JointLimits
@@ -100,6 +101,9 @@ def assemble_model(urdf: str, primitives: Sequence[MovementPrimitive], settings:
         settings.planner_options,
         solver=SolverOptions(should_stop=cancellation),
         objectives=weighted_objectives(weights, planning_robot, frame),
+        constraints=path_constraints(
+            settings.constraints, "parameter 'constraints'", planning_robot
+        ),
     )
     planner = Planner(planning_robot, primitives, limits, options, collision)
     planner.precompute(0.5)  # a starting node waits that long [s]

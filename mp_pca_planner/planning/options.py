@@ -14,6 +14,7 @@ from typing import Any
 from ..arrays import check_number, check_type
 from ..exceptions import GoalError
 from .objectives import Effort, Objective
+from .path_constraints import PathConstraint
 
 BASES = ("pca", "bspline")
 DEMONSTRATED, SHORTEST, FREE = "demonstrated", "shortest", "free"
@@ -334,6 +335,8 @@ class SearchOptions(Checked):
     duration_spread : float
         Change of the logarithm of a segment's duration with the same cost as one standard deviation
         of the weights.
+    n_path_phases : int
+        Number of phases of a segment at which path constraints are kept at first.
     bend_spread : float
         Passing a target at speed bends segments more than in demonstrations from rest to rest.
         Therefore this number of their standard deviations counts as one (benchmarks/sequences.py).
@@ -371,6 +374,7 @@ class SearchOptions(Checked):
     max_stretches: int = within(12, 1, 1000, is_whole=True)
     passing_shares: tuple[float, ...] = within((1.0, 0.5, 0.25, 0.0), 0.0, 1.0)
     duration_spread: float = within(0.3, 1e-6, 100.0)
+    n_path_phases: int = within(40, 2, 10_000, is_whole=True)
     bend_spread: float = within(18.0, 1e-6, 1e6)
     min_spread: float = within(0.01, 1e-9, 10.0)
     usual_correction: float = within(0.02, 1e-6, 10.0)
@@ -391,6 +395,8 @@ class PlannerOptions(Checked):
     objectives : tuple of (float, Objective)
         Objectives: running costs and their weights, see :mod:`.objectives`. Effort alone unless
         given.
+    constraints : tuple of PathConstraint
+        Constraints on every configuration of a motion, see :mod:`.path_constraints`.
     timing : {'demonstrated', 'shortest', 'free'}
         Duration of goals that don't specify one: as predicted from the demonstrations; the shortest
         within all limits; or the one with the least objective.
@@ -426,6 +432,7 @@ class PlannerOptions(Checked):
 
     basis: str = "pca"
     objectives: tuple[tuple[float, Objective], ...] = ((1.0, Effort()),)
+    constraints: tuple[PathConstraint, ...] = ()
     timing: str = DEMONSTRATED
     naturalness: float = within(1.0, 0.0, 1e12)
     sample_period: float = 0.01
@@ -458,10 +465,17 @@ class PlannerOptions(Checked):
                     f"(1.0, Effort()), got {pair!r:.80}"
                 )
             check_number(pair[0], "the weight of an objective", GoalError, 1e-12, 1e12)
+        check_type(self.constraints, "constraints", GoalError, Sequence)
+        for one in self.constraints:
+            if not hasattr(one, "values"):
+                raise GoalError(
+                    "constraints must be path constraints, such as Upright('gripper', 0.3), "
+                    f"got {one!r:.80}"
+                )
         check_number(self.sample_period, "sample_period [s]", GoalError, 1e-4, 1.0)
         check_number(self.max_solve_time, "max_solve_time [s]", GoalError, 1e-9)
-        for one in fields(self):
-            if one.default_factory is not MISSING:
-                made = type(one.default_factory())
-                check_type(getattr(self, one.name), one.name, GoalError, made)
+        for part in fields(self):
+            if part.default_factory is not MISSING:
+                made = type(part.default_factory())
+                check_type(getattr(self, part.name), part.name, GoalError, made)
         super().__post_init__()

@@ -75,6 +75,8 @@ SENTENCES = {
     "end": "{collision}; the {end} is in collision",
     "beyond": "the goal is passed at a velocity, and in the stop after it {met}",
     "missed": "the nearest one is {missed:.3g} rad or m off",
+    "keeping": "that keeps {what}",
+    "strays": "the nearest one leaves it",
     "lengthened": "the duration was lengthened from {usual:.3g} to {duration:.3g} s",
     "raised": "the naturalness was raised from {asked:g} to {used:g}",
     "given_up": "; {why}, {what}",
@@ -191,6 +193,9 @@ def _refusal(context: Context, outcome: Outcome) -> str:
         met = met or _met_beyond(context, trajectory)
     if met:
         return _refused(context, outcome, f"without {_collision_kind(context)}", met)
+    if best.strayed:
+        kind = SENTENCES["keeping"].format(what=" and ".join(best.strayed))
+        return _refused(context, outcome, kind, SENTENCES["strays"])
     missed = max(best.target_errors)
     if missed > POSE_TOLERANCE:
         why = SENTENCES["missed"].format(missed=missed)

@@ -85,7 +85,7 @@ def test_vias_and_rates_are_printed_by_name(run: Run) -> None:
     via = "-0.6,0.1,0.5,-0.6"
     named = "shoulder1=-0.6, shoulder2=0.1, shoulder3=0.5, elbow=-0.6"
     rate = ("--start-velocity", "0.1,0,0,0.2")
-    text = run("plan", "--start", START, "--goal", GOAL, "--via", f"{via}@0.5", *rate)
+    text = run("plan", "--start", START, "--goal", GOAL, "--via", via, *rate)
     assert lines(text)["via 1"] == named
     assert "velocities shoulder1=0.1, shoulder2=0, shoulder3=0, elbow=0.2" in text
     text = run("sequence", "--start", START, "--via", via, "--goal", GOAL)

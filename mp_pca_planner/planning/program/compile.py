@@ -9,6 +9,7 @@ import numpy as np
 from ...motion.goal import JointState
 from ..context import Context
 from ..request import Request
+from .along_path import AlongPath
 from .bases import StartPoint
 from .chain import Chain, junctions_of
 from .clearance import Clearance
@@ -108,10 +109,13 @@ def _constraints(
     found: list[Constraint] = [
         Limits(context.robot, tables, unknowns, context.limits, known, chosen)
     ]
+    places = [None if end is None else end.positions for end in ends]
     if context.collision is not None:
-        places = [None if end is None else end.positions for end in ends]
         basis = tables.basis
         found.append(Clearance(context.collision, unknowns, basis, places, options.clearance))
+    for path in options.constraints:
+        phases = np.linspace(0.0, 1.0, options.search.n_path_phases)
+        found.append(AlongPath(context.robot, path, unknowns, tables.basis, places, phases))
     return found
 
 

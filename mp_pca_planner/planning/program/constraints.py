@@ -26,7 +26,9 @@ from .segment import Course
 class Linear(Protocol):
     """Values of a constraint at one x, with their derivatives by the unknowns of its segment."""
 
-    values: FloatArray
+    @property
+    def values(self) -> FloatArray:
+        """The values, shape (n,)."""
 
     def rows(self, chosen: NDArray[np.intp], bounds: FloatArray | None) -> FloatArray:
         """Derivatives of the chosen values, shape (n_chosen, n_unknowns).

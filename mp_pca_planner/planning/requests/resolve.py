@@ -59,6 +59,7 @@ def resolve(
     """
     here = in_order(start, context.robot.joint_names)
     check_start(here, context.limits)
+    _check_path(context, "start", here)
     selector = selector.among(goal.primitive)
     if isinstance(goal, SequenceGoal):
         yield _sequence(context, selector, goal, here)
@@ -100,6 +101,7 @@ def target(context: Context, goal: JointGoal, here: JointState) -> JointState:
     """The configuration of all joints that a goal specifies; see :func:`resolve`."""
     there = completed(goal.state, here, context.robot, "goal")
     _check_end(context, there)
+    _check_path(context, "goal", there)
     return there
 
 
@@ -111,6 +113,14 @@ def _check_end(context: Context, there: JointState) -> None:
             f"the goal velocity of joint '{moving}' is not 0, which the controller rejects "
             "unless it and this planner are set to allow a nonzero velocity at the end"
         )
+
+
+def _check_path(context: Context, what: str, state: JointState) -> None:
+    """Reject a fixed end that violates a path constraint."""
+    for constraint in context.options.constraints:
+        values, _ = constraint.values(context.robot, state.positions[None])
+        if values.min() < 0.0:
+            raise GoalError(f"the {what} does not keep {constraint}, as is asked of the motion")
 
 
 def _configurations(
@@ -255,6 +265,7 @@ def _route(
             positions = completed(aim, route.states[-1], robot, what).positions
             there = JointState(here.joint_names, positions)
             check_within_limits(what, there, limits)
+            _check_path(context, what, there)
             longer.append(route.to(there, selector))
         named_all = len(aim.joint_names) == robot.n_joints
         routes = [min(longer, key=lambda route: route.cost)] if named_all else longer

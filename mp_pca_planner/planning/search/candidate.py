@@ -31,8 +31,9 @@ from ..solver.sqp import FEASIBLE, Solution, SolverMemory, solve
 from .budget import Budget
 from .examine import Examined, examine
 
-Violation = tuple[float, float, float]
-"""Largest relative excess over a limit, penetration [m] and error of a target [rad or m]."""
+Violation = tuple[float, float, float, float]
+"""Largest relative excess over a limit, penetration [m], violation of path constraints, and error
+of a target [rad or m]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,6 +72,8 @@ class Candidate:
         A collision at an end that is fixed, see :func:`collision_at_end`.
     has_clearances : bool
         Whether there were clearance constraints.
+    strayed : tuple of str
+        Path constraints that it violates.
     memory : SolverMemory or None
         State of the solver at the end.
     corners : array, shape (n_corners, n_joints), or None
@@ -94,6 +97,7 @@ class Candidate:
     is_valid: bool
     end_collision: tuple[str, Collision] | None
     has_clearances: bool = False
+    strayed: tuple[str, ...] = ()
     memory: SolverMemory | None = None
     corners: FloatArray | None = None
     n_stops: int = 0
@@ -159,7 +163,7 @@ def candidate(
     memory: SolverMemory | None = None,
 ) -> Candidate:
     """The candidate of a motion that was examined."""
-    trajectory, check, collisions = found
+    trajectory, check, collisions, strayed = found
     errors = []
     for segment, motion in zip(request.segments, motions, strict=True):
         missed = motion.goal.positions - segment.goal.positions
@@ -170,6 +174,7 @@ def candidate(
     violation = (
         check.worst_excess if check.violations else 0.0,
         sum([POSE_TOLERANCE + one.penetration for one in collisions]),
+        sum([excess for _, excess in strayed]),
         0.0 if max(errors) <= POSE_TOLERANCE else max(errors),
     )
     return Candidate(
@@ -185,9 +190,10 @@ def candidate(
         tuple(errors),
         violation,
         duration,
-        is_valid=violation == (0.0, 0.0, 0.0),
+        is_valid=not any(violation),
         end_collision=collision_at_end(collisions, request, duration) if collisions else None,
         has_clearances=has_clearances,
+        strayed=tuple([str(constraint) for constraint, _ in strayed]),
         memory=memory,
     )
 
@@ -225,7 +231,7 @@ def attempt(context: Context, request: Request, setting: Setting, budget: Budget
         passes += sum([one.iterations for one in solutions])
         motions = motions_at(context, request, setting, problem, best.unknowns)
         found = examine(context, motions)
-        is_wrong = bool(found.check.violations or found.collisions)
+        is_wrong = bool(found.check.violations or found.collisions or found.strayed)
         if (is_wrong and budget.is_over()) or not (is_wrong or found.check.touched):
             break
         # A limit that is only touched may be exceeded between the points of the grid. It is
@@ -267,7 +273,7 @@ def _findings(
 
     Nothing is done about collisions at an end that is fixed.
     """
-    trajectory, check, collisions = found
+    trajectory, check, collisions, _ = found
     ends = np.cumsum([0.0, *(motion.duration for motion in motions)]).tolist()
     if collision_at_end(collisions, request, ends[-1]):
         collisions = ()

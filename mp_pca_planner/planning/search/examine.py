@@ -14,6 +14,10 @@ from ...motion.trajectory import Trajectory
 from ...motion.validation import LimitCheck, check_limits
 from ..context import Context
 from ..motion import Motion
+from ..path_constraints import PathConstraint
+
+# Violation of a path constraint that counts as rounding.
+_ROUNDING = 1e-6
 
 
 class Examined(NamedTuple):
@@ -27,11 +31,14 @@ class Examined(NamedTuple):
         Comparison with the limits.
     collisions : tuple of Collision
         Collisions, not known if limits are violated.
+    strayed : tuple of (PathConstraint, float)
+        Path constraints that are violated, and how far.
     """
 
     trajectory: Trajectory
     check: LimitCheck
     collisions: tuple[Collision, ...]
+    strayed: tuple[tuple[PathConstraint, float], ...] = ()
 
 
 def examine(context: Context, motions: Sequence[Motion], *, collides: bool = True) -> Examined:
@@ -65,7 +72,12 @@ def examine(context: Context, motions: Sequence[Motion], *, collides: bool = Tru
     collisions: tuple[Collision, ...] = ()
     if collides and context.collision is not None and not check.violations:
         collisions = context.collision.collisions(trajectory, precisely=False)
-    return Examined(trajectory, check, collisions)
+    strayed = []
+    for constraint in context.options.constraints:
+        values, _ = constraint.values(context.robot, q)
+        if values.min() < -_ROUNDING:
+            strayed.append((constraint, -float(values.min())))
+    return Examined(trajectory, check, collisions, tuple(strayed))
 
 
 def collides(context: Context, trajectory: Trajectory) -> bool:

@@ -139,7 +139,7 @@ def failure_of(
     """The failure of the last of the attempts with one basis."""
     candidate = found[-1]
     expected = replace(candidate.motions[0], weights=setting.bases[0].expected)
-    trajectory, check, _ = examine(context, [expected], collides=False)
+    trajectory, check, *_ = examine(context, [expected], collides=False)
     is_recoverable = (
         not setting.is_shortest
         and not candidate.is_hopeless

@@ -97,6 +97,9 @@ def slow_motion(
             if found.collisions:
                 reason = reason or str(found.collisions[0])
                 continue
+            if found.strayed:
+                reason = reason or f"it does not keep {found.strayed[0]}"
+                continue
             asked = float(usual.sum())
             if request.duration_is_free or found.duration <= asked * (1.0 + 1e-9):
                 return Slow(found)
