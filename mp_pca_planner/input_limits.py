@@ -66,6 +66,8 @@ class InputLimits:
         Targets of a goal.
     duration : float
         Duration of a planned motion [s].
+    shortest : float
+        Duration of a planned motion and of its segments [s]; numbers of shorter ones overflow.
     trajectory_points : int
         Points of a planned motion; more would exhaust the memory.
     """
@@ -100,6 +102,7 @@ class InputLimits:
     mesh_bytes: int = 64 << 20
     targets: int = 200
     duration: float = 600.0
+    shortest: float = 1e-6
     trajectory_points: int = 100_000
 
     def longest_motion(self, period: float) -> float:

@@ -71,12 +71,16 @@ class Collision:
         return replace(self, time=moment - began, first_time=first - began, last_time=last - began)
 
     def __str__(self) -> str:
-        x, y, z = self.point
         return (
             f"{self.bodies} from {self.first_time:.3f} s on "
-            f"(deepest at {self.time:.3f} s, by {1e3 * self.penetration:.1f} mm, "
-            f"near ({x:.3f}, {y:.3f}, {z:.3f}) m)"
+            f"(deepest at {self.time:.3f} s, {self.place})"
         )
+
+    @property
+    def place(self) -> str:
+        """Depth and point of the penetration, as text."""
+        x, y, z = self.point
+        return f"by {1e3 * self.penetration:.1f} mm, near ({x:.3f}, {y:.3f}, {z:.3f}) m"
 
     @property
     def bodies(self) -> str:

@@ -45,15 +45,19 @@ class Context:
         return INPUT_LIMITS.longest_motion(self.options.sample_period)
 
     def check_duration(self, what: str, seconds: float) -> None:
-        """Reject a motion whose points would take too much time and memory.
+        """Reject a motion whose points would take too much time and memory, or overflow.
 
         Raises
         ------
         GoalError
-            If the duration is longer than `longest`.
+            If the duration is longer than `longest`, or shorter than a microsecond.
         """
         if not seconds <= self.longest:
             raise GoalError(
                 f"{what} {seconds:.4g} s, at most {self.longest:g} s are accepted with a sample "
                 f"period of {self.options.sample_period:g} s"
+            )
+        if not seconds >= INPUT_LIMITS.shortest:
+            raise GoalError(
+                f"{what} {seconds:.4g} s, at least {INPUT_LIMITS.shortest:g} s are accepted"
             )

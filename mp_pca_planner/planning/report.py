@@ -7,7 +7,6 @@ All sentences about plans are in this module.
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
@@ -22,11 +21,11 @@ from .context import Context
 from .motion import Motion
 from .objectives import Effort
 from .options import DEMONSTRATED, REAL_TIME
-from .plan import INFEASIBLE, SOLVED, STOPPED_EARLY, MotionSolution, Plan
+from .plan import INFEASIBLE, SOLVED, STOPPED_EARLY, Plan
 from .program.bases import MotionBasis
-from .program.costs import cost_of
+from .request import Request
 from .requests.resolve import in_span_score
-from .search.candidate import Candidate, collision_at_end
+from .search.candidate import Candidate, with_costs
 from .search.sampling import missing_planner
 from .search.search import Outcome
 from .search.stop_and_go import brakes
@@ -36,6 +35,8 @@ if TYPE_CHECKING:
 
 # Points of a detour at which clearances are computed, and the largest that is reported [m].
 _N_CHECKED, _NEAR = 50, 0.05
+# Time before and after a collision in which it may begin or end, where it is known roughly [s].
+_AROUND = 0.05
 
 UNUSUAL_IN_SPAN_SCORE = 3.0
 """In-span score above which a motion is reported as unlike the demonstrations."""
@@ -72,7 +73,7 @@ SENTENCES = {
     "least_duration": ("{message}; the shortest duration that the limits allow is {seconds:.4g} s"),
     "no_slow": "{message}; nor was a slow one found: {reason}",
     "no_planner": "{message}; {missing}",
-    "end": "{collision}; the {end} is in collision",
+    "end": "the {end} is in collision: {bodies} {place}",
     "beyond": "the goal is passed at a velocity, and in the stop after it {met}",
     "missed": "the nearest one is {missed:.3g} rad or m off",
     "keeping": "that keeps {what}",
@@ -112,7 +113,7 @@ def report(context: Context, outcome: Outcome, goal: Goal, began: float, planner
     planner : Planner
         The planner.
     """
-    best, request = outcome.best, outcome.best.request
+    best, request = with_costs(context, outcome.best), outcome.best.request
     trajectory, motions = best.trajectory.with_efforts(best.check.efforts), best.motions
     status, message = _status(context, outcome)
     ends = np.cumsum([motion.duration for motion in motions])
@@ -124,7 +125,7 @@ def report(context: Context, outcome: Outcome, goal: Goal, began: float, planner
         trajectory=trajectory,
         motions=motions,
         primitives=tuple([segment.primitive.name for segment in request.segments]),
-        solution=_solution(context, best),
+        solution=best.solution,
         considered=max([len(segment.selection.considered) for segment in request.segments]),
         selection=_selection(goal, outcome),
         in_span_score=_in_span_score(context, best),
@@ -188,7 +189,7 @@ def _refusal(context: Context, outcome: Outcome) -> str:
         )
     except TrajectoryError as error:
         return _refused(context, outcome, "within the limits", str(error))
-    met = _met(context, outcome) if best.collisions else ""
+    met = _met(context, best) if best.collisions else ""
     if context.collision is not None and np.any(trajectory.velocities[-1]):
         met = met or _met_beyond(context, trajectory)
     if met:
@@ -206,6 +207,8 @@ def _refusal(context: Context, outcome: Outcome) -> str:
 def _refused(context: Context, outcome: Outcome, kind: str, why: str) -> str:
     """The message of a motion that must not be executed."""
     best = outcome.best
+    if cause := _end_in_collision(context, best.request):
+        return cause
     message = SENTENCES["refused"].format(searched=_searched(context, outcome, kind), why=why)
     if best.request.is_single and not best.request.duration_is_free:
         message = _too_fast(context, best) or message
@@ -230,18 +233,39 @@ def _collision_kind(context: Context) -> str:
     return "collision" if collision is not None and len(collision.world) else "self-collision"
 
 
-def _met(context: Context, outcome: Outcome) -> str:
-    """Text on a collision at an end of the motion that is fixed, or on the deepest one."""
-    best = outcome.best
-    collisions = best.collisions
-    # The search for a motion knows only roughly when bodies meet.
-    if not outcome.ran_out:
-        assert context.collision is not None
-        collisions = context.collision.collisions(best.trajectory, precisely=True)
-    at_end = collision_at_end(collisions, best.request, best.duration)
-    if at_end is None:
-        return str(collisions[0])
-    return SENTENCES["end"].format(collision=at_end[1], end=at_end[0])
+def _end_in_collision(context: Context, request: Request) -> str:
+    """Text on the first configuration of a request that is in collision; empty if none is."""
+    names, model = context.robot.joint_names, context.collision
+    fixed = [("start", request.start)]
+    if request.pose is None:
+        fixed.append(("goal", request.goal))
+    for number, segment in enumerate(request.segments[:-1], start=1):
+        if segment.pose is None:
+            fixed.append((f"target {number}", segment.goal))
+    zero = np.zeros((1, len(names)))
+    for name, state in fixed if model is not None else ():
+        assert model is not None
+        still = Trajectory(names, [0.0], [state.positions], zero, zero)
+        if found := model.collisions(still, precisely=False):
+            return SENTENCES["end"].format(end=name, bodies=found[0].bodies, place=found[0].place)
+    return ""
+
+
+def _met(context: Context, best: Candidate) -> str:
+    """Text on the deepest collision of a motion.
+
+    The search for a motion knows only roughly when bodies meet. Only the part of the motion in
+    which they do is searched again, because that takes longer than planning.
+    """
+    rough, points = best.collisions[0], best.trajectory
+    first = int(np.searchsorted(points.times, rough.first_time - _AROUND))
+    last = int(np.searchsorted(points.times, rough.last_time + _AROUND))
+    began, part = points.times[first], slice(first, last + 1)
+    states = [x[part] for x in points.states]
+    section = Trajectory(points.joint_names, points.times[part] - began, *states)
+    assert context.collision is not None
+    found = context.collision.collisions(section, precisely=True)
+    return str(found[0].within(-began, np.inf) or rough) if found else str(rough)
 
 
 def _met_beyond(context: Context, trajectory: Trajectory) -> str:
@@ -349,19 +373,6 @@ def _selection(goal: Goal, outcome: Outcome) -> str:
     }
     segment = request.segments[0]
     return segment.selection.reason(segment.primitive.name, solved)
-
-
-def _solution(context: Context, best: Candidate) -> MotionSolution:
-    """The result of the solver; costs of a motion that was not optimised are computed here."""
-    solution = best.solution
-    if np.isfinite(solution.objective_cost):
-        return solution
-    objective = effort = 0.0
-    for motion, basis in zip(best.motions, best.bases, strict=True):
-        objectives = context.options.objectives
-        objective += cost_of(context.robot, motion, basis.tables, objectives)
-        effort += cost_of(context.robot, motion, basis.tables, [(1.0, Effort())])
-    return replace(solution, objective_cost=objective, effort_cost=effort)
 
 
 def _in_span_score(context: Context, best: Candidate) -> float:

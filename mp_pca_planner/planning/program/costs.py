@@ -15,6 +15,11 @@ from ..objectives import Effort, Nodes, Objective
 from .tables import Tables
 
 
+def rank_of(cost: float) -> float:
+    """The cost in a ranking: a cost that is not a number counts as infinite."""
+    return float("inf") if np.isnan(cost) else cost
+
+
 def effort_of(robot: Robot, motion: Motion) -> float:
     """½∫‖τ‖²dt of a motion [N²·m²·s].
 

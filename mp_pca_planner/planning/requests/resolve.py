@@ -64,7 +64,8 @@ def resolve(
     if isinstance(goal, SequenceGoal):
         yield _sequence(context, selector, goal, here)
         return
-    context.check_duration("the duration is", goal.duration or 0.0)
+    if goal.duration is not None:
+        context.check_duration("the duration is", goal.duration)
     if isinstance(goal, JointGoal):
         goals, pose = [target(context, goal, here)], None
     else:
@@ -86,7 +87,8 @@ def resolve(
 def check_goal(context: Context, selector: Selector, goal: JointGoal) -> None:
     """Reject a goal that can't be served from any start, see :meth:`.Planner.check`."""
     robot, limits = context.robot, context.limits
-    context.check_duration("the duration is", goal.duration or 0.0)
+    if goal.duration is not None:
+        context.check_duration("the duration is", goal.duration)
     selector.check_name(goal.primitive)
     zero = np.zeros(robot.n_joints)
     here = JointState(robot.joint_names, np.clip(zero, limits.lower, limits.upper))
@@ -181,6 +183,7 @@ def _sequence(
     usual = [selection.first.expected.duration for selection in chosen]
     durations = fit_durations(usual, times)
     context.check_duration("the sequence would take", sum(durations))
+    context.check_duration("a segment of the sequence would take", min(durations))
     segments = []
     for i, selection in enumerate(chosen):
         pose, first = targets[i], selection.first
@@ -206,7 +209,7 @@ def _check_size(context: Context, goal: SequenceGoal) -> None:
         raise GoalError(
             f"the sequence has {len(goal.targets)} targets, at most {most} are accepted"
         )
-    last = max((when for when in goal.times if when is not None), default=0.0)
+    last = max((when for when in goal.times if when is not None), default=1.0)
     context.check_duration("the sequence asks for a time of", last)
 
 

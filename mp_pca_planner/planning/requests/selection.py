@@ -30,7 +30,7 @@ from ...robot.model import Robot
 from ..motion import Motion
 from ..objectives import Effort, Objective
 from ..options import SelectionOptions
-from ..program.costs import cost_of
+from ..program.costs import cost_of, rank_of
 from ..program.tables import Tables
 
 
@@ -213,7 +213,7 @@ class Selector:
             expected = primitive.model.predict(start + turn, goal + turn, duration)
             cost = float("nan") if len(chosen) == 1 else self._cost(i, start, goal, expected)
             found.append(Considered(primitive, expected, cost))
-        found.sort(key=lambda one: one.cost)
+        found.sort(key=lambda one: rank_of(one.cost))
         return Selection(tuple(found), len(self.primitives), self._options)
 
     def _cost(

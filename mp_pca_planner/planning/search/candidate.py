@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -18,10 +18,12 @@ from ...motion.validation import GRID_PERIOD, LimitCheck
 from ..configurations import POSE_TOLERANCE
 from ..context import Context
 from ..motion import Motion
+from ..objectives import Effort
 from ..plan import MotionSolution
 from ..program.bases import MotionBasis, StartPoint
 from ..program.compile import compile_problem
 from ..program.constraints import Findings
+from ..program.costs import cost_of, rank_of
 from ..program.motions import motions_at
 from ..program.problem import Problem
 from ..program.setting import Setting
@@ -221,12 +223,8 @@ def attempt(context: Context, request: Request, setting: Setting, budget: Budget
             x, memory = start
             solutions.append(solve(problem, x, setting.solver, memory, budget.is_over))
         best = solutions[0]
-        for other in solutions[1:]:
-            better = other.cost < best.cost
-            if _is_feasible(other) > _is_feasible(best) or (
-                _is_feasible(other) == _is_feasible(best) and better
-            ):
-                best = other
+        if len(solutions) > 1:
+            best = min(solutions, key=lambda one: (not _is_feasible(one), rank_of(one.cost)))
         solved_at = time.perf_counter()
         passes += sum([one.iterations for one in solutions])
         motions = motions_at(context, request, setting, problem, best.unknowns)
@@ -260,6 +258,19 @@ def attempt(context: Context, request: Request, setting: Setting, budget: Budget
         has_clearances=refined.has_clearances,
         memory=best.memory,
     )
+
+
+def with_costs(context: Context, found: Candidate) -> Candidate:
+    """A candidate whose costs are known, also if its motion was not optimised."""
+    if np.isfinite(found.solution.objective_cost):
+        return found
+    objective = effort = 0.0
+    for motion, basis in zip(found.motions, found.bases, strict=True):
+        objectives = context.options.objectives
+        objective += cost_of(context.robot, motion, basis.tables, objectives)
+        effort += cost_of(context.robot, motion, basis.tables, [(1.0, Effort())])
+    solution = replace(found.solution, objective_cost=objective, effort_cost=effort)
+    return replace(found, solution=solution)
 
 
 def _is_feasible(solution: Solution) -> bool:

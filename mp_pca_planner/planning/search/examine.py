@@ -57,7 +57,7 @@ def examine(context: Context, motions: Sequence[Motion], *, collides: bool = Tru
     Raises
     ------
     GoalError
-        If the motion would take longer than is accepted; nothing is sampled then.
+        If the motion would take too long or too short; nothing is sampled then.
     """
     ends = np.cumsum([motion.duration for motion in motions])
     context.check_duration("the motion would take", float(ends[-1]))

@@ -16,11 +16,12 @@ from operator import attrgetter
 from ..context import Context
 from ..options import DEMONSTRATED, OPTIMAL, REAL_TIME
 from ..plan import MotionSolution
+from ..program.costs import rank_of
 from ..program.joining import expected_motion
 from ..request import Request
 from ..requests.resolve import predict
 from .budget import Budget
-from .candidate import Candidate, attempt
+from .candidate import Candidate, attempt, with_costs
 from .cases import Case, first_case
 from .detours import along_path
 from .examine import collides, searches_paths
@@ -206,7 +207,10 @@ def search(
         # Further configurations of a pose are for where the most natural one has no motion.
         if first.is_over() or (request.pose is not None and found[-1].is_valid):
             break
-    best = min(found, key=attrgetter("violation", "solution.cost"))
+    best = found[0]
+    if len(found) > 1:  # slow motions and detours have no costs yet
+        found = [with_costs(context, one) for one in found]
+        best = min(found, key=lambda one: (one.violation, rank_of(one.solution.cost)))
     if not (best.is_valid or best.is_hopeless or budget.is_cancelled()):
         ran_out = first.is_over()
         slow = slow_motion(context, chain(tried, requests), best, every, budget)
@@ -235,6 +239,8 @@ def feasible_duration(
     segment = replace(segment, expected=expected, duration=expected.duration)
     free = Request.of([segment], groups, is_single=True)
     for width in range(context.bases.n_widths):
+        if budget.is_over():
+            break
         setting = first_setting(context, free, width, shortest=True)
         found = attempt(context, free, setting, budget)
         if found.is_valid:

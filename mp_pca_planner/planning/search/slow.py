@@ -202,6 +202,7 @@ def _durations(
     if route.moves_at_ends and (request.is_single or not request.groups[0][1]):
         # Between other points, the controller's quintics would exceed the jerk of the brake.
         durations[0] = route.step * np.ceil(durations[0] / route.step - 1e-9)
+    context.check_duration("the slow motion would take", float(durations.sum()))
     return legs * np.repeat(durations / least, counts)
 
 

@@ -147,13 +147,16 @@ class _Search:
         options, converged = self._options, self.x.size == 0
         while not converged and self.iterations < options.max_iterations:
             hessian = added(self.here.hessian, self.curvature)
-            subproblem = Subproblem(self._program, self.here, hessian, self.radius, self.sides)
             enough = options.tolerance * self.here.cost
-            converged = self.violated <= FEASIBLE and subproblem.largest_decrease() <= enough
-            if converged:
-                self.pull = subproblem.pull
+            try:
+                subproblem = Subproblem(self._program, self.here, hessian, self.radius, self.sides)
+                converged = self.violated <= FEASIBLE and subproblem.largest_decrease() <= enough
+                if converged:
+                    self.pull = subproblem.pull
+                    break
+                step = subproblem.solve()
+            except np.linalg.LinAlgError:  # numbers overflow: there is no better point from here
                 break
-            step = subproblem.solve()
             self.pull, self.sides = step.pull, step.sides
             # An exact penalty needs a weight above every multiplier. It may fall again (Powell, "A
             # fast algorithm for nonlinearly constrained optimization calculations", 1978).
