@@ -192,9 +192,9 @@ class _CollisionSearch:
 
     def _doubtful(self) -> tuple[Indices, Indices, Indices]:
         """Pairs and intervals that bounds of the distances don't clear."""
-        # Every 32 ms are checked first.
+        # Every 32 ms are checked first; a single point is an interval of its own.
         n = len(self._q)
-        grid = np.unique(np.linspace(0, n - 1, max(2, -(-n // 32))).astype(np.intp))
+        grid = np.linspace(0, n - 1, max(2, -(-n // 32))).astype(np.intp)
         closed = np.diff(self._travelled[grid], axis=0) @ self._pairs.levers.T
         pad = np.zeros((1, closed.shape[1]))
         bounds = self._pairs.bounds(

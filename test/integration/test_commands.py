@@ -525,7 +525,7 @@ def test_plan_reaches_a_pose_in_the_shortest_time_and_through_a_via(primitive):
         assert plan["limit_violation"] <= 1e-6
     assert short["duration"] == short["shortest_duration"] < usual["duration"]
     assert usual["shortest_duration"] is None
-    assert len(passing["via_phases"]) == 1 and passing["mode"] == "optimal"
+    assert passing["mode"] == "optimal" and len(passing["vias"]) == 1
 
 
 def test_plan_keeps_a_frame_upright(primitive):

@@ -19,6 +19,7 @@ from mp_pca_planner.evaluation.scene_referee import SceneReferee
 from mp_pca_planner.exceptions import MissingDependencyError
 from mp_pca_planner.motion.collision import CollisionModel
 from mp_pca_planner.motion.goal import JointGoal, JointState
+from mp_pca_planner.motion.trajectory import Trajectory
 from mp_pca_planner.planning.options import PathOptions
 from mp_pca_planner.planning.plan import PlannerOptions
 from mp_pca_planner.planning.planner import Planner
@@ -144,6 +145,8 @@ def test_end_inside_a_mesh_has_no_path_and_is_named(end):
     collision = CollisionModel(robot, world=mp.World([mp.Obstacle("tray", tray)]))
     planner = Planner(robot, [primitive], None, PlannerOptions(naturalness=0.01), collision)
     assert not list(paths(planner._context, tuple(ends), Budget(math.inf)))
+    hold = Trajectory(JOINTS, [0.0], ends[[int(end > 0)]], *np.zeros((2, 1, 4)))
+    assert collision.collisions(hold)
     message = planner.plan(ends[1], ends[0]).message
     assert "'tray' collide" in message
     assert f"the {'goal' if end else 'start'} is in collision" in message
