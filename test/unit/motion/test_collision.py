@@ -397,7 +397,7 @@ def test_collision_at_an_end_is_infeasible_at_once_and_says_where(model):
     for start, goal in ((free, folded), (folded, free)):
         plan = chain_planner(model).plan(JointGoal(goal, 1.0), start)
         assert plan.status == INFEASIBLE and not plan.is_executable
-        assert "the goal is in collision: 'a' and 'c' collide" in plan.message
+        assert "is in collision: 'a' and 'c' collide" in plan.message
         assert "another duration" not in plan.message
 
 
