@@ -147,9 +147,12 @@ class SegmentProgram:
 
     def effort(self, x: FloatArray) -> float:
         """½∫‖τ‖²dt at x, whether it is an objective or not [N²·m²·s]."""
-        course, _ = self.at(x)
-        squares = np.square(course.nodes.efforts).sum(axis=1)
-        return float(0.5 * course.duration * self.tables.quadrature @ squares)
+        if x.tobytes() in self._known:
+            tau = self.at(x)[0].nodes.efforts
+        else:
+            tau = self._robot.inverse_dynamics(*self.states(x)[:3])
+        squares = np.square(tau).sum(axis=1)
+        return float(0.5 * self.unknowns.duration_at(x) * self.tables.quadrature @ squares)
 
     def costs(self, candidates: FloatArray) -> FloatArray:
         """The running costs of candidates x, shape (n_candidates, n_unknowns)."""
