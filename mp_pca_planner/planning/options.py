@@ -298,8 +298,8 @@ class SearchOptions(Checked):
         Share of the time for planning with a requested duration, 0 to 1. The rest is for finding a
         feasible duration.
     time_for_checks : float
-        Time that is kept for the last checks and for a slow motion where no other was found, at
-        most a fifth of all [s].
+        Time that is kept for the last checks and for a slow motion where no other was found, for
+        each segment; at most 0.4 of all [s].
     share_in_shortest : float
         Cost of the planner's objectives as a share of that of time, in the search for the shortest
         duration.

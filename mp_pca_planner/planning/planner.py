@@ -17,6 +17,7 @@ from ..motion.goal import (
     GoalLike,
     JointGoal,
     JointState,
+    SequenceGoal,
     StateLike,
     as_goal,
     as_state,
@@ -36,7 +37,6 @@ from .report import report
 from .requests.resolve import check_goal, resolve, target
 from .requests.selection import Selector
 from .search.budget import Budget
-from .search.search import search
 from .search.threads import one_blas_thread
 from .search.warm_starts import warm_starts
 
@@ -189,8 +189,9 @@ class Planner:
         goal = as_goal(goal, self.robot.joint_names, duration)
         start = as_state(start, self.robot.joint_names, "the start")
         began = time.perf_counter()
-        most, kept = self.options.max_solve_time, self.options.search.time_for_checks
-        deadline = began + most - min(kept, 0.2 * most)
+        most, each = self.options.max_solve_time, self.options.search.time_for_checks
+        n_segments = len(goal.targets) if isinstance(goal, SequenceGoal) else 1
+        deadline = began + most - min(n_segments * each, 0.4 * most)
         budget = Budget(deadline, self.options.solver.should_stop)
         requests = resolve(self._context, self._selector, goal, start)
         outcome = search(self._context, requests, mode, began, budget)

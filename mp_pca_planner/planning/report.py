@@ -37,6 +37,8 @@ if TYPE_CHECKING:
 _N_CHECKED, _NEAR = 50, 0.05
 # Time before and after a collision in which it may begin or end, where it is known roughly [s].
 _AROUND = 0.05
+# Share of the planning time up to which there is time for the precise search.
+_SHARE_OF_SOLVING = 0.5
 
 UNUSUAL_IN_SPAN_SCORE = 3.0
 """In-span score above which a motion is reported as unlike the demonstrations."""
@@ -115,9 +117,9 @@ def report(context: Context, outcome: Outcome, goal: Goal, began: float, planner
     """
     best, request = with_costs(context, outcome.best), outcome.best.request
     trajectory, motions = best.trajectory.with_efforts(best.check.efforts), best.motions
-    status, message = _status(context, outcome)
+    solve_time = max([best.solved_at, *[one.solved_at for one in outcome.found]]) - began
+    status, message = _status(context, outcome, solve_time)
     ends = np.cumsum([motion.duration for motion in motions])
-    solved_at = max([best.solved_at, *[one.solved_at for one in outcome.found]])
     start_error = np.abs(trajectory.positions[0] - request.start.positions).max()
     return Plan(
         status=status,
@@ -139,16 +141,16 @@ def report(context: Context, outcome: Outcome, goal: Goal, began: float, planner
         correction=max(map(correction, best.bases, motions)),
         deviation_score=_deviation(best),
         naturalness=best.naturalness,
-        solve_time=solved_at - began,
+        solve_time=solve_time,
         mode=outcome.mode,
         planner=planner,
     )
 
 
-def _status(context: Context, outcome: Outcome) -> tuple[str, str]:
+def _status(context: Context, outcome: Outcome, solve_time: float) -> tuple[str, str]:
     """Status and message of a plan."""
     best, options = outcome.best, context.options
-    if why := _refusal(context, outcome):
+    if why := _refusal(context, outcome, solve_time):
         return INFEASIBLE, why
     concessions = _concessions(context, best)
     if best is outcome.slow.candidate:
@@ -177,7 +179,7 @@ def _joined(outcome: Outcome) -> tuple[str, str, str]:
     return STOPPED_EARLY, "joined_early", ""
 
 
-def _refusal(context: Context, outcome: Outcome) -> str:
+def _refusal(context: Context, outcome: Outcome, solve_time: float) -> str:
     """Why a motion must not be executed; empty if it may."""
     best, trajectory = outcome.best, outcome.best.trajectory
     try:
@@ -189,7 +191,10 @@ def _refusal(context: Context, outcome: Outcome) -> str:
         )
     except TrajectoryError as error:
         return _refused(context, outcome, "within the limits", str(error))
-    met = _met(context, best) if best.collisions else ""
+    met = ""
+    if best.collisions:
+        is_early = solve_time < _SHARE_OF_SOLVING * context.options.max_solve_time
+        met = _met(context, best) if is_early else str(best.collisions[0])
     if context.collision is not None and np.any(trajectory.velocities[-1]):
         met = met or _met_beyond(context, trajectory)
     if met:
@@ -252,10 +257,9 @@ def _end_in_collision(context: Context, request: Request) -> str:
 
 
 def _met(context: Context, best: Candidate) -> str:
-    """Text on the deepest collision of a motion.
+    """Text on the deepest collision of a motion, about the time that is known roughly.
 
-    The search for a motion knows only roughly when bodies meet. Only the part of the motion in
-    which they do is searched again, because that takes longer than planning.
+    Only this part of the motion is searched again, because that takes longer than planning.
     """
     rough, points = best.collisions[0], best.trajectory
     first = int(np.searchsorted(points.times, rough.first_time - _AROUND))

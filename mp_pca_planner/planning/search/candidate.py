@@ -221,7 +221,7 @@ def attempt(context: Context, request: Request, setting: Setting, budget: Budget
             if is_clear or (solutions and budget.is_over()):
                 break
             x, memory = start
-            solutions.append(solve(problem, x, setting.solver, memory, budget.is_over))
+            solutions.append(solve(problem, x, setting.solver, memory, budget.pacer()))
         best = solutions[0]
         if len(solutions) > 1:
             best = min(solutions, key=lambda one: (not _is_feasible(one), rank_of(one.cost)))
