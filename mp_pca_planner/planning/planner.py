@@ -37,6 +37,7 @@ from .report import report
 from .requests.resolve import check_goal, resolve, target
 from .requests.selection import Selector
 from .search.budget import Budget
+from .search.search import search
 from .search.threads import one_blas_thread
 from .search.warm_starts import warm_starts
 
